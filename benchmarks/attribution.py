@@ -21,9 +21,9 @@ from threadpoolctl import threadpool_limits
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.linearisation import Signature
 from estimation.diagnostics.record import ExperimentDiagnosis
 from estimation.diagnostics.search import EffectTests
-from estimation.diagnostics.signature import Signature
 from estimation.identification.estimate import parameter_knowledge, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin

@@ -20,7 +20,7 @@ import expdesign
 from benchmarks.studies import CLEAR_BIAS, ROOT, Row, claim_row, summary
 from constraints.arrays import Array
 from estimation.estimators import Experiment
-from estimation.estimators.joint import joint_equations, reduced_information
+from estimation.estimators.joint_equations import joint_equations, reduced_information
 from estimation.estimators.payload import TEN, payload_estimate
 from estimation.identification import estimate
 from estimation.identification.estimate import parameter_knowledge, run_estimators

@@ -29,7 +29,7 @@ from estimation.estimators import Knowledge, ParameterEstimate
 from estimation.identification.estimate import parameter_knowledge, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
-from estimation.uncertainty.consistent import consistent_estimate
+from estimation.uncertainty.consistency import consistent_estimate
 from expdesign.configuration import RunConfiguration
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.bodies import MachineBodies

@@ -19,9 +19,9 @@ import numpy as np
 
 from benchmarks.studies import claim_row, summary
 from constraints.arrays import Mask
-from estimation.diagnostics.lack_of_fit import lack_of_fit
 from estimation.diagnostics.linearisation import linearise
-from estimation.diagnostics.residual_law import held_out_law
+from estimation.diagnostics.residual_covariance import held_out_law
+from estimation.diagnostics.residuals import lack_of_fit
 from estimation.identification import EstimationResult, estimate, prepare_experiment
 from estimation.identification.term_selection import Selection
 from estimation.twin import Twin

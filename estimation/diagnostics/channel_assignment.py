@@ -21,9 +21,9 @@ from scipy import linalg as sla
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import Attribution
 from estimation.diagnostics.finding import Assumption, Finding, listed
-from estimation.diagnostics.projection import Places
+from estimation.diagnostics.joint_system import Places
 from estimation.estimators.experiment import Experiment
-from estimation.estimators.knowledge import Knowledge
+from estimation.estimators.priors import Knowledge
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing.record import Channels
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES

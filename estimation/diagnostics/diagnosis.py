@@ -10,16 +10,14 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import Attribution, attribute
-from estimation.diagnostics.begin_finding import begin_findings
-from estimation.diagnostics.cause_test import CauseResult, DelayTest
-from estimation.diagnostics.causes import causes
+from estimation.diagnostics.candidate_effects import Suspects
 from estimation.diagnostics.channel_assignment import assignment_findings
-from estimation.diagnostics.channel_test import GAIN_DRIFT, LACK_OF_FIT, NOISE
-from estimation.diagnostics.finding import Finding, Outcome, Status, Verdict
-from estimation.diagnostics.findings import experiment_findings
+from estimation.diagnostics.finding import Status, Verdict
+from estimation.diagnostics.findings import begin_findings, verdict
 from estimation.diagnostics.gain_drift import gain_drift
+from estimation.diagnostics.hypotheses import causes
+from estimation.diagnostics.hypothesis import CauseResult, DelayTest
 from estimation.diagnostics.joint_system import SolvedSystem, joint_systems
-from estimation.diagnostics.lack_of_fit import chi_square, lack_of_fit
 from estimation.diagnostics.linearisation import Linearisation, linearise
 from estimation.diagnostics.noise_record import NoisePictures
 from estimation.diagnostics.noise_tests import NoiseTests, Whiteness, noise_tests, whiteness
@@ -32,19 +30,26 @@ from estimation.diagnostics.record import (
     PitchResult,
     PitchRow,
 )
-from estimation.diagnostics.residual_law import (
+from estimation.diagnostics.residual_covariance import (
     ResidualLaw,
     held_out_law,
     joint_law,
     length_law,
     lengths_beside,
     linear_laws,
+    shown_noise,
+    with_memory,
 )
-from estimation.diagnostics.residuals import dependence, force_residuals, variance_comparison
-from estimation.diagnostics.shown_noise import shown_noise, with_memory
-from estimation.diagnostics.suspects import Suspects
+from estimation.diagnostics.residuals import (
+    chi_square,
+    dependence,
+    force_residuals,
+    lack_of_fit,
+    variance_comparison,
+)
+from estimation.diagnostics.significance import GAIN_DRIFT, LACK_OF_FIT, NOISE
 from estimation.estimators.experiment import Experiment
-from estimation.estimators.knowledge import Knowledge
+from estimation.estimators.priors import Knowledge
 from estimation.estimators.result import ParameterEstimate
 from expdesign.progress import report_progress, track
 from expdesign.robot import Robot
@@ -52,29 +57,6 @@ from expdesign.runfolder import copied
 
 _Residuals = tuple[Array, ResidualLaw]
 """Of forces, N, or lengths, m, with what they may be."""
-
-
-def verdict(experiments: Sequence[ExperimentDiagnosis], *of_the_estimate: Finding) -> Verdict:
-    """Judge an estimate by what was found of itself, and by the diagnostics of its experiments."""
-    findings = (
-        *of_the_estimate,
-        *(
-            finding.of_experiment(number) if len(experiments) > 1 else finding
-            for number, experiment in enumerate(experiments, 1)
-            for finding in experiment_findings(experiment)
-        ),
-    )
-    serious = [f.contradiction for f in findings if f.failed and f.serious]
-    if serious:
-        return Verdict(Status.DOUBTFUL, f"doubtful: {'; '.join(serious)}", findings)
-    summary = "accepted: nothing speaks against the model"
-    untested = dict.fromkeys(f.assumption for f in findings if f.outcome is Outcome.NOT_TESTED)
-    if untested:
-        summary += f"; assumed, not tested: {', '.join(untested)}"
-    minor = [f.contradiction for f in findings if f.failed]
-    if minor:
-        summary += f"; seen, of little consequence: {'; '.join(minor)}"
-    return Verdict(Status.ACCEPTED, summary, findings)
 
 
 def diagnose(

@@ -1,22 +1,35 @@
-"""What the tests of one experiment found, assumption by assumption, in words."""
+"""What the tests of one experiment found, assumption by assumption, in words.
+
+Whether a recording begins before the motion does.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.channel_test import CHI_SQUARE
-from estimation.diagnostics.effect_findings import (
+from estimation.diagnostics.attribution import (
     cause_finding,
     nouns_of,
     position_periodic_finding,
 )
-from estimation.diagnostics.finding import Assumption, Finding, channels, listed
-from estimation.diagnostics.lack_of_fit import ChiSquare
+from estimation.diagnostics.finding import (
+    Assumption,
+    Finding,
+    Outcome,
+    Status,
+    Verdict,
+    channels,
+    listed,
+)
 from estimation.diagnostics.noise_tests import NoiseTests, Whiteness
 from estimation.diagnostics.record import ExperimentDiagnosis, ExperimentTests
+from estimation.diagnostics.residuals import ChiSquare
+from estimation.diagnostics.significance import CHI_SQUARE
+from estimation.estimators.experiment import Experiment
 
 _OfNoise = NoiseTests | ExperimentTests
 """What has tests of the noise by itself."""
@@ -101,6 +114,29 @@ _NOTICEABLE_RATIO = 1.2
 """Of a standard deviation to that of white noise: what is less is of no consequence."""
 
 
+def verdict(experiments: Sequence[ExperimentDiagnosis], *of_the_estimate: Finding) -> Verdict:
+    """Judge an estimate by what was found of itself, and by the diagnostics of its experiments."""
+    findings = (
+        *of_the_estimate,
+        *(
+            finding.of_experiment(number) if len(experiments) > 1 else finding
+            for number, experiment in enumerate(experiments, 1)
+            for finding in experiment_findings(experiment)
+        ),
+    )
+    serious = [f.contradiction for f in findings if f.failed and f.serious]
+    if serious:
+        return Verdict(Status.DOUBTFUL, f"doubtful: {'; '.join(serious)}", findings)
+    summary = "accepted: nothing speaks against the model"
+    untested = dict.fromkeys(f.assumption for f in findings if f.outcome is Outcome.NOT_TESTED)
+    if untested:
+        summary += f"; assumed, not tested: {', '.join(untested)}"
+    minor = [f.contradiction for f in findings if f.failed]
+    if minor:
+        summary += f"; seen, of little consequence: {'; '.join(minor)}"
+    return Verdict(Status.ACCEPTED, summary, findings)
+
+
 def experiment_findings(diagnosis: ExperimentDiagnosis) -> list[Finding]:
     """Return what was found of every assumption."""
     tests, white = diagnosis.tests, diagnosis.tests.whiteness.force_residuals
@@ -109,9 +145,9 @@ def experiment_findings(diagnosis: ExperimentDiagnosis) -> list[Finding]:
     left = "besides the effects named" if diagnosis.attribution.effects else ""
     return [
         _bias(diagnosis),
-        position_periodic_finding(diagnosis),
+        position_periodic_finding(diagnosis.attribution),
         *(
-            cause_finding(diagnosis, cause)
+            cause_finding(diagnosis.attribution, cause)
             for cause in diagnosis.attribution.causes
             if not cause.modelled
         ),
@@ -325,3 +361,24 @@ def _periods(tests: _OfNoise) -> Finding:
 def _family_p(p_values: Array) -> float:
     """Return the smallest p of one family, corrected for its size."""
     return float(min(1.0, len(p_values) * np.nanmin(p_values)))
+
+
+_MOVING = Assumption(
+    "the recording begins with the motion",
+    "the recording begins at rest",
+    "leave the rows before the motion out",
+)
+
+
+def begin_findings(experiments: Sequence[Experiment]) -> tuple[Finding, ...]:
+    """Return the experiments whose recording begins before the motion."""
+    found = []
+    for number, experiment in enumerate(experiments, 1):
+        begin = experiment.record.moves_from
+        if begin is not None:
+            finding = replace(
+                _MOVING.found(f"the struts do not move before {begin:.4g} s"),
+                advice=f"leave the rows before the motion out: `data.start: {begin:.4g} s`",
+            )
+            found.append(finding.of_experiment(number) if len(experiments) > 1 else finding)
+    return tuple(found)

@@ -18,11 +18,10 @@ import numpy as np
 from pydantic import Field, model_serializer
 
 from constraints.arrays import Array
-from estimation.diagnostics.channel_test import GAIN_DRIFT, Strut
-from estimation.diagnostics.comparable_periods import why_not_compared
+from estimation.diagnostics.joint_system import Conditional
 from estimation.diagnostics.linearisation import Linearisation
-from estimation.diagnostics.projection import Conditional
-from estimation.diagnostics.tails import log_two_sided
+from estimation.diagnostics.noise_tests import why_not_compared
+from estimation.diagnostics.significance import GAIN_DRIFT, Strut, log_two_sided
 from estimation.estimators.experiment import Experiment
 from estimation.measurement_model.normal_equations import whitened
 from expdesign.information.fisher import whitening

@@ -7,26 +7,37 @@ I = zᵀ W z − zᵀ W U J⁻¹ Uᵀ W z: its coefficient is I⁻¹ s, and sᵀ
 column has rows in the forces and in the lengths (`Signature`).
 
 For held-out data the parameters are not fitted: they come with the information Cov(p̂)⁻¹.
+
+How rows of one kind of channel are scaled to unit covariance, so that least squares fit them.
+
+What data say of effects beyond what the unknowns explain, and of some beyond others.
+
+With the rows z of the effects, s = zᵀ e* and I = zᵀ z − zᵀ U J⁻¹ Uᵀ z (all whitened) hold
+everything: the effects C beside the effects S have
+
+    s_C − I_CS I_SS⁻¹ s_S,   I_CC − I_CS I_SS⁻¹ I_SC,
+
+so that every subset is fitted, and compared with every other, without going back to the data.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import scipy.linalg as sla
+from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.diagnostics.linearisation import Linearisation
-from estimation.diagnostics.projection import Fit, Projection
-from estimation.diagnostics.row_whitening import RowWhitening
-from estimation.diagnostics.signature import Signature
-from estimation.measurement_model.normal_equations import NormalEquations
-from estimation.processing import NoiseModel
-from expdesign.information.fisher import ScaledInformation
+from estimation.diagnostics.linearisation import Linearisation, Signature
+from estimation.measurement_model.normal_equations import NormalEquations, whitened
+from estimation.processing import NoiseEstimate, NoiseModel
+from estimation.processing.whitening_filter import WhiteningFilter
+from expdesign.information.fisher import ScaledInformation, whitening
 from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.noise.fourier_lines import lines_of, multiplicity
 
 _DETERMINED = 1e-12
 """Eigenvalues of the scaled J below this share of the largest belong to dependent columns."""
@@ -217,3 +228,168 @@ def _length_equations(part: Linearisation, rows: RowWhitening) -> NormalEquation
     if part.lengths is None:
         return NormalEquations(0.0, np.zeros((0, 0)), np.zeros(0))
     return rows.equations(part.lengths, part.length_columns)
+
+
+@dataclass(frozen=True, eq=False)
+class RowWhitening:
+    """Filter, covariance and counts of the rows of forces or lengths."""
+
+    white: Array
+    """(6, 6), S: S Σ Sᵀ = 1, with Σ larger by what its estimation adds to a variance."""
+    counts: Array
+    """(R,), samples that each row is the mean of."""
+    filter: WhiteningFilter | None
+    """What the rows go through first, where the noise is not white."""
+
+    @classmethod
+    def of(cls, noise: NoiseEstimate, counts: Array) -> RowWhitening:
+        """Take it from the noise of one sample."""
+        white = whitening(noise.covariance * noise.weighting_loss)
+        return cls(white, counts, noise.filter)
+
+    def __call__(self, values: Array) -> Array:
+        """Return residuals, (R, 6), or columns, (R, 6, q), as rows of the regression."""
+        rows = values if self.filter is None else self.filter(values)
+        return whitened(rows, self.white, self.counts)
+
+    def equations(self, residuals: Array, columns: Array) -> NormalEquations:
+        """Return what residuals, (R, 6), say of the unknowns of their columns, (R, 6, u)."""
+        rest, rows = self(residuals).ravel(), self(columns).reshape(residuals.size, -1)
+        return NormalEquations(float(rest @ rest), rows.T @ rows, rows.T @ rest)
+
+    def unscaled(self, rows: Array) -> Array:
+        """Return rows, (R, 6) or (R, 6, q), in N or m again, behind the filter still."""
+        flat = rows.reshape(*rows.shape[:2], -1) / np.sqrt(self.counts)[:, None, None]
+        return np.asarray(np.linalg.solve(self.white, flat)).reshape(rows.shape)
+
+    def weighted(self, rows: Array) -> Array:
+        """Return what the inner products of columns with rows, (R, 6, q), are taken with.
+
+        zᵀ W u of a column z and a whitened row of u is zᵀ times this.
+        """
+        values = np.matmul(self.white.T, rows) * np.sqrt(self.counts)[:, None, None]
+        return values if self.filter is None else self.filter(values)
+
+    def quadratic(self, actuator: int) -> Callable[[Array, Array], Array]:
+        """Return zᵀ W y of pairs of series in one actuator, (q, R) each: (q,)."""
+        if self.filter is None:
+            column = self.white[:, actuator]
+            weight = float(column @ column) * self.counts
+            return lambda z, y: (z * y) @ weight
+        noise_filter, count = self.filter, float(self.counts[0])
+        gains = np.linalg.norm(self.white @ noise_filter.gain[:, :, actuator].T, axis=0) ** 2
+        weights = count * gains * multiplicity(noise_filter.samples)
+        return lambda z, y: weights @ (lines_of(z.T).conj() * lines_of(y.T)).real
+
+
+SEEN = 1e-6
+"""Share of an effect's information that the unknowns, and the effects beside it, must leave."""
+
+Places = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """Whitened rows of q effects, and their part that the unknowns explain."""
+
+    rows: Array
+    """(n, q)."""
+    mixed: Array
+    """(q, r), zᵀ U root, with J⁻¹ = root rootᵀ."""
+    rest: Array
+    """(n,), whitened e*."""
+    freedom: float
+    """Degrees of freedom behind Σ; inf when it was given."""
+
+    @cached_property
+    def score(self) -> Array:
+        """(q,), s."""
+        return self.rows.T @ self.rest
+
+    @cached_property
+    def gram(self) -> Array:
+        """(q, q), zᵀ z."""
+        return self.rows.T @ self.rows
+
+    @cached_property
+    def information(self) -> Array:
+        """(q, q), I."""
+        return self.gram - self.mixed @ self.mixed.T
+
+    def joined(self, other: Projection) -> Projection:
+        """Append effects of the same system; what was computed of these is kept."""
+        joined = Projection(
+            np.concatenate([self.rows, other.rows], axis=1),
+            np.concatenate([self.mixed, other.mixed]),
+            self.rest,
+            self.freedom,
+        )
+        cross = self.rows.T @ other.rows
+        # The cached properties are filled with what is known already.
+        joined.__dict__["gram"] = np.block([[self.gram, cross], [cross.T, other.gram]])
+        joined.__dict__["score"] = np.concatenate([self.score, other.score])
+        return joined
+
+    def beside(self, known: Sequence[int] | Places) -> Conditional:
+        """Return the effects beside those at some places, which are fitted with them."""
+        everything = Conditional(self.score, self.information, np.diag(self.gram), self.freedom)
+        return everything.beside(known)
+
+
+@dataclass(frozen=True, eq=False)
+class Conditional:
+    """Scores and information of q effects beside some others."""
+
+    score: Array
+    information: Array
+    """(q,) and (q, q)."""
+    whole: Array
+    """(q,), zᵀ z."""
+    freedom: float
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(q,) effects of which, one by one, something is left to be seen."""
+        return np.diag(self.information) > SEEN * np.where(self.whole > 0, self.whole, np.inf)
+
+    def beside(self, known: Sequence[int] | Places) -> Conditional:
+        """Return the effects beside those at some places, too, which are fitted with them."""
+        places = np.asarray(known, dtype=np.intp)
+        if not len(places):
+            return self
+        root, _ = _root(self.information[np.ix_(places, places)], self.whole[places])
+        explained = self.information[:, places] @ root
+        return Conditional(
+            self.score - explained @ (root.T @ self.score[places]),
+            self.information - explained @ explained.T,
+            self.whole,
+            self.freedom,
+        )
+
+    def fit(self, places: Sequence[int] | Places) -> Fit:
+        """Fit the effects at some places together."""
+        chosen = np.asarray(places, dtype=np.intp)
+        root, rank = _root(self.information[np.ix_(chosen, chosen)], self.whole[chosen])
+        part = root.T @ self.score[chosen]
+        return Fit(float(part @ part), rank, root @ part, root @ root.T)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Some effects fitted together."""
+
+    statistic: float
+    """χ² of no such effects, or ν-fold of it with an estimated Σ."""
+    rank: int
+    """Its degrees of freedom: combinations of which something is seen."""
+    values: Array
+    covariance: Array
+    """(k,) and (k, k), in the units of the effects."""
+
+
+def _root(information: Array, whole: Array) -> tuple[Array, int]:
+    """Return R with R Rᵀ = I⁺, of those combinations of which something is seen; their number."""
+    scales = np.sqrt(np.where(whole > 0, whole, 1.0))
+    values, vectors = np.linalg.eigh(information / np.multiply.outer(scales, scales))
+    kept = values > SEEN
+    return vectors[:, kept] / np.sqrt(values[kept]) / scales[:, None], int(np.count_nonzero(kept))

@@ -9,13 +9,16 @@ others a cell takes the samples of one controller step of the phase, near replic
 of the lack-of-fit test. Residuals and the columns of the model are averaged over the same cells
 with the same weights, so that nothing is approximated but that the model error hardly changes
 within a step.
+
+What an effect adds to measured forces and lengths: columns that a regression can take.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -223,3 +226,37 @@ def _sign_variance(robot: Robot, state: Array, signs: Array, values: Array) -> A
             ends.append(regressors @ values)
         result[rows] += ((ends[1] - ends[0]) / 2) ** 2 * unsure[rows, column][:, None]
     return result
+
+
+@dataclass(frozen=True, eq=False)
+class Signature:
+    """Columns of q effects, per unit of each."""
+
+    forces: Array
+    """(R, 6, q), N."""
+    lengths: Array
+    """(R', 6, q), m; R' = 0 after pointwise kinematics."""
+
+    @classmethod
+    def of_forces(cls, part: Linearisation, columns: Array) -> Self:
+        """Take effects, (R, 6, q), that move no length."""
+        rows = len(part.length_counts)
+        return cls(columns, np.zeros((rows, *columns.shape[1:])))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Signature]) -> Self:
+        """Put effects side by side; at least one part."""
+        return cls(
+            np.concatenate([part.forces for part in parts], axis=2),
+            np.concatenate([part.lengths for part in parts], axis=2),
+        )
+
+    @property
+    def count(self) -> int:
+        """How many effects, q."""
+        return self.forces.shape[2]
+
+    def picked(self, places: Sequence[int] | NDArray[np.intp]) -> Signature:
+        """Return the effects at these places."""
+        chosen = np.asarray(places, dtype=np.intp)
+        return Signature(self.forces[:, :, chosen], self.lengths[:, :, chosen])

@@ -1,22 +1,36 @@
 """The noise of a recording by itself, without model or parameters (the paper's Figs. 4, 5).
 
 Everything comes from contrasts between the periods.
+
+What the search for a hum in the noise of a recording found, in words.
+
+The noise of a recording as lines for the robot file: `noise.yaml`.
 """
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import scipy
 
-from constraints.arrays import Mask
+from constraints.arrays import Array, Mask
+from estimation.diagnostics.finding import Assumption, Finding
 from estimation.diagnostics.findings import noise_findings
-from estimation.diagnostics.hum_finding import hum_finding
-from estimation.diagnostics.noise_block import noise_block
-from estimation.diagnostics.noise_density import noise_density
-from estimation.diagnostics.noise_record import HumKeys, NoiseFile, NoiseRecord, noise_keys
+from estimation.diagnostics.noise_density import NoiseDensity, noise_density
+from estimation.diagnostics.noise_record import (
+    HumKeys,
+    NoiseFile,
+    NoiseRecord,
+    correlation_of,
+    noise_keys,
+)
 from estimation.diagnostics.noise_tests import noise_tests
 from estimation.processing import Channels, NoiseModel, PeriodSource, Record
+from estimation.processing.hum import HUM, MAINS, HumLine, HumSearch
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.progress import report_progress
 from expdesign.runfolder import copied
@@ -98,3 +112,155 @@ def _resolution_only(channels: Channels, still: Mask) -> Channels:
         covariance = scatter.covariance * np.multiply.outer(moving, moving)
         scatter = replace(scatter, covariance=covariance)
     return replace(channels, periods=None, repeats=None, scatter=scatter)
+
+
+_NO_HUM = Assumption(
+    "no hum of the mains",
+    "the mains hum in the noise",
+    "earth and shield the measurement; until then hand the spectrum on to `noise.force_spectrum` "
+    "or `noise.length_spectrum`: a design then keeps its multiples away from it",
+    serious=False,
+)
+_UNITS = {"force": (1.0, "N"), "length": (1e3, "mm")}
+
+
+_SEEN_ELSEWHERE = (
+    "the estimate looks for it in what the model leaves; or state it in "
+    "`noise.force_spectrum.hum` and design again: the motion then keeps away from it"
+)
+
+
+def hum_finding(searches: Mapping[str, HumSearch | None], refused: str = "") -> Finding:
+    """Say what was found.
+
+    Parameters
+    ----------
+    searches : mapping of str to HumSearch
+        Those in the forces and lengths, where there were any.
+    refused : str
+        Why there was none.
+    """
+    done = {kind: search for kind, search in searches.items() if search is not None}
+    if not done:
+        return _NO_HUM.untested(refused or "the samples are no means of equally many")
+    hidden = sorted({frequency for search in done.values() for frequency in search.hidden})
+    unseen = ""
+    if hidden:
+        unseen = (
+            f"; at {_listed(hidden)} Hz, a multiple of the motion's frequency, none can be seen "
+            "between periods"
+        )
+    p = min(1.0, len(done) * min(search.p for search in done.values()))
+    found = [_words(kind, line) for kind, search in done.items() for line in search.lines]
+    if not found:
+        absent = f"no sinusoid at 50 or 60 Hz and their multiples (p = {p:.2g}){unseen}"
+        if set(MAINS) & set(hidden):
+            return _NO_HUM.untested(absent, _SEEN_ELSEWHERE)
+        return _NO_HUM.holds(absent, p, HUM)
+    where = f"{_listed({line.frequency for s in done.values() for line in s.lines})} Hz"
+    return _NO_HUM.fails(f"a hum: {'; '.join(found)}{unseen}", p, HUM, where)
+
+
+def _words(kind: str, line: HumLine) -> str:
+    factor, unit = _UNITS[kind]
+    strut = int(np.argmax(line.amplitudes))
+    return (
+        f"{line.frequency:.5g} Hz in the {kind}s, up to {factor * line.amplitudes[strut]:.2g} "
+        f"{unit} in actuator {strut + 1}"
+    )
+
+
+def _listed(frequencies: Iterable[float]) -> str:
+    return ", ".join(f"{frequency:.4g}" for frequency in sorted(frequencies))
+
+
+_LEVEL = 0.001
+_NOTICEABLE = 0.05
+"""Correlation below which it changes nothing that is designed or estimated."""
+_CLOSE, _FINE, _COARSE = 0.01, 8, 3
+"""Smallest eigenvalue of a correlation that is close to singular; digits then, and otherwise."""
+_WIDTH = 78
+_KINDS = {"force": ("N", 1.0), "length": ("mm", 1e3)}
+
+
+def noise_block(noise: NoiseFile, densities: dict[str, NoiseDensity]) -> str:
+    """Return `noise:` with units, ready to be pasted into a robot or run file.
+
+    Correlations stand in it where the recording shows any. A spectrum is named in a comment: it is
+    a file of its own. What the recording does not show is left out and said.
+
+    Parameters
+    ----------
+    densities : dict of str to NoiseDensity
+        By kind, force or length; without rows where there is none.
+    """
+    lines = [
+        *_comment(
+            f"Noise of one sample of the recording {Path(noise.recording).name}, {noise.rows} "
+            f"samples {'at rest' if noise.at_rest else f'in {noise.periods:.4g} periods'}. For the "
+            "robot file or the run file, in place of the `noise:` there.",
+            "",
+        ),
+        *(
+            _comment(
+                "In motion it may be larger: a recording of any motion that repeats tells.", ""
+            )
+            if noise.at_rest
+            else ()
+        ),
+        "noise:",
+    ]
+    freedoms = {"force": noise.force_freedom, "length": noise.length_freedom}
+    covariances = {"force": noise.force_covariance, "length": noise.length_covariance}
+    for kind, (unit, factor) in _KINDS.items():
+        covariance = covariances[kind]
+        std = np.sqrt(np.diag(covariance))
+        if not np.all(std > 0):
+            still = np.flatnonzero(std == 0) + 1
+            where = f"actuator{'s' * (len(still) > 1)} {', '.join(map(str, still))}"
+            lines += _comment(
+                f"{kind}_std: the {kind}s do not change at all ({where}). Take the resolution of "
+                "their measurement over the square root of 12"
+            )
+            continue
+        sizes = ", ".join(f"{factor * size:.4g} {unit}" for size in std)
+        lines.append(f"  {kind}_std: [{sizes}]")
+        lines += _correlation(kind, covariance, freedoms[kind])
+        lines += _memory(noise, kind, densities[kind])
+    return "\n".join(lines) + "\n"
+
+
+def _correlation(kind: str, covariance: Array, freedom: float) -> list[str]:
+    correlation = correlation_of(covariance)
+    upper = np.abs(correlation[np.triu_indices(len(correlation), 1)])
+    seen = scipy.stats.norm.isf(_LEVEL / len(upper) / 2) / np.sqrt(freedom)
+    if np.max(upper) <= max(seen, _NOTICEABLE):
+        return []
+    # Rounding must leave it positive definite.
+    digits = _COARSE if np.linalg.eigvalsh(correlation)[0] > _CLOSE else _FINE
+    rows = [", ".join(f"{value:.{digits}f}" for value in row) for row in correlation]
+    return [f"  {kind}_correlation:", *(f"    - [{row}]" for row in rows)]
+
+
+def _memory(noise: NoiseFile, kind: str, density: NoiseDensity) -> list[str]:
+    test = getattr(noise.whiteness, f"{kind}_noise")
+    hum = any(line.quantity == kind for line in noise.hum)
+    if not len(density.frequency) or not (hum or (test is not None and np.any(test.failed))):
+        return []
+    why = "hums" if hum else "is not white"
+    return _comment(
+        f"The noise of the {kind}s {why}. With tables/{kind}_spectrum.csv of this folder beside "
+        f"the robot file: {kind}_spectrum: {kind}_spectrum.csv"
+    )
+
+
+def _comment(text: str, margin: str = "  ") -> list[str]:
+    start = f"{margin}# "
+    return textwrap.wrap(
+        text,
+        _WIDTH,
+        initial_indent=start,
+        subsequent_indent=start,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )

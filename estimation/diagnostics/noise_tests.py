@@ -5,6 +5,11 @@ Bonferroni's correction over the lags. (The sum of their squares after Ljung and
 far too often in the tail that levels over many channels need: at 200 samples 6 times as often as 1
 in 6 000.) Distribution: D'Agostino and Pearson (the paper's Fig. 4). Change between periods:
 one-way analysis of variance of their means.
+
+Whether the periods of a record are compared sample by sample, and why not.
+
+Only contrasts between periods hold noise and no signal whatever the model is: the tests of memory,
+of change from period to period and of a hum are made from them.
 """
 
 from __future__ import annotations
@@ -19,8 +24,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from constraints.arrays import Array
-from estimation.diagnostics.channel_test import NOISE, ChannelTest, OfEach, below_level, no_numbers
-from estimation.diagnostics.comparable_periods import why_not_compared
+from estimation.diagnostics.significance import NOISE, ChannelTest, OfEach, below_level, no_numbers
 from estimation.processing import NoiseModel, Record
 from estimation.processing.noise import NORMAL_MEDIAN
 from estimation.processing.noise_lines import contrasts
@@ -349,3 +353,25 @@ def _of_one_kind(
         block = np.arange(len(rows)) * max(1, round(record.periods)) // len(rows)
         change = drift(rows, block, 0, level)
     return samples, white, None if samples is None else normality(samples, level), change
+
+
+_FEWEST = 2
+
+
+def why_not_compared(record: Record) -> str:
+    """Return why no two periods are compared sample by sample; empty where they are."""
+    if record.averaged and record.forces.periods is not None:
+        few = len(record.forces.periods) < _FEWEST
+        return "there is one period, and nothing to compare it with" if few else ""
+    if record.lost:
+        missing = "1 sample is" if record.lost == 1 else f"{record.lost} samples are"
+        return (
+            f"{missing} missing in the recording, and periods are compared sample by sample only "
+            "where none is"
+        )
+    if record.stamped:
+        return "stamped samples keep their own times, and no two periods have the same"
+    return (
+        "samples keep their own times where the frequency is estimated or a period is no whole "
+        f"number of them ({record.period / record.step:.6g}), and no two periods have the same"
+    )

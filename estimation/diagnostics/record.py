@@ -8,15 +8,20 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from estimation.diagnostics.attribution import Attribution, Effect
-from estimation.diagnostics.cause_test import CauseResult, DelayTest
-from estimation.diagnostics.channel_test import Strut
 from estimation.diagnostics.finding import Verdict
 from estimation.diagnostics.gain_drift import GainDriftTest
-from estimation.diagnostics.lack_of_fit import ChiSquare, LackOfFit
+from estimation.diagnostics.hypothesis import CauseResult, DelayTest
 from estimation.diagnostics.noise_record import Histogram, NoisePictures, Quantiles
 from estimation.diagnostics.noise_tests import Drifts, Normalities, Whitenesses
-from estimation.diagnostics.position_periodic import PeriodicForce
-from estimation.diagnostics.residuals import BinRow, ForceResiduals, VarianceComparison
+from estimation.diagnostics.periodic_forces import PeriodicForce
+from estimation.diagnostics.residuals import (
+    BinRow,
+    ChiSquare,
+    ForceResiduals,
+    LackOfFit,
+    VarianceComparison,
+)
+from estimation.diagnostics.significance import Strut
 from expdesign.runfolder import ArrayTable, OpenNumber, RowTable, described
 
 

@@ -1,6 +1,6 @@
 """The search among candidate causes: what is significant beside others, and what rivals it.
 
-Candidates are columns of one projection (`estimation.diagnostics.projection`), in which every
+Candidates are columns of one projection (`estimation.diagnostics.joint_system`), in which every
 subset of them is fitted and compared; forces that are periodic in a strut's length are scanned for,
 and appended when one is found.
 """
@@ -15,19 +15,16 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from constraints.arrays import Array
-from estimation.diagnostics.cause import Cause
-from estimation.diagnostics.cause_test import CauseTest, cause_test
-from estimation.diagnostics.joint_system import JointSystem, SolvedSystem
-from estimation.diagnostics.linearisation import Linearisation
-from estimation.diagnostics.position_periodic import (
+from estimation.diagnostics.hypothesis import Cause, CauseTest, cause_test
+from estimation.diagnostics.joint_system import Conditional, Fit, JointSystem, Places, SolvedSystem
+from estimation.diagnostics.linearisation import Linearisation, Signature
+from estimation.diagnostics.periodic_forces import (
     PitchScan,
     log_exceedance,
     periodic_columns,
     scan_pitches,
 )
-from estimation.diagnostics.projection import Conditional, Fit, Places
-from estimation.diagnostics.signature import Signature
-from estimation.diagnostics.tails import log_tail
+from estimation.diagnostics.significance import log_tail
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.progress import track
 

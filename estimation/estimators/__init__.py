@@ -1,13 +1,12 @@
 """Least squares, Gauss–Markov and maximum likelihood, all on the shared symbolic graph."""
 
-from estimation.estimators.deviating import DeviatingMachine
 from estimation.estimators.experiment import Experiment
-from estimation.estimators.joint import cramer_rao_covariance
-from estimation.estimators.knowledge import Knowledge, UnidentifiableError
+from estimation.estimators.influence import Systematic, systematic_share, with_prior
+from estimation.estimators.joint_equations import DeviatingMachine, cramer_rao_covariance
 from estimation.estimators.linear import linear_estimate
 from estimation.estimators.maximum_likelihood import maximum_likelihood
+from estimation.estimators.priors import Knowledge, UnidentifiableError
 from estimation.estimators.result import ParameterEstimate, covariance_ml_less_gm
-from estimation.estimators.systematic import Systematic, systematic_share, with_prior
 
 __all__ = [
     "DeviatingMachine",

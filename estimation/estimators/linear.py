@@ -21,13 +21,11 @@ from functools import cached_property
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.estimators.deviating import DeviatingMachine
 from estimation.estimators.experiment import Experiment
-from estimation.estimators.influence import Influence
-from estimation.estimators.joint import force_equations
-from estimation.estimators.knowledge import Knowledge
+from estimation.estimators.influence import Influence, systematic_share
+from estimation.estimators.joint_equations import DeviatingMachine, force_equations
+from estimation.estimators.priors import Knowledge
 from estimation.estimators.result import ParameterEstimate, precision
-from estimation.estimators.systematic import systematic_share
 from estimation.measurement_model.normal_equations import Filter, NormalEquations
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation

@@ -15,13 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.estimators.deviating import DeviatingMachine
 from estimation.estimators.experiment import Experiment
-from estimation.estimators.influence import Influence
-from estimation.estimators.joint import joint_equations
-from estimation.estimators.knowledge import Knowledge
+from estimation.estimators.influence import Influence, systematic_share
+from estimation.estimators.joint_equations import DeviatingMachine, joint_equations
+from estimation.estimators.priors import Knowledge
 from estimation.estimators.result import ParameterEstimate, precision
-from estimation.estimators.systematic import systematic_share
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import Elimination, NormalEquations
 from expdesign.progress import report_progress

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.estimators.earlier import EarlierEstimate
+from estimation.estimators.prior_estimate import EarlierEstimate
 from estimation.estimators.result import ParameterEstimate
 from expdesign.mechanism.bodies import ENTRIES, RigidBody, inertia_of
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY

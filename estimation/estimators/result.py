@@ -10,9 +10,8 @@ import numpy as np
 import scipy
 
 from constraints.arrays import Array
-from estimation.estimators.influence import Covariance, Influence, difference_covariance
-from estimation.estimators.knowledge import Knowledge
-from estimation.estimators.systematic import Systematic
+from estimation.estimators.influence import Covariance, Influence, Systematic, difference_covariance
+from estimation.estimators.priors import Knowledge
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import NormalEquations
 

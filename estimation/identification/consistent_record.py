@@ -9,7 +9,7 @@ from typing import Annotated, Self
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.uncertainty.consistent import ConsistentEstimate
+from estimation.uncertainty.consistency import ConsistentEstimate
 from expdesign.information.identifiable import listed
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.robot import Robot

@@ -27,7 +27,7 @@ from estimation.identification.recording import prepare_recording
 from estimation.identification.residual_weights import with_residual_noise
 from estimation.identification.result import EstimationResult, RecordSummary, best_of
 from estimation.identification.term_selection import Selection
-from estimation.uncertainty.consistent import consistent_estimate
+from estimation.uncertainty.consistency import consistent_estimate
 from estimation.uncertainty.intervals import identified_combinations, parameter_rows
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.configuration.added_terms import with_added_terms

@@ -23,10 +23,10 @@ import scipy.linalg as sla
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.diagnostics.tails import ratio_tail
+from estimation.diagnostics.significance import ratio_tail
 from estimation.estimators import Experiment, Knowledge
 from estimation.estimators.experiment import WholeMotion
-from estimation.estimators.joint import force_equations
+from estimation.estimators.joint_equations import force_equations
 from estimation.kinematics.fourier_fit import length_equations, most_harmonics
 from estimation.kinematics.friction_signs import rate_spread
 from estimation.measurement_model import HarmonicMotion

@@ -10,7 +10,7 @@ from constraints.arrays import Array
 from estimation.diagnostics.record import Diagnosis
 from estimation.estimators import ParameterEstimate
 from estimation.identification.result import EstimationResult
-from estimation.uncertainty.consistent import ConsistentEstimate
+from estimation.uncertainty.consistency import ConsistentEstimate
 from expdesign.configuration.identification import (
     IDENTIFIED_ROBOT,
     Identification,

@@ -26,7 +26,7 @@ from estimation.identification.identified_robot import FILE as IDENTIFIED_ROBOT
 from estimation.identification.identified_robot import identified_robot
 from estimation.identification.payload_record import PayloadRow, payload_rows
 from estimation.identification.result import EstimationResult
-from estimation.selection.path import SelectionRow
+from estimation.selection.selection import SelectionRow
 from estimation.uncertainty.intervals import ParameterRow, correlation
 from expdesign.experiment.combinations import KnownCombination
 from expdesign.mechanism.hexapod import COORDINATES

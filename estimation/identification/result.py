@@ -10,7 +10,7 @@ from constraints.arrays import Array
 from estimation.estimators import Experiment, Knowledge, ParameterEstimate
 from estimation.estimators.payload import PayloadEstimate, payload_estimate
 from estimation.identification.term_selection import Selection
-from estimation.uncertainty.consistent import ConsistentEstimate
+from estimation.uncertainty.consistency import ConsistentEstimate
 from estimation.uncertainty.intervals import Combination, ParameterRow
 from expdesign.configuration import RunConfiguration
 from expdesign.robot import Robot

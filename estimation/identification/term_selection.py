@@ -13,9 +13,8 @@ from estimation.estimators import Experiment, Knowledge, linear_estimate
 from estimation.identification.corrected import estimated_machine
 from estimation.identification.load import at_estimated_load
 from estimation.identification.residual_weights import with_residual_noise
-from estimation.selection.criteria import Judge
 from estimation.selection.evidence import Evidence
-from estimation.selection.path import SelectionRow, select
+from estimation.selection.selection import Judge, SelectionRow, select
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
 from expdesign.configuration.added_terms import with_added_terms
 from expdesign.configuration.parameters import FurtherTerms, TermDescription

@@ -18,12 +18,16 @@ from typing import Self
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.joint_system import JointSystem, joint_systems
+from estimation.diagnostics.candidate_effects import Suspects
+from estimation.diagnostics.joint_system import (
+    Conditional,
+    JointSystem,
+    Places,
+    RowWhitening,
+    joint_systems,
+)
 from estimation.diagnostics.linearisation import Linearisation, linearise
-from estimation.diagnostics.projection import Conditional, Places
-from estimation.diagnostics.row_whitening import RowWhitening
-from estimation.diagnostics.shown_noise import shown_noise, with_memory
-from estimation.diagnostics.suspects import Suspects
+from estimation.diagnostics.residual_covariance import shown_noise, with_memory
 from estimation.estimators import Experiment, Knowledge
 from estimation.measurement_model.normal_equations import Elimination, NormalEquations
 from expdesign.robot import Robot

@@ -23,8 +23,8 @@ import scipy
 from scipy.special import ndtri
 
 from constraints.arrays import Array
-from estimation.diagnostics.channel_test import LACK_OF_FIT
 from estimation.diagnostics.linearisation import Linearisation, linearise
+from estimation.diagnostics.significance import LACK_OF_FIT
 from estimation.estimators import Experiment
 from expdesign.configuration import ForceTolerance
 from expdesign.mechanism.hexapod import ACTUATORS

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.identification.record import EstimateRecord
-from estimation.selection.path import SelectionRow
+from estimation.selection.selection import SelectionRow
 from results.figures.drawing import figure_definition
 from results.notation import readable
 from results.style import EMPHASIS, FAINT, INK, MUTED, SECOND

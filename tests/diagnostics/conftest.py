@@ -8,11 +8,11 @@ import pytest
 from scipy import stats
 
 from estimation.data.measurement import Measurement
-from estimation.diagnostics.causes import causes
+from estimation.diagnostics.candidate_effects import Suspects
+from estimation.diagnostics.hypotheses import causes
 from estimation.diagnostics.joint_system import joint_systems
 from estimation.diagnostics.linearisation import linearise
-from estimation.diagnostics.residual_law import held_out_law, joint_law, linear_laws
-from estimation.diagnostics.suspects import Suspects
+from estimation.diagnostics.residual_covariance import held_out_law, joint_law, linear_laws
 from estimation.estimators import Experiment, Knowledge, linear_estimate, maximum_likelihood
 from estimation.kinematics.fourier_fit import fit_motion
 from estimation.kinematics.pointwise import pointwise_motion

@@ -5,9 +5,9 @@ import pytest
 from scipy import stats
 
 from estimation.diagnostics.attribution import attribute
-from estimation.diagnostics.cause_test import cause_test
-from estimation.diagnostics.causes import parameter_cause
 from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.hypotheses import parameter_cause
+from estimation.diagnostics.hypothesis import cause_test
 from tests.diagnostics.conftest import Laboratory
 
 DRAWS = 150

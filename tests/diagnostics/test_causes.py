@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.diagnostics.cause_test import cause_test
+from estimation.diagnostics.candidate_effects import Suspects
 from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.hypothesis import cause_test
+from estimation.diagnostics.joint_system import Projection
 from estimation.diagnostics.linearisation import linearise
-from estimation.diagnostics.projection import Projection
-from estimation.diagnostics.suspects import Suspects
 from estimation.estimators import DeviatingMachine
 from estimation.estimators.experiment import Experiment, WholeMotion
 from estimation.kinematics.fourier_fit import fit_motion

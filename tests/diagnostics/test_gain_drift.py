@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from estimation.diagnostics.channel_test import GAIN_DRIFT
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.gain_drift import gain_drift
 from estimation.diagnostics.linearisation import linearise
+from estimation.diagnostics.significance import GAIN_DRIFT
 from tests.diagnostics.conftest import Laboratory
 
 PERIODS = 6

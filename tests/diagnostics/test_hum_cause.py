@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.diagnostics.diagnosis import diagnose
-from estimation.diagnostics.hum_cause import hidden_hums
+from estimation.diagnostics.periodic_forces import hidden_hums
 from estimation.processing import PeriodSource, make_record
 from tests.diagnostics.conftest import Laboratory
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from estimation.diagnostics.lack_of_fit import lack_of_fit
 from estimation.diagnostics.linearisation import PhaseCells
+from estimation.diagnostics.residuals import lack_of_fit
 
 KINDS = ("ls", "gm", "ml", "held out")
 DRAWS = 250

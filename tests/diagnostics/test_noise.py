@@ -5,10 +5,10 @@ import pytest
 from scipy import signal, stats
 
 from estimation.diagnostics.finding import Outcome
-from estimation.diagnostics.lack_of_fit import chi_square
 from estimation.diagnostics.noise_analysis import analyse_noise
 from estimation.diagnostics.noise_tests import drift, noise_tests, normality, whiteness
-from estimation.diagnostics.residual_law import ResidualLaw
+from estimation.diagnostics.residual_covariance import ResidualLaw
+from estimation.diagnostics.residuals import chi_square
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, make_record
 from estimation.processing.noise_lines import contrasts
 from estimation.twin.experiment import without_samples

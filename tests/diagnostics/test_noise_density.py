@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from estimation.diagnostics.finding import Outcome
-from estimation.diagnostics.hum_finding import hum_finding
+from estimation.diagnostics.noise_analysis import hum_finding
 from estimation.diagnostics.noise_density import NoiseDensity, noise_density
 from estimation.processing.hum import HumSearch, find_hum
 from estimation.processing.record import Channels

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.diagnostics.diagnosis import verdict
 from estimation.diagnostics.finding import Outcome, Status
+from estimation.diagnostics.findings import verdict
 from estimation.diagnostics.plausibility import plausibility
 from estimation.estimators import Knowledge
 from expdesign.configuration.sections.data import EstimateSection

@@ -4,16 +4,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from estimation.diagnostics.joint_system import JointSystem
-from estimation.diagnostics.position_periodic import (
+from estimation.diagnostics.joint_system import JointSystem, RowWhitening
+from estimation.diagnostics.linearisation import Signature
+from estimation.diagnostics.periodic_forces import (
     critical_value,
     log_exceedance,
     periodic_columns,
     periodic_force,
     scan_pitches,
 )
-from estimation.diagnostics.row_whitening import RowWhitening
-from estimation.diagnostics.signature import Signature
 
 SAMPLES = 240
 

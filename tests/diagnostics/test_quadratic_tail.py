@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from estimation.diagnostics.tails import ratio_tail
+from estimation.diagnostics.significance import ratio_tail
 
 
 @pytest.mark.parametrize("freedom", [600.0, np.inf])

@@ -8,7 +8,7 @@ from estimation.identification import estimate, prepare_experiment
 from estimation.identification.estimate import run_estimators
 from estimation.identification.identified_robot import FILE
 from estimation.identification.record import EstimateRecord
-from estimation.uncertainty.consistent import consistent_estimate
+from estimation.uncertainty.consistency import consistent_estimate
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.sections.data import EstimateSection
 from expdesign.robot import load_robot, robot_from

@@ -11,7 +11,7 @@ from estimation.identification import estimate
 from estimation.identification.consistent_record import ConsistentKeys
 from estimation.identification.identified_robot import FILE
 from estimation.identification.record import EstimateRecord
-from estimation.uncertainty.consistent import consistent_estimate, tightest
+from estimation.uncertainty.consistency import consistent_estimate, tightest
 from expdesign.configuration import load_run
 from expdesign.configuration.sections.data import EstimateSection
 from expdesign.mechanism.nearest import Projection

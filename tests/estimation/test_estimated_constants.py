@@ -8,7 +8,7 @@ import pytest
 import scipy
 
 from estimation.diagnostics.diagnosis import diagnose
-from estimation.estimators.knowledge import UnidentifiableError
+from estimation.estimators.priors import UnidentifiableError
 from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
 from expdesign.configuration import InputError, load_run

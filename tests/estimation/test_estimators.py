@@ -11,7 +11,7 @@ from estimation.estimators import (
     maximum_likelihood,
 )
 from estimation.estimators.experiment import regressors_along
-from estimation.estimators.joint import joint_equations, reduced_information
+from estimation.estimators.joint_equations import joint_equations, reduced_information
 from estimation.kinematics.fourier_fit import fit_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.prediction import held_regressor_kernel

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.estimators import with_prior
-from estimation.estimators.knowledge import Knowledge
+from estimation.estimators.priors import Knowledge
 from estimation.identification import estimate
 from estimation.identification.identified_robot import FILE
 from estimation.identification.record import EstimateRecord

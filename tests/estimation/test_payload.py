@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimation.estimators.earlier import EarlierEstimate, UnloadedMachine
+from estimation.estimators.influence import Systematic
 from estimation.estimators.payload import TEN, about_centre, payload_estimate
-from estimation.estimators.systematic import Systematic
+from estimation.estimators.prior_estimate import EarlierEstimate, UnloadedMachine
 from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
 from estimation.twin import Twin

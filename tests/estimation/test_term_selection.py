@@ -14,9 +14,8 @@ from estimation.estimators import Knowledge, linear_estimate
 from estimation.identification import estimate, prepare_experiment, term_selection
 from estimation.identification.identified_robot import identified_robot
 from estimation.identification.term_selection import UNSETTLED, Selection
-from estimation.selection.criteria import Judge, splits
 from estimation.selection.evidence import Evidence, Share
-from estimation.selection.path import select
+from estimation.selection.selection import Judge, select, splits
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.added_terms import with_added_terms
 from expdesign.configuration.robot import load_robot_description

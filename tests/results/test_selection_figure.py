@@ -8,7 +8,7 @@ import pytest
 from matplotlib.patches import Rectangle
 
 from estimation.identification.term_selection import Selection
-from estimation.selection.path import SelectionRow
+from estimation.selection.selection import SelectionRow
 from expdesign.configuration.sections.selection import SelectSection
 from results.figures.selection import selection_figure
 from results.report.content import TextBlock

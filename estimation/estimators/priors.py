@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from constraints.arrays import Array
-from estimation.estimators.earlier import EarlierEstimate, UnloadedMachine
+from estimation.estimators.prior_estimate import EarlierEstimate, UnloadedMachine
 from expdesign.configuration import ComputationError, InputError
 from expdesign.configuration.robot_description import RobotDescription
 from expdesign.configuration.sections.data import EstimateSection

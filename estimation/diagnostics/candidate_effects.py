@@ -14,8 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.linearisation import Linearisation
-from estimation.diagnostics.signature import Signature
+from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.estimators.experiment import Experiment, regressors_along, regressors_at
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.deviation import deviation_forces, deviation_lengths

@@ -7,25 +7,28 @@ motion. Cov(g, ε) = X Vᵀ and Cov(g) = C give
 
 LS: V = Σ W A, X = F⁻¹ (parameters only); Gauss–Markov: V = U; maximum likelihood: V = U,
 X = C = J⁻¹; held-out data: X = 0.
+
+The noise that a recording shows, where it was weighted with another one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics.joint_system import SolvedSystem
-from estimation.diagnostics.linearisation import Linearisation
-from estimation.diagnostics.signature import Signature
+from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.estimators.experiment import Experiment
-from estimation.estimators.knowledge import Knowledge
 from estimation.estimators.linear import weighting_covariance
+from estimation.estimators.priors import Knowledge
 from estimation.estimators.result import ParameterEstimate
 from estimation.measurement_model.normal_equations import NormalEquations
-from estimation.processing import NoiseEstimate
+from estimation.processing import NoiseEstimate, NoiseModel
+from estimation.processing.noise import ENOUGH_FREEDOM
+from estimation.processing.record import Channels
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,3 +211,44 @@ def _errors(part: Linearisation, experiment: Experiment, own: Array) -> Array:
     if experiment.fit is not None:
         covariance[k:, k:] = experiment.fit.covariance
     return covariance
+
+
+def with_memory(experiment: Experiment) -> Experiment:
+    """Return an experiment with the memory that its noise shows, though it was weighted as white.
+
+    Who takes noise with a memory for white does not make a fault of the model of it.
+    """
+
+    def seen(weighted: NoiseEstimate, channels: Channels) -> NoiseEstimate:
+        shown = channels.shown_noise
+        known = weighted.source == "estimated" and weighted.lines is not None
+        if not known or weighted.filter is not None or shown is None or shown.filter is None:
+            return weighted
+        return shown
+
+    noise = _chosen(experiment, seen)
+    return experiment if noise is experiment.noise else replace(experiment, noise=noise)
+
+
+def shown_noise(experiment: Experiment) -> NoiseModel:
+    """Return the noise that a recording shows, where it shows enough; else what was given."""
+
+    def shown(given: NoiseEstimate, channels: Channels) -> NoiseEstimate:
+        repeated = channels.scatter
+        if given.source != "given" or repeated is None or repeated.freedom < ENOUGH_FREEDOM:
+            return given
+        found = repeated if experiment.pointwise is not None else channels.shown_noise
+        return given if found is None else found
+
+    return _chosen(experiment, shown)
+
+
+def _chosen(
+    experiment: Experiment, choose: Callable[[NoiseEstimate, Channels], NoiseEstimate]
+) -> NoiseModel:
+    """Return the noise chosen for forces and lengths: the experiment's own where both stay."""
+    noise, record = experiment.noise, experiment.record
+    forces, lengths = choose(noise.forces, record.forces), choose(noise.lengths, record.lengths)
+    if forces is noise.forces and lengths is noise.lengths:
+        return noise
+    return NoiseModel(forces, lengths)

@@ -7,11 +7,16 @@ largest exceeds u with a probability of at most (Davies, Biometrika 74, 1987)
     P ≤ e^(−u/2) (1 + √(u/2π) ∫ √λ₂ df),   √λ₂ = 2π std(l_j),
 
 by Rice's rate at which the envelope of the two components crosses a level upwards, f = 1/τ.
+
+A hum that is a multiple of the motion's frequency, as a cause of residuals.
+
+It is the same in every period: contrasts do not hold it, and the mean over the periods keeps it.
+In the mean residuals it is one line, at the multiple of the base frequency that it is next to.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -19,10 +24,14 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from constraints.arrays import Array
-from estimation.diagnostics.channel_test import POSITION_PERIODIC
+from estimation.diagnostics.candidate_effects import Suspects
+from estimation.diagnostics.finding import Assumption
+from estimation.diagnostics.hypothesis import Cause
 from estimation.diagnostics.joint_system import SolvedSystem
-from estimation.diagnostics.linearisation import Linearisation
-from estimation.diagnostics.tails import log_pair_tail
+from estimation.diagnostics.linearisation import Linearisation, Signature
+from estimation.diagnostics.significance import CAUSES, POSITION_PERIODIC, log_pair_tail
+from estimation.processing.hum import mains_frequencies
+from estimation.processing.record import Record
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import described
 
@@ -217,3 +226,58 @@ def _pair_statistic(
         return np.where(seen, value / np.where(seen, determinant, 1.0), 0.0)
 
     return statistic
+
+
+_FEWEST_PERIODS = 2
+_MULTIPLES = 3
+"""Of the mains: a hum that shows in others alone is none."""
+
+
+def hidden_hums(record: Record) -> tuple[tuple[float, int], ...]:
+    """Return frequencies of the mains, Hz, within a line of the record from a multiple; and that.
+
+    Below half of the sampling. Of a single period every frequency is: none is returned.
+    """
+    if record.periods < _FEWEST_PERIODS:
+        return ()
+    base = 1 / record.period
+    found = []
+    for frequency in mains_frequencies(1 / record.step, _MULTIPLES):
+        multiple = round(frequency / base)
+        if multiple and abs(frequency - multiple * base) < base / record.periods:
+            found.append((frequency, multiple))
+    return tuple(found)
+
+
+def hum_causes(suspects: Suspects) -> Iterator[Cause]:
+    """Yield the family of hums that no contrast sees; nothing where there are none."""
+    part, record = suspects.part, suspects.experiment.record
+    hidden = hidden_hums(record)
+    if not hidden:
+        return
+    columns = []
+    for _, multiple in hidden:
+        angle = multiple * record.omega * record.forces.times
+        pair = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+        each = np.einsum("tp,ij->tijp", pair, np.eye(ACTUATORS))
+        columns.append(part.cells.mean(each.reshape(len(angle), ACTUATORS, -1)))
+    width = 2 * ACTUATORS
+    yield Cause(
+        kind="hum",
+        labels=tuple((f"of {frequency:g} Hz", None) for frequency, _ in hidden),
+        columns=Signature.of_forces(part, np.concatenate(columns, axis=2)),
+        places=tuple(tuple(range(k * width, (k + 1) * width)) for k in range(len(hidden))),
+        level=CAUSES,
+        assumption=Assumption(
+            "no hum that repeats in every period",
+            "the mains hum at a multiple of the motion's frequency",
+            "earth and shield the measurement, or state the frequency in "
+            "`noise.force_spectrum.hum` of the run and design again: the motion then keeps away "
+            "from it",
+        ),
+        noun="a hum",
+        absent="no hum of the mains at a multiple of the motion's frequency (p = {p:.2g})",
+        untested="the model's own columns leave nothing of it",
+        unit=lambda _: "N",
+        paired=True,
+    )
