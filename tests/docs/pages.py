@@ -13,6 +13,8 @@ FILES = (
     ROOT / "CHANGELOG.md",
     *sorted((ROOT / "docs").glob("*.md")),
 )
+# Experiments behind the pages, as they were made: their names and numbers are those of their day.
+NOTES = tuple(sorted((ROOT / "docs" / "notes").glob("*.md")))
 _FENCE = re.compile(
     r"^(?:<!-- example: (?P<file>\S+) -->\n)?```(?P<language>\w*)\n(?P<text>.*?)^```$",
     re.MULTILINE | re.DOTALL,

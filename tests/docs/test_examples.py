@@ -79,19 +79,19 @@ def test_yaml_is_valid(block, robots):
         robot_from(load_run({"name": "part", "robot": palida | data}).robot)
 
 
-def test_there_are_examples_of_a_robot_and_a_run_in_the_readme():
-    shown = [parse(block.text) for block in YAML_BLOCKS if block.page.name == "README.md"]
+def test_there_are_complete_examples_of_a_robot_and_a_run():
+    shown = [parse(block.text) for block in YAML_BLOCKS if block.page.name == "robots.md"]
     assert any(_is_robot(data) for data in shown)
     assert any("robot" in data for data in shown)
 
 
-def test_the_robot_of_the_readme_is_free_of_warnings(robots):
+def test_the_robot_of_the_docs_is_free_of_warnings(robots):
     (run,) = (b for b in YAML_BLOCKS if _name(b) == "my-run.yaml")
     (robots / "my-run.yaml").write_text(run.text, encoding="utf-8")
     assert load_run(robots / "my-run.yaml").warnings == ()
 
 
-def test_the_python_of_the_readme(robots, monkeypatch):
+def test_the_python_of_the_readme(monkeypatch):
     (block,) = (b for b in blocks("python") if b.page.name == "README.md")
     asked = []
 
@@ -101,7 +101,7 @@ def test_the_python_of_the_readme(robots, monkeypatch):
     monkeypatch.setattr(expdesign, "design", lambda config: asked.append(config) or Result())
     names = {}
     exec(compile(block.text, "README.md", "exec"), names)
-    assert asked == ["my-run.yaml"]
+    assert asked == ["my-palida.yaml"]
     assert names["lengths"].shape == (6,)
     assert names["motion"].pose.shape == (2, 6)
 
@@ -271,8 +271,8 @@ def test_the_schema_admits_the_criteria_that_exist():
     assert tuple(CRITERIA) == design_section.CRITERIA
 
 
-def test_the_commands_of_the_readme_exist():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+def test_the_commands_of_the_docs_exist():
+    text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     names = [command.name or command.callback.__name__ for command in app.registered_commands]
     for name in names:
         assert f"| `expdesign {name}" in text

@@ -2,7 +2,7 @@ import re
 
 import pytest
 
-from tests.docs.pages import FILES, ROOT, prose
+from tests.docs.pages import FILES, NOTES, ROOT, prose
 
 TASKS = (ROOT / "docs" / "index.md").resolve()
 _LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
@@ -23,7 +23,7 @@ def _anchors(page):
     return {_anchor(h) for h in re.findall(r"^#+ (.+)$", prose(page), re.MULTILINE)}
 
 
-@pytest.mark.parametrize("page", FILES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", (*FILES, *NOTES), ids=lambda page: page.name)
 def test_links_lead_somewhere(page):
     for link in _links(page):
         path, _, anchor = link.partition("#")
@@ -41,6 +41,11 @@ def test_every_page_is_linked_from_the_page_of_tasks():
     """And with it in the contents of the site; the readme leads there."""
     assert TASKS in _linked(ROOT / "README.md")
     assert {page.resolve() for page in FILES} - {TASKS} <= _linked(TASKS)
+
+
+def test_every_note_is_linked_from_a_page():
+    linked = set().union(*(_linked(page) for page in FILES))
+    assert {note.resolve() for note in NOTES} <= linked
 
 
 def test_every_task_has_its_page():

@@ -234,9 +234,10 @@ def test_the_run_folder_has_a_row_for_every_file_of_a_stage():
             assert any(fnmatch(row, file) or fnmatch(file, f"{row}*") for row in rows), file
 
 
-def test_the_readme_has_a_row_for_every_command_and_option():
+def test_the_page_of_commands_has_a_row_for_every_command_and_option():
     commands = get_command(app).commands
-    rows = {codes(row[0])[0].split()[1]: row[0] for row in table(ROOT / "README.md", "## Commands")}
+    listed = table(DOCS / "commands.md", "# Commands")
+    rows = {codes(row[0])[0].split()[1]: row[0] for row in listed}
     assert set(rows) == set(commands)
     called = {"experiment": "simulate", "feedforward": "run", "sweep": "run"}
     assert {called.get(name, name) for name in STAGES} <= set(rows)
