@@ -23,7 +23,7 @@ html_title = "expdesign"
 
 extensions = ["myst_parser"]
 root_doc = "docs/index"
-include_patterns = ["*.md", "docs/**.md", "benchmarks/**.md"]
+include_patterns = ["*.md", "docs/**.md", "benchmarks/**.md", "examples/**.md"]
 exclude_patterns = [".*", "build", "dist", "runs", "tests"]
 
 myst_enable_extensions = ["dollarmath"]
@@ -60,7 +60,7 @@ def _contents(text: str) -> str:
 def _add_contents(app: Sphinx, page: str, source: list[str]) -> None:
     if page == app.config.root_doc:
         source[0] += "\n" + _contents(source[0])
-    elif Path(page).parts[0] == "benchmarks" or page == "README" or "notes" in Path(page).parts:
+    elif page == "README" or {"benchmarks", "examples", "notes"} & set(Path(page).parts):
         source[0] = "---\norphan: true\n---\n" + source[0]
 
 
