@@ -23,7 +23,7 @@ def _anchors(page):
     return {_anchor(h) for h in re.findall(r"^#+ (.+)$", prose(page), re.MULTILINE)}
 
 
-@pytest.mark.parametrize("page", (*FILES, *NOTES), ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [*FILES, *NOTES], ids=lambda page: page.name)
 def test_links_lead_somewhere(page):
     for link in _links(page):
         path, _, anchor = link.partition("#")
