@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from functools import cache
 from importlib.metadata import entry_points
 from types import MappingProxyType, ModuleType
@@ -23,7 +23,9 @@ GROUP = "expdesign.plugins"
 Kind = TypeVar("Kind")
 
 
-def declarations(kind: type[Kind], package: ModuleType | None = None) -> tuple[Kind, ...]:
+def declarations(
+    kind: type[Kind], package: ModuleType | str | None = None, *names: str
+) -> tuple[Kind, ...]:
     """Return the instances of a class that a package's modules and all plug-ins declare.
 
     Every instance that a module binds to a public name counts, and every one in a tuple or list
@@ -34,8 +36,11 @@ def declarations(kind: type[Kind], package: ModuleType | None = None) -> tuple[K
     ----------
     kind : type
         Class of the declarations, such as `LimitDefinition`.
-    package : module, optional
-        Package whose modules are searched beside the plug-ins.
+    package : module or str, optional
+        Package whose modules are searched before the plug-ins. Its name serves a caller on a lower
+        floor of the architecture.
+    *names : str
+        Names of the attributes that count; by default all public ones.
 
     Examples
     --------
@@ -45,13 +50,15 @@ def declarations(kind: type[Kind], package: ModuleType | None = None) -> tuple[K
     """
     found: dict[int, Kind] = {}
     for module in _searched(package):
-        for value in _public(module):
+        for value in _public(module, names):
             items = value if isinstance(value, tuple | list) else (value,)
             found |= {id(item): item for item in items if isinstance(item, kind)}
     return tuple(found.values())
 
 
-def declared_classes(base: type[Kind], package: ModuleType | None = None) -> tuple[type[Kind], ...]:
+def declared_classes(
+    base: type[Kind], package: ModuleType | str | None = None
+) -> tuple[type[Kind], ...]:
     """Return the subclasses of a class that a package's modules and all plug-ins define.
 
     A class is taken from the module that defines it, not from those that import it.
@@ -67,8 +74,10 @@ def declared_classes(base: type[Kind], package: ModuleType | None = None) -> tup
     )
 
 
-def modules_of(package: ModuleType) -> dict[str, ModuleType]:
+def modules_of(package: ModuleType | str) -> dict[str, ModuleType]:
     """Return the modules of a package by name, in alphabetical order; they are imported here."""
+    if isinstance(package, str):
+        package = importlib.import_module(package)
     names = sorted(module.name for module in pkgutil.iter_modules(package.__path__))
     return {name: importlib.import_module(f"{package.__name__}.{name}") for name in names}
 
@@ -80,10 +89,14 @@ def plugin_modules() -> Mapping[str, ModuleType]:
     return MappingProxyType({point.name: importlib.import_module(point.value) for point in points})
 
 
-def _searched(package: ModuleType | None) -> Iterable[ModuleType]:
+def _searched(package: ModuleType | str | None) -> Iterable[ModuleType]:
     own = {} if package is None else modules_of(package)
     return (*own.values(), *plugin_modules().values())
 
 
-def _public(module: ModuleType) -> list[object]:
-    return [value for name, value in vars(module).items() if not name.startswith("_")]
+def _public(module: ModuleType, names: Collection[str] = ()) -> list[object]:
+    return [
+        value
+        for name, value in vars(module).items()
+        if name in names or not (names or name.startswith("_"))
+    ]

@@ -18,7 +18,7 @@ from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.estimators.experiment import Experiment, regressors_along, regressors_at
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.deviation import deviation_forces, deviation_lengths
-from expdesign.mechanism.catalogue import TERMS
+from expdesign.mechanism.catalogue import term_definitions
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term, parameters_of
 from expdesign.robot import Robot
@@ -48,7 +48,9 @@ class Suspects:
 
     def term(self, name: str, **constants: float) -> Signature:
         """Return the columns of a term that the robot does not have, for its constants, SI."""
-        if tuple(constants) != tuple(constant.name for constant in TERMS[name].constants):
+        if tuple(constants) != tuple(
+            constant.name for constant in term_definitions()[name].constants
+        ):
             raise ValueError(f"{name} has other constants than {', '.join(constants)}")
         robot, signs = self._extended
         first = 0
@@ -140,7 +142,7 @@ class Suspects:
         own = iter(about.constants)
         constants = {term: [next(own) for _ in term.constants] for term in about.terms}
         held = tuple(term for term in about.terms if not term.rates)
-        terms = (*held, *(TERMS[name] for name in SUSPECTED if self.lacks(name)))
+        terms = (*held, *(term_definitions()[name] for name in SUSPECTED if self.lacks(name)))
         values = dict(zip(self.robot.parameter_names, self.values.tolist(), strict=True))
         parameters = {p.name: values.get(p.name, 0.0) for p in parameters_of(terms)}
         robot = Robot(

@@ -25,7 +25,7 @@ from estimation.diagnostics.hypothesis import THERE, Cause, Label
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.periodic_forces import hum_causes
 from estimation.diagnostics.significance import CAUSES
-from expdesign.mechanism.catalogue import TERMS
+from expdesign.mechanism.catalogue import term_definitions
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
 _DELAYS = (-3.0, -1.0, 0.1, 1.0, 3.0)
@@ -58,7 +58,11 @@ def causes(
     weights[0] = len(others) if stated else 1.0
     levels = (CAUSES / experiments * weights / np.sum(weights)).tolist()
     return tuple(
-        replace(cause, level=level, modelled=cause.kind in TERMS and not suspects.lacks(cause.kind))
+        replace(
+            cause,
+            level=level,
+            modelled=cause.kind in term_definitions() and not suspects.lacks(cause.kind),
+        )
         for cause, level in zip((own, *others), levels, strict=True)
     )
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from expdesign.configuration.parameters import TermDescription, chosen_terms
 from expdesign.configuration.robot import ResolvedRobot
 from expdesign.configuration.run import RunConfiguration
-from expdesign.mechanism.catalogue import TERMS
+from expdesign.mechanism.catalogue import term_definitions
 from expdesign.mechanism.term import parameters_of
 
 
@@ -55,12 +55,14 @@ def _in_order(
 ) -> tuple[TermDescription, ...]:
     """Return terms with further ones where they belong."""
     found = list(own)
-    for term in sorted(added, key=lambda one: bool(TERMS[one.name].rates)):
+    for term in sorted(added, key=lambda one: bool(term_definitions()[one.name].rates)):
         names = [one.name for one in found]
         place = len(names)
-        if not TERMS[term.name].rates:
-            place = next((k for k, name in enumerate(names) if TERMS[name].rates), place)
-        if (partner := TERMS[term.name].beside) in names:
+        if not term_definitions()[term.name].rates:
+            place = next(
+                (k for k, name in enumerate(names) if term_definitions()[name].rates), place
+            )
+        if (partner := term_definitions()[term.name].beside) in names:
             place = max(place, names.index(partner) + 1)
         found.insert(place, term)
     return tuple(found)

@@ -12,7 +12,7 @@ from expdesign.configuration.problem import Problem, nearest
 from expdesign.configuration.robot import ResolvedRobot
 from expdesign.configuration.run import RunDescription
 from expdesign.configuration.sizes import PERIOD_ROWS, oversized
-from expdesign.mechanism.catalogue import TERMS
+from expdesign.mechanism.catalogue import term_definitions
 
 _ROUNDING = 1e-12
 _LEAST_HARMONICS_AT_REST = 2
@@ -42,7 +42,7 @@ def _unknown_parameters(
     own = robot.parameter_names
     candidates = () if run.estimate.select is None else run.estimate.select.candidates
     # Bounds of a candidate hold if it is chosen. A value or a prior of it would judge it already.
-    tried = (p.name for one in candidates for p in TERMS[one.name].parameters)
+    tried = (p.name for one in candidates for p in term_definitions()[one.name].parameters)
     named = {
         ("design", "parameters"): (run.design.named_parameters or (), own),
         ("estimate", "fixed"): (run.estimate.fixed, own),
@@ -184,9 +184,9 @@ def _nothing_to_select(
         return
     key = ("estimate", "select", "candidates")
     present = [term.name for term in robot.terms]
-    others = ", ".join(name for name in TERMS if name not in present)
+    others = ", ".join(name for name in term_definitions() if name not in present)
     for place, candidate in enumerate(run.estimate.select.candidates):
-        beside = TERMS[candidate.name].beside
+        beside = term_definitions()[candidate.name].beside
         if candidate.name in present:
             yield document.problem(
                 (*key, place),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from expdesign.configuration.problem import nearest, refusal, shown
 from expdesign.configuration.section import Section
 from expdesign.configuration.values.quantity import dimension_of
 from expdesign.configuration.values.scalars import each_read, known
-from expdesign.mechanism.catalogue import DEFAULT, TERMS, known_parameters, terms_named
+from expdesign.mechanism.catalogue import DEFAULT, known_parameters, term_definitions, terms_named
 from expdesign.mechanism.term import Constant, Parameter, Term, parameters_of
 from expdesign.mechanism.terms import drive_inertia, rigid_platform
 
@@ -70,7 +70,7 @@ def _terms(value: object, *, alone: bool = True) -> tuple[TermDescription, ...]:
 
     Beside a robot's terms, which are not `alone`, some may take constants of these.
     """
-    wanted = f"a list of terms: {', '.join(TERMS)}"
+    wanted = f"a list of terms: {', '.join(term_definitions())}"
     if not isinstance(value, list | tuple) or not value:
         raise refusal(f"{shown(value)} is no list of terms", wanted)
     found: dict[str, TermDescription] = {}
@@ -78,7 +78,7 @@ def _terms(value: object, *, alone: bool = True) -> tuple[TermDescription, ...]:
         described = item if isinstance(item, TermDescription) else _term(item, wanted)
         if described.name in found:
             raise refusal(f"the term '{described.name}' is listed twice", "each one once")
-        beside = TERMS[described.name].beside
+        beside = term_definitions()[described.name].beside
         if alone and beside and beside not in found:
             reason = f"the term '{described.name}' takes the constants of '{beside}'"
             raise refusal(reason, f"{beside} listed before {described.name}")
@@ -91,14 +91,16 @@ def _term(item: object, wanted: str) -> TermDescription:
     given: object = {}
     if isinstance(item, Mapping) and len(item) == 1:
         ((name, given),) = item.items()
-    if not isinstance(name, str) or name not in TERMS:
-        raise refusal(f"{shown(name)} is no term", wanted, partial(nearest, name, TERMS))
+    if not isinstance(name, str) or name not in term_definitions():
+        raise refusal(
+            f"{shown(name)} is no term", wanted, partial(nearest, name, term_definitions())
+        )
     if not isinstance(given, Mapping):
         raise refusal(f"{shown(given)} is no mapping of constants", "constants with their values")
     stated = {key: _constant(f"{name}.{key}", item) for key, item in given.items()}
     values = _quantities(
         {key: value for key, (value, _) in stated.items()},
-        {constant.name: constant for constant in TERMS[name].constants},
+        {constant.name: constant for constant in term_definitions()[name].constants},
         lambda key: f"the term {name} has no constant {shown(key)}",
         (name,),
     )
@@ -153,7 +155,7 @@ def _quantities(
 
 def whose(name: object) -> str:
     """Return, to be appended to a message, in which term a parameter is that a robot lacks."""
-    for term in TERMS.values():
+    for term in term_definitions().values():
         if name in {parameter.name for parameter in term.parameters}:
             kind = " with platform: general" if term is rigid_platform.GENERAL else ""
             return f": it belongs to the term {term.name}{kind}"
@@ -165,7 +167,11 @@ Terms = Annotated[tuple[TermDescription, ...], BeforeValidator(_terms)]
 FurtherTerms = Annotated[tuple[TermDescription, ...], BeforeValidator(partial(_terms, alone=False))]
 """Terms that come to those of a robot."""
 
-DEFAULT_TERMS = _terms(DEFAULT)
+
+@cache
+def default_terms() -> tuple[TermDescription, ...]:
+    """Return the terms of a robot whose file lists none."""
+    return _terms(DEFAULT)
 
 
 def chosen_terms(
@@ -182,7 +188,9 @@ def chosen_terms(
     """
     names = [term.name for term in described]
     if drive.geared is not None and drive_inertia.TERM.name not in names:
-        first = next((k for k, name in enumerate(names) if TERMS[name].rates), len(names))
+        first = next(
+            (k for k, name in enumerate(names) if term_definitions()[name].rates), len(names)
+        )
         names.insert(first, drive_inertia.TERM.name)
     return terms_named(names, general=platform == "general", turning=turning)
 

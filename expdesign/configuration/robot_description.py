@@ -14,7 +14,7 @@ from expdesign.configuration.identification import Identification
 from expdesign.configuration.joint_ring import OrRing
 from expdesign.configuration.limits import Limits
 from expdesign.configuration.noise import NoiseDescription
-from expdesign.configuration.parameters import DEFAULT_TERMS, Parameters, Terms
+from expdesign.configuration.parameters import Parameters, Terms, default_terms
 from expdesign.configuration.problem import InputError
 from expdesign.configuration.section import LATER, Section, file_kind, validate
 from expdesign.configuration.tolerances import Tolerances
@@ -64,7 +64,7 @@ class RobotDescription(Section):
     screws do not turn with the platform."""
     platform: Annotated[PlatformKind, one_of(PlatformKind)] = "symmetric"
     """10 or 15 rigid-body parameters of the platform."""
-    terms: Annotated[Terms, LATER] = DEFAULT_TERMS
+    terms: Annotated[Terms, LATER] = Field(default_factory=default_terms)
     """Blocks of the model that is linear in the parameters."""
     drive: Annotated[DriveOrDirect, LATER] = DIRECT
     """What moves the struts; a screw or gear adds the term of its inertia."""

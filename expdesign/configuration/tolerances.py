@@ -24,7 +24,7 @@ from expdesign.configuration.values.quantity import (
     dimension_of,
 )
 from expdesign.configuration.values.scalars import by_key, each_read, exactly, known
-from expdesign.mechanism.catalogue import TERMS
+from expdesign.mechanism.catalogue import term_definitions
 from expdesign.mechanism.hexapod import ACTUATORS
 
 _SPACE = 3
@@ -79,7 +79,7 @@ _EachShare = Annotated[
 
 def _constants(term: str, value: object) -> dict[str, float]:
     """Read the standard deviations of a term's constants, in their SI units."""
-    constants = {constant.name: constant for constant in TERMS[term].constants}
+    constants = {constant.name: constant for constant in term_definitions()[term].constants}
     allowed = ", ".join(constants) or f"none: {term} has no constants"
     if not isinstance(value, Mapping):
         raise refusal(f"{shown(value)} is not a mapping", f"standard deviations of: {allowed}")
@@ -119,7 +119,7 @@ class Tolerances(Section):
     terms: (
         Annotated[
             dict[str, dict[str, float]],
-            by_key(_constants, "terms with their constants", known(tuple(TERMS), "term")),
+            by_key(_constants, "terms with their constants", known(term_definitions, "term")),
         ]
         | None
     ) = None

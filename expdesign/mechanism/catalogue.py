@@ -1,77 +1,39 @@
-"""The terms that exist. A new one is one file of `expdesign.mechanism.terms` and one line here."""
+"""The catalogue of terms: a new term is one file in `expdesign.mechanism.terms`, or a plugin."""
 
 from __future__ import annotations
 
 import copyreg
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from functools import cache
+from types import MappingProxyType
 from typing import Any
 
+from constraints.plugins import declarations
+from expdesign.mechanism import terms
 from expdesign.mechanism.term import Parameter, Term, parameters_of
-from expdesign.mechanism.terms import (
-    actuator_friction,
-    asymmetric_friction,
-    cable,
-    cogging,
-    cogging_second,
-    cubic_friction,
-    drive_inertia,
-    force_offset,
-    gravity_compensation,
-    load_friction,
-    passive_friction,
-    payload,
-    quadratic_friction,
-    rigid_platform,
-    stribeck,
-    struts,
-)
-
-TERMS: dict[str, Term] = {
-    term.name: term
-    for term in (
-        struts.TERM,
-        rigid_platform.GENERAL,
-        drive_inertia.TERM,
-        passive_friction.TERM,
-        actuator_friction.TERM,
-        asymmetric_friction.TERM,
-        quadratic_friction.TERM,
-        cubic_friction.TERM,
-        force_offset.TERM,
-        stribeck.TERM,
-        load_friction.TERM,
-        cable.TERM,
-        cogging.TERM,
-        cogging_second.TERM,
-        gravity_compensation.TERM,
-        payload.TERM,
-    )
-}
-"""By their keys in the robot file's `terms`; the platform in its general form."""
-
-_FORMS = {
-    **TERMS,
-    "rigid_platform, symmetric": rigid_platform.SYMMETRIC,
-    "drive_inertia, on a thread": drive_inertia.ON_A_THREAD,
-}
-
-
-def _form(name: str) -> Term:
-    return _FORMS[name]
-
-
-def _reduced(term: Term) -> str | tuple[Any, ...]:
-    for name, form in _FORMS.items():
-        if form is term:
-            return _form, (name,)
-    return term.__reduce_ex__(2)
-
-
-# Other processes have the same files: what is there goes by its name, and stays the same object.
-copyreg.pickle(Term, _reduced)
+from expdesign.mechanism.terms import drive_inertia, rigid_platform
 
 DEFAULT = ("struts", "rigid_platform", "passive_friction", "actuator_friction")
-"""Where a robot file lists none."""
+"""Terms of a robot whose file lists none."""
+
+
+@cache
+def term_definitions() -> Mapping[str, Term]:
+    """Return every term by its key in the robot file's `terms`, in the order of `Term.place`.
+
+    The platform has its general form.
+
+    Examples
+    --------
+    >>> list(term_definitions())[:2]
+    ['struts', 'rigid_platform']
+    """
+    found: dict[str, Term] = {}
+    for term in sorted(declarations(Term, terms, "TERM"), key=lambda term: term.place):
+        if term.name in found:
+            raise ValueError(f"two terms have the name '{term.name}'")
+        found[term.name] = term
+    return MappingProxyType(found)
 
 
 def terms_named(names: Iterable[str], *, general: bool, turning: bool = False) -> tuple[Term, ...]:
@@ -82,14 +44,44 @@ def terms_named(names: Iterable[str], *, general: bool, turning: bool = False) -
     swapped = {} if general else {rigid_platform.GENERAL: rigid_platform.SYMMETRIC}
     if turning:
         swapped[drive_inertia.TERM] = drive_inertia.ON_A_THREAD
-    return tuple(swapped.get(term, term) for term in (TERMS[name] for name in names))
+    return tuple(swapped.get(term, term) for term in map(term_definitions().__getitem__, names))
 
 
-def known_parameters() -> dict[str, Parameter]:
-    """Return the parameters of every term that exists, by name."""
-    return {parameter.name: parameter for parameter in parameters_of(tuple(TERMS.values()))}
+@cache
+def known_parameters() -> Mapping[str, Parameter]:
+    """Return the parameters of every term in the catalogue, by name."""
+    parameters = parameters_of(tuple(term_definitions().values()))
+    return MappingProxyType({parameter.name: parameter for parameter in parameters})
 
 
 def parameter_unit(name: str) -> str:
-    """Return the SI unit of a parameter by its name."""
+    """Return the SI unit of a parameter.
+
+    Examples
+    --------
+    >>> parameter_unit("r1")
+    'N'
+    """
     return known_parameters()[name].unit
+
+
+_OTHER_FORMS = {
+    "rigid_platform, symmetric": rigid_platform.SYMMETRIC,
+    "drive_inertia, on a thread": drive_inertia.ON_A_THREAD,
+}
+
+
+def _form(name: str) -> Term:
+    return _OTHER_FORMS.get(name) or term_definitions()[name]
+
+
+def _reduce_term(term: Term) -> str | tuple[Any, ...]:
+    for forms in (_OTHER_FORMS, term_definitions()):
+        for name, form in forms.items():
+            if form is term:
+                return _form, (name,)
+    return term.__reduce_ex__(2)
+
+
+# Worker processes have the same catalogue: its terms are pickled by name and stay identical.
+copyreg.pickle(Term, _reduce_term)

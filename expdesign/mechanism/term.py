@@ -178,7 +178,9 @@ class Term:
     impossible: Callable[[Mapping[str, float]], list[str]] = _nothing_more
     """Nominal values by name → what no bodies have beyond each one's bound, in words."""
     lumps: tuple[Lump, ...] = ()
-    """What estimates with their covariance are held against."""
+    """Matrices that test the physical consistency of estimates with their covariance."""
+    place: int = 1000
+    """Sorting key in the catalogue and in its tables."""
 
     def __hash__(self) -> int:
         """Hash the name: terms are the keys of kernels, and that is asked for in every call."""

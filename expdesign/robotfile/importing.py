@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from constraints.plugins import modules_of
+from constraints.plugins import declarations
 from expdesign.configuration.problem import InputError
 from expdesign.robotfile import readers
 from expdesign.robotfile.home_in_range import without_contradictions
@@ -21,8 +21,8 @@ _FARTHEST = 1000.0
 
 @cache
 def machine_formats() -> tuple[MachineFormat, ...]:
-    """Return every format: a module in ``expdesign/robotfile/readers`` is all that one needs."""
-    return tuple(module.FORMAT for module in modules_of(readers).values())
+    """Return every format; a new one is one file in `expdesign.robotfile.readers`, or a plug-in."""
+    return declarations(MachineFormat, readers, "FORMAT")
 
 
 def read_machine(name: str, files: Sequence[Path]) -> Machine:

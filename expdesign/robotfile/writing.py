@@ -18,7 +18,7 @@ from expdesign.configuration.bodies import Body
 from expdesign.configuration.drive import Drive
 from expdesign.configuration.joint_ring import JointRing
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
-from expdesign.configuration.parameters import DEFAULT_TERMS, chosen_terms
+from expdesign.configuration.parameters import chosen_terms, default_terms
 from expdesign.configuration.writing import yaml_lines
 from expdesign.mechanism.term import Parameter, parameters_of
 from expdesign.robot import robot_from
@@ -247,7 +247,7 @@ def _rows(key: str, rows: Points, unit: str, *, assumed: bool = False) -> str:
 
 
 def _parameters(complete: Complete) -> tuple[Parameter, ...]:
-    terms = chosen_terms(DEFAULT_TERMS, "general" if complete.general else "symmetric")
+    terms = chosen_terms(default_terms(), "general" if complete.general else "symmetric")
     return parameters_of(terms)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from estimation.controlmodel.model import Origin
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
-from expdesign.mechanism.catalogue import TERMS
+from expdesign.mechanism.catalogue import term_definitions
 from expdesign.mechanism.hexapod import numbered
 from expdesign.robot import robot_from
 
@@ -23,7 +23,7 @@ def every_term():
         "gravity_compensation": {"base_x": 0.02, "base_y": 0.01, "base_z": -0.9, "length": 0.4},
         "payload": {"x": 0.03, "y": -0.02, "z": 0.04},
     }
-    terms = [{name: constants[name]} if name in constants else name for name in TERMS]
+    terms = [{name: constants[name]} if name in constants else name for name in term_definitions()]
     extra = {"sx": 0.05, "sy": -0.03, "Ixy": 0.01, "Ixz": -0.02, "Iyz": 0.015}
     extra |= {"b_force": -20.0, "b_stiffness": 30.0, "m_payload": 0.7}
     sizes = {"o": 8.0, "s": 6.0, "mu": 0.04, "k": 40.0, "a": 2.0, "w": 3.0, "c": 1.0}

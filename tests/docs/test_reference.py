@@ -51,7 +51,7 @@ from expdesign.export.formats import table_formats
 from expdesign.export.record import ExportsRecord
 from expdesign.information.criteria import CRITERIA
 from expdesign.library import robot_files, run_files
-from expdesign.mechanism.catalogue import DEFAULT, TERMS, terms_named
+from expdesign.mechanism.catalogue import DEFAULT, term_definitions, terms_named
 from expdesign.mechanism.graph import HexapodGraph
 from expdesign.mechanism.term import ALPHA_RATE, BETA_RATE, STRUT_SPEED, parameters_of
 from expdesign.recheck.fine_grid import grid_points
@@ -200,7 +200,7 @@ def test_every_criterion_is_told(page):
 def parameter_rows():
     """Return the rows of the table of parameters: those that differ in the name only are one."""
     rows = {}
-    for term in TERMS.values():
+    for term in term_definitions().values():
         for p in term.parameters:
             bound = "" if p.lower == -np.inf else f"{'>' if p.strict else '≥'} {p.lower:g}"
             bound = bound if p.upper == np.inf else f"≤ {p.upper:g}"
@@ -217,13 +217,13 @@ def term_rows():
     rates = {STRUT_SPEED: "$\\dot l$", ALPHA_RATE: "$\\dot\\alpha$", BETA_RATE: "$\\dot\\beta$"}
     ends = {
         name: dict.fromkeys((t.parameters[0].name, t.parameters[-1].name))
-        for name, t in TERMS.items()
+        for name, t in term_definitions().items()
     }
     return [
         f"`{name}` | {' … '.join(f'`{end}`' for end in ends[name])} | "
         f"{', '.join(rates[rate] for rate in term.rates)} | "
         f"{', '.join(f'`{c.name}` [{c.unit}]' for c in term.constants)} | {term.meaning}"
-        for name, term in TERMS.items()
+        for name, term in term_definitions().items()
     ]
 
 

@@ -12,7 +12,7 @@ from expdesign.evaluation import kernel as module
 from expdesign.evaluation.batch import Graph
 from expdesign.evaluation.kernel import kernel
 from expdesign.evaluation.machine_code import CACHE, SWITCH
-from expdesign.mechanism.catalogue import TERMS, terms_named
+from expdesign.mechanism.catalogue import term_definitions, terms_named
 from expdesign.mechanism.friction_sign import Friction
 
 X = np.arange(6.0).reshape(2, 3)
@@ -47,7 +47,7 @@ def evaluated(state, *arguments):
     return function(X)[0][:, 0]
 
 
-TERM, LIMIT = TERMS["struts"], limit_definitions()["strut_length"]
+TERM, LIMIT = term_definitions()["struts"], limit_definitions()["strut_length"]
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_a_limit_in_a_folder_of_the_users(monkeypatch, tmp_path):
 def test_terms_of_the_catalogue_stay_the_same_in_other_processes():
     forms = (False, True)
     every = [
-        terms_named(TERMS, general=general, turning=turning)
+        terms_named(term_definitions(), general=general, turning=turning)
         for general in forms
         for turning in forms
     ]

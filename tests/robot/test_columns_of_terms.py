@@ -17,7 +17,7 @@ from estimation.twin.disturbances import cogging_force
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.configuration.sections.disturbances import Cogging
-from expdesign.mechanism.catalogue import DEFAULT, TERMS
+from expdesign.mechanism.catalogue import DEFAULT, term_definitions
 from expdesign.mechanism.friction_sign import Friction
 from expdesign.robot import load_robot, robot_from
 from tests.estimation.cases import measured, trajectory
@@ -45,7 +45,7 @@ def _mapping():
 
 def _robot(terms, platform="symmetric", **parameters):
     names = [term if isinstance(term, str) else next(iter(term)) for term in terms]
-    own = {p.name for name in names for p in TERMS[name].parameters}
+    own = {p.name for name in names for p in term_definitions()[name].parameters}
     known = {k: v for k, v in _mapping()["parameters"].items() if k in own}
     changed = {"terms": terms, "platform": platform, "parameters": known | parameters}
     return robot_from(load_run({"name": "n", "robot": _mapping() | changed}).robot)
@@ -53,7 +53,7 @@ def _robot(terms, platform="symmetric", **parameters):
 
 @cache
 def _alone(name, **constants):
-    before = [TERMS[name].beside] if TERMS[name].beside else []
+    before = [term_definitions()[name].beside] if term_definitions()[name].beside else []
     stated = {before[0] if before else name: constants} if constants else name
     return _robot(["rigid_platform", stated, *([name] if before else [])])
 
@@ -86,7 +86,7 @@ def _speed(pose, rate):
 
 def _columns(name, seed, **constants):
     robot = _alone(name, **constants)
-    count = len(TERMS[name].parameters)
+    count = len(term_definitions()[name].parameters)
     return robot.regressor(*_state(seed))[:, -count:]
 
 

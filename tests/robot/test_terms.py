@@ -14,7 +14,7 @@ from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.configuration.robot import load_robot_description
 from expdesign.evaluation.batch import BatchFunction
 from expdesign.mechanism import catalogue
-from expdesign.mechanism.catalogue import DEFAULT, TERMS, known_parameters, terms_named
+from expdesign.mechanism.catalogue import DEFAULT, known_parameters, term_definitions, terms_named
 from expdesign.mechanism.friction_sign import Friction
 from expdesign.mechanism.term import STRUT_SPEED, parameters_of
 from expdesign.robot import robot_from
@@ -50,12 +50,12 @@ def _states(robot, count=20, seed=0):
 
 def test_every_term_is_declared_once():
     folder = Path(catalogue.__file__).parent / "terms"
-    assert set(TERMS) == {path.stem for path in folder.glob("*.py")} - {"__init__"}
-    assert len(known_parameters()) == len(parameters_of(tuple(TERMS.values())))
+    assert set(term_definitions()) == {path.stem for path in folder.glob("*.py")} - {"__init__"}
+    assert len(known_parameters()) == len(parameters_of(tuple(term_definitions().values())))
 
 
 def test_terms_reach_other_processes():
-    assert pickle.loads(pickle.dumps(TERMS)) == TERMS
+    assert pickle.loads(pickle.dumps(dict(term_definitions()))) == term_definitions()
 
 
 def test_the_default_is_listed_in_full(palida):

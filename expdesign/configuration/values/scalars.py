@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Annotated, Any, get_args
 
@@ -85,14 +85,17 @@ Sized = Annotated[int, whole(1, None)]
 Seed = Annotated[int, whole(0, _LARGEST_WHOLE)]
 
 
-def known(choices: Sequence[str], kind: str) -> Callable[[object], str]:
+def known(
+    choices: Sequence[str] | Callable[[], Iterable[str]], kind: str
+) -> Callable[[object], str]:
     """Return a check that a text is one of the choices, which names the nearest when it is not."""
 
     def check(value: object) -> str:
-        if not isinstance(value, str) or value not in choices:
-            allowed = " | ".join(choices)
+        names = tuple(choices() if callable(choices) else choices)
+        if not isinstance(value, str) or value not in names:
+            allowed = " | ".join(names)
             raise refusal(
-                f"{shown(value)} is not a {kind}", allowed, partial(nearest, value, choices)
+                f"{shown(value)} is not a {kind}", allowed, partial(nearest, value, names)
             )
         return value
 

@@ -14,6 +14,7 @@ def _columns(instant: Instant) -> Columns:
 
 TERM = Term(
     name="actuator_friction",
+    place=50,
     meaning="dry and viscous friction of the actuators",
     parameters=(
         *per_actuator(Parameter("r", "N", "dry friction of the actuators", lower=0)),

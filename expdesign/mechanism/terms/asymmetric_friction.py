@@ -37,6 +37,7 @@ def _columns(instant: Instant) -> Columns:
 
 TERM = Term(
     name="asymmetric_friction",
+    place=60,
     meaning="viscous friction of the actuators that differs between extending and retracting",
     parameters=per_actuator(
         Parameter(

@@ -29,6 +29,7 @@ def _columns(instant: Instant) -> Columns:
 
 TERM = Term(
     name="cable",
+    place=120,
     meaning="springs along the struts, such as cables and hoses",
     parameters=per_actuator(
         Parameter(

@@ -57,6 +57,7 @@ def _columns(instant: Instant) -> Columns:
 
 TERM = Term(
     name="cogging",
+    place=130,
     meaning="forces of the actuators with the period of a pitch, such as that of their magnets",
     parameters=parameters_of("c", "first"),
     columns=_columns,

@@ -12,6 +12,7 @@ def _columns(instant: Instant) -> Columns:
 
 TERM = Term(
     name="cogging_second",
+    place=140,
     meaning="the same with half the period, beside it",
     parameters=cogging.parameters_of("d", "second"),
     columns=_columns,

@@ -25,6 +25,7 @@ def _columns(instant: Instant) -> Columns:
 
 TERM = Term(
     name="cubic_friction",
+    place=80,
     meaning="friction of the actuators with the third power of their speed",
     parameters=per_actuator(
         Parameter(

@@ -22,6 +22,7 @@ def _columns(instant: Instant) -> Columns:
 
 TERM = Term(
     name="drive_inertia",
+    place=30,
     meaning="inertia of the drives, as a mass along each strut",
     parameters=(
         Parameter(

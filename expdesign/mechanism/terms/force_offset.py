@@ -14,6 +14,7 @@ def _columns(_: Instant) -> Columns:
 
 TERM = Term(
     name="force_offset",
+    place=90,
     meaning="constant force of each actuator",
     parameters=per_actuator(
         Parameter("o", "N", "constant force of the actuators", WEIGHT_SCALE, default=0.0)

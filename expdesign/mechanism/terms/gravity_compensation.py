@@ -47,6 +47,7 @@ def _columns(instant: Instant) -> Columns:
 
 TERM = Term(
     name="gravity_compensation",
+    place=150,
     meaning="what bears a part of the weight, between a point of the base and one of the platform",
     parameters=(
         Parameter(

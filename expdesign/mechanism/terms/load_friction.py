@@ -26,6 +26,7 @@ def _columns(instant: Instant) -> Columns:
 
 TERM = Term(
     name="load_friction",
+    place=110,
     meaning="friction of the actuators in proportion to their load",
     parameters=per_actuator(
         Parameter(

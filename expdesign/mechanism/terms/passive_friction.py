@@ -17,6 +17,7 @@ def _columns(instant: Instant) -> Columns:
 
 TERM = Term(
     name="passive_friction",
+    place=40,
     meaning="dry friction about the cardan axes",
     parameters=tuple(Parameter(name, "N m", _MEANING, lower=0) for name in ("r_alpha", "r_beta")),
     columns=_columns,

@@ -27,6 +27,7 @@ def _columns(instant: Instant) -> Columns:
 
 TERM = Term(
     name="payload",
+    place=160,
     meaning="a mass at a known point of the platform",
     parameters=(
         Parameter(

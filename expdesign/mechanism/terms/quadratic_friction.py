@@ -27,6 +27,7 @@ def _columns(instant: Instant) -> Columns:
 
 TERM = Term(
     name="quadratic_friction",
+    place=70,
     meaning="friction of the actuators with the square of their speed",
     parameters=per_actuator(
         Parameter(

@@ -122,6 +122,7 @@ _TEN = (
 )
 SYMMETRIC = Term(
     name="rigid_platform",
+    place=20,
     meaning="the platform as a rigid body, with the sliders' masses at its joints",
     parameters=_FIVE,
     columns=_symmetric,
@@ -129,6 +130,7 @@ SYMMETRIC = Term(
     lumps=(_lump(_FIVE),),
 )
 GENERAL = replace(SYMMETRIC, parameters=_TEN, columns=_general, lumps=(_lump(_TEN),))
+TERM = GENERAL
 LATERAL = tuple(one.name for one in GENERAL.parameters[len(SYMMETRIC.parameters) :])
 """Parameters that the general platform has and the symmetric one has not."""
 OF_A_BODY = {

@@ -27,6 +27,7 @@ def _columns(instant: Instant) -> Columns:
 
 TERM = Term(
     name="stribeck",
+    place=100,
     meaning="friction of the actuators near standstill, beyond the dry one",
     parameters=per_actuator(
         Parameter(

@@ -115,6 +115,7 @@ def _breadth(p: Mapping[str, float]) -> Array:
 
 TERM = Term(
     name="struts",
+    place=10,
     meaning="inertia and weight of ring, stator and slider of the struts",
     parameters=(
         Parameter(
