@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from expdesign.configuration import load_run
-from expdesign.experiment.design import design_task
-from expdesign.solver.continuation import coarse_points
-from expdesign.solver.initial import random_start
+from expdesign.experiment.setup import design_task
+from expdesign.solver.feasibility import random_start
+from expdesign.solver.phases import coarse_points
 
 _SAMPLES = 2000
 _LONG_ENOUGH = 0.5

@@ -32,7 +32,7 @@ from estimation.twin import Twin
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration import RunConfiguration, load_run
 from expdesign.configuration.prior import identification_of
-from expdesign.experiment.design import design_task
+from expdesign.experiment.setup import design_task
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.robot import robot_from

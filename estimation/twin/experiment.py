@@ -42,7 +42,7 @@ from expdesign.configuration.bodies import payload_parameters
 from expdesign.configuration.sections.disturbances import Lost
 from expdesign.configuration.sections.experiment import ExperimentSection
 from expdesign.export.table_file import TableFile
-from expdesign.recheck.fine_grid import Motion
+from expdesign.recheck.limit_check import Motion
 from expdesign.robot import Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
 

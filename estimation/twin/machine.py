@@ -15,7 +15,7 @@ from expdesign.mechanism.terms import (
     rigid_platform,
     struts,
 )
-from expdesign.recheck.fine_grid import Motion
+from expdesign.recheck.limit_check import Motion
 from expdesign.robot import Robot
 from expdesign.trajectory import PoseSamples
 

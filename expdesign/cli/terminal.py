@@ -21,8 +21,8 @@ from expdesign.stages.outcome import Outcome, Progress
 
 if TYPE_CHECKING:
     from expdesign.configuration import RunConfiguration
-    from expdesign.information.spectral import Criterion
-    from expdesign.solver.stage import SearchEvent
+    from expdesign.information.criteria import Criterion
+    from expdesign.solver.events import SearchEvent
 
 _TRUE = ("done", "finished")
 """Phases whose objective is by the unsmoothed model."""
@@ -190,7 +190,7 @@ class SearchDisplay:
 
     def _count(self, event: SearchEvent) -> None:
         """Count a start or hop that has ended."""
-        from expdesign.solver.start import GIVEN_UP
+        from expdesign.solver.jobs import GIVEN_UP
 
         hop = event.start > self._starts
         self._starts_ended += not hop
@@ -274,7 +274,7 @@ class SearchDisplay:
 
 def _stage(event: SearchEvent) -> str:
     """Return what stage of a start an event is of, in words."""
-    from expdesign.solver.stage import STAGE_TITLES
+    from expdesign.solver.events import STAGE_TITLES
 
     number, count = event.place
     title = STAGE_TITLES.get(event.phase, event.phase)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.compiled import compiled
+from expdesign.evaluation.compiled import compiled
 
 TERMS = 6
 """Coefficients of a polynomial at most: powers of τ from 0 to 5."""

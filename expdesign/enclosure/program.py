@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from expdesign.compiled import compiled
 from expdesign.enclosure.arithmetic import (
     TERMS,
     add,
@@ -15,6 +14,7 @@ from expdesign.enclosure.arithmetic import (
     multiply,
     take_root,
 )
+from expdesign.evaluation.compiled import compiled
 
 ASSIGN, NUMBER, ADD, SUBTRACT, NEGATE, MULTIPLY, TWICE, INVERT, ROOT, LARGER = range(10)
 """Instructions: of a row (instruction, target, first, second) of a program.

@@ -4,50 +4,40 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
-from expdesign.configuration.loading import smoothing_widths
-from expdesign.configuration.noise import NOISE_FROM_DATA
-from expdesign.configuration.prior import identification_of
-from expdesign.experiment.predicted_precision import (
-    experiment_information,
-    identified_combinations,
-    precision,
+from expdesign.experiment.combinations import (
+    KnownCombination,
+    identified_base,
+    known_combinations,
 )
-from expdesign.experiment.result import DesignResult, imprecise, whole
+from expdesign.experiment.result import DesignResult, PredictedPrecision, imprecise, whole
+from expdesign.experiment.setup import design_task, probe_motion
 from expdesign.experiment.systematic import systematic_std
-from expdesign.information.criteria import CRITERIA
 from expdesign.information.fisher import (
     EXCITABLE,
     ScaledInformation,
     SingularInformationError,
+    parameter_covariance,
     weak_directions,
 )
-from expdesign.information.marginal import PriorMachine
-from expdesign.information.periodic_noise import PeriodicNoise
-from expdesign.noise.hum import Hum
-from expdesign.problem.design_problem import DesignProblem, build_problem
+from expdesign.information.identifiable import BaseParameters, root_of
 from expdesign.progress import report_progress, track
 from expdesign.recheck.excitable import structural_base
 from expdesign.recheck.information import Evaluator
-from expdesign.recheck.unlimited import POINTS, unlimited, unlimited_warning
-from expdesign.robot import Robot, robot_from
-from expdesign.solver.continuation import coarse_points
+from expdesign.recheck.limit_check import POINTS, unlimited, unlimited_warning
+from expdesign.robot import Robot
 from expdesign.solver.finish import FARTHEST
-from expdesign.solver.hum_distance import KnownHum
-from expdesign.solver.initial import InfeasibleLimitsError, random_start
-from expdesign.solver.jobs import DesignTask, SearchPlan
+from expdesign.solver.jobs import DesignTask
 from expdesign.solver.search import NoDesignError, search
 from expdesign.trajectory import FourierTrajectory
 from expdesign.workers import Monitor
 
 _PROBES = 3
-_PROBE_ATTEMPTS = 8
 _FEWEST_PERIODS = 2
 _HOPELESS = 1e-2
 """A random feasible motion whose weakest direction is this factor below what counts as excited
@@ -138,136 +128,9 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     )
 
 
-def design_task(configuration: RunConfiguration) -> DesignTask:
-    """Build problem, evaluator and plan of a run; every worker process does it once."""
-    run = configuration.run
-    robot = robot_from(configuration.robot)
-    names = judged_parameters(configuration, robot)
-    scaling = robot.scales if run.design.scaling == "nominal" else np.ones(len(robot.scales))
-    criterion = CRITERIA[run.design.criterion]
-    covariance, memory = force_covariance(configuration), force_memory(configuration)
-    prior = prior_machine(configuration, robot, names)
-    problem = build_problem(
-        robot,
-        harmonics=run.trajectory.harmonics,
-        frequency=run.trajectory.frequency,
-        samples=run.trajectory.samples,
-        covariance=covariance,
-        criterion=criterion,
-        scaling=scaling,
-        names=names,
-    )
-    problem = problem.with_noise(memory).with_prior(prior, scaling)
-    if run.design.start == "rest":
-        problem = problem.with_variables(rest=True)
-    plan = SearchPlan(
-        starts=run.design.starts,
-        hops=run.design.hops if run.design.search == "hopping" else 0,
-        seed=run.design.seed,
-        widths=run.design.smoothing or smoothing_widths(configuration.robot),
-        iterations=run.design.max_iterations,
-        controller_period=run.controller_period,
-        hum=known_hum(configuration),
-        workers=run.workers or 1,
-        scheduler=run.scheduler,
-        max_seconds=run.design.max_seconds,
-    )
-    evaluator = Evaluator(robot, covariance, criterion, scaling, names, memory, prior)
-    return DesignTask(_well_scaled(problem, evaluator, plan), evaluator, plan)
-
-
-def _well_scaled(problem: DesignProblem, evaluator: Evaluator, plan: SearchPlan) -> DesignProblem:
-    """Give the problem a scaling in which a random motion's F has a unit diagonal.
-
-    log det F does not depend on the scaling, but the digits that its eigenvalues keep do.
-    """
-    information = evaluator.whole_information(_probe(problem, plan, 0), problem.cost.samples)
-    sizes = np.sqrt(np.diag(information) / problem.cost.samples)
-    scaling = 1 / np.where(sizes > 0, sizes, 1.0)
-    return replace(problem, even_scaling=scaling).with_criterion(problem.criterion)
-
-
-def _probe(problem: DesignProblem, plan: SearchPlan, number: int) -> FourierTrajectory:
-    """Return one of a few random feasible motions that no start uses."""
-    points = coarse_points(problem.variables.harmonics)
-    for attempt in range(_PROBE_ATTEMPTS):
-        rng = np.random.default_rng(
-            np.random.SeedSequence(plan.seed, spawn_key=(0, number, attempt))
-        )
-        try:
-            x = random_start(problem, rng, points, plan.widths[0])
-        except InfeasibleLimitsError:
-            if attempt + 1 == _PROBE_ATTEMPTS:
-                raise
-        else:
-            return problem.variables.trajectory(x)
-    raise AssertionError("the last attempt returns or raises")
-
-
-def prior_machine(
-    configuration: RunConfiguration, robot: Robot, names: tuple[str, ...]
-) -> PriorMachine | None:
-    """Return what `design.prior` knows of the robot; None without one.
-
-    The experiment's samples are those at the highest frequency that is allowed: motions are
-    compared at the same measuring time.
-    """
-    machine = configuration.run.design.prior
-    if machine is None:
-        return None
-    changed = np.array([robot.parameter_names.index(name) for name in names], dtype=np.intp)
-    experiment = configuration.run.experiment
-    samples = experiment.periods * experiment.sampling / configuration.run.trajectory.frequency[1]
-    return PriorMachine.of(identification_of(machine), changed, samples)
-
-
-def force_covariance(configuration: RunConfiguration) -> Array:
-    """Return Σ, (6, 6), N²; refuse a run that states no noise of the forces."""
-    noise = configuration.robot.noise
-    if noise is None or noise.force_covariance is None:
-        raise InputError(
-            "the design needs the noise of the forces, and neither robot nor run state it",
-            file=configuration.file,
-            key="noise",
-            allowed=f"force_std (six values) or force_covariance (6 × 6); {NOISE_FROM_DATA}",
-        )
-    return noise.force_covariance
-
-
 def _length_covariance(configuration: RunConfiguration) -> Array | None:
     noise = configuration.robot.noise
     return None if noise is None else noise.length_covariance
-
-
-def force_memory(configuration: RunConfiguration) -> PeriodicNoise | None:
-    """Return the noise of the forces in the run's experiment; None where it is white."""
-    noise, experiment = configuration.robot.noise, configuration.run.experiment
-    if noise is None or noise.force_spectrum is None:
-        return None
-    return PeriodicNoise(noise.force_spectrum, experiment.sampling, experiment.periods)
-
-
-def known_hum(configuration: RunConfiguration) -> KnownHum:
-    """Return the hums that the run's noise has, in forces or lengths, and the run's periods."""
-    noise = configuration.robot.noise
-    spectra = () if noise is None else (noise.force_spectrum, noise.length_spectrum)
-    frequencies = {
-        float(frequency)
-        for spectrum in spectra
-        if spectrum is not None
-        for part in spectrum.parts
-        if isinstance(part, Hum)
-        for frequency in part.frequencies
-    }
-    return KnownHum(tuple(sorted(frequencies)), configuration.run.experiment.periods)
-
-
-def judged_parameters(configuration: RunConfiguration, robot: Robot) -> tuple[str, ...]:
-    """Return the parameters that the criterion judges, in the order of the regressor."""
-    if configuration.run.design.parameters == "base":
-        return structural_base(robot).base
-    wanted = configuration.run.design.named_parameters
-    return tuple(name for name in robot.parameter_names if wanted is None or name in wanted)
 
 
 def _refuse_inseparable(task: DesignTask) -> None:
@@ -281,7 +144,7 @@ def _refuse_unexcitable(task: DesignTask) -> None:
     """Fail early when random feasible motions are hopelessly far from exciting everything."""
     problem, best, found = task.problem, 0.0, None
     for number in track("trial motions within the limits", range(_PROBES)):
-        trajectory = _probe(problem, task.plan, number)
+        trajectory = probe_motion(problem, task.plan, number)
         scaled = ScaledInformation.of(task.evaluator.information(trajectory, problem.cost.samples))
         values = scaled.eigenvalues()
         ratio = max(float(values[0] / values[-1]), 0.0) if values[-1] > 0 else 0.0
@@ -350,3 +213,51 @@ def _no_way_around(configuration: RunConfiguration, task: DesignTask) -> str:
         f"No whole number of controller steps within {100 * FARTHEST:g} % of the best period keeps "
         "away from every hum: measure more periods, or let the controller's step be shorter"
     )
+
+
+def precision(
+    evaluator: Evaluator, information: Array, samples: int, periods: float
+) -> PredictedPrecision:
+    """Return the standard deviations of F, (k, k), over so many samples and periods."""
+    std = np.sqrt(np.diag(parameter_covariance(information, evaluator.names)))
+    named = dict(zip(evaluator.names, std.tolist(), strict=True))
+    return PredictedPrecision(samples, periods, named)
+
+
+def identified_combinations(
+    configuration: RunConfiguration, evaluator: Evaluator, information: Array
+) -> tuple[KnownCombination, ...]:
+    """Return the combinations that the whole experiment, with this information, identifies."""
+    robot = evaluator.robot
+    base = identified_base(root_of(information), evaluator.names, robot.scales[evaluator.columns])
+    # What is neither judged nor regrouped counts as known.
+    together = configuration.run.design.parameters == "base"
+    structure = structural_base(robot) if together else BaseParameters.each(evaluator.names)
+    at = [robot.parameter_names.index(name) for name in structure.names]
+    judged = [structure.names.index(name) for name in evaluator.names]
+    covariance = np.zeros((len(at), len(at)))
+    covariance[np.ix_(judged, judged)] = parameter_covariance(information, evaluator.names)
+    scales = dict(zip(robot.parameter_names, robot.scales.tolist(), strict=True))
+    return known_combinations(base, structure, robot.parameters[at], covariance, scales)
+
+
+def experiment_information(
+    evaluator: Evaluator, trajectory: FourierTrajectory, configuration: RunConfiguration
+) -> tuple[Array, int]:
+    """Return F of the whole experiment, (k, k), and its number of samples."""
+    experiment = configuration.run.experiment
+    per_period = trajectory.period * experiment.sampling
+    total = int(np.ceil(experiment.periods * per_period * (1 - 1e-12)))
+    count = whole(per_period)
+    if count is not None:
+        information = evaluator.whole_information(trajectory, count) * experiment.periods
+    elif evaluator.memory is not None:
+        # What a period of nearly as many samples tells, for all of them.
+        count = max(1, round(per_period))
+        information = evaluator.whole_information(trajectory, count) * (total / count)
+    else:
+        motion = trajectory.sample(np.arange(total) / experiment.sampling)
+        information = evaluator.of_regressors(evaluator.robot.regressor(*motion), trajectory.omega)
+    # All that was known before counts, and not what is the share of a measuring time.
+    counted = total if evaluator.prior is None else evaluator.prior.samples
+    return evaluator.judged(information, counted), total

@@ -13,7 +13,7 @@ from expdesign.experiment.combinations import KnownCombination
 from expdesign.experiment.result import DesignResult, PredictedPrecision, whole
 from expdesign.information.criteria import CRITERIA
 from expdesign.runfolder import OpenNumber, copied, described
-from expdesign.solver.hum_distance import HumDistance
+from expdesign.solver.finish import HumDistance
 from expdesign.trajectory import TrajectoryFile, fourier_keys
 
 

@@ -12,9 +12,9 @@ from expdesign.experiment.combinations import KnownCombination
 from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.recheck.limit_check import Recheck
 from expdesign.robot import Robot
-from expdesign.solver.hum_distance import HumDistance
+from expdesign.solver.finish import HumDistance
+from expdesign.solver.jobs import status_text
 from expdesign.solver.search import SearchResult
-from expdesign.solver.start import status_text
 from expdesign.trajectory import FourierTrajectory
 
 _LARGE = 100.0

@@ -21,13 +21,12 @@ from scipy.optimize import nnls
 
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
-from expdesign.experiment.design import design_task
+from expdesign.experiment.setup import design_task
 from expdesign.problem.design_problem import DesignProblem
-from expdesign.recheck.fine_grid import local_worst
+from expdesign.recheck.limit_check import local_worst
 from expdesign.robot import LimitModel
-from expdesign.solver.continuation import finish_stage
 from expdesign.solver.jobs import DesignTask
-from expdesign.solver.stage import run_stage
+from expdesign.solver.phases import finish_stage, run_stage
 from expdesign.trajectory import FourierTrajectory
 
 FREQUENCY = "frequency"

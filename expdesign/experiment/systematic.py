@@ -11,7 +11,7 @@ More periods do not make D smaller.
 
 Of a change π since an identification with the same tolerances, which have moved its parameters by
 D₀ θ, the part that both experiments share cancels: with S and R as of
-`expdesign.information.marginal`
+`expdesign.information.prior`
 
     D = S⁻¹ Rᵀ (Σ Aᵀ Σ⁻¹ (Z_f − …) − F D₀).
 """
@@ -22,7 +22,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.information.fisher import whitening
-from expdesign.information.marginal import PriorMachine
+from expdesign.information.prior import PriorMachine
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.robot import Robot
 from expdesign.robot.deviation import tolerated

@@ -13,8 +13,7 @@ from expdesign.export.enclosed_table import enclosed
 from expdesign.export.execution import ExecutedTable, blocks, refined
 from expdesign.progress import track
 from expdesign.recheck.certificate import MOST_CELLS, certify
-from expdesign.recheck.fine_grid import worst_sampled
-from expdesign.recheck.limit_check import LimitCheck, worst_of_each
+from expdesign.recheck.limit_check import LimitCheck, worst_of_each, worst_sampled
 from expdesign.robot import LimitModel
 
 _DYNAMIC = frozenset({"strut_acceleration", "actuator_force", "strut_jerk"})

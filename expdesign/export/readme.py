@@ -14,7 +14,7 @@ from expdesign.export.record import (
     FileEntry,
     MotionEntry,
 )
-from expdesign.recheck.unlimited import in_words
+from expdesign.recheck.limit_check import in_words
 
 _WIDTH = 96
 

@@ -18,8 +18,7 @@ from expdesign.export.read_back import LOG_DET_CHANGE, STD_SHARE, limits_in_word
 from expdesign.export.row_times import SHARE
 from expdesign.mechanism.hexapod import COORDINATE_NAMES, numbered
 from expdesign.motion.record import RecordedMotion
-from expdesign.recheck.limit_check import TOLERANCE
-from expdesign.recheck.unlimited import Unlimited, unlimited
+from expdesign.recheck.limit_check import TOLERANCE, Unlimited, unlimited
 from expdesign.runfolder import JsonFile, OpenNumber, copied, described
 
 FOLDER, RECORD = "exports", "exports.json"

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from expdesign.apart import EndlessError, output_of
 from expdesign.configuration import ExportSection, InputError, Problem
 from expdesign.export.definition import Settings, TableError, Task
 from expdesign.export.execution import ExecutedTable
@@ -16,6 +15,7 @@ from expdesign.robot import Robot
 from expdesign.runfolder import MissingFileError
 from expdesign.runfolder.manifest import file_hash
 from expdesign.trajectory import FourierTrajectory
+from expdesign.workers.local import EndlessError, output_of
 
 _AGAIN = "a table as `expdesign export` wrote it, with the record beside it; export it again"
 

@@ -1,13 +1,113 @@
-"""The criteria that exist: D, A, E and the condition number, as functions of F's eigenvalues."""
+"""Criteria as functions of the eigenvalues of the scaled information matrix."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
+from scipy.special import logsumexp, softmax
 
 from constraints.arrays import Array
-from expdesign.information.spectral import Criterion, log_sum_exp
+
+
+@dataclass(frozen=True, kw_only=True)
+class Criterion:
+    """A criterion of optimality: what is reported, and what an optimiser minimises."""
+
+    key: str
+    """Value of ``design.criterion`` in the YAML."""
+    title: str
+    larger_is_better: bool
+    invariant: bool = False
+    """True when a rescaling of the parameters only shifts the cost."""
+    flat: bool = False
+    """True when the cost hardly changes where a parameter is hardly excited: the search then begins
+    on log det F."""
+    levels: tuple[float, ...]
+    """Sharpness of a smooth surrogate, continued from blunt to sharp; (0.0,) if it is exact."""
+    value: Callable[[Array], float]
+    """Eigenvalues of the scaled F → the reported number."""
+    cost: Callable[[Array, float], tuple[float, Array, Array]]
+    """(logarithms of the eigenvalues (m,), ascending; level) → a smooth function of order one,
+    which the optimiser minimises, with its gradient (m,) and Hessian (m, m)."""
+    from_cost: Callable[[float, int, int, float], float]
+    """(cost of the mean of F over the samples, number m of parameters, samples that F is summed
+    over, sum of the logarithms of the parameters' scales) → the reported number that it stands for
+    (progress only)."""
+
+    def named(self, information: str) -> str:
+        """Return the title with the symbol of what its eigenvalues are of, ``F`` or ``S``."""
+        return re.sub(r"\bF(?![a-z])", information, self.title)
+
+
+@dataclass(frozen=True)
+class SpectralCost:
+    """A criterion's cost with its derivatives with respect to the scaled F."""
+
+    value: float
+    basis: Array
+    """(m, m), eigenvectors of F, columns."""
+    slope: Array
+    """(m,), derivatives with respect to the eigenvalues: dcost = Σ slope_i (Vᵀ dF V)_ii."""
+    curvature: Callable[[], Curvature]
+    """Computed when it is called."""
+
+
+class Curvature(NamedTuple):
+    """Second derivatives along dF without their negative parts, with E = Vᵀ dF V."""
+
+    diagonal: Array
+    """(m, m), positive semidefinite, between the diagonal entries of E."""
+    mixing: Array
+    """(m, m), nonnegative, of its off-diagonal entries (Daleckii–Krein); zero diagonal."""
+
+
+def spectral_cost(information: Array, criterion: Criterion, level: float) -> SpectralCost:
+    """Evaluate a criterion on the scaled F, (m, m), for a Gauss–Newton method."""
+    values, basis = np.linalg.eigh(information)
+    # Rounding leaves eigenvalues of a nearly singular F at either sign: their logarithm is cut.
+    values = np.maximum(values, np.finfo(float).eps ** 2 * values[-1])
+    cost, gradient, hessian = criterion.cost(np.log(values), level)
+    slope = gradient / values
+    return SpectralCost(cost, basis, slope, partial(_curvature, values, gradient, hessian))
+
+
+def _curvature(values: Array, gradient: Array, hessian: Array) -> Curvature:
+    """Return the curvature of φ(log λ(F)), with the derivatives of φ.
+
+    The second derivative along dF is
+    Σ φ''_ij E_ii E_jj + Σ_{i≠j} (φ'_i − φ'_j)/(λ_i − λ_j) E_ij²; its negative parts are cut.
+    """
+    slope = gradient / values
+    curvature = (hessian - np.diag(gradient)) / np.multiply.outer(values, values)
+    gap = np.subtract.outer(values, values)
+    close = np.abs(gap) <= 1e-9 * np.maximum.outer(values, values)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mixing = np.where(close, 0.0, np.subtract.outer(slope, slope) / gap)
+    # The limit of the difference quotient for coinciding eigenvalues.
+    second = np.diag(curvature)[:, None] - curvature
+    mixing = np.where(close, (second + second.T) / 2, mixing)
+    np.fill_diagonal(mixing, 0.0)
+    spectrum, vectors = np.linalg.eigh((curvature + curvature.T) / 2)
+    diagonal = (vectors * np.maximum(spectrum, 0.0)) @ vectors.T
+    return Curvature(diagonal, np.maximum(mixing, 0.0))
+
+
+def log_sum_exp(logs: Array, power: float) -> tuple[float, Array, Array]:
+    """Return log(Σ exp(p x))/|p| with gradient and Hessian with respect to x, (m,).
+
+    For p → +∞ it tends to the largest x, for p → −∞ to minus the smallest.
+    """
+    value = float(logsumexp(power * logs)) / abs(power)
+    weights = softmax(power * logs)
+    sign = np.sign(power)
+    hessian = abs(power) * (np.diag(weights) - np.multiply.outer(weights, weights))
+    return value, sign * weights, hessian
 
 
 def _inverse_power(logs: Array, level: float) -> tuple[float, Array, Array]:

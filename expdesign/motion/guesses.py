@@ -11,7 +11,7 @@ from constraints.arrays import Array
 from expdesign.motion.limits import moving_states
 from expdesign.motion.ramp_problem import RampProblem
 from expdesign.motion.spline import FIXED, MotionState, SplineRamp, derivatives
-from expdesign.recheck.fine_grid import Motion
+from expdesign.recheck.limit_check import Motion
 
 _DURATIONS: list[float] = (0.05 * 1.35 ** np.arange(30)).tolist()
 """Of the polynomials that are tried: 50 ms to 5 min."""

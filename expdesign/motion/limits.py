@@ -16,8 +16,7 @@ from expdesign.motion.enclosed_spline import EnclosedSpline
 from expdesign.motion.executable import ExecutableMotion, Periods, Segment
 from expdesign.motion.spline import SplineRamp
 from expdesign.recheck.certificate import EnclosedMotion, certify
-from expdesign.recheck.fine_grid import states_at
-from expdesign.recheck.limit_check import LimitCheck, Recheck, worst_of_each
+from expdesign.recheck.limit_check import LimitCheck, Recheck, states_at, worst_of_each
 from expdesign.robot import LimitModel, Robot, robot_from
 
 STRUT_JERK = plain_limit("strut_jerk", "strut jerk", "m/s^3", "symmetric")

@@ -17,8 +17,7 @@ from expdesign.motion.spline import SplineRamp
 from expdesign.problem.design_problem import hidden_by_smoothing
 from expdesign.progress import report_progress
 from expdesign.recheck.certificate import certify
-from expdesign.recheck.fine_grid import local_worst, worst_sampled
-from expdesign.recheck.limit_check import TOLERANCE, LimitCheck
+from expdesign.recheck.limit_check import TOLERANCE, LimitCheck, local_worst, worst_sampled
 from expdesign.solver.interior_point import Standstill, solve_by_interior_point
 
 RESERVE = 2e-3

@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.recheck.fine_grid import Motion
+from expdesign.recheck.limit_check import Motion
 from expdesign.robot import Robot
 from expdesign.runfolder.described import (
     ACCELERATION_COLUMNS,

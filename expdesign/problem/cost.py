@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from expdesign.evaluation.batch import Graph
 from expdesign.evaluation.kernel import kernel
-from expdesign.information.fisher import whitening
-from expdesign.information.marginal import PriorMachine
-from expdesign.information.periodic_noise import PeriodicNoise
-from expdesign.information.spectral import Criterion, SpectralCost, spectral_cost
+from expdesign.information.criteria import Criterion, SpectralCost, spectral_cost
+from expdesign.information.fisher import PeriodicNoise, whitening
+from expdesign.information.prior import PriorMachine
 from expdesign.mechanism.friction_sign import Friction
 from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import COORDINATES

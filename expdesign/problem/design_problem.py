@@ -14,9 +14,9 @@ import numpy as np
 import scipy
 
 from constraints.arrays import Array, Mask
-from expdesign.information.marginal import PriorMachine
-from expdesign.information.periodic_noise import PeriodicNoise
-from expdesign.information.spectral import Criterion
+from expdesign.information.criteria import Criterion
+from expdesign.information.fisher import PeriodicNoise
+from expdesign.information.prior import PriorMachine
 from expdesign.problem.cost import InformationCost
 from expdesign.problem.path_slope import LinearRows, PathSlope, Rows
 from expdesign.problem.variables import DesignVariables, coordinate_reach

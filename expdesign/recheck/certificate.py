@@ -23,8 +23,13 @@ from expdesign.enclosure.limit_rows import EnclosedLimits, EnclosedRow
 from expdesign.enclosure.series import EnclosedSeries
 from expdesign.enclosure.taylor_model import EPS, TaylorModel
 from expdesign.progress import report_progress
-from expdesign.recheck.fine_grid import LEAST_POINTS, worst_sampled
-from expdesign.recheck.limit_check import TOLERANCE, LimitCheck, Recheck
+from expdesign.recheck.limit_check import (
+    LEAST_POINTS,
+    TOLERANCE,
+    LimitCheck,
+    Recheck,
+    worst_sampled,
+)
 from expdesign.robot import LimitModel
 from expdesign.runfolder import copied
 from expdesign.trajectory import FourierTrajectory

@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
+from expdesign.information.criteria import Criterion
 from expdesign.information.fisher import (
+    PeriodicNoise,
     ScaledInformation,
     SingularInformationError,
     information_matrix,
     log_det,
     parameter_covariance,
 )
-from expdesign.information.marginal import PriorMachine
-from expdesign.information.periodic_noise import PeriodicNoise
-from expdesign.information.spectral import Criterion
+from expdesign.information.prior import PriorMachine
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory
 

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated
+from itertools import groupby
+from typing import Annotated, Protocol
 
 import numpy as np
 
-from constraints import limit_definitions
-from expdesign.runfolder import OpenNumber, described
+from constraints import Limit, limit_definitions
+from constraints.arrays import Array, Mask
+from expdesign.configuration import quantity_text
+from expdesign.configuration.open_rows import named_rows, open_in_words, open_rows
+from expdesign.robot import LimitModel, Robot
+from expdesign.runfolder import OpenNumber, copied, described
+from expdesign.trajectory import PoseSamples
 
 TOLERANCE = 1e-6
 """Largest excess over a bound, as a share of the limit's range, that counts as kept."""
@@ -154,3 +160,173 @@ class Recheck:
         if self.certified or not self.passed:
             return f"{said}: holds for every instant"
         return f"{said}: not proved for every instant, {left:.3g} s stayed open"
+
+
+FINER = 20
+"""The fine grid has at least this many points for every sample of the design."""
+LEAST_POINTS = 4000
+
+
+class Motion(Protocol):
+    """Anything that moves the platform: a trajectory, or a motion from rest to rest."""
+
+    def sample(self, times: Array) -> PoseSamples:
+        """Return pose, rate and acceleration at times, s."""
+
+
+def grid_points(samples: int) -> int:
+    """Return the number of points of the fine grid on which a design of `samples` is finished."""
+    return max(LEAST_POINTS, FINER * samples)
+
+
+def states_at(motion: Motion, times: Array) -> Array:
+    """Return pose, rate and acceleration side by side, (N, 18)."""
+    return np.concatenate(motion.sample(times), axis=1)
+
+
+def worst_sampled(limits: LimitModel, times: Array, values: Array) -> tuple[LimitCheck, ...]:
+    """Return the worst of some instants of every limit, by the unsmoothed model; no proof.
+
+    Parameters
+    ----------
+    times : (N,)
+        s.
+    values : (N, R)
+        The limited quantities then.
+    """
+    violations = limits.excess(values)
+    checks = []
+    for limit, columns in zip(limits.limits, limits.columns, strict=True):
+        part = violations[:, columns]
+        moment, row = np.unravel_index(int(np.argmax(part)), part.shape)
+        value = float(values[moment, columns.start + row])
+        check = copied(
+            LimitCheck,
+            limit,
+            title=limit.definition.title,
+            row=limit.labels[row],
+            value=value,
+            bound=limit.nearest_bound(int(row), value),
+            stated=limit.nearest_stated(int(row), value),
+            violation=float(part[moment, row]),
+            time=float(times[moment]),
+        )
+        checks.append(check)
+    return tuple(checks)
+
+
+def local_worst(rows: Array, *, periodic: bool) -> Mask:
+    """Mark the entries of rows (N, R) that are no smaller than one step before and after."""
+    ahead, behind = _neighbours(rows, periodic=periodic)
+    peaks: Mask = (rows >= ahead) & (rows >= behind)
+    return peaks
+
+
+def _neighbours(rows: Array, *, periodic: bool) -> tuple[Array, Array]:
+    """Return the rows one step later and one step earlier; at open ends the rows themselves."""
+    if periodic:
+        return np.roll(rows, -1, axis=0), np.roll(rows, 1, axis=0)
+    return np.concatenate([rows[1:], rows[-1:]]), np.concatenate([rows[:1], rows[:-1]])
+
+
+REACHED = 0.99
+"""Share of a limit that is used from which on it counts as one that is reached."""
+
+
+def reached(model: LimitModel, values: Array) -> Mask:
+    """Return which rows of limits are reached at which instant, (N, R).
+
+    Parameters
+    ----------
+    model : LimitModel
+    values : (N, R)
+        As of `LimitModel.values`. One that is not a number is beyond its limit.
+    """
+    excess, found = model.excess(values), np.zeros(values.shape, dtype=bool)
+    for limit, columns in zip(model.limits, model.columns, strict=True):
+        own = values[:, columns]
+        below, above = limit.lower - own, own - limit.upper
+        bounds = np.where(below > above, limit.lower, limit.upper)
+        with np.errstate(invalid="ignore"):
+            used = limit.definition.shares_used(own, bounds, excess[:, columns])
+        found[:, columns] = ~(used < REACHED) & ~limit.open_rows
+    return found
+
+
+POINTS = 2000
+_DIGITS = 3
+
+
+@dataclass(frozen=True)
+class Unlimited:
+    """How far a motion goes in a quantity that nothing limits.
+
+    `value` is the smallest of a limit that bounds from below, and otherwise the largest size, of
+    what has a range (rotations, lengths, joint angles) counted `from_home`. SI; `row` names the
+    component, strut or pair of struts that it is of.
+    """
+
+    key: str
+    title: str
+    row: str
+    value: OpenNumber
+    unit: str
+    from_home: bool
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        row = f" {self.row}" if self.row else ""
+        away = " from home" if self.from_home else ""
+        return f"{self.title}{row} {quantity_text(self.value, self.unit, _DIGITS)}{away}"
+
+
+def unlimited(robot: Robot, motion: Motion, times: Array) -> tuple[Unlimited, ...]:
+    """Return what a motion does at the times (N,), s, where neither robot nor run limit it.
+
+    Of a limit on components every open component is told, of others the row that goes furthest.
+    The times should be a fine grid: nothing is looked at between them.
+    """
+    found: list[Unlimited] = []
+    open_ones = open_rows(robot.description)
+    limits = tuple(Limit.boundless(one.definition, one.labels) for one in open_ones)
+    model = LimitModel(robot, limits)
+    values, at_home = model.values(states_at(motion, times)), model.at_home()
+    for one, columns in zip(open_ones, model.columns, strict=True):
+        definition = one.definition
+        from_home = definition.kind == "interval"
+        rows = values[:, columns][:, one.rows]
+        if from_home:
+            rows = rows - at_home[definition.key][one.rows]
+        if definition.kind == "lower":
+            extremes, furthest = rows.min(axis=0), np.argmin
+        else:
+            extremes, furthest = np.abs(rows).max(axis=0), np.argmax
+        told = range(len(extremes)) if definition.components else [int(furthest(extremes))]
+        found += [
+            Unlimited(
+                definition.key,
+                definition.title,
+                one.labels[one.rows[k]],
+                float(extremes[k]),
+                definition.unit,
+                from_home,
+            )
+            for k in told
+        ]
+    return tuple(found)
+
+
+def unlimited_warning(found: Sequence[Unlimited]) -> str:
+    """Say which limits are not set and what a motion does there; empty where all are set."""
+    known = limit_definitions()
+    names = (
+        named_rows(known[key], [one.row for one in rows])
+        for key, rows in groupby(found, key=lambda one: one.key)
+    )
+    said = open_in_words(names)
+    return f"{said}. There the motion reaches: {in_words(found)}" if said else ""
+
+
+def in_words(found: Sequence[Unlimited]) -> str:
+    """List what a motion reaches."""
+    return "; ".join(str(one) for one in found)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from expdesign.compiled import compiled
+from expdesign.evaluation.compiled import compiled
 from expdesign.problem.design_problem import LimitedProgram
 
 _INSIDE = 1e-2

@@ -3,7 +3,7 @@
 The optimiser holds smoothed limits at some points. Here the frequency is moved so that a period
 is a whole number of controller steps, and the coefficients are solved again at that ω with
 margins where the unsmoothed model, on a fine grid, is beyond the smoothed one. What little is
-left over is put right by the least change of the coefficients (`expdesign.solver.restoration`).
+left over is put right by the least change of the coefficients (`expdesign.solver.feasibility`).
 """
 
 from __future__ import annotations
@@ -13,16 +13,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from constraints.arrays import Array
+from constraints.arrays import Array, Mask
 from expdesign.problem.design_problem import DesignProblem, hidden_by_smoothing
 from expdesign.recheck.certificate import recheck
-from expdesign.recheck.fine_grid import grid_points, local_worst, worst_sampled
 from expdesign.recheck.information import Evaluator
-from expdesign.recheck.limit_check import TOLERANCE, Recheck
-from expdesign.solver.continuation import last_stage
-from expdesign.solver.hum_distance import KnownHum
-from expdesign.solver.restoration import GRID_MARGIN, LARGEST_MARGIN, brought_within
-from expdesign.solver.stage import Report, Stage, StageRecord, TracePoint, solve_rows
+from expdesign.recheck.limit_check import (
+    TOLERANCE,
+    Recheck,
+    grid_points,
+    local_worst,
+    worst_sampled,
+)
+from expdesign.solver.events import TracePoint
+from expdesign.solver.feasibility import GRID_MARGIN, LARGEST_MARGIN, brought_within
+from expdesign.solver.phases import Report, Stage, StageRecord, last_stage, solve_rows
 from expdesign.trajectory import FourierTrajectory
 
 _CHECKS = 4
@@ -223,3 +227,49 @@ def _checked(
             break
         margin += 2 * check.possible
     return Finished(kept.trajectory, check, kept.factor), kept.before
+
+
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class HumDistance:
+    """A hum and the multiple of a motion's frequency that is next to it."""
+
+    frequency: float
+    """Of the hum, Hz."""
+    multiple: int
+    distance: float
+    """Hz, without a sign."""
+    lines: float
+    """The same in lines of the record."""
+
+    @property
+    def kept(self) -> bool:
+        """True when it is one line of the record away, or more."""
+        return self.lines >= 1 - _ROUNDING
+
+
+@dataclass(frozen=True)
+class KnownHum:
+    """Frequencies that hum, and the number of periods of the record that they disturb."""
+
+    frequencies: tuple[float, ...]
+    """Hz."""
+    periods: float
+
+    def distances(self, omega: float) -> tuple[HumDistance, ...]:
+        """Return how near each is to a multiple of ω, rad/s."""
+        base = omega / (2 * np.pi)
+        found = []
+        for frequency in self.frequencies:
+            turns = frequency / base
+            off = abs(turns - round(turns))
+            found.append(HumDistance(frequency, round(turns), off * base, off * self.periods))
+        return tuple(found)
+
+    def avoided(self, periods: Array) -> Mask:
+        """Tell which lengths of a period, (K,), s, keep every hum a line away: (K,) of bool."""
+        turns = np.multiply.outer(periods, np.array(self.frequencies))
+        off = np.abs(turns - np.round(turns)) * self.periods
+        return np.asarray(np.all(off >= 1 - _ROUNDING, axis=1))

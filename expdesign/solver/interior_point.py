@@ -11,15 +11,20 @@ the steps.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError
 from scipy.linalg.lapack import dposv
 
 from constraints.arrays import Array
-from expdesign.problem.design_problem import LimitedProgram
+from expdesign.problem.design_problem import LimitedProgram, largest_excess
+from expdesign.problem.path_slope import LinearRows
 from expdesign.solver.barrier import (
+    Bounds,
     Duals,
     SlackStep,
     Trial,
@@ -30,9 +35,35 @@ from expdesign.solver.barrier import (
     stepped,
     trial,
 )
-from expdesign.solver.bounded_program import BoundedProgram, Point
-from expdesign.solver.quasi_newton import updated
-from expdesign.solver.solution import FEASIBLE, WEIGHT, Report, Solution
+
+FEASIBLE = 1e-3
+"""Violation, as a share of a limit's range, below which an iterate of the search counts as kept;
+what is left is removed by the finish and judged by the recheck."""
+WEIGHT = 10.0
+"""Of the objective against the rows. Measured: with a weight of 1 one start in five is lost in the
+first steps of Ipopt's barrier."""
+
+Report = Callable[[int, float, float, Array], bool]
+"""(number of the iteration, objective, largest violation, iterate) → go on?"""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Where a solver stopped, and why."""
+
+    x: Array
+    objective: float
+    multipliers: Array
+    """(r,), Lagrange multipliers of the rows; positive at the upper bound."""
+    status: str
+    """In Ipopt's words, e.g. ``"Solve_Succeeded"``."""
+    converged: bool
+    """True for ``Solve_Succeeded`` and ``Solved_To_Acceptable_Level``."""
+    iterations: int
+    evaluations: Mapping[str, int]
+    """Number of calls of f, g, their derivatives and the Hessian."""
+    seconds: float
+
 
 _FALL = 0.9
 """μ of an iteration as a share of the one before; less where there are few iterations. Rules that
@@ -260,3 +291,120 @@ def _solved(matrix: Array, right: Array) -> Array:
         if not failed:
             return np.asarray(x)
         more = max(1e-6, 10 * more)
+
+
+_CURVATURE = 1e-8
+"""Added to the cost's own Hessian in every direction: what is flat is no longer so."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """Objective and bounded values at a point, with their derivatives.
+
+    What is bounded are some variables, whose own derivatives are one, and the rows.
+    """
+
+    x: Array
+    cost: float
+    gradient: Array
+    values: Array
+    variables: NDArray[np.intp]
+    rows: LinearRows
+
+    def moved(self, step: Array) -> Array:
+        """Return what a step changes the bounded values by."""
+        return np.concatenate([step[self.variables], self.rows.moved(step)])
+
+    def slope(self, multipliers: Array) -> Array:
+        """Return the gradient of the objective with the bounded values times their multipliers."""
+        own = len(self.variables)
+        slope = self.gradient + self.rows.pulled(multipliers[own:])
+        slope[self.variables] += multipliers[:own]
+        return slope
+
+    def curvature(self, weights: Array) -> Array:
+        """Return the weighted sum of the bounded values' gradients times themselves, (z, z)."""
+        own = len(self.variables)
+        curvature = self.rows.curvature(weights[own:])
+        curvature[self.variables, self.variables] += weights[:own]
+        return curvature
+
+
+class BoundedProgram:
+    """Evaluates a program, whose objective it multiplies by `WEIGHT`, and counts how often."""
+
+    def __init__(self, program: LimitedProgram) -> None:
+        self._program = program
+        self.bounds = Bounds.of(program)
+        self.counts = {"f": 0, "grad_f": 0, "g": 0, "jac_g": 0}
+
+    def nearest(self, x: Array) -> Array:
+        """Return the variables within their bounds that are nearest to given ones."""
+        return np.clip(x, self._program.lower, self._program.upper)
+
+    def of_rows(self, values: Array) -> Array:
+        """Return, of something of all that is bounded, the part of the rows."""
+        return values[len(self.bounds.variables) :]
+
+    def violation(self, point: Point) -> float:
+        """Return the largest excess of a row."""
+        rows = self.of_rows(point.values)
+        return largest_excess(rows, self._program.row_lower, self._program.row_upper)
+
+    def values(self, x: Array) -> tuple[float, Array]:
+        """Return objective and bounded values alone."""
+        self.counts["f"] += 1
+        self.counts["g"] += 1
+        try:
+            cost = WEIGHT * self._program.cost(x)
+        except LinAlgError:  # the information of such a motion is not finite
+            cost = np.nan
+        return cost, self._bounded(x, self._program.rows(x))
+
+    def at(self, x: Array, *, curved: bool) -> tuple[Point, Array | None]:
+        """Return what there is to know at a point; with the cost's own Hessian where it is asked.
+
+        Where there is none, the objective is no number.
+        """
+        self.counts["grad_f"] += 1
+        self.counts["jac_g"] += 1
+        hessian = None
+        try:
+            if curved:
+                cost, gradient, hessian = self._program.cost_derivatives(x)
+                hessian = WEIGHT * hessian + _CURVATURE * np.eye(x.size)
+            else:
+                cost, gradient = self._program.cost_gradient(x)
+        except LinAlgError:
+            cost, gradient = np.nan, np.full(x.size, np.nan)
+        rows, bounded = self._program.linear_rows(x), self.bounds.variables
+        values = self._bounded(x, rows.values)
+        return Point(x, WEIGHT * cost, WEIGHT * gradient, values, bounded, rows), hessian
+
+    def _bounded(self, x: Array, rows: Array) -> Array:
+        return np.concatenate([x[self.bounds.variables], rows])
+
+
+_DAMPED = 0.2
+"""Share of the curvature along a step that an update leaves at least: Powell's."""
+
+
+def updated(hessian: Array, step: Array, change: Array) -> Array:
+    """Return a Hessian (z, z) that explains what a step has changed the gradient by, (z,) each.
+
+    What is positive semidefinite stays so: where the change says otherwise it counts in part
+    (Nocedal, Wright 2006, procedure 18.2). A step along which there is no curvature tells nothing.
+    """
+    along = hessian @ step
+    expected, found = float(step @ along), float(step @ change)
+    if not (np.isfinite(found) and expected > np.finfo(float).eps * float(step @ step)):
+        return hessian
+    if found < _DAMPED * expected:
+        share = (1 - _DAMPED) * expected / (expected - found)
+        change = share * change + (1 - share) * along
+        found = _DAMPED * expected
+    return (
+        hessian
+        + np.multiply.outer(change, change / found)
+        - np.multiply.outer(along, along / expected)
+    )

@@ -11,7 +11,7 @@ import casadi as ca
 
 from constraints.arrays import Array
 from expdesign.problem.design_problem import LimitedProgram, largest_excess
-from expdesign.solver.solution import WEIGHT, Report, Solution
+from expdesign.solver.interior_point import WEIGHT, Report, Solution
 
 Curvature = Literal["gauss-newton", "limited-memory"]
 

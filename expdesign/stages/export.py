@@ -18,7 +18,7 @@ from expdesign.configuration import (
     InputError,
     RunConfiguration,
 )
-from expdesign.experiment.design import judged_parameters
+from expdesign.experiment.setup import judged_parameters
 from expdesign.export.definition import Task
 from expdesign.export.exporting import (
     Export,

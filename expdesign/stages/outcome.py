@@ -12,7 +12,7 @@ from expdesign.configuration import ComputationError, RunConfiguration
 from expdesign.progress import Listener, report_progress
 
 if TYPE_CHECKING:
-    from expdesign.solver.stage import SearchEvent
+    from expdesign.solver.events import SearchEvent
 
 
 class Progress:

@@ -15,7 +15,7 @@ from expdesign.experiment import DesignRecord
 from expdesign.experiment.record import Iteration
 from expdesign.information.criteria import CRITERIA
 from expdesign.recheck.limit_check import TOLERANCE
-from expdesign.solver.stage import STAGE_TITLES
+from expdesign.solver.events import STAGE_TITLES
 from results.figures.drawing import centred_text, figure_definition
 from results.notation import counted, plain_number
 from results.style import EMPHASIS, GREY, INK, ORANGE

@@ -8,8 +8,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.experiment import DesignRecord
-from expdesign.recheck.limit_check import LimitCheck
-from expdesign.recheck.reached import REACHED
+from expdesign.recheck.limit_check import REACHED, LimitCheck
 from results.figures.convergence import convergence_figure
 from results.figures.drawing import centred_text, figure_definition, legend_above, margin_text
 from results.figures.motion import cardan_angles_figure, excitation_figure, struts_figure

@@ -9,12 +9,12 @@ import numpy as np
 from constraints import limit_definitions
 from expdesign.configuration import InputError
 from expdesign.experiment import DesignRecord
-from expdesign.experiment.design import design_task
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity, sensitivity_at_design
+from expdesign.experiment.setup import design_task
 from expdesign.information.criteria import CRITERIA
 from expdesign.information.fisher import SingularInformationError
 from expdesign.recheck.information import Evaluator
-from expdesign.solver.initial import InfeasibleLimitsError
+from expdesign.solver.feasibility import InfeasibleLimitsError
 from results.notation import percent, readable
 from results.report.content import Fact
 from results.report.table import Column, ReportTable

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from expdesign.experiment import DesignRecord
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.recheck.reached import REACHED, reached
+from expdesign.recheck.limit_check import REACHED, reached
 from expdesign.robot import LimitModel, Robot
 from results.report.content import ViewBlock
 from results.report.folder import RunFolder

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from expdesign.cli.terminal import SearchDisplay
 from expdesign.information.criteria import CRITERIA
-from expdesign.solver.stage import STAGE_TITLES, SearchEvent
+from expdesign.solver.events import STAGE_TITLES, SearchEvent
 
 CONDITION = dataclasses.replace(CRITERIA["condition"], flat=True)
 

@@ -19,10 +19,9 @@ from expdesign.configuration import RunDescription, load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.configuration.robot_description import RobotDescription
 from expdesign.configuration.sections import design as design_section
-from expdesign.information.criteria import CRITERIA
-from expdesign.information.spectral import spectral_cost
+from expdesign.information.criteria import CRITERIA, spectral_cost
 from expdesign.robot import LimitModel, robot_from
-from expdesign.solver.stage import SearchEvent
+from expdesign.solver.events import SearchEvent
 from tests.docs.pages import FILES, ROOT, blocks, parse, prose
 
 # The files of the pages of one's own machine and of a payload are those that commands make: they

@@ -8,7 +8,8 @@ import pytest
 import expdesign
 from expdesign.configuration import load_run
 from expdesign.experiment import DesignRecord
-from expdesign.experiment.design import _warnings, design_task
+from expdesign.experiment.design import _warnings
+from expdesign.experiment.setup import design_task
 from tests.experiment.test_design import regressors_of, std_of
 
 RHO = 0.9

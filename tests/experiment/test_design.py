@@ -8,9 +8,9 @@ import pytest
 import expdesign
 from expdesign.configuration import load_run
 from expdesign.experiment import DesignRecord
-from expdesign.experiment.design import design_task
+from expdesign.experiment.setup import design_task
 from expdesign.information.fisher import SingularInformationError
-from expdesign.solver.initial import InfeasibleLimitsError, random_start
+from expdesign.solver.feasibility import InfeasibleLimitsError, random_start
 from expdesign.solver.search import NoDesignError
 from expdesign.workers import StoppedError
 from tests.experiment.off_the_grids import TOLERANCE, assert_limits_kept, worst_excess

@@ -15,9 +15,9 @@ from expdesign.configuration import load_run, resolved_yaml
 from expdesign.configuration.robot import as_general
 from expdesign.configuration.robot_description import RobotDescription
 from expdesign.experiment import DesignRecord
-from expdesign.experiment.design import design_task
+from expdesign.experiment.setup import design_task
 from expdesign.information.criteria import CRITERIA
-from expdesign.solver.stage import SearchEvent
+from expdesign.solver.events import SearchEvent
 from expdesign.stages.outcome import Outcome
 from results.figures.convergence import convergence_figure
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_run
-from expdesign.experiment.design import design_task
 from expdesign.experiment.sensitivity import (
     FREQUENCY,
     WIDER,
@@ -15,8 +14,8 @@ from expdesign.experiment.sensitivity import (
     limit_sensitivity,
     sensitivity_at_design,
 )
-from expdesign.solver.continuation import finish_stage
-from expdesign.solver.stage import run_stage
+from expdesign.experiment.setup import design_task
+from expdesign.solver.phases import finish_stage, run_stage
 from expdesign.trajectory import TrajectoryFile
 
 

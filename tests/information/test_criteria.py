@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from expdesign.information.criteria import CRITERIA
-from expdesign.information.spectral import log_sum_exp, spectral_cost
+from expdesign.information.criteria import CRITERIA, log_sum_exp, spectral_cost
 
 KEYS = ("a", "condition", "d", "e")
 EXACT = ("d", "a")

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from expdesign.configuration.identification import Identification
 from expdesign.information.criteria import CRITERIA
-from expdesign.information.marginal import PriorMachine
+from expdesign.information.prior import PriorMachine
 
 M, CHANGED = 7, np.array([1, 2, 5])
 

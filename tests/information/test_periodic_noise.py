@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg as sla
 
-from expdesign.information.fisher import information_matrix
-from expdesign.information.periodic_noise import PeriodicNoise
+from expdesign.information.fisher import PeriodicNoise, information_matrix
 from expdesign.noise.autoregressive import Autoregressive
 from expdesign.noise.hum import Hum
 from expdesign.noise.spectrum import NoiseSpectrum

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_run
-from expdesign.experiment.design import design_task
+from expdesign.experiment.setup import design_task
 from expdesign.motion.planning import executable_motion
 from expdesign.recheck.certificate import recheck
-from expdesign.solver.initial import random_start
-from expdesign.solver.restoration import GRID_MARGIN, shrink_to_limits
+from expdesign.solver.feasibility import GRID_MARGIN, random_start, shrink_to_limits
 from expdesign.trajectory import FourierTrajectory
 
 STEP = 1e-3

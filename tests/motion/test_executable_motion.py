@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import InputError, load_run
-from expdesign.experiment.design import design_task
+from expdesign.experiment.setup import design_task
 from expdesign.motion import planning
 from expdesign.motion import ramp as ramp_module
 from expdesign.motion.limits import check_motion, moving_states
 from expdesign.motion.planning import executable_motion
 from expdesign.motion.ramp import NoRampError
 from expdesign.robot import robot_from
-from expdesign.solver.initial import random_start
+from expdesign.solver.feasibility import random_start
 from expdesign.trajectory import FourierTrajectory
 from tests.motion.conftest import PERIODS, STEP
 

@@ -9,9 +9,8 @@ from constraints import Limit, limit_definitions
 from expdesign.configuration.limits import row_labels
 from expdesign.configuration.robot import load_robot_description
 from expdesign.information.criteria import CRITERIA
-from expdesign.information.fisher import information_matrix
-from expdesign.information.marginal import PriorMachine
-from expdesign.information.periodic_noise import PeriodicNoise
+from expdesign.information.fisher import PeriodicNoise, information_matrix
+from expdesign.information.prior import PriorMachine
 from expdesign.noise.autoregressive import Autoregressive
 from expdesign.noise.hum import Hum
 from expdesign.noise.spectrum import NoiseSpectrum

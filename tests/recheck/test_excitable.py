@@ -13,8 +13,7 @@ from expdesign.information.fisher import (
 )
 from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.library import robot_files
-from expdesign.recheck.excitable import best_std, excitable, structural_base
-from expdesign.recheck.random_states import random_states
+from expdesign.recheck.excitable import best_std, excitable, random_states, structural_base
 from expdesign.robot import LimitModel, load_robot, robot_from
 from tests.estimation.cases import trajectory
 from tests.payload import MASS, REGROUPED, described, with_payload

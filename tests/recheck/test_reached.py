@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from constraints import Limit, limit_definitions
-from expdesign.recheck.reached import REACHED, reached
+from expdesign.recheck.limit_check import REACHED, reached
 from expdesign.robot import LimitModel, load_robot
 
 PALIDA = load_robot("palida")

@@ -7,8 +7,7 @@ from scipy.optimize import brentq, minimize_scalar
 from constraints import Limit, limit_definitions
 from expdesign.configuration.limits import row_labels
 from expdesign.recheck.certificate import CLOSE, recheck
-from expdesign.recheck.fine_grid import grid_points, states_at, worst_sampled
-from expdesign.recheck.limit_check import TOLERANCE
+from expdesign.recheck.limit_check import TOLERANCE, grid_points, states_at, worst_sampled
 from expdesign.robot import LimitModel, Robot, load_robot
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 

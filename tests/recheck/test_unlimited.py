@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 
 from expdesign.configuration import load_run
 from expdesign.configuration.open_rows import open_in_words, open_rows
-from expdesign.recheck.unlimited import unlimited, unlimited_warning
+from expdesign.recheck.limit_check import unlimited, unlimited_warning
 from expdesign.robot import load_robot, robot_from
 from expdesign.trajectory import FourierTrajectory
 

@@ -13,7 +13,7 @@ import pytest
 import results
 from expdesign.experiment import DesignRecord
 from expdesign.recheck.limit_check import LimitCheck
-from expdesign.solver.stage import STAGE_TITLES
+from expdesign.solver.events import STAGE_TITLES
 from expdesign.trajectory import FourierTrajectory
 from results import design_figures
 from results.figures.convergence import FLOOR

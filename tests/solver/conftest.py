@@ -3,7 +3,7 @@ from functools import partial
 import pytest
 
 from expdesign.configuration import load_run
-from expdesign.experiment.design import design_task
+from expdesign.experiment.setup import design_task
 
 
 @pytest.fixture(scope="package")

@@ -1,17 +1,15 @@
 """The search on a Dask cluster of two worker processes: what one process finds."""
 
 import dataclasses
+import importlib
 
 import numpy as np
 import pytest
 
 import expdesign
-from expdesign.solver import crew
-from expdesign.solver.crew import Crew
-from expdesign.solver.jobs import rough_job
-from expdesign.solver.search import search
-from expdesign.solver.stage import ENDS
-from expdesign.solver.start import StartResult
+from expdesign.solver.events import ENDS
+from expdesign.solver.jobs import StartResult, rough_job
+from expdesign.solver.search import Crew, search
 from expdesign.workers import Job, Monitor
 from tests.solver.test_search import QUICK, Recorder
 
@@ -60,7 +58,8 @@ def test_the_designs_of_a_sweep_are_searched_for_on_the_cluster(
 ):
     monkeypatch.setattr("results.record_figures", lambda *_: ())
     asked = []
-    on_cluster = crew.cluster_jobs
+    module = importlib.import_module("expdesign.solver.search")
+    on_cluster = module.cluster_jobs
 
     def counted(scheduler, build, jobs, stopped):
         done = []
@@ -69,7 +68,7 @@ def test_the_designs_of_a_sweep_are_searched_for_on_the_cluster(
             done.append(result)
             yield result
 
-    monkeypatch.setattr(crew, "cluster_jobs", counted)
+    monkeypatch.setattr(module, "cluster_jobs", counted)
     quick = {"starts": 2, "max_iterations": 4}
     run = tiny(robot=few_limits, design=quick, sweep={"trajectory.harmonics": [1, 2]})
     del run["workers"]

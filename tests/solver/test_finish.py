@@ -9,11 +9,9 @@ from hypothesis import strategies as st
 
 from expdesign.recheck.certificate import recheck
 from expdesign.recheck.limit_check import LimitCheck, Recheck
-from expdesign.solver.continuation import finish_stage
-from expdesign.solver.finish import Finished, controller_omega, finish
-from expdesign.solver.hum_distance import KnownHum
-from expdesign.solver.initial import random_start
-from expdesign.solver.stage import Stage
+from expdesign.solver.feasibility import random_start
+from expdesign.solver.finish import Finished, KnownHum, controller_omega, finish
+from expdesign.solver.phases import Stage, finish_stage
 from expdesign.workers import Monitor
 
 # --- whole controller steps -----------------------------------------------------------------------
@@ -90,7 +88,9 @@ def test_where_no_period_keeps_away_the_nearest_is_taken(periods, step):
 
 @pytest.fixture
 def on_coarse_grid(monkeypatch):
-    monkeypatch.setattr(importlib.import_module("expdesign.recheck.fine_grid"), "LEAST_POINTS", 400)
+    monkeypatch.setattr(
+        importlib.import_module("expdesign.recheck.limit_check"), "LEAST_POINTS", 400
+    )
 
 
 def test_the_finish_keeps_limits_and_frequency(task, on_coarse_grid):

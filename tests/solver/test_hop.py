@@ -2,13 +2,9 @@ import numpy as np
 import pytest
 
 from expdesign.information.criteria import CRITERIA
-from expdesign.solver.continuation import (
-    continuation_stages,
-    hop_stages,
-)
-from expdesign.solver.initial import perturbed, random_start
-from expdesign.solver.stage import StageRecord
-from expdesign.solver.start import Screening
+from expdesign.solver.feasibility import perturbed, random_start
+from expdesign.solver.jobs import Screening
+from expdesign.solver.phases import StageRecord, continuation_stages, hop_stages
 
 WIDTH = 0.4
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from expdesign.solver.quasi_newton import updated
+from expdesign.solver.interior_point import updated
 
 SIZES = st.integers(2, 8)
 SEEDS = st.integers(0, 2**32 - 1)

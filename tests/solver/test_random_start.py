@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from expdesign.robot import LimitModel
-from expdesign.solver.initial import InfeasibleLimitsError, random_start
+from expdesign.solver.feasibility import InfeasibleLimitsError, random_start
 
 POINTS = 40
 WIDTH = 0.4

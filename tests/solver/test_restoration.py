@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from expdesign.recheck.fine_grid import grid_points, states_at
-from expdesign.solver.initial import random_start
-from expdesign.solver.restoration import (
+from expdesign.recheck.limit_check import grid_points, states_at
+from expdesign.solver.feasibility import (
     GRID_MARGIN,
     brought_within,
     least_change,
+    random_start,
     shrink_to_limits,
 )
 

@@ -9,10 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from expdesign.solver.jobs import Candidate, hop_job, refined_job, rough_job
+from expdesign.solver.events import SearchEvent
+from expdesign.solver.jobs import GIVEN_UP, Candidate, hop_job, refined_job, rough_job
 from expdesign.solver.search import GROUP, NoDesignError, groups, search
-from expdesign.solver.stage import SearchEvent
-from expdesign.solver.start import GIVEN_UP
 from expdesign.workers import Job, Monitor, run_jobs
 
 QUICK = {"max_iterations": 4}
@@ -59,7 +58,7 @@ def merit(result, task):
 
 def test_seed_and_starts(run, one_start, build, task, monkeypatch):
     """More starts begin like fewer, and come to no less."""
-    monkeypatch.setattr("expdesign.solver.stage._OFTEN", 0.0)
+    monkeypatch.setattr("expdesign.solver.events._OFTEN", 0.0)
     monitor = Recorder()
     # The plan that a job uses is the one that its workshop was built with.
     assert build(design=QUICK)().plan.seed == 0
@@ -400,7 +399,7 @@ def test_finished_motions_that_keep_the_limits_come_first_the_others_by_their_wo
 
 def test_what_no_smaller_motion_keeps_is_brought_within(run, monkeypatch):
     """Rates and accelerations cancel in part: a smaller motion may break what a larger keeps."""
-    from expdesign.solver import start as module
+    from expdesign.solver import jobs as module
 
     real = module.shrink_to_limits
 
@@ -415,8 +414,8 @@ def test_what_no_smaller_motion_keeps_is_brought_within(run, monkeypatch):
 
 def test_no_start_keeps_the_limits(run, monkeypatch):
     """What the starts came to is said and kept."""
-    from expdesign.solver import start as module
-    from expdesign.solver.restoration import Shrunk
+    from expdesign.solver import jobs as module
+    from expdesign.solver.feasibility import Shrunk
 
     def hopeless(problem, *_, **__):
         nothing = np.empty((0, 0))

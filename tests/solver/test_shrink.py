@@ -3,11 +3,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from expdesign.recheck.fine_grid import grid_points, states_at
+from expdesign.recheck.limit_check import grid_points, states_at
 from expdesign.robot import LimitModel
+from expdesign.solver.feasibility import (
+    GRID_MARGIN,
+    SMALLEST_FACTOR,
+    random_start,
+    shrink_to_limits,
+)
 from expdesign.solver.finish import _checked
-from expdesign.solver.initial import random_start
-from expdesign.solver.restoration import GRID_MARGIN, SMALLEST_FACTOR, shrink_to_limits
 
 
 def worst(problem, trajectory):

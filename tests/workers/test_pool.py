@@ -12,9 +12,9 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from expdesign.interruption import ENDING
-from expdesign.solver.stage import SearchEvent
-from expdesign.workers import Job, Monitor, WorkerDiedError, run_jobs, served
-from expdesign.workers import process as process_module
+from expdesign.solver.events import SearchEvent
+from expdesign.workers import Job, Monitor, WorkerDiedError, job, run_jobs
+from expdesign.workers import local as process_module
 
 WORKERS = (1, 2)
 
@@ -107,7 +107,7 @@ def test_jobs_follow_from_results_in_the_order_of_the_jobs(workers):
 
 def briefly_idle(built, monitor, index, seconds):
     """Leave the worker so that it ends by itself after a second without a job."""
-    served.IDLE_SECONDS = 1.0
+    job.IDLE_SECONDS = 1.0
     time.sleep(seconds)
     return index
 

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.apart import EndlessError, output_of
 from expdesign.configuration.problem import InputError
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robotfile.machine import Machine, Question
 from expdesign.robotfile.machine_format import MachineFormat, rows
+from expdesign.workers.local import EndlessError, output_of
 
 _LARGEST = 64 * 1024 * 1024
 _MOST_NUMBERS = 64

@@ -9,8 +9,7 @@ from expdesign.experiment import DesignRecord
 from expdesign.experiment.sensitivity import LimitSensitivity
 from expdesign.information.criteria import CRITERIA, OF_A_CHANGE
 from expdesign.information.identifiable import IDENTIFIABLE
-from expdesign.recheck.limit_check import LimitCheck
-from expdesign.recheck.reached import REACHED
+from expdesign.recheck.limit_check import REACHED, LimitCheck
 from results.figures.design import DESIGN_FIGURES
 from results.notation import DisplayUnit, duration, handy_unit, percent, readable
 from results.report.combinations import combination_blocks

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from expdesign.configuration.identification import Identification
-from expdesign.information.spectral import Criterion, Curvature, SpectralCost, spectral_cost
+from expdesign.information.criteria import Criterion, Curvature, SpectralCost, spectral_cost
 
 _NOTHING = 1e-14
 """Eigenvalue of a correlation matrix, over the largest, that is rounding."""

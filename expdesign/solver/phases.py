@@ -1,33 +1,29 @@
-"""One stage of the continuation: a program of limit rows that are added where they must."""
+"""x."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from constraints.arrays import Array, Mask
-from expdesign.information.spectral import Criterion
+from expdesign.information.criteria import CRITERIA, Criterion
 from expdesign.problem.design_problem import DesignProblem
-from expdesign.solver.interior_point import STANDSTILL, Standstill, solve_by_interior_point
+from expdesign.solver.interior_point import (
+    FEASIBLE,
+    RENEWED,
+    STANDSTILL,
+    Solution,
+    Standstill,
+    solve_by_interior_point,
+)
 from expdesign.solver.ipopt import IPOPT_OPTIONS, solve_with_ipopt
-from expdesign.solver.solution import FEASIBLE, Solution
-from expdesign.workers import Monitor
 
-_OFTEN = 0.05
-"""Time between two reports of iterations, s: to take them in costs time."""
 _ROUNDS = 5
-_FAR = 0.05
 
-STAGE_TITLES = {
-    "blunt": "rough search",
-    "sharp": "refinement",
-    "finish": "finish",
-}
-"""What people call a stage of a search, by its name in files."""
+_FAR = 0.05
 
 
 @dataclass(frozen=True)
@@ -113,115 +109,6 @@ class StageRecord:
         self.status, self.converged = result.status, result.converged
         for key, value in result.evaluations.items():
             self.evaluations[key] = self.evaluations.get(key, 0) + value
-
-
-@dataclass(frozen=True)
-class TracePoint:
-    """One iteration, for the convergence figure: objective as it is reported, violation."""
-
-    stage: str
-    iteration: int
-    objective: float
-    violation: float
-
-
-ENDS = ("waiting", "done", "finished")
-"""Phases of events that end something."""
-
-
-@dataclass(frozen=True)
-class SearchEvent:
-    """One iteration, or the end, of one start."""
-
-    start: int
-    """Number of the start, from 1; hops go on counting."""
-    phase: str
-    """``"blunt"``, then ``"waiting"`` for the other starts, ``"sharp"``; then ``"done"``; for
-    some ``"finish"``, then ``"finished"``."""
-    iteration: int
-    objective: float
-    """The criterion in the units in which it is reported (log det F for ``d``): smoothed, and that
-    of the unsmoothed model when it is done or finished."""
-    violation: float
-    """Largest violation of the limits in the NLP, as a share of their range."""
-    seconds: float
-    status: str = ""
-    """Empty while it runs; then how it ended."""
-    place: tuple[int, int] = (1, 1)
-    """Number of the stage, from 1, and how many the start has; of the finish its rounds."""
-    of_round: tuple[int, int] = (0, 0)
-    """Number of the iteration in its round of the stage, and how many that has at most; 0: not
-    known."""
-    share: float = 0.0
-    """How much of the start, or of the finish, is done, 0 … 1: by the iterations that it has at
-    most."""
-
-
-@dataclass
-class Watch:
-    """Reports the iterations of one start, and keeps them for the convergence figure."""
-
-    monitor: Monitor
-    start: int
-    trace: list[TracePoint] = field(default_factory=list)
-    began: float = field(default_factory=time.perf_counter)
-    told: float = -np.inf
-    """When it reported an iteration for the last time."""
-
-    @property
-    def seconds(self) -> float:
-        """Time since it began, s."""
-        return time.perf_counter() - self.began
-
-    def tell(
-        self, phase: str, iteration: int, objective: float, violation: float, status: str = ""
-    ) -> None:
-        """Report one iteration, or the end."""
-        self.monitor.report(
-            SearchEvent(self.start, phase, iteration, objective, violation, self.seconds, status)
-        )
-
-    def of_stage(
-        self, stage: Stage, problem: DesignProblem, before: int = 0, place: tuple[int, int] = (1, 1)
-    ) -> Report:
-        """Return what reports the iterations of a stage, after those that were `before` it.
-
-        `place` is the stage's number, from 1, among those of the start, and how many there are.
-        """
-        cost = problem.cost
-        if stage.criterion is not None:
-            cost = problem.with_criterion(stage.criterion).cost
-
-        def report(step: Step, value: float, violation: float) -> bool:
-            readable = cost.readable(value)
-            point = TracePoint(stage.name, before + step.iteration, readable, violation)
-            if stage.criterion is None:
-                # Another criterion's numbers are shown while it runs, and kept out of the trace.
-                self.trace.append(point)
-            now = time.perf_counter()
-            if now - self.told < _OFTEN:
-                return not self.monitor.stop_requested()
-            self.told = now
-            number, count = place
-            done = min(step.iteration / stage.iterations, 1.0)
-            if stage.rounds:
-                number, count, done = step.round, stage.rounds, step.in_round / step.most
-            self.monitor.report(
-                SearchEvent(
-                    self.start,
-                    stage.name,
-                    point.iteration,
-                    readable,
-                    violation,
-                    self.seconds,
-                    place=(number, count),
-                    of_round=(step.in_round, step.most),
-                    share=(number - 1 + done) / count,
-                )
-            )
-            return not self.monitor.stop_requested()
-
-        return report
 
 
 @dataclass
@@ -336,3 +223,143 @@ def solve_rows(
         )
     record.add(result, int(np.count_nonzero(mask)))
     return (result.x if result.converged else best.x), result.status
+
+
+MOST_BLUNT_HARMONICS = 5
+"""Harmonics of the first stage at most: with many it was seen to get stuck far from the best."""
+
+_EVERYTHING = 10.0
+_NEAR = 0.15
+_RADIUS = 0.6
+_THROWN = 0.03
+"""First barrier of a hop: the larger, the farther from where it was thrown it may end."""
+_SETTLED = 1e-3
+"""At the beginning of a stage near its optimum: from 0.01 it goes far away and comes back."""
+_ROUGH = Standstill(1e-3, 3)
+"""A third of the iterations less, and refinements end where they did (47 starts)."""
+_FINISH_NEAR = 0.1
+_FINISH_RADIUS = 0.2
+_LAST_NEAR, _LAST_RADIUS = 0.03, 0.05
+"""Of Ipopt's round. In a larger box it wanders off, to where rows that were left out are broken;
+with three times the rows its linear algebra takes three times as long (measured). For five
+harmonics; with more a step of the same size changes accelerations more, and more rows are near."""
+_FINISHED = 1e-4
+"""First barrier of the finish, which sets out from an optimum: as `_SETTLED`."""
+
+
+def coarse_points(harmonics: int) -> int:
+    """Points per period that resolve the limited quantities well enough for a blunt stage."""
+    return 8 * harmonics + 8
+
+
+def fine_points(harmonics: int) -> int:
+    """Points per period for the sharp stages and the finish."""
+    return 16 * harmonics + 20
+
+
+def continuation_stages(
+    problem: DesignProblem, widths: Sequence[float], iterations: int
+) -> list[Stage]:
+    """Return the stages of one start.
+
+    The first one holds every limit on a coarse grid with blunt friction: it finds the basin. The
+    others start from its result, so that only rows near their bounds need to be in the NLP.
+    With many harmonics the first stage has only some of them; the others start from zero, and the
+    next stage holds every limit too: the others move far before any of them is near its bound.
+    The first stage of a criterion that is flat where a parameter is hardly excited maximises
+    log det F instead; from there the condition number's optimum is out of reach (measured). A
+    criterion with a surrogate is sharpened over the others; its last levels follow at the last
+    width. `widths` of the smoothing of dry friction, m/s, decrease.
+    """
+    n, samples = problem.variables.harmonics, problem.cost.samples
+    few = min(n, MOST_BLUNT_HARMONICS)
+    levels = problem.criterion.levels
+    coarse, fine = coarse_points(n), fine_points(n)
+    flat = problem.criterion.flat
+    # Criteria that depend on the scaling have a long way to go: one more stage on the first level.
+    levels = levels if problem.criterion.invariant else (levels[0], *levels)
+    # With few harmonics first, the next stage is on the coarse grid: one more on the fine one.
+    count = max(len(widths), len(levels), 3 if few < n else 2)
+    stages = [
+        Stage(
+            name="blunt",
+            width=widths[0],
+            level=levels[0],
+            samples=min(samples, coarse_points(few)),
+            points=coarse_points(few),
+            near=_EVERYTHING,
+            radius=None,
+            iterations=iterations,
+            renewed=RENEWED,
+            standstill=_ROUGH,
+            criterion=CRITERIA["d"] if flat else None,
+            harmonics=few if few < n else None,
+        )
+    ]
+    for k in range(1, count):
+        # The grid goes from coarse to fine, the rows from many to those near their bounds.
+        share = min(k, len(widths) - 1) / (len(widths) - 1) if len(widths) > 1 else 1.0
+        points = round(coarse + share * (fine - coarse))
+        near = _NEAR * (2 - share)
+        if k == 1 and few < n:
+            points, near = coarse, _EVERYTHING
+        stages.append(
+            Stage(
+                name="sharp",
+                width=widths[min(k, len(widths) - 1)],
+                level=levels[min(k, len(levels) - 1)],
+                samples=min(samples, points),
+                points=points,
+                near=near,
+                radius=_RADIUS,
+                iterations=iterations,
+                barrier=_SETTLED,
+            )
+        )
+    return stages
+
+
+def hop_stages(problem: DesignProblem, widths: Sequence[float], iterations: int) -> list[Stage]:
+    """Return the stages of one hop: those of a start, with fewer iterations.
+
+    The first one holds every limit: thrown into its limits, a motion has none near its bound, and
+    with few rows the solver runs out of all the others at once (measured).
+    """
+    n, samples = problem.variables.harmonics, problem.cost.samples
+    first, *others = continuation_stages(problem, widths, max(10, iterations // 2))
+    coarse = coarse_points(n)
+    thrown = replace(
+        first,
+        points=coarse,
+        samples=min(samples, coarse),
+        barrier=_THROWN,
+        harmonics=None,
+    )
+    return [thrown, *others]
+
+
+def finish_stage(problem: DesignProblem, widths: Sequence[float], iterations: int) -> Stage:
+    """Return the settings of each round of the finish: a small box, the sharpest smoothing.
+
+    Twice as many samples in the cost as in the stage before: they say better which of several
+    motions will be the best (measured).
+    """
+    n = problem.variables.harmonics
+    points = fine_points(n)
+    return Stage(
+        name="finish",
+        width=widths[-1],
+        level=problem.criterion.levels[-1],
+        samples=min(problem.cost.samples, 2 * points),
+        points=points,
+        near=_FINISH_NEAR,
+        radius=_FINISH_RADIUS,
+        iterations=max(10, iterations // 4),
+        barrier=_FINISHED,
+    )
+
+
+def last_stage(stage: Stage, harmonics: int) -> Stage:
+    """Return the settings of Ipopt's round, which sets out from what the rounds before found."""
+    share = min(1.0, 5 / harmonics)
+    return replace(stage, solver="ipopt", near=share * _LAST_NEAR, radius=share * _LAST_RADIUS)

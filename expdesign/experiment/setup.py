@@ -1,0 +1,157 @@
+"""The design problem and the search plan of a run, from its configuration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from constraints.arrays import Array
+from expdesign.configuration import InputError, RunConfiguration
+from expdesign.configuration.loading import smoothing_widths
+from expdesign.configuration.noise import NOISE_FROM_DATA
+from expdesign.configuration.prior import identification_of
+from expdesign.information.criteria import CRITERIA
+from expdesign.information.fisher import (
+    PeriodicNoise,
+)
+from expdesign.information.prior import PriorMachine
+from expdesign.noise.hum import Hum
+from expdesign.problem.design_problem import DesignProblem, build_problem
+from expdesign.recheck.excitable import structural_base
+from expdesign.recheck.information import Evaluator
+from expdesign.robot import Robot, robot_from
+from expdesign.solver.feasibility import InfeasibleLimitsError, random_start
+from expdesign.solver.finish import KnownHum
+from expdesign.solver.jobs import DesignTask, SearchPlan
+from expdesign.solver.phases import coarse_points
+from expdesign.trajectory import FourierTrajectory
+
+_PROBE_ATTEMPTS = 8
+
+
+def design_task(configuration: RunConfiguration) -> DesignTask:
+    """Build problem, evaluator and plan of a run; every worker process does it once."""
+    run = configuration.run
+    robot = robot_from(configuration.robot)
+    names = judged_parameters(configuration, robot)
+    scaling = robot.scales if run.design.scaling == "nominal" else np.ones(len(robot.scales))
+    criterion = CRITERIA[run.design.criterion]
+    covariance, memory = force_covariance(configuration), force_memory(configuration)
+    prior = prior_machine(configuration, robot, names)
+    problem = build_problem(
+        robot,
+        harmonics=run.trajectory.harmonics,
+        frequency=run.trajectory.frequency,
+        samples=run.trajectory.samples,
+        covariance=covariance,
+        criterion=criterion,
+        scaling=scaling,
+        names=names,
+    )
+    problem = problem.with_noise(memory).with_prior(prior, scaling)
+    if run.design.start == "rest":
+        problem = problem.with_variables(rest=True)
+    plan = SearchPlan(
+        starts=run.design.starts,
+        hops=run.design.hops if run.design.search == "hopping" else 0,
+        seed=run.design.seed,
+        widths=run.design.smoothing or smoothing_widths(configuration.robot),
+        iterations=run.design.max_iterations,
+        controller_period=run.controller_period,
+        hum=known_hum(configuration),
+        workers=run.workers or 1,
+        scheduler=run.scheduler,
+        max_seconds=run.design.max_seconds,
+    )
+    evaluator = Evaluator(robot, covariance, criterion, scaling, names, memory, prior)
+    return DesignTask(_well_scaled(problem, evaluator, plan), evaluator, plan)
+
+
+def _well_scaled(problem: DesignProblem, evaluator: Evaluator, plan: SearchPlan) -> DesignProblem:
+    """Give the problem a scaling in which a random motion's F has a unit diagonal.
+
+    log det F does not depend on the scaling, but the digits that its eigenvalues keep do.
+    """
+    information = evaluator.whole_information(probe_motion(problem, plan, 0), problem.cost.samples)
+    sizes = np.sqrt(np.diag(information) / problem.cost.samples)
+    scaling = 1 / np.where(sizes > 0, sizes, 1.0)
+    return replace(problem, even_scaling=scaling).with_criterion(problem.criterion)
+
+
+def probe_motion(problem: DesignProblem, plan: SearchPlan, number: int) -> FourierTrajectory:
+    """Return one of a few random feasible motions that no start uses."""
+    points = coarse_points(problem.variables.harmonics)
+    for attempt in range(_PROBE_ATTEMPTS):
+        rng = np.random.default_rng(
+            np.random.SeedSequence(plan.seed, spawn_key=(0, number, attempt))
+        )
+        try:
+            x = random_start(problem, rng, points, plan.widths[0])
+        except InfeasibleLimitsError:
+            if attempt + 1 == _PROBE_ATTEMPTS:
+                raise
+        else:
+            return problem.variables.trajectory(x)
+    raise AssertionError("the last attempt returns or raises")
+
+
+def prior_machine(
+    configuration: RunConfiguration, robot: Robot, names: tuple[str, ...]
+) -> PriorMachine | None:
+    """Return what `design.prior` knows of the robot; None without one.
+
+    The experiment's samples are those at the highest frequency that is allowed: motions are
+    compared at the same measuring time.
+    """
+    machine = configuration.run.design.prior
+    if machine is None:
+        return None
+    changed = np.array([robot.parameter_names.index(name) for name in names], dtype=np.intp)
+    experiment = configuration.run.experiment
+    samples = experiment.periods * experiment.sampling / configuration.run.trajectory.frequency[1]
+    return PriorMachine.of(identification_of(machine), changed, samples)
+
+
+def force_covariance(configuration: RunConfiguration) -> Array:
+    """Return Σ, (6, 6), N²; refuse a run that states no noise of the forces."""
+    noise = configuration.robot.noise
+    if noise is None or noise.force_covariance is None:
+        raise InputError(
+            "the design needs the noise of the forces, and neither robot nor run state it",
+            file=configuration.file,
+            key="noise",
+            allowed=f"force_std (six values) or force_covariance (6 × 6); {NOISE_FROM_DATA}",
+        )
+    return noise.force_covariance
+
+
+def force_memory(configuration: RunConfiguration) -> PeriodicNoise | None:
+    """Return the noise of the forces in the run's experiment; None where it is white."""
+    noise, experiment = configuration.robot.noise, configuration.run.experiment
+    if noise is None or noise.force_spectrum is None:
+        return None
+    return PeriodicNoise(noise.force_spectrum, experiment.sampling, experiment.periods)
+
+
+def known_hum(configuration: RunConfiguration) -> KnownHum:
+    """Return the hums that the run's noise has, in forces or lengths, and the run's periods."""
+    noise = configuration.robot.noise
+    spectra = () if noise is None else (noise.force_spectrum, noise.length_spectrum)
+    frequencies = {
+        float(frequency)
+        for spectrum in spectra
+        if spectrum is not None
+        for part in spectrum.parts
+        if isinstance(part, Hum)
+        for frequency in part.frequencies
+    }
+    return KnownHum(tuple(sorted(frequencies)), configuration.run.experiment.periods)
+
+
+def judged_parameters(configuration: RunConfiguration, robot: Robot) -> tuple[str, ...]:
+    """Return the parameters that the criterion judges, in the order of the regressor."""
+    if configuration.run.design.parameters == "base":
+        return structural_base(robot).base
+    wanted = configuration.run.design.named_parameters
+    return tuple(name for name in robot.parameter_names if wanted is None or name in wanted)
