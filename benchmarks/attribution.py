@@ -21,10 +21,10 @@ from threadpoolctl import threadpool_limits
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.diagnosis_result import ExperimentDiagnosis
 from estimation.diagnostics.linearisation import Signature
-from estimation.diagnostics.record import ExperimentDiagnosis
 from estimation.diagnostics.search import EffectTests
-from estimation.identification.estimate import parameter_knowledge, run_estimators
+from estimation.identification.estimate import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from expdesign.configuration import RunConfiguration, load_run
@@ -240,7 +240,7 @@ def diagnosed(
         drawn, lengths=drawn.lengths - twin().lengths + recorded[0], forces=noise + recorded[1]
     )
     robot = robot_from(run.robot)
-    knowledge = parameter_knowledge(run, robot)
+    knowledge = parameter_priors(run, robot)
     experiment = prepare_experiment(run, robot, data, design())
     found = run_estimators(robot, [experiment], knowledge, ("gm",))["gm"]
     return diagnose(robot, [experiment], knowledge, found).experiments[0]

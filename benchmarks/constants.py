@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks.studies import Row, equivalent_run, palida_design, summary
 from constraints.arrays import Array
 from estimation.estimators import ParameterEstimate
-from estimation.identification.estimate import parameter_knowledge, run_estimators
+from estimation.identification.estimate import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from expdesign.configuration import RunConfiguration
@@ -91,7 +91,7 @@ def _found(run: RunConfiguration, seed: int, wanted: Sequence[str]) -> dict[str,
         robot = robot_from(run.robot)
         data = Twin.of(run, palida_design(), seed=seed).measurement(1)
         experiment = prepare_experiment(run, robot, data, palida_design())
-        return run_estimators(robot, [experiment], parameter_knowledge(run, robot), wanted)
+        return run_estimators(robot, [experiment], parameter_priors(run, robot), wanted)
 
 
 def _values(run: RunConfiguration, found: ParameterEstimate) -> tuple[Array, Array]:

@@ -23,7 +23,7 @@ from benchmarks.studies import (
     ratio_text,
 )
 from estimation.estimators import covariance_ml_less_gm
-from estimation.identification.estimate import parameter_knowledge, run_estimators
+from estimation.identification.estimate import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.montecarlo.statistics import PooledStatistics
 from estimation.twin import Twin
@@ -131,7 +131,7 @@ def difference(length_noise: float, repetitions: int) -> Iterator[Row]:
 def _differences(length_noise: float, numbers: range) -> list[tuple[float, float, float]]:
     design, run = palida_design(), equivalent_run("difference", _SAMPLES, length_noise)
     robot, twin = robot_from(run.robot), Twin.of(run, design, seed=5)
-    knowledge = parameter_knowledge(run, robot)
+    knowledge = parameter_priors(run, robot)
     found: list[tuple[float, float, float]] = []
     with threadpool_limits(limits=1):
         for number in numbers:

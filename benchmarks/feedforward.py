@@ -24,7 +24,7 @@ from constraints.arrays import Array
 from estimation import identification
 from estimation.feedforward.comparison import WIDTH, compare_feedforward
 from estimation.feedforward.forward_dynamics import ForwardDynamics, Model
-from estimation.feedforward.record import FeedforwardFile
+from estimation.feedforward.result import FeedforwardFile
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.saved import saved_estimate
 from estimation.twin import Twin

@@ -30,10 +30,10 @@ from benchmarks.studies import (
     summary,
     unbiased,
 )
-from estimation.identification.estimate import parameter_knowledge, run_estimators
+from estimation.identification.estimate import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.montecarlo import run_study
-from estimation.montecarlo.record import MonteCarloRecord, StatisticsRow
+from estimation.montecarlo.result import MonteCarloRecord, StatisticsRow
 from estimation.twin import Twin
 from expdesign.configuration import load_run
 from expdesign.robot import robot_from
@@ -189,7 +189,7 @@ def speed(repetitions: int) -> Iterator[Row]:
     design = palida_design()
     run = load_run({"name": "speed", "robot": "palida", "experiment": sampled_experiment(400)})
     robot = robot_from(run.robot)
-    knowledge = parameter_knowledge(run, robot)
+    knowledge = parameter_priors(run, robot)
     twin = Twin.of(run, design)
     times = []
     for number in range(1, 22):

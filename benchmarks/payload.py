@@ -23,11 +23,11 @@ from estimation.estimators import Experiment
 from estimation.estimators.joint_equations import joint_equations, reduced_information
 from estimation.estimators.payload import TEN, payload_estimate
 from estimation.identification import estimate
-from estimation.identification.estimate import parameter_knowledge, run_estimators
+from estimation.identification.estimate import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.kinematics.fourier_fit import MotionFit
 from estimation.measurement_model import HarmonicMotion
-from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, make_record
+from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, fold_recording
 from estimation.twin import Twin
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration import RunConfiguration, load_run
@@ -192,7 +192,7 @@ def _repeated(
             values = dict(zip(robot.parameter_names, drawn.tolist(), strict=True))
             known = machine.model_copy(update={"parameters": values})  # type: ignore[union-attr]
             own = run.with_section("estimate", prior=known)
-            knowledge = parameter_knowledge(own, robot)
+            knowledge = parameter_priors(own, robot)
             experiment = prepare_experiment(own, robot, twin.measurement(number), design)
             (best,) = run_estimators(robot, [experiment], knowledge, ("gm",)).values()
             if knowledge.earlier is None:
@@ -213,7 +213,7 @@ def _joint_bound(run: RunConfiguration, design: FourierTrajectory) -> Array:
     robot, twin = robot_from(run.robot), Twin.of(run, design, seed=7)
     _, covariance = _bare(run, twin)
     measured = twin.recorded(twin.lengths, twin.forces)
-    record = make_record(measured, design.omega, PeriodSource.DESIGN, average=True)
+    record = fold_recording(measured, design.omega, PeriodSource.DESIGN, average=True)
     motion = HarmonicMotion.of(design, free_frequency=False)
     unknowns = np.zeros((motion.unknowns, motion.unknowns))
     fit = MotionFit(motion, unknowns, np.zeros((record.samples, ACTUATORS)))
@@ -224,7 +224,7 @@ def _joint_bound(run: RunConfiguration, design: FourierTrajectory) -> Array:
     spread = np.zeros((record.samples, robot.graph.signs.numel()))
     experiment = Experiment.along(robot, record, noise, fit, spread)
     alone = run.with_section("estimate", prior={})
-    knowledge = parameter_knowledge(alone, robot)
+    knowledge = parameter_priors(alone, robot)
     values = twin.truth.values_of(robot.parameter_names)
     equations = joint_equations(robot, experiment, motion, values, knowledge.free)
     information = reduced_information([equations], knowledge)

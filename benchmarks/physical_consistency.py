@@ -26,7 +26,7 @@ from benchmarks.studies import (
 )
 from constraints.arrays import Array
 from estimation.estimators import Knowledge, ParameterEstimate
-from estimation.identification.estimate import parameter_knowledge, run_estimators
+from estimation.identification.estimate import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from estimation.uncertainty.consistency import consistent_estimate
@@ -52,14 +52,14 @@ _LEVEL = 0.05
 def _machine() -> tuple[Robot, Knowledge, ParameterEstimate]:
     run = equivalent_run(_NAME, _SAMPLES)
     robot = robot_from(run.robot)
-    knowledge = parameter_knowledge(run, robot)
+    knowledge = parameter_priors(run, robot)
     return robot, knowledge, next(_measured(run, 1))
 
 
 def _measured(run: RunConfiguration, count: int) -> Iterator[ParameterEstimate]:
     """Yield ML estimates of so many whole experiments on the twin."""
     robot, design = robot_from(run.robot), palida_design()
-    knowledge, twin = parameter_knowledge(run, robot), Twin.of(run, design, seed=5)
+    knowledge, twin = parameter_priors(run, robot), Twin.of(run, design, seed=5)
     for number in range(1, count + 1):
         experiment = prepare_experiment(run, robot, twin.measurement(number), design)
         yield run_estimators(robot, [experiment], knowledge, ("gm", "ml"))["ml"]

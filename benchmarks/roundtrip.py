@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from benchmarks.studies import CLEAR_BIAS
-from estimation.identification.estimate import parameter_knowledge, run_estimators
+from estimation.identification.estimate import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from expdesign.configuration import ExportSection, RunConfiguration, load_run
@@ -125,7 +125,7 @@ def _predicted(run: RunConfiguration, robot: Robot, design: FourierTrajectory) -
 def _estimates(
     run: RunConfiguration, robot: Robot, twin: Twin, design: FourierTrajectory
 ) -> dict[str, Array]:
-    knowledge = parameter_knowledge(run, robot)
+    knowledge = parameter_priors(run, robot)
     found: dict[str, list[Array]] = {name: [] for name in ESTIMATORS}
     with threadpool_limits(limits=1, user_api="blas"):
         for number in range(1, REPETITIONS + 1):

@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 import expdesign
 from constraints.arrays import Array
 from estimation.diagnostics.diagnosis import diagnose
-from estimation.identification.estimate import estimate, parameter_knowledge, run_estimators
+from estimation.identification.estimate import estimate, parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from expdesign.configuration import load_run
@@ -78,7 +78,7 @@ def rows() -> Iterator[Row]:
     yield _row(
         f"the inertia of the drives, {mass:.1f} kg, makes of the forces' rms", f"{share:.2f}"
     )
-    knowledge, truth = parameter_knowledge(run, robot), robot.parameters
+    knowledge, truth = parameter_priors(run, robot), robot.parameters
     squares: dict[str, list[float]] = {name: [] for name in ESTIMATORS}
     errors: dict[str, list[Array]] = {name: [] for name in ESTIMATORS}
     with threadpool_limits(limits=1, user_api="blas"):

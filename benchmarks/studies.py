@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 
 from estimation.montecarlo import Study, run_study
-from estimation.montecarlo.journal import NAME as JOURNAL
-from estimation.montecarlo.record import MonteCarloRecord
+from estimation.montecarlo.result import MonteCarloRecord
 from estimation.montecarlo.statistics import ParameterStatistics, PooledStatistics
+from estimation.montecarlo.study import NAME as JOURNAL
 from estimation.twin import Twin
 from expdesign.configuration import RunConfiguration, load_run
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile

@@ -18,7 +18,11 @@ from threadpoolctl import threadpool_limits
 from benchmarks.studies import equivalent_run, palida_design
 from constraints.arrays import Array
 from estimation.estimators import ParameterEstimate
-from estimation.identification.estimate import parameter_knowledge, run_estimators, with_budget
+from estimation.identification.estimate import (
+    add_systematic_uncertainty,
+    parameter_priors,
+    run_estimators,
+)
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from estimation.twin.drawn_machine import drawn_machine
@@ -85,13 +89,14 @@ def _repetition(section: str, number: int) -> Drawn:
     with threadpool_limits(limits=1):
         twin = Twin.of(drawn.configuration, palida_design(), seed=number)
         robot = robot_from(run.robot)
-        knowledge, chosen = parameter_knowledge(run, robot), tolerated(robot)
+        knowledge, chosen = parameter_priors(run, robot), tolerated(robot)
         data = twin.measurement(1)
         experiments = [prepare_experiment(run, robot, data, palida_design())]
         plain = run_estimators(robot, experiments, knowledge, ("gm", "ml"))
         joint = run_estimators(robot, experiments, knowledge, ("ml",), chosen)
     estimates = {
-        f"{name}, budget": with_budget(found, knowledge, chosen) for name, found in plain.items()
+        f"{name}, budget": add_systematic_uncertainty(found, knowledge, chosen)
+        for name, found in plain.items()
     }
     return estimates | {"ml, estimated": joint["ml"]}, drawn.values
 

@@ -6,11 +6,11 @@ from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from estimation.diagnostics.noise_record import NoiseRecord
-from estimation.feedforward.record import FeedforwardRecord
+from estimation.diagnostics.noise_result import NoiseRecord
+from estimation.feedforward.result import FeedforwardRecord
 from estimation.identification.record import EstimateRecord
-from estimation.montecarlo.record import MonteCarloRecord
-from estimation.validation.record import ValidationRecord
+from estimation.montecarlo.result import MonteCarloRecord
+from estimation.validation.validate import ValidationRecord
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.sweep_record import SweepRecord
 from expdesign.export.record import ExportsRecord

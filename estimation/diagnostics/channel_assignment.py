@@ -25,7 +25,7 @@ from estimation.diagnostics.joint_system import Places
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.priors import Knowledge
 from estimation.measurement_model import HarmonicMotion
-from estimation.processing.record import Channels
+from estimation.processing.periodic_recording import Channels
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.terms.rigid_platform import MASS
 from expdesign.robot import Robot

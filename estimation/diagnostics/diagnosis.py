@@ -12,17 +12,7 @@ from constraints.arrays import Array
 from estimation.diagnostics.attribution import Attribution, attribute
 from estimation.diagnostics.candidate_effects import Suspects
 from estimation.diagnostics.channel_assignment import assignment_findings
-from estimation.diagnostics.finding import Status, Verdict
-from estimation.diagnostics.findings import begin_findings, verdict
-from estimation.diagnostics.gain_drift import gain_drift
-from estimation.diagnostics.hypotheses import causes
-from estimation.diagnostics.hypothesis import CauseResult, DelayTest
-from estimation.diagnostics.joint_system import SolvedSystem, joint_systems
-from estimation.diagnostics.linearisation import Linearisation, linearise
-from estimation.diagnostics.noise_record import NoisePictures
-from estimation.diagnostics.noise_tests import NoiseTests, Whiteness, noise_tests, whiteness
-from estimation.diagnostics.plausibility import plausibility
-from estimation.diagnostics.record import (
+from estimation.diagnostics.diagnosis_result import (
     ChiSquares,
     Diagnosis,
     ExperimentDiagnosis,
@@ -30,6 +20,16 @@ from estimation.diagnostics.record import (
     PitchResult,
     PitchRow,
 )
+from estimation.diagnostics.finding import Status, Verdict
+from estimation.diagnostics.findings import begin_findings, verdict
+from estimation.diagnostics.gain_drift import gain_drift
+from estimation.diagnostics.hypotheses import causes
+from estimation.diagnostics.hypothesis import CauseResult, DelayTest
+from estimation.diagnostics.joint_system import SolvedSystem, joint_systems
+from estimation.diagnostics.linearisation import Linearisation, linearise
+from estimation.diagnostics.noise_result import NoisePictures
+from estimation.diagnostics.noise_tests import NoiseTests, Whiteness, noise_tests, whiteness
+from estimation.diagnostics.plausibility import plausibility
 from estimation.diagnostics.residual_covariance import (
     ResidualLaw,
     held_out_law,

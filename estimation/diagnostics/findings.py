@@ -16,6 +16,7 @@ from estimation.diagnostics.attribution import (
     nouns_of,
     position_periodic_finding,
 )
+from estimation.diagnostics.diagnosis_result import ExperimentDiagnosis, ExperimentTests
 from estimation.diagnostics.finding import (
     Assumption,
     Finding,
@@ -26,7 +27,6 @@ from estimation.diagnostics.finding import (
     listed,
 )
 from estimation.diagnostics.noise_tests import NoiseTests, Whiteness
-from estimation.diagnostics.record import ExperimentDiagnosis, ExperimentTests
 from estimation.diagnostics.residuals import ChiSquare
 from estimation.diagnostics.significance import CHI_SQUARE
 from estimation.estimators.experiment import Experiment

@@ -21,7 +21,7 @@ from constraints.arrays import Array, Mask
 from estimation.diagnostics.finding import Assumption, Finding
 from estimation.diagnostics.findings import noise_findings
 from estimation.diagnostics.noise_density import NoiseDensity, noise_density
-from estimation.diagnostics.noise_record import (
+from estimation.diagnostics.noise_result import (
     HumKeys,
     NoiseFile,
     NoiseRecord,
@@ -29,7 +29,7 @@ from estimation.diagnostics.noise_record import (
     noise_keys,
 )
 from estimation.diagnostics.noise_tests import noise_tests
-from estimation.processing import Channels, NoiseModel, PeriodSource, Record
+from estimation.processing import Channels, NoiseModel, PeriodicRecording, PeriodSource
 from estimation.processing.hum import HUM, MAINS, HumLine, HumSearch
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.progress import report_progress
@@ -39,7 +39,7 @@ _ROUNDING = 1e-12
 """Of a mean over equal numbers, as a share of them."""
 
 
-def analyse_noise(record: Record, source: str = "") -> NoiseRecord:
+def analyse_noise(record: PeriodicRecording, source: str = "") -> NoiseRecord:
     """Analyse the noise of a recording of two periods or more; `source` is its file.
 
     Raises

@@ -25,7 +25,7 @@ from pydantic import Field
 
 from constraints.arrays import Array
 from estimation.diagnostics.significance import NOISE, ChannelTest, OfEach, below_level, no_numbers
-from estimation.processing import NoiseModel, Record
+from estimation.processing import NoiseModel, PeriodicRecording
 from estimation.processing.noise import NORMAL_MEDIAN
 from estimation.processing.noise_lines import contrasts
 from estimation.processing.whitening_filter import WhiteningFilter
@@ -281,7 +281,7 @@ class NoiseTests:
 
 
 def noise_tests(
-    record: Record,
+    record: PeriodicRecording,
     noise: NoiseModel,
     forces: Array,
     lengths: Array | None,
@@ -325,7 +325,7 @@ def noise_tests(
 
 
 def _of_one_kind(
-    record: Record,
+    record: PeriodicRecording,
     periods: Array | None,
     noise_filter: WhiteningFilter | None,
     rows: Array | None,
@@ -358,7 +358,7 @@ def _of_one_kind(
 _FEWEST = 2
 
 
-def why_not_compared(record: Record) -> str:
+def why_not_compared(record: PeriodicRecording) -> str:
     """Return why no two periods are compared sample by sample; empty where they are."""
     if record.averaged and record.forces.periods is not None:
         few = len(record.forces.periods) < _FEWEST

@@ -31,7 +31,7 @@ from estimation.diagnostics.joint_system import SolvedSystem
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.significance import CAUSES, POSITION_PERIODIC, log_pair_tail
 from estimation.processing.hum import mains_frequencies
-from estimation.processing.record import Record
+from estimation.processing.periodic_recording import PeriodicRecording
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import described
 
@@ -233,7 +233,7 @@ _MULTIPLES = 3
 """Of the mains: a hum that shows in others alone is none."""
 
 
-def hidden_hums(record: Record) -> tuple[tuple[float, int], ...]:
+def hidden_hums(record: PeriodicRecording) -> tuple[tuple[float, int], ...]:
     """Return frequencies of the mains, Hz, within a line of the record from a multiple; and that.
 
     Below half of the sampling. Of a single period every frequency is: none is returned.

@@ -28,7 +28,7 @@ from estimation.estimators.result import ParameterEstimate
 from estimation.measurement_model.normal_equations import NormalEquations
 from estimation.processing import NoiseEstimate, NoiseModel
 from estimation.processing.noise import ENOUGH_FREEDOM
-from estimation.processing.record import Channels
+from estimation.processing.periodic_recording import Channels
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from estimation.kinematics.friction_signs import expected_signs, rate_spread
 from estimation.kinematics.pointwise import PointwiseMotion
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.prediction import held_regressor_kernel
-from estimation.processing import NoiseModel, Record
+from estimation.processing import NoiseModel, PeriodicRecording
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot import Robot
 
@@ -34,7 +34,7 @@ class WholeMotion:
 class Experiment:
     """Measured forces with the motion that was estimated from the lengths."""
 
-    record: Record
+    record: PeriodicRecording
     noise: NoiseModel
     fit: MotionFit | None
     """None after pointwise differentiation."""
@@ -48,7 +48,7 @@ class Experiment:
 
     @classmethod
     def from_fit(
-        cls, robot: Robot, record: Record, noise: NoiseModel, fit: MotionFit
+        cls, robot: Robot, record: PeriodicRecording, noise: NoiseModel, fit: MotionFit
     ) -> Experiment:
         """Build from a fitted motion."""
         spread = rate_spread(robot, fit.motion, record.forces.times, fit.covariance)
@@ -56,7 +56,12 @@ class Experiment:
 
     @classmethod
     def along(
-        cls, robot: Robot, record: Record, noise: NoiseModel, fit: MotionFit, spread: Array
+        cls,
+        robot: Robot,
+        record: PeriodicRecording,
+        noise: NoiseModel,
+        fit: MotionFit,
+        spread: Array,
     ) -> Experiment:
         """Build from a motion whose rates have the spread given: zero for a known motion."""
         signs = expected_signs(robot, fit.motion, record.forces.times, spread)
@@ -65,7 +70,7 @@ class Experiment:
 
     @classmethod
     def from_points(
-        cls, robot: Robot, record: Record, noise: NoiseModel, motion: PointwiseMotion
+        cls, robot: Robot, record: PeriodicRecording, noise: NoiseModel, motion: PointwiseMotion
     ) -> Experiment:
         """Build from pointwise kinematics."""
         return cls(record, noise, None, None, regressors_at(robot, motion), motion)

@@ -2,11 +2,11 @@
 
 from estimation.identification.estimate import estimate, run_estimators
 from estimation.identification.recording import prepare_experiment
-from estimation.identification.result import EstimationResult, RecordSummary
+from estimation.identification.result import EstimationResult, PreparedRecording
 
 __all__ = [
     "EstimationResult",
-    "RecordSummary",
+    "PreparedRecording",
     "estimate",
     "prepare_experiment",
     "run_estimators",

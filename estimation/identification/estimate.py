@@ -21,11 +21,14 @@ from estimation.estimators import (
     systematic_share,
     with_prior,
 )
-from estimation.identification.corrected import corrected, estimated_machine
-from estimation.identification.load import at_estimated_load
+from estimation.identification.estimated_machine import (
+    apply_calibration,
+    estimated_machine,
+    linearise_at_load,
+    with_residual_noise,
+)
 from estimation.identification.recording import prepare_recording
-from estimation.identification.residual_weights import with_residual_noise
-from estimation.identification.result import EstimationResult, RecordSummary, best_of
+from estimation.identification.result import EstimationResult, PreparedRecording, best_of
 from estimation.identification.term_selection import Selection
 from estimation.uncertainty.consistency import consistent_estimate
 from estimation.uncertainty.intervals import identified_combinations, parameter_rows
@@ -70,7 +73,7 @@ def estimate(
     if not recordings:
         raise ValueError("estimate needs at least one recording")
     robot = robot_from(configuration.robot)
-    knowledge = parameter_knowledge(configuration, robot)
+    knowledge = parameter_priors(configuration, robot)
     wanted = configuration.run.estimate.estimators
     refuse_ml_without_fit(configuration, wanted, "estimate")
     designs = _one_each(design, len(recordings))
@@ -85,12 +88,12 @@ def estimate(
         if selection is not None and selection.chosen:
             configuration = with_added_terms(configuration, selection.added)
             robot = robot_from(configuration.robot)
-            knowledge = parameter_knowledge(configuration, robot)
+            knowledge = parameter_priors(configuration, robot)
             records = tuple(
                 replace(r, experiment=r.experiment.with_terms_of(robot)) for r in records
             )
         records = _with_residual_noise(robot, records, knowledge)
-        robot, experiments = at_estimated_load(robot, [r.experiment for r in records], knowledge)
+        robot, experiments = linearise_at_load(robot, [r.experiment for r in records], knowledge)
         records = tuple(
             replace(record, experiment=experiment)
             for record, experiment in zip(records, experiments, strict=True)
@@ -99,7 +102,7 @@ def estimate(
         chosen = tolerated(robot) if configuration.run.estimate.systematic != "none" else ()
         joint = chosen if configuration.run.estimate.systematic == "estimated" else ()
         estimates = {
-            name: with_budget(found, knowledge, chosen)
+            name: add_systematic_uncertainty(found, knowledge, chosen)
             for name, found in run_estimators(robot, experiments, knowledge, wanted, joint).items()
         }
         bound = _bound(robot, experiments, knowledge, estimates)
@@ -112,7 +115,7 @@ def estimate(
                     prepare_recording(
                         configuration.with_section("estimate", harmonics=motion.harmonics),
                         robot,
-                        corrected(recording, machine),
+                        apply_calibration(recording, machine),
                         trajectory,
                     ),
                     least_harmonics=record.least_harmonics,
@@ -184,7 +187,7 @@ def run_estimators(
     return {name: found for name, found in results.items() if name in wanted}
 
 
-def with_budget(
+def add_systematic_uncertainty(
     estimate: ParameterEstimate, knowledge: Knowledge, tolerances: Sequence[Deviation]
 ) -> ParameterEstimate:
     """Return an estimate with what the tolerances given, and those of its prior, do to it.
@@ -207,8 +210,8 @@ def with_budget(
 
 
 def _with_residual_noise(
-    robot: Robot, records: tuple[RecordSummary, ...], knowledge: Knowledge
-) -> tuple[RecordSummary, ...]:
+    robot: Robot, records: tuple[PreparedRecording, ...], knowledge: Knowledge
+) -> tuple[PreparedRecording, ...]:
     """Take Σ that nobody knows from residuals of Gauss–Markov estimates."""
     present = with_residual_noise(robot, [record.experiment for record in records], knowledge)
     return tuple(replace(r, experiment=e) for r, e in zip(records, present, strict=True))
@@ -230,7 +233,7 @@ def _bound(
     return cramer_rao_covariance(robot, experiments, motions, knowledge, values)
 
 
-def parameter_knowledge(configuration: RunConfiguration, robot: Robot) -> Knowledge:
+def parameter_priors(configuration: RunConfiguration, robot: Robot) -> Knowledge:
     """Return what the run's `estimate:` section says of the robot's parameters.
 
     Raises
@@ -302,7 +305,7 @@ def _no_bodies(configuration: RunConfiguration) -> str:
 
 
 def _warnings(
-    records: Sequence[RecordSummary],
+    records: Sequence[PreparedRecording],
     knowledge: Knowledge,
     estimates: Mapping[str, ParameterEstimate],
 ) -> list[str]:

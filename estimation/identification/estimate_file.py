@@ -8,15 +8,18 @@ from typing import Annotated, ClassVar, Self
 
 import numpy as np
 
-from estimation.diagnostics.noise_record import NoiseKeys, noise_keys
-from estimation.diagnostics.record import Diagnosis, DiagnosisKeys
+from estimation.diagnostics.diagnosis_result import Diagnosis, DiagnosisKeys
+from estimation.diagnostics.noise_result import NoiseKeys, noise_keys
 from estimation.estimators import ParameterEstimate, covariance_ml_less_gm
 from estimation.estimators.payload import TEN
-from estimation.identification.budget_record import SystematicKeys
-from estimation.identification.consistent_record import ConsistentKeys
-from estimation.identification.constants_record import ConstantKeys, constants_found
-from estimation.identification.payload_record import PayloadKeys
-from estimation.identification.result import EstimationResult, RecordSummary
+from estimation.identification.estimator_result import (
+    ConsistentKeys,
+    ConstantKeys,
+    PayloadKeys,
+    SystematicKeys,
+    constants_found,
+)
+from estimation.identification.result import EstimationResult, PreparedRecording
 from estimation.identification.term_selection import Selection
 from estimation.uncertainty.intervals import Combination
 from expdesign.configuration import Problem
@@ -84,7 +87,7 @@ class RecordingKeys:
     noise: Annotated[WeightingKeys, described("", "noise that the estimators weighted with")]
 
     @classmethod
-    def of(cls, summary: RecordSummary) -> Self:
+    def of(cls, summary: PreparedRecording) -> Self:
         """Describe a recording."""
         record, noise = summary.experiment.record, summary.experiment.noise
         fit = summary.experiment.fit

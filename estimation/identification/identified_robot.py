@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.record import Diagnosis
+from estimation.diagnostics.diagnosis_result import Diagnosis
 from estimation.estimators import ParameterEstimate
 from estimation.identification.result import EstimationResult
 from estimation.uncertainty.consistency import ConsistentEstimate

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.identification.period_choice import UnsuitableDataError
-from estimation.processing import NoiseEstimate, NoiseModel, Record
+from estimation.identification.periods import UnsuitableDataError
+from estimation.processing import NoiseEstimate, NoiseModel, PeriodicRecording
 from estimation.processing.noise import ENOUGH_FREEDOM
 from estimation.processing.noise_lines import NoiseLines
 from estimation.processing.whitening_filter import given_filter
@@ -25,7 +25,9 @@ _FEWEST_FREEDOM = 14.0
 """Below that the scatter is no covariance to weight with: its inverse is twice too large."""
 
 
-def choose_noise(configuration: RunConfiguration, record: Record, source: str = "") -> NoiseModel:
+def choose_noise(
+    configuration: RunConfiguration, record: PeriodicRecording, source: str = ""
+) -> NoiseModel:
     """Return Σ and Δ of one sample.
 
     The scatter between periods when it has 250 degrees of freedom, (M − 1) N, as two periods of
@@ -98,7 +100,10 @@ def choose_noise(configuration: RunConfiguration, record: Record, source: str = 
 
 
 def with_stated_spectrum(
-    noise: NoiseEstimate, stated: NoiseSpectrum, record: Record, origin: SpectrumOrigin = "auto"
+    noise: NoiseEstimate,
+    stated: NoiseSpectrum,
+    record: PeriodicRecording,
+    origin: SpectrumOrigin = "auto",
 ) -> NoiseEstimate:
     """Return noise with a spectrum that is known, at the multiples of the motion's ω.
 

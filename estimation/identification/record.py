@@ -11,20 +11,24 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.noise_record import CovarianceRow, covariance_rows
-from estimation.diagnostics.record import Diagnosis, ExperimentRecord
-from estimation.identification.budget_record import (
-    BudgetRow,
-    DeviationRow,
-    budget_rows,
-    deviation_rows,
-)
-from estimation.identification.consistent_record import ConsistentRow, consistent_rows
-from estimation.identification.constants_record import ConstantRow, OfEstimator, constant_rows
+from estimation.diagnostics.diagnosis_result import Diagnosis, ExperimentRecord
+from estimation.diagnostics.noise_result import CovarianceRow, covariance_rows
 from estimation.identification.estimate_file import EstimateFile
+from estimation.identification.estimator_result import (
+    BudgetRow,
+    ConsistentRow,
+    ConstantRow,
+    DeviationRow,
+    OfEstimator,
+    PayloadRow,
+    budget_rows,
+    consistent_rows,
+    constant_rows,
+    deviation_rows,
+    payload_rows,
+)
 from estimation.identification.identified_robot import FILE as IDENTIFIED_ROBOT
 from estimation.identification.identified_robot import identified_robot
-from estimation.identification.payload_record import PayloadRow, payload_rows
 from estimation.identification.result import EstimationResult
 from estimation.selection.selection import SelectionRow
 from estimation.uncertainty.intervals import ParameterRow, correlation

@@ -8,14 +8,14 @@ from pathlib import Path
 
 from estimation.data.measurement import Measurement
 from estimation.estimators import Experiment, Knowledge
-from estimation.identification.harmonics_choice import whole_motion
+from estimation.identification.harmonics import whole_motion
 from estimation.identification.noise_choice import choose_noise, residual_noise
-from estimation.identification.period_choice import (
+from estimation.identification.periods import (
     UnsuitableDataError,
     choose_omega,
     period_warning,
 )
-from estimation.identification.result import RecordSummary
+from estimation.identification.result import PreparedRecording
 from estimation.kinematics.fourier_fit import (
     MotionFit,
     MotionFitError,
@@ -26,7 +26,7 @@ from estimation.kinematics.fourier_fit import (
 )
 from estimation.kinematics.pointwise import pointwise_motion
 from estimation.measurement_model import HarmonicMotion
-from estimation.processing import NoiseModel, PeriodError, Record, make_record
+from estimation.processing import NoiseModel, PeriodError, PeriodicRecording, fold_recording
 from expdesign.configuration import InputError, RunConfiguration
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory
@@ -59,7 +59,7 @@ def prepare_recording(
     design: FourierTrajectory | None,
     *,
     held_out: bool = False,
-) -> RecordSummary:
+) -> PreparedRecording:
     """Return one recording ready for the estimators, and how it was made so.
 
     Of one whose forces are held out, to be predicted, the lengths alone tell the motion.
@@ -77,7 +77,9 @@ def prepare_recording(
     omega, source = choose_omega(configuration, data, design)
     free = section.frequency == "estimated"
     try:
-        record = make_record(data, omega, source, average=not free, robust=section.loss == "huber")
+        record = fold_recording(
+            data, omega, source, average=not free, robust=section.loss == "huber"
+        )
     except PeriodError as error:
         file = Path(data.source) if data.source else None
         raise UnsuitableDataError(str(error), file) from error
@@ -87,7 +89,7 @@ def prepare_recording(
         motion = pointwise_motion(robot, record, cutoff=_cutoff(configuration, record, design))
         # Differences of neighbours end with the samples that they have.
         experiment = Experiment.from_points(robot, record, noise.taken_for_white(), motion)
-        return RecordSummary(data.source, experiment, None, data.jitter)
+        return PreparedRecording(data.source, experiment, None, data.jitter)
     noise, fit = _fitted(configuration, robot, record, noise, design)
     warnings = []
     if not free:
@@ -103,7 +105,7 @@ def prepare_recording(
     if section.harmonics is None and not held_out:
         whole = whole_motion(robot, experiment, Knowledge.of(robot, section))
         experiment = replace(experiment, whole=whole)
-    return RecordSummary(
+    return PreparedRecording(
         data.source,
         experiment,
         _least(design) if section.harmonics is None else None,
@@ -118,7 +120,7 @@ def _least(design: FourierTrajectory | None) -> int:
 
 
 def _cutoff(
-    configuration: RunConfiguration, record: Record, design: FourierTrajectory | None
+    configuration: RunConfiguration, record: PeriodicRecording, design: FourierTrajectory | None
 ) -> float | None:
     section = configuration.run.estimate
     if section.differentiation != "butterworth":
@@ -139,7 +141,7 @@ def _cutoff(
 def _fitted(
     configuration: RunConfiguration,
     robot: Robot,
-    record: Record,
+    record: PeriodicRecording,
     noise: NoiseModel,
     design: FourierTrajectory | None,
 ) -> tuple[NoiseModel, MotionFit]:
@@ -178,7 +180,7 @@ def _fitted(
 
 
 def _start(
-    robot: Robot, record: Record, design: FourierTrajectory | None, harmonics: int
+    robot: Robot, record: PeriodicRecording, design: FourierTrajectory | None, harmonics: int
 ) -> HarmonicMotion:
     try:
         return start_motion(robot, record, harmonics)

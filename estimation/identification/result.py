@@ -17,7 +17,7 @@ from expdesign.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
-class RecordSummary:
+class PreparedRecording:
     """One recording of the estimate."""
 
     source: str
@@ -48,7 +48,7 @@ class EstimationResult:
     """The run, its robot with the terms that were added."""
     robot: Robot
     knowledge: Knowledge
-    records: tuple[RecordSummary, ...]
+    records: tuple[PreparedRecording, ...]
     estimates: dict[str, ParameterEstimate]
     rows: tuple[ParameterRow, ...]
     combinations: dict[str, tuple[Combination, ...]]

@@ -10,8 +10,8 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.diagnostics.finding import Status
 from estimation.estimators import Knowledge, ParameterEstimate, Systematic
-from estimation.identification.budget_record import SystematicKeys
 from estimation.identification.estimate_file import EstimateFile
+from estimation.identification.estimator_result import SystematicKeys
 from expdesign.configuration import InputError
 from expdesign.configuration.identification import machine_name
 from expdesign.configuration.sections.data import EstimateSection

@@ -10,9 +10,11 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from estimation.estimators import Experiment, Knowledge, linear_estimate
-from estimation.identification.corrected import estimated_machine
-from estimation.identification.load import at_estimated_load
-from estimation.identification.residual_weights import with_residual_noise
+from estimation.identification.estimated_machine import (
+    estimated_machine,
+    linearise_at_load,
+    with_residual_noise,
+)
 from estimation.selection.evidence import Evidence
 from estimation.selection.selection import Judge, SelectionRow, select
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
@@ -178,7 +180,7 @@ class Selection:
         present = with_residual_noise(
             wide, [experiment.with_terms_of(wide) for experiment in experiments], knowledge
         )
-        wide, loaded = at_estimated_load(wide, present, without)
+        wide, loaded = linearise_at_load(wide, present, without)
         found = linear_estimate(wide, loaded, without, "gm")
         # Constants of the robot's own terms may have been found, too.
         machine = estimated_machine(wide, found.systematic).robot
@@ -216,7 +218,7 @@ def _found(configuration: RunConfiguration, experiments: Sequence[Experiment]) -
     present = with_residual_noise(
         robot, [experiment.with_terms_of(robot) for experiment in experiments], knowledge
     )
-    robot, loaded = at_estimated_load(robot, present, knowledge)
+    robot, loaded = linearise_at_load(robot, present, knowledge)
     return estimated_machine(
         robot, linear_estimate(robot, loaded, knowledge, "gm").systematic
     ).robot

@@ -10,7 +10,7 @@ score test with 12 degrees of freedom each); the highest one that is found is in
 below it, and the test is repeated. A strong harmonic leaks into the scores of its neighbours: in
 the end the highest ones are dropped again while their fitted amplitudes, with all others in the
 fit, are within the noise (a Wald test). A controller's tracking error shows here; what the forces
-show of it besides is judged with them (`estimation.identification.harmonics_choice`).
+show of it besides is judged with them (`estimation.identification.harmonics`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from constraints.arrays import Array, ComplexArray
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import NormalEquations, Rows, whitened
 from estimation.measurement_model.prediction import chunks, length_columns
-from estimation.processing import Record
+from estimation.processing import PeriodicRecording
 from estimation.processing.whitening_filter import WhiteningFilter
 from expdesign.configuration import ComputationError
 from expdesign.information.fisher import whitening
@@ -68,7 +68,7 @@ class MotionFit:
 
 def fit_motion(
     robot: Robot,
-    record: Record,
+    record: PeriodicRecording,
     covariance: Array,
     harmonics: int,
     *,
@@ -120,7 +120,7 @@ def fit_motion(
     )
 
 
-def start_motion(robot: Robot, record: Record, harmonics: int) -> HarmonicMotion:
+def start_motion(robot: Robot, record: PeriodicRecording, harmonics: int) -> HarmonicMotion:
     """Return a first motion: forward kinematics of some samples, and a Fourier series of them.
 
     Raises
@@ -141,7 +141,7 @@ def start_motion(robot: Robot, record: Record, harmonics: int) -> HarmonicMotion
     return HarmonicMotion(table, record.omega)
 
 
-def length_residuals(robot: Robot, record: Record, motion: HarmonicMotion) -> Array:
+def length_residuals(robot: Robot, record: PeriodicRecording, motion: HarmonicMotion) -> Array:
     """Return measured minus modelled lengths, (S, 6), m."""
     basis = PhaseBasis.at(motion.omega * record.lengths.times, motion.harmonics).value
     return record.lengths.values - robot.inverse_kinematics(basis @ motion.table.T)
@@ -149,7 +149,7 @@ def length_residuals(robot: Robot, record: Record, motion: HarmonicMotion) -> Ar
 
 def length_equations(
     robot: Robot,
-    record: Record,
+    record: PeriodicRecording,
     covariance: Array,
     motion: HarmonicMotion,
     noise_filter: WhiteningFilter | None = None,
@@ -163,7 +163,7 @@ def length_equations(
     return NormalEquations.of(map(rows, chunks(record.samples)), covariance, noise_filter)
 
 
-def most_harmonics(record: Record) -> int:
+def most_harmonics(record: PeriodicRecording) -> int:
     """Return how many harmonics are looked for: the sampling bears no more."""
     per_period = record.samples if record.averaged else record.period / record.step
     return int(min(_MOST, (per_period - 1) // 4, (record.samples - 1) // 8))
@@ -171,7 +171,7 @@ def most_harmonics(record: Record) -> int:
 
 def choose_harmonics(
     robot: Robot,
-    record: Record,
+    record: PeriodicRecording,
     covariance: Array,
     least: int,
     *,
@@ -256,7 +256,7 @@ def _highest_needed(fit: MotionFit, least: int, level: float) -> int:
 
 def _p_values(
     robot: Robot,
-    record: Record,
+    record: PeriodicRecording,
     covariance: Array,
     fit: MotionFit,
     most: int,

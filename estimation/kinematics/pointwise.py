@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.kinematics.fourier_fit import MotionFitError
-from estimation.processing import Record
+from estimation.processing import PeriodicRecording
 from expdesign.robot import ForwardKinematicsError, Robot
 
 _FILTER_ORDER = 4
@@ -33,7 +33,7 @@ class PointwiseMotion:
 
 
 def pointwise_motion(
-    robot: Robot, record: Record, *, cutoff: float | None = None
+    robot: Robot, record: PeriodicRecording, *, cutoff: float | None = None
 ) -> PointwiseMotion:
     """Return poses by forward kinematics and their differences.
 

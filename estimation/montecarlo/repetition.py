@@ -9,16 +9,22 @@ import numpy as np
 from pydantic import ConfigDict
 
 from constraints.arrays import Array
-from estimation.diagnostics.noise_record import Freedom
+from estimation.diagnostics.noise_result import Freedom
 from estimation.estimators import Experiment, Knowledge, ParameterEstimate, cramer_rao_covariance
-from estimation.identification.estimate import parameter_knowledge, run_estimators
-from estimation.identification.load import at_estimated_load
+from estimation.identification.estimate import parameter_priors, run_estimators
+from estimation.identification.estimated_machine import linearise_at_load
 from estimation.identification.noise_choice import with_stated_spectrum
-from estimation.identification.period_choice import UnsuitableDataError
+from estimation.identification.periods import UnsuitableDataError
 from estimation.identification.recording import prepare_experiment
 from estimation.kinematics.fourier_fit import MotionFit
 from estimation.measurement_model import HarmonicMotion
-from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, Record, make_record
+from estimation.processing import (
+    NoiseEstimate,
+    NoiseModel,
+    PeriodicRecording,
+    PeriodSource,
+    fold_recording,
+)
 from estimation.twin import Twin
 from estimation.twin.noise import NoiseSource
 from estimation.uncertainty.intervals import interval_widths
@@ -86,7 +92,7 @@ class Workbench:
             The run cannot be simulated, or fixes every parameter.
         """
         robot = robot_from(configuration.robot)
-        knowledge = parameter_knowledge(configuration, robot)
+        knowledge = parameter_priors(configuration, robot)
         twin = Twin.of(configuration, design, configuration.run.montecarlo.seed)
         return cls(configuration, robot, knowledge, design, twin)
 
@@ -127,7 +133,7 @@ class Workbench:
         twin, truth = self.twin, self.twin.truth
         free_frequency = self.configuration.run.estimate.frequency == "estimated"
         measured = twin.recorded(twin.lengths, twin.forces)
-        record = make_record(
+        record = fold_recording(
             measured, truth.executed.omega, PeriodSource.DESIGN, average=not free_frequency
         )
         motion = HarmonicMotion.of(truth.executed, free_frequency=free_frequency)
@@ -148,7 +154,7 @@ class Workbench:
 
     def _outcomes(self, experiment: Experiment, wanted: tuple[str, ...]) -> dict[str, Outcome]:
         try:
-            robot, experiments = at_estimated_load(self.robot, [experiment], self.knowledge)
+            robot, experiments = linearise_at_load(self.robot, [experiment], self.knowledge)
             found = run_estimators(robot, experiments, self.knowledge, wanted)
         except NUMERICAL_FAILURES as error:
             if len(wanted) == 1:
@@ -158,7 +164,7 @@ class Workbench:
         return {name: _outcome(found[name]) for name in wanted}
 
 
-def _known_noise(source: NoiseSource, record: Record) -> NoiseEstimate:
+def _known_noise(source: NoiseSource, record: PeriodicRecording) -> NoiseEstimate:
     plain = NoiseEstimate(source.covariance, np.inf, "given")
     if source.spectrum is None or not record.averaged:
         return plain

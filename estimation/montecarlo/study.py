@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 from collections import deque
 from dataclasses import dataclass
 from functools import partial
@@ -14,7 +16,6 @@ from threadpoolctl import threadpool_limits
 from constraints.arrays import Array
 from estimation.estimators import Knowledge
 from estimation.identification.estimate import refuse_ml_without_fit
-from estimation.montecarlo.journal import Journal
 from estimation.montecarlo.repetition import Outcome, Repetition, Workbench
 from estimation.montecarlo.statistics import (
     ParameterStatistics,
@@ -28,6 +29,9 @@ from expdesign.configuration.section import unstated
 from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.progress import report_progress
 from expdesign.robot import Robot
+from expdesign.runfolder.atomic import naming, plain, write_text
+from expdesign.runfolder.described import checker
+from expdesign.runfolder.json_file import FORMAT, known_format
 from expdesign.runfolder.manifest import package_versions, text_hash
 from expdesign.trajectory import FourierTrajectory
 from expdesign.workers import Job, Monitor, cluster_jobs, run_jobs
@@ -204,3 +208,76 @@ def study_inputs(configuration: RunConfiguration, design: FourierTrajectory) -> 
 
 def _repetition(bench: Workbench, _monitor: Monitor, number: int) -> Repetition:
     return bench.repeat(number)
+
+
+_FORMAT = 1
+NAME = "montecarlo/repetitions.jsonl"
+
+
+class Journal:
+    """Repetitions on disk.
+
+    Parameters
+    ----------
+    path : Path
+    inputs : str
+        Hash of what repetitions are made from. A journal of other inputs counts as empty, and is
+        replaced when the first repetition is added.
+
+    Attributes
+    ----------
+    done : dict of Repetition
+        By number.
+    """
+
+    def __init__(self, path: Path, inputs: str) -> None:
+        self.path = path
+        self.done: dict[int, Repetition] = {}
+        self._header = json.dumps({FORMAT: _FORMAT, "inputs": inputs}) + "\n"
+        self._inputs = inputs
+        self._valid = self._read()
+
+    def _read(self) -> int:
+        """Take what the file holds; return how many of its bytes are whole lines of this study."""
+        try:
+            lines = self.path.read_bytes().splitlines(keepends=True)
+        except FileNotFoundError:
+            return 0
+        if not lines or not self._is_of_this_study(lines[0]):
+            return 0
+        size = len(lines[0])
+        for line in lines[1:]:
+            try:
+                repetition = checker(Repetition).validate_json(line)
+            except ValueError:
+                break
+            if not line.endswith(b"\n"):
+                break
+            self.done[repetition.number] = repetition
+            size += len(line)
+        return size
+
+    def _is_of_this_study(self, line: bytes) -> bool:
+        try:
+            header = json.loads(line)
+        except ValueError:
+            return False
+        if not isinstance(header, dict) or header.get("inputs") != self._inputs:
+            return False
+        known_format(self.path, header.get(FORMAT, 0), _FORMAT)
+        return True
+
+    def add(self, repetition: Repetition) -> None:
+        """Keep a repetition; it is on disk when this returns."""
+        if not self._valid:
+            write_text(self.path, self._header)
+            self._valid = len(self._header)
+        line = (json.dumps(plain(checker(Repetition).dump_python(repetition))) + "\n").encode()
+        with naming(self.path), self.path.open("r+b") as stream:
+            stream.truncate(self._valid)
+            stream.seek(self._valid)
+            stream.write(line)
+            stream.flush()
+            os.fsync(stream.fileno())
+        self._valid += len(line)
+        self.done[repetition.number] = repetition

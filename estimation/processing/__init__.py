@@ -2,7 +2,7 @@
 
 from estimation.processing.noise import NoiseEstimate, NoiseModel
 from estimation.processing.period import PeriodError, PeriodSource
-from estimation.processing.record import Channels, Record, make_record
+from estimation.processing.periodic_recording import Channels, PeriodicRecording, fold_recording
 
 __all__ = [
     "Channels",
@@ -10,6 +10,6 @@ __all__ = [
     "NoiseModel",
     "PeriodError",
     "PeriodSource",
-    "Record",
-    "make_record",
+    "PeriodicRecording",
+    "fold_recording",
 ]

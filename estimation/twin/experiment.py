@@ -27,7 +27,9 @@ from estimation.twin.disturbances import (
 )
 from estimation.twin.machine import Machine
 from estimation.twin.noise import NoiseSource, noise_sources
-from estimation.twin.record import (
+from estimation.twin.sampling import SampleGrid
+from estimation.twin.table_motion import TableMotion, refuse_short_window, window_error
+from estimation.twin.truth import (
     DisturbanceKeys,
     ExecutedTableTruth,
     ExperimentKeys,
@@ -35,8 +37,6 @@ from estimation.twin.record import (
     SeedKeys,
     Truth,
 )
-from estimation.twin.sampling import SampleGrid
-from estimation.twin.table_motion import TableMotion, refuse_short_window, window_error
 from expdesign.configuration import InputError, ResolvedRobot, RunConfiguration
 from expdesign.configuration.bodies import payload_parameters
 from expdesign.configuration.sections.disturbances import Lost

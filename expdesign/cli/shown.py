@@ -99,7 +99,7 @@ def experiment(outcome: Outcome) -> None:
 
 def noise(outcome: Outcome) -> None:
     """Print size and correlation of the noise, and what was found about it."""
-    from estimation.diagnostics.noise_record import correlation_of
+    from estimation.diagnostics.noise_result import correlation_of
 
     console, record, found = results(), outcome.result, outcome.record.summary
     parts = (

@@ -10,12 +10,11 @@ from estimation import identification
 from estimation.data.measurement import Measurement
 from estimation.diagnostics import noise_analysis
 from estimation.diagnostics.diagnosis import diagnose
-from estimation.diagnostics.record import Diagnosis
+from estimation.diagnostics.diagnosis_result import Diagnosis
 from estimation.identification import EstimationResult
+from estimation.identification.periods import fold_noise_recording
 from estimation.identification.record import EstimateRecord
-from estimation.identification.repetition import repeated_record
-from estimation.validation.record import ValidationFile
-from estimation.validation.validate import validate
+from estimation.validation.validate import ValidationFile, validate
 from expdesign.configuration import InputError
 from expdesign.configuration.sizes import SAMPLES
 from expdesign.progress import report_progress, track
@@ -65,7 +64,7 @@ def analyse_noise(work: Workspace) -> Outcome:
     recording = work.recording(file)
     for warning in recording.warnings:
         work.progress.warn(warning)
-    samples = repeated_record(
+    samples = fold_noise_recording(
         work.configuration, recording, trajectory, certain=bool(work.sources.designs)
     )
     try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimation.twin import Twin
-from estimation.twin.record import MEASUREMENT, repetition_file, write_measurement, write_truth
+from estimation.twin.truth import MEASUREMENT, repetition_file, write_measurement, write_truth
 from expdesign.configuration import InputError
 from expdesign.configuration.sizes import MEASURED_ROWS
 from expdesign.export.table_file import find_table_file

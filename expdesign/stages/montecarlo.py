@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import asdict
 
 from estimation.montecarlo import run_study as run_montecarlo
-from estimation.montecarlo.journal import NAME as JOURNAL
-from estimation.montecarlo.record import EstimatorKeys, MonteCarloFile, MonteCarloRecord
+from estimation.montecarlo.result import EstimatorKeys, MonteCarloFile, MonteCarloRecord
+from estimation.montecarlo.study import NAME as JOURNAL
 from expdesign.interruption import interruptible
 from expdesign.stages.outcome import Outcome, StageFailed, short
 from expdesign.stages.workspace import Workspace

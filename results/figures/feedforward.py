@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimation.feedforward.record import MEANINGS, CaseName, FeedforwardRecord
+from estimation.feedforward.result import MEANINGS, CaseName, FeedforwardRecord
 from expdesign.mechanism.hexapod import ACTUATORS
 from results.figures.drawing import figure_definition, named_places, plain_decades
 from results.notation import handy_unit

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.montecarlo.record import StatisticsRow
+from estimation.montecarlo.result import StatisticsRow
 from results.figures.drawing import (
     figure_definition,
     legend_above,

@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.diagnostics.noise_record import NoisePictures, NoiseRecord, correlation_of
+from estimation.diagnostics.noise_result import NoisePictures, NoiseRecord, correlation_of
 from results.figures.drawing import (
     centred_text,
     corner_text,

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.record import ExperimentRecord
+from estimation.diagnostics.diagnosis_result import ExperimentRecord
 from estimation.diagnostics.residuals import ForceResiduals
-from estimation.validation.record import MotionRecord
+from estimation.validation.validate import MotionRecord
 from expdesign.mechanism.hexapod import ACTUATORS
 from results.figures.drawing import (
     centred_text,

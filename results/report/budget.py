@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from estimation.identification.budget_record import DeviationRow
+from estimation.identification.estimator_result import DeviationRow
 from estimation.identification.record import EstimateRecord
 from results.notation import readable
 from results.report.content import Block, Level, TextBlock

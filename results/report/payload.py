@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from estimation.estimators.payload import ABOUT_CENTRE, TEN, about_centre
-from estimation.identification.payload_record import PayloadRow
+from estimation.identification.estimator_result import PayloadRow
 from estimation.identification.record import EstimateRecord
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from results.report.content import Block, Level, TextBlock

@@ -48,10 +48,10 @@ LATEX_TABLES = (
 
 _DRAWN = {
     "design": ("expdesign.experiment:DesignRecord", "excitation"),
-    "montecarlo": ("estimation.montecarlo.record:MonteCarloRecord", "montecarlo_bias"),
+    "montecarlo": ("estimation.montecarlo.result:MonteCarloRecord", "montecarlo_bias"),
     "estimate": ("estimation.identification.record:EstimateRecord", "estimates"),
-    "validate": ("estimation.validation.record:ValidationRecord", "prediction_1"),
-    "feedforward": ("estimation.feedforward.record:FeedforwardRecord", "feedforward"),
+    "validate": ("estimation.validation.validate:ValidationRecord", "prediction_1"),
+    "feedforward": ("estimation.feedforward.result:FeedforwardRecord", "feedforward"),
     "sweep": ("expdesign.experiment.sweep_record:SweepRecord", "sweep"),
 }
 """What a stage leaves, and a figure of it: where that is missing, all of them are drawn."""

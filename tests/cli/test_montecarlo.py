@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 
 from estimation.montecarlo import repetition as one
-from estimation.montecarlo.journal import NAME
-from estimation.montecarlo.record import MonteCarloRecord
+from estimation.montecarlo.result import MonteCarloRecord
+from estimation.montecarlo.study import NAME
 from estimation.processing import PeriodError
 from expdesign.runfolder.manifest import file_hash
 from tests.twin.examples import motion

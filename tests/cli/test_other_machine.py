@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from estimation.twin.record import Truth
+from estimation.twin.truth import Truth
 from expdesign.configuration.robot import load_robot_description
 from expdesign.trajectory import fourier_keys
 from tests.report.html import Page

@@ -17,7 +17,7 @@ from estimation.estimators import Experiment, Knowledge, linear_estimate, maximu
 from estimation.kinematics.fourier_fit import fit_motion
 from estimation.kinematics.pointwise import pointwise_motion
 from estimation.measurement_model import HarmonicMotion
-from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, make_record
+from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, fold_recording
 from expdesign.configuration.sections.data import EstimateSection
 from expdesign.robot import load_robot
 from expdesign.trajectory import FourierTrajectory
@@ -79,14 +79,14 @@ class Laboratory:
         return Measurement(time, lengths, forces, step)
 
     def experiment(self, data, noise=None):
-        record = make_record(data, self.trajectory.omega, PeriodSource.DESIGN)
+        record = fold_recording(data, self.trajectory.omega, PeriodSource.DESIGN)
         model = noise if noise is not None else estimated(record)
         start = HarmonicMotion.of(self.trajectory)
         fit = fit_motion(self.robot, record, model.lengths.covariance, HARMONICS, start=start)
         return Experiment.from_fit(self.robot, record, model, fit)
 
     def pointwise(self, data):
-        record = make_record(data, self.trajectory.omega, PeriodSource.DESIGN)
+        record = fold_recording(data, self.trajectory.omega, PeriodSource.DESIGN)
         motion = pointwise_motion(self.robot, record)
         return Experiment.from_points(self.robot, record, estimated(record), motion)
 

@@ -7,9 +7,9 @@ import pytest
 
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.diagnosis_result import DiagnosisKeys
 from estimation.diagnostics.finding import Outcome, Status
-from estimation.diagnostics.record import DiagnosisKeys
-from estimation.processing import NoiseModel, PeriodSource, make_record
+from estimation.processing import NoiseModel, PeriodSource, fold_recording
 from expdesign.runfolder import JsonFile, described
 
 
@@ -177,7 +177,7 @@ def test_motion_with_too_few_harmonics_is_noticed(laboratory):
     from estimation.kinematics.fourier_fit import fit_motion
     from estimation.measurement_model import HarmonicMotion
 
-    record = make_record(laboratory.measure(1), laboratory.trajectory.omega, PeriodSource.DESIGN)
+    record = fold_recording(laboratory.measure(1), laboratory.trajectory.omega, PeriodSource.DESIGN)
     start = HarmonicMotion.of(laboratory.trajectory)
     fit = fit_motion(laboratory.robot, record, laboratory.noise.lengths.covariance, 2, start=start)
     experiment = Experiment.from_fit(laboratory.robot, record, laboratory.noise, fit)

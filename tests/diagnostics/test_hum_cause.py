@@ -7,7 +7,7 @@ import pytest
 
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.periodic_forces import hidden_hums
-from estimation.processing import PeriodSource, make_record
+from estimation.processing import PeriodSource, fold_recording
 from tests.diagnostics.conftest import Laboratory
 
 AMPLITUDES = np.array([4.0, 0.0, 6.0, 5.0, 4.0, 5.0])
@@ -47,7 +47,7 @@ def test_without_a_hum_none_is_found(lab):
 
 
 def test_only_what_no_contrast_sees_is_looked_for(lab):
-    record = make_record(lab.measure(0), lab.trajectory.omega, PeriodSource.DESIGN)
+    record = fold_recording(lab.measure(0), lab.trajectory.omega, PeriodSource.DESIGN)
     assert hidden_hums(record) == ((50.0, 50), (60.0, 60))
     # 1/6 Hz is a line of the record: 49.8 and 49.9 Hz are on two sides of it.
     for base, seen in ((0.9957, False), (0.998, True)):

@@ -9,7 +9,7 @@ from estimation.diagnostics.noise_analysis import analyse_noise
 from estimation.diagnostics.noise_tests import drift, noise_tests, normality, whiteness
 from estimation.diagnostics.residual_covariance import ResidualLaw
 from estimation.diagnostics.residuals import chi_square
-from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, make_record
+from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, fold_recording
 from estimation.processing.noise_lines import contrasts
 from estimation.twin.experiment import without_samples
 from tests.estimation.cases import measured, trajectory
@@ -42,7 +42,7 @@ def test_lost_samples_are_why_periods_are_not_compared(lost):
     data = measured(trajectory(), 1, periods=3)
     kept = np.ones(len(data), dtype=bool)
     kept[20 : 20 + lost] = False
-    record = make_record(without_samples(data, kept), trajectory().omega, PeriodSource.DESIGN)
+    record = fold_recording(without_samples(data, kept), trajectory().omega, PeriodSource.DESIGN)
     findings = analyse_noise(record).summary.findings
     named = [each for each in findings if f"{lost} sample" in each.sentence]
     assert len(named) == (3 if lost else 0)

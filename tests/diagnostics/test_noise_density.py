@@ -8,7 +8,7 @@ from estimation.diagnostics.finding import Outcome
 from estimation.diagnostics.noise_analysis import hum_finding
 from estimation.diagnostics.noise_density import NoiseDensity, noise_density
 from estimation.processing.hum import HumSearch, find_hum
-from estimation.processing.record import Channels
+from estimation.processing.periodic_recording import Channels
 from expdesign.configuration import load_run
 from expdesign.configuration.noise_spectrum import read_spectrum_table
 from expdesign.runfolder import ArrayTable

@@ -12,13 +12,13 @@ from typer.main import get_command
 
 from constraints import limit_definitions
 from estimation.data.reading import file_formats
-from estimation.diagnostics.noise_record import NoiseFile
-from estimation.feedforward.record import FeedforwardFile
+from estimation.diagnostics.noise_result import NoiseFile
+from estimation.feedforward.result import FeedforwardFile
 from estimation.identification.estimate_file import EstimateFile
-from estimation.montecarlo.record import MonteCarloFile, MonteCarloRecord, repetition_table
+from estimation.montecarlo.result import MonteCarloFile, MonteCarloRecord, repetition_table
 from estimation.twin import Twin
-from estimation.twin.record import MEASUREMENT, Truth
-from estimation.validation.record import ValidationFile
+from estimation.twin.truth import MEASUREMENT, Truth
+from estimation.validation.validate import ValidationFile
 from expdesign.cli.app import app
 from expdesign.configuration import DataSection, ExportSection, RunDescription, load_run
 from expdesign.configuration.bodies import Body

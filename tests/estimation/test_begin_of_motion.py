@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.identification.period_choice import UnsuitableDataError, choose_omega
+from estimation.identification.periods import UnsuitableDataError, choose_omega
 from estimation.processing.begin_of_motion import moves_from
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 

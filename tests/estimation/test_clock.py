@@ -3,10 +3,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from estimation.identification.period_choice import clock_error
+from estimation.identification.periods import clock_error
 from estimation.kinematics.fourier_fit import fit_motion
 from estimation.measurement_model import HarmonicMotion
-from estimation.processing import PeriodSource, make_record
+from estimation.processing import PeriodSource, fold_recording
 from tests.estimation.cases import ROBOT, measured, trajectory
 
 PRECISE = 0.02
@@ -20,7 +20,7 @@ def found(seed, periods):
     motion = trajectory()
     data = measured(motion, seed, periods=periods, length_scale=PRECISE)
     data = dataclasses.replace(data, time=data.time / (1 + OFF), step=data.step / (1 + OFF))
-    record = make_record(data, motion.omega, PeriodSource.DESIGN, average=False)
+    record = fold_recording(data, motion.omega, PeriodSource.DESIGN, average=False)
     fit = fit_motion(ROBOT, record, DELTA, 2, start=HarmonicMotion.of(motion))
     return clock_error(ROBOT, record, fit.motion, DELTA)
 

@@ -21,7 +21,7 @@ from estimation.estimators import (
 from estimation.estimators.result import precision
 from estimation.kinematics.fourier_fit import _turned_information, fit_motion
 from estimation.measurement_model import HarmonicMotion
-from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, make_record
+from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, fold_recording
 from estimation.processing.noise_lines import NoiseLines, contrasts
 from estimation.processing.smoothing import _neighbours, smoothed_spectrum
 from estimation.processing.whitening_filter import estimated_filter, given_filter
@@ -195,7 +195,7 @@ def experiment(memory=0.0, *, filtered=False, scale=1.0, longer=1.0, gliding=Fal
         values = np.array(ROBOT.parameters)
         without = ROBOT.actuator_forces(*states, np.where(GLIDING.free, values, 0.0))
         data = replace(data, forces=data.forces + without - ROBOT.actuator_forces(*states))
-    record = make_record(data, MOTION.omega, PeriodSource.DESIGN)
+    record = fold_recording(data, MOTION.omega, PeriodSource.DESIGN)
     noises = []
     for covariance in (SIGMA, longer**2 * DELTA):
         matrices = first_order(record.samples, memory)[:, None, None] * covariance.astype(complex)
@@ -282,7 +282,7 @@ def test_white_lines_give_the_covariance_of_white_noise():
 def test_weights_that_lose_something_are_no_colour():
     """White lines, and a filter that does nothing but is an estimate."""
     data = measured(MOTION)
-    record = make_record(data, MOTION.omega, PeriodSource.DESIGN)
+    record = fold_recording(data, MOTION.omega, PeriodSource.DESIGN)
     flat = np.broadcast_to(SIGMA, (record.samples // 2 + 1, 6, 6)).astype(complex)
     weights = replace(given_filter(SIGMA, flat, record.samples), loss=1.2)
     lines = NoiseLines(flat, record.samples, np.inf)

@@ -8,7 +8,7 @@ import pytest
 
 from estimation.estimators import Knowledge
 from estimation.identification import estimate
-from estimation.identification.consistent_record import ConsistentKeys
+from estimation.identification.estimator_result import ConsistentKeys
 from estimation.identification.identified_robot import FILE
 from estimation.identification.record import EstimateRecord
 from estimation.uncertainty.consistency import consistent_estimate, tightest

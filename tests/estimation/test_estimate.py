@@ -9,7 +9,7 @@ from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.finding import Outcome
 from estimation.identification import estimate, prepare_experiment
-from estimation.identification.period_choice import choose_omega
+from estimation.identification.periods import choose_omega
 from estimation.identification.record import EstimateRecord
 from estimation.kinematics import fourier_fit
 from estimation.kinematics.fourier_fit import MotionFitError

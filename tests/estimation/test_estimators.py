@@ -15,7 +15,7 @@ from estimation.estimators.joint_equations import joint_equations, reduced_infor
 from estimation.kinematics.fourier_fit import fit_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.prediction import held_regressor_kernel
-from estimation.processing import NoiseModel, PeriodSource, make_record
+from estimation.processing import NoiseModel, PeriodSource, fold_recording
 from expdesign.configuration.sections.data import EstimateSection
 from tests.estimation.cases import ROBOT, measured, trajectory
 
@@ -29,7 +29,7 @@ def knowledge(**section):
 
 
 def experiment(seed=0, motion=MOTION, noise=GIVEN, **options):
-    record = make_record(measured(motion, seed, **options), motion.omega, PeriodSource.DESIGN)
+    record = fold_recording(measured(motion, seed, **options), motion.omega, PeriodSource.DESIGN)
     start = HarmonicMotion.of(motion)
     fit = fit_motion(ROBOT, record, noise.lengths.covariance, 2, start=start)
     return Experiment.from_fit(ROBOT, record, noise, fit)

@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 from estimation.controlmodel.uncertainty import force_uncertainty
 from estimation.estimators import DeviatingMachine
 from estimation.estimators.prior_estimate import EarlierEstimate
-from estimation.feedforward.true_machine import true_machine
+from estimation.feedforward.comparison import true_machine
 from estimation.identification import estimate
 from estimation.identification.identified_robot import FILE
 from estimation.identification.record import EstimateRecord

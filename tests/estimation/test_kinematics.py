@@ -7,14 +7,14 @@ from estimation.kinematics.fourier_fit import MotionFitError, choose_harmonics, 
 from estimation.kinematics.friction_signs import expected_signs, rate_spread
 from estimation.kinematics.pointwise import pointwise_motion
 from estimation.measurement_model import HarmonicMotion
-from estimation.processing import PeriodSource, make_record
+from estimation.processing import PeriodSource, fold_recording
 from tests.estimation.cases import ROBOT, measured, trajectory
 
 DELTA = ROBOT.description.noise.length_covariance
 
 
 def record_of(motion, seed=0, **options):
-    return make_record(measured(motion, seed, **options), motion.omega, PeriodSource.DESIGN)
+    return fold_recording(measured(motion, seed, **options), motion.omega, PeriodSource.DESIGN)
 
 
 def test_noise_free_lengths_give_the_motion_back():
@@ -54,7 +54,7 @@ def test_a_free_frequency_is_found_with_its_uncertainty():
     scores = []
     for seed in range(30):
         data = measured(motion, seed)
-        record = make_record(data, motion.omega * (1 + 1e-5), PeriodSource.DESIGN, average=False)
+        record = fold_recording(data, motion.omega * (1 + 1e-5), PeriodSource.DESIGN, average=False)
         fit = fit_motion(ROBOT, record, DELTA, 2, free_frequency=True)
         error = np.sqrt(fit.covariance[-1, -1])
         scores.append((fit.motion.omega - motion.omega) / error)
@@ -116,7 +116,7 @@ def test_single_samples_lose_their_ends_and_nothing_else():
 def test_stamped_data_are_not_differentiated_point_by_point():
     data = measured(trajectory())
     stamped = Measurement(data.time, data.lengths, data.forces, data.step, stamped=True)
-    record = make_record(stamped, 2 * np.pi, PeriodSource.DESIGN)
+    record = fold_recording(stamped, 2 * np.pi, PeriodSource.DESIGN)
     with pytest.raises(MotionFitError, match="uniform time"):
         pointwise_motion(ROBOT, record)
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from estimation.data.measurement import Measurement
-from estimation.processing import PeriodSource, make_record
+from estimation.processing import PeriodSource, fold_recording
 from estimation.processing.noise import NoiseEstimate, huber_weights
 from tests.estimation.cases import ROBOT, measured, trajectory
 
@@ -14,7 +14,9 @@ def test_covariances_agree_with_the_truth_within_their_own_uncertainty(samples):
     motion = trajectory(samples)
     scores = []
     for seed in range(40):
-        record = make_record(measured(motion, seed, periods=6), motion.omega, PeriodSource.DESIGN)
+        record = fold_recording(
+            measured(motion, seed, periods=6), motion.omega, PeriodSource.DESIGN
+        )
         for found, true in (
             (record.forces.scatter, NOISE.force_covariance),
             (record.lengths.scatter, NOISE.length_covariance),
@@ -34,9 +36,9 @@ def test_an_outlier_hardly_touches_robust_means_and_covariances():
     data.forces[::97] += 900.0
     data.lengths[::61] -= 0.01
     clean = measured(motion, periods=8)
-    plain = make_record(data, motion.omega, PeriodSource.DESIGN)
-    robust = make_record(data, motion.omega, PeriodSource.DESIGN, robust=True)
-    reference = make_record(clean, motion.omega, PeriodSource.DESIGN)
+    plain = fold_recording(data, motion.omega, PeriodSource.DESIGN)
+    robust = fold_recording(data, motion.omega, PeriodSource.DESIGN, robust=True)
+    reference = fold_recording(clean, motion.omega, PeriodSource.DESIGN)
 
     def off(record):
         return np.sqrt(np.mean((record.forces.values - reference.forces.values) ** 2))
@@ -58,8 +60,8 @@ def dirty(motion, periods, seed=0):
 @pytest.mark.parametrize("samples", [200, 200.4])
 def test_a_robust_record_has_the_covariance_of_clean_data(samples, periods):
     motion = trajectory(samples)
-    clean = make_record(measured(motion, periods=periods), motion.omega, PeriodSource.DESIGN)
-    record = make_record(dirty(motion, periods), motion.omega, PeriodSource.DESIGN, robust=True)
+    clean = fold_recording(measured(motion, periods=periods), motion.omega, PeriodSource.DESIGN)
+    record = fold_recording(dirty(motion, periods), motion.omega, PeriodSource.DESIGN, robust=True)
     lost = len(record.forces.values) * (periods if record.averaged else 1) / 53
     assert record.forces.counts.sum() < clean.forces.counts.sum() - 0.9 * lost
     if clean.forces.scatter is not None:
@@ -75,7 +77,7 @@ def test_a_robust_record_has_the_covariance_of_clean_data(samples, periods):
 def test_robust_weights_leave_clean_data_alone_whatever_the_number_of_periods(periods):
     motion = trajectory()
     kept = [
-        make_record(
+        fold_recording(
             measured(motion, seed, periods=periods),
             motion.omega,
             PeriodSource.DESIGN,
@@ -97,7 +99,7 @@ def test_outliers_of_coarsely_quantised_channels_lose_their_weight(periods):
     forces += np.where(np.random.default_rng(2).random(forces.shape) < 0.1, 50.0, 0.0)
     forces[::53, 2] += 5000.0
     coarse = Measurement(data.time, data.lengths, forces, data.step)
-    record = make_record(coarse, motion.omega, PeriodSource.DESIGN, robust=True)
+    record = fold_recording(coarse, motion.omega, PeriodSource.DESIGN, robust=True)
     hit = np.unique(np.arange(0, len(data), 53) % 200)
     assert np.all(record.forces.counts[hit] < periods - 0.9)
 

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimation.data.measurement import Measurement
-from estimation.processing import PeriodError, PeriodSource, make_record
+from estimation.processing import PeriodError, PeriodSource, fold_recording
 from estimation.processing.period import (
     omega_from_column,
     omega_from_data,
@@ -81,7 +81,7 @@ def test_a_drift_without_repetition_has_no_period():
 
 def test_means_and_scatter_equal_plain_loops():
     data = measured(trajectory(), periods=4)
-    record = make_record(data, 2 * np.pi, PeriodSource.DESIGN)
+    record = fold_recording(data, 2 * np.pi, PeriodSource.DESIGN)
     total = np.zeros((6, 6))
     for k in range(200):
         rows = [k + 200 * m for m in range(4)]
@@ -97,10 +97,10 @@ def test_means_and_scatter_equal_plain_loops():
 
 def test_incomplete_periods_are_dropped_and_counted():
     data = measured(trajectory(), periods=4.4)
-    record = make_record(data, 2 * np.pi, PeriodSource.DESIGN)
+    record = fold_recording(data, 2 * np.pi, PeriodSource.DESIGN)
     assert (record.periods, record.rows, record.dropped) == (4, 800, 80)
     late = with_column(data, 200, start=60)
-    record = make_record(late, 2 * np.pi, PeriodSource.COLUMN)
+    record = fold_recording(late, 2 * np.pi, PeriodSource.COLUMN)
     assert record.forces.times[0] == pytest.approx(140 * STEP)
     assert (record.periods, record.dropped) == (3, 880 - 600)
 
@@ -108,7 +108,7 @@ def test_incomplete_periods_are_dropped_and_counted():
 def test_a_period_that_is_no_whole_number_is_never_rounded():
     motion = trajectory(1666 + 2 / 3, step=1e-3)
     data = measured(motion, periods=6, step=1e-3)
-    record = make_record(data, motion.omega, PeriodSource.DESIGN)
+    record = fold_recording(data, motion.omega, PeriodSource.DESIGN)
     assert not record.averaged
     assert record.samples == len(data) == 10_000
     np.testing.assert_array_equal(record.forces.values, data.forces)
@@ -117,7 +117,7 @@ def test_a_period_that_is_no_whole_number_is_never_rounded():
 def test_less_than_a_period_is_refused():
     data = measured(trajectory(), periods=0.8)
     with pytest.raises(PeriodError, match="160 rows"):
-        make_record(data, 2 * np.pi, PeriodSource.DESIGN)
+        fold_recording(data, 2 * np.pi, PeriodSource.DESIGN)
 
 
 @settings(max_examples=200)
@@ -151,6 +151,6 @@ def test_a_period_column_does_not_round_the_period(samples):
 def test_a_last_period_without_its_last_fraction_of_a_sample_is_whole():
     motion = trajectory(200.37)
     data = measured(motion, periods=3)
-    record = make_record(data, motion.omega, PeriodSource.DESIGN)
+    record = fold_recording(data, motion.omega, PeriodSource.DESIGN)
     assert len(data) == 601
     assert record.periods == 3

@@ -6,7 +6,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from estimation.data.reading import read_measurement
-from estimation.identification.estimate import estimate, parameter_knowledge, run_estimators
+from estimation.identification.estimate import estimate, parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from expdesign.configuration import DataSection
@@ -37,7 +37,7 @@ def table(tmp_path_factory):
 def test_an_xps_table_is_as_good_as_its_design(table):
     configuration = run({"noise": "given"}, experiment={"periods": PERIODS, "sampling": SAMPLING})
     twin = Twin.of(configuration, table)
-    knowledge = parameter_knowledge(configuration, ROBOT)
+    knowledge = parameter_priors(configuration, ROBOT)
     found = []
     with threadpool_limits(limits=1, user_api="blas"):
         for number in range(1, REPETITIONS + 1):

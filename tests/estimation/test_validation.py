@@ -4,8 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimation.diagnostics.diagnosis_result import DiagnosisKeys
 from estimation.diagnostics.finding import Assumption, Status, Verdict
-from estimation.diagnostics.record import DiagnosisKeys
 from estimation.identification import estimate
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.record import EstimateRecord

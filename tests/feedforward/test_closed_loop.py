@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from estimation.feedforward.closed_loop import Task, followed
-from estimation.feedforward.controller import Controller
+from estimation.feedforward.closed_loop import Controller, Task, followed
 from estimation.feedforward.forward_dynamics import ForwardDynamics, Model
 from expdesign.configuration import ComputationError
 from expdesign.configuration.sections.feedforward import FeedforwardSection

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from estimation.estimators import DeviatingMachine, Systematic
-from estimation.feedforward.comparison import compare_feedforward
-from estimation.feedforward.record import FeedforwardRecord
-from estimation.feedforward.true_machine import true_machine
+from estimation.feedforward.comparison import compare_feedforward, true_machine
+from estimation.feedforward.result import FeedforwardRecord
 from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
 from expdesign.configuration import ComputationError, InputError, load_run

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimation.feedforward.controller import Controller, ControllerState
+from estimation.feedforward.closed_loop import Controller, ControllerState
 from expdesign.configuration.sections.feedforward import FeedforwardSection
 
 MASSES = np.array([1.0, 2.0, 4.0, 7.0, 10.0, 20.0])

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.feedforward.record import MEANINGS, FeedforwardRecord
+from estimation.feedforward.result import MEANINGS, FeedforwardRecord
 from expdesign.cli.app import app
 from expdesign.cli.errors import run
 from expdesign.configuration import load_run

@@ -17,9 +17,9 @@ import yaml
 
 from estimation.data.reading import read_measurement
 from estimation.identification.record import EstimateRecord
-from estimation.montecarlo.record import MonteCarloRecord
-from estimation.twin.record import Truth
-from estimation.validation.record import ValidationRecord
+from estimation.montecarlo.result import MonteCarloRecord
+from estimation.twin.truth import Truth
+from estimation.validation.validate import ValidationRecord
 from expdesign.configuration import DataSection, ExportSection, InputError, load_run, resolved_yaml
 from expdesign.configuration.robot import load_robot_description
 from expdesign.experiment import DesignRecord

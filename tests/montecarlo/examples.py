@@ -1,6 +1,6 @@
 """A small experiment: two harmonics, three periods of 120 samples."""
 
-from estimation.montecarlo.record import repetition_table
+from estimation.montecarlo.result import repetition_table
 from expdesign.configuration import load_run
 from tests.twin.examples import motion
 

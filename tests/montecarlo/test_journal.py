@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from estimation.montecarlo.journal import Journal
 from estimation.montecarlo.repetition import Outcome, Repetition
+from estimation.montecarlo.study import Journal
 
 
 def repetition(number, freedom=720.0):

@@ -11,7 +11,7 @@ from estimation.identification import estimate
 from estimation.kinematics.fourier_fit import MotionFitError
 from estimation.montecarlo import repetition as one
 from estimation.montecarlo import run_study
-from estimation.montecarlo.record import MonteCarloRecord
+from estimation.montecarlo.result import MonteCarloRecord
 from estimation.montecarlo.study import study_inputs
 from estimation.twin import Twin
 from expdesign.configuration import InputError

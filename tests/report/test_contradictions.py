@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from estimation.identification.record import EstimateRecord
-from estimation.montecarlo.record import MonteCarloRecord
-from estimation.twin.record import Truth
-from estimation.validation.record import ValidationRecord
+from estimation.montecarlo.result import MonteCarloRecord
+from estimation.twin.truth import Truth
+from estimation.validation.validate import ValidationRecord
 from expdesign.cli.app import app
 from expdesign.cli.errors import run
 from expdesign.configuration import InputError

@@ -11,7 +11,7 @@ from scipy import stats
 
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.noise_density import noise_density
-from estimation.processing.record import Channels
+from estimation.processing.periodic_recording import Channels
 from results.figures.drawing import save_figures
 from results.figures.noise import NOISE_FIGURES, noise_spectrum_figure
 from results.figures.residuals import DIAGNOSTIC_FIGURES

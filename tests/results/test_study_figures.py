@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from estimation.montecarlo.record import MonteCarloRecord, StatisticsRow
+from estimation.montecarlo.result import MonteCarloRecord, StatisticsRow
 from results.figures.drawing import save_figures
 from results.figures.montecarlo import STUDY_FIGURES, bias_figure, efficiency_figure
 

@@ -6,11 +6,11 @@ from fnmatch import fnmatch
 
 import pytest
 
-from estimation.diagnostics.noise_record import NoiseRecord
-from estimation.feedforward.record import FeedforwardRecord
+from estimation.diagnostics.noise_result import NoiseRecord
+from estimation.feedforward.result import FeedforwardRecord
 from estimation.identification.record import EstimateRecord
-from estimation.montecarlo.record import MonteCarloRecord
-from estimation.validation.record import ValidationRecord
+from estimation.montecarlo.result import MonteCarloRecord
+from estimation.validation.validate import ValidationRecord
 from expdesign.cli import shown
 from expdesign.configuration import RunDescription, load_run
 from expdesign.configuration.run import STAGES as NAMED

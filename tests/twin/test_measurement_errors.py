@@ -7,9 +7,9 @@ import pytest
 
 from estimation.data.reading import read_measurement
 from estimation.identification import prepare_experiment, run_estimators
-from estimation.identification.estimate import parameter_knowledge
+from estimation.identification.estimate import parameter_priors
 from estimation.twin import Twin
-from estimation.twin.record import write_measurement
+from estimation.twin.truth import write_measurement
 from expdesign.configuration import InputError, load_run
 from expdesign.robot import load_robot
 from tests.twin.examples import TINY, configuration, motion
@@ -68,7 +68,7 @@ def test_the_delay_is_that_which_data_states():
     run["estimate"] = {"estimators": ["gm"], "harmonics": 3}
     configuration = load_run(run)
     measured = Twin.of(configuration, motion()).measurement()
-    known = parameter_knowledge(configuration, ROBOT)
+    known = parameter_priors(configuration, ROBOT)
     off = []
     for told in (late, 0.0):
         data = replace(measured, force_delay=told)

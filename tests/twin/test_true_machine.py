@@ -8,7 +8,7 @@ import pytest
 from estimation.montecarlo.repetition import Workbench
 from estimation.montecarlo.study import study_inputs
 from estimation.twin import Truth, Twin
-from estimation.twin.record import true_values
+from estimation.twin.truth import true_values
 from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.robot import Robot, load_robot
 from tests.twin.examples import TINY, motion

@@ -2,7 +2,7 @@
 
 The load is what the terms listed before this one, without friction, ask of the actuator at the
 parameters of `HexapodGraph.nominal`. The forces are not linear in all parameters together: an
-estimate takes the load anew at what it has found (`estimation.identification.load`).
+estimate takes the load anew at what it has found (`estimation.identification.estimated_machine`).
 """
 
 from __future__ import annotations

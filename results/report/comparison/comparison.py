@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from estimation.identification.record import EstimateRecord
-from estimation.montecarlo.record import MonteCarloRecord
+from estimation.montecarlo.result import MonteCarloRecord
 from expdesign.configuration import InputError, Problem
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.sensitivity import limit_sensitivity

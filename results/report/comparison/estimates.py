@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.identification.budget_record import shared_response
 from estimation.identification.estimate_file import EstimateFile
-from estimation.twin.record import Truth
+from estimation.identification.estimator_result import shared_response
+from estimation.twin.truth import Truth
 from estimation.uncertainty.differences import Differences, difference_test
 from expdesign.configuration.identification import machine_name
 from expdesign.mechanism.catalogue import parameter_unit

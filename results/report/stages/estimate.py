@@ -9,7 +9,7 @@ import numpy as np
 
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.record import EstimateRecord
-from estimation.twin.record import Truth
+from estimation.twin.truth import Truth
 from estimation.uncertainty.differences import Differences
 from estimation.uncertainty.intervals import ParameterRow
 from results.figures.noise import NOISE_FIGURES

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimation.feedforward.record import MEANINGS, FeedforwardFile, FeedforwardRecord
+from estimation.feedforward.result import MEANINGS, FeedforwardFile, FeedforwardRecord
 from results.figures.feedforward import feedforward_figure
 from results.notation import percent, readable
 from results.report.content import Block, Fact, Level, StageReport, TextBlock, Verdict

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from estimation.montecarlo.record import EstimatorKeys, MonteCarloRecord
+from estimation.montecarlo.result import EstimatorKeys, MonteCarloRecord
 from results.figures.montecarlo import STUDY_FIGURES
 from results.notation import percent, readable
 from results.report.content import Block, Fact, Level, StageReport, Verdict

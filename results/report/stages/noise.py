@@ -8,10 +8,10 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import Outcome
-from estimation.diagnostics.noise_record import NoiseFile, covariance_rows
+from estimation.diagnostics.noise_result import NoiseFile, covariance_rows
 from estimation.diagnostics.noise_tests import Normality, Whiteness
 from estimation.identification.record import EstimateRecord
-from estimation.twin.record import Truth
+from estimation.twin.truth import Truth
 from results.figures.noise import NOISE_FIGURES, SPECTRUM_FIGURES
 from results.notation import readable
 from results.report.content import (

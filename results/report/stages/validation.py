@@ -7,7 +7,7 @@ from dataclasses import astuple
 import numpy as np
 
 from estimation.validation.prediction_error import Kept
-from estimation.validation.record import MotionKeys, ValidationRecord
+from estimation.validation.validate import MotionKeys, ValidationRecord
 from results.notation import counted
 from results.report.content import (
     Block,

@@ -11,7 +11,7 @@ from estimation.diagnostics.attribution import Attribution, Effect
 from estimation.diagnostics.finding import Verdict
 from estimation.diagnostics.gain_drift import GainDriftTest
 from estimation.diagnostics.hypothesis import CauseResult, DelayTest
-from estimation.diagnostics.noise_record import Histogram, NoisePictures, Quantiles
+from estimation.diagnostics.noise_result import Histogram, NoisePictures, Quantiles
 from estimation.diagnostics.noise_tests import Drifts, Normalities, Whitenesses
 from estimation.diagnostics.periodic_forces import PeriodicForce
 from estimation.diagnostics.residuals import (

@@ -93,7 +93,7 @@ class Channels:
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class PeriodicRecording:
     """Samples of one periodic motion."""
 
     omega: float
@@ -142,7 +142,7 @@ class Record:
         """Length of a period, s."""
         return float(2 * np.pi / self.omega)
 
-    def behind(self, noise: NoiseModel) -> Record:
+    def behind(self, noise: NoiseModel) -> PeriodicRecording:
         """Return the record as it is weighted with this noise."""
         forces, lengths = noise.forces.filter, noise.lengths.filter
         return replace(
@@ -156,14 +156,14 @@ class Record:
         return scatter_about_series(channels.times, channels.values, self.omega, harmonics)
 
 
-def make_record(
+def fold_recording(
     data: Measurement,
     omega: float,
     source: PeriodSource,
     *,
     average: bool = True,
     robust: bool = False,
-) -> Record:
+) -> PeriodicRecording:
     """Bring a recording into the form that the estimators work on.
 
     Parameters
@@ -215,7 +215,7 @@ def make_record(
         collected = partial(
             _single_samples, times, omega, per_period, repeated=repeated, robust=robust
         )
-    return Record(
+    return PeriodicRecording(
         omega=omega,
         moves_from=moves_from(data),
         source=source,

@@ -9,7 +9,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.measurement_model import HarmonicMotion
-from estimation.processing import Record
+from estimation.processing import PeriodicRecording, fold_recording
 from estimation.processing.begin_of_motion import moves_from
 from estimation.processing.period import (
     PeriodError,
@@ -19,6 +19,7 @@ from estimation.processing.period import (
     omega_from_data,
     refined_omega,
 )
+from estimation.processing.rest import at_rest, omega_at_rest, resolution_only
 from expdesign.configuration import InputError, RunConfiguration
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory
@@ -30,21 +31,15 @@ class UnsuitableDataError(InputError):
 
 _FREQUENCY_REACH = 0.02
 """How far the controller's clock may be off, relative, when the frequency is estimated."""
-
 _CLEARLY_OFF = 5.0
 """Standard errors by which a clock must be off before it is looked at."""
-
 _LOOK = 0.05
 """How far off it is looked for, relative."""
-
 _FEWEST_MARKED = 3
 """Numbers that a period column must have: fewer do not mark the two ends of a period."""
-
 _MOST = 0.9
-
 _REPEATS = 0.5
 """Largest difference between a sample and the one a period later, as a share of the motion."""
-
 _ON_TIME = 1e-9
 """Share of a period by which rounding may put a sample into the period before."""
 
@@ -99,7 +94,11 @@ def _refuse_other_period(data: Measurement, omega: float, source: PeriodSource) 
 
 
 def period_warning(
-    robot: Robot, data: Measurement, record: Record, motion: HarmonicMotion, covariance: Array
+    robot: Robot,
+    data: Measurement,
+    record: PeriodicRecording,
+    motion: HarmonicMotion,
+    covariance: Array,
 ) -> str:
     """Return what is to be said of a period that was taken from the design or from the run.
 
@@ -129,7 +128,7 @@ def period_warning(
 
 
 def clock_error(
-    robot: Robot, record: Record, motion: HarmonicMotion, covariance: Array
+    robot: Robot, record: PeriodicRecording, motion: HarmonicMotion, covariance: Array
 ) -> tuple[float, float]:
     """Return how much faster the recording runs than `motion`, relative, and its std.
 
@@ -185,4 +184,86 @@ def _refused(data: Measurement, message: str) -> UnsuitableDataError:
         file=Path(data.source) if data.source else None,
         allowed="a design (--design), a period column, a fixed trajectory.frequency, or data "
         "that repeat",
+    )
+
+
+_TWO = 2 - 1e-9
+_SAME = 1 - 1e-9
+"""Correlation from sample to sample from which two channels have no noise of their own."""
+
+
+def fold_noise_recording(
+    configuration: RunConfiguration,
+    data: Measurement,
+    design: FourierTrajectory | None,
+    *,
+    certain: bool,
+) -> PeriodicRecording:
+    """Return a recording by its periods: those of the design, of the run, or its own.
+
+    A machine at rest repeats in every part of the recording.
+
+    Parameters
+    ----------
+    design : FourierTrajectory or None
+        What may have been executed.
+    certain : bool
+        Whether it was: another period is an error then.
+
+    Raises
+    ------
+    UnsuitableDataError
+        The machine moves, and not periodically, or less than two periods were recorded.
+    """
+    dead = np.flatnonzero(np.ptp(data.forces, axis=0) == 0) + 1
+    if len(dead):
+        where = f"actuator{'s' * (len(dead) > 1)} {', '.join(map(str, dead))}"
+        raise _not_repeated(data, f"the forces do not change at all ({where}): are they connected?")
+    same = np.triu(np.abs(np.corrcoef(np.diff(data.forces, axis=0).T)) > _SAME, 1)
+    if np.any(same):
+        first, second = np.argwhere(same)[0] + 1
+        message = f"the forces of actuators {first} and {second} are the same recording"
+        raise _not_repeated(data, f"{message}: look at `data.columns` and the cables")
+    if all(resolution_only(column) for column in data.lengths.T):
+        return _at_rest(data)
+    try:
+        omega, source = choose_omega(configuration, data, design)
+        record = fold_recording(data, omega, source)
+    except (UnsuitableDataError, PeriodError) as error:
+        if at_rest(data):
+            return _at_rest(data)
+        if certain:
+            raise _not_repeated(data, str(error)) from error
+        record = _of_its_own(data)
+    if record.periods < _TWO:
+        if at_rest(data):
+            return _at_rest(data)
+        raise _not_repeated(
+            data,
+            f"{record.periods:.3g} periods show no scatter between periods: the noise of a "
+            "recording takes two periods or more, or a machine at rest",
+        )
+    return record
+
+
+def _of_its_own(data: Measurement) -> PeriodicRecording:
+    try:
+        return fold_recording(data, omega_from_data(data), PeriodSource.DATA)
+    except PeriodError as error:
+        raise _not_repeated(data, f"{error}, and the machine is not at rest") from error
+
+
+def _at_rest(data: Measurement) -> PeriodicRecording:
+    try:
+        return fold_recording(data, omega_at_rest(data), PeriodSource.REST)
+    except PeriodError as error:
+        raise _not_repeated(data, str(error)) from error
+
+
+def _not_repeated(data: Measurement, message: str) -> UnsuitableDataError:
+    return UnsuitableDataError(
+        message,
+        file=Path(data.source) if data.source else None,
+        key="--data",
+        allowed="two periods or more of a motion that repeats, or some seconds at rest",
     )
