@@ -11,8 +11,8 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.estimators import Systematic
 from estimation.estimators.payload import ABOUT_CENTRE, TEN, PayloadEstimate, about_centre
+from estimation.uncertainty.consistency import ConsistentEstimate
 from estimation.uncertainty.intervals import interval_widths
-from estimation.uncertainty.physical_consistency import ConsistentEstimate
 from expdesign.information.identifiable import listed
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
