@@ -20,7 +20,7 @@ from expdesign.robot import Robot
 from expdesign.robot.deviation import deviations
 from expdesign.robot.deviation_slope import deviating_forces
 from expdesign.runfolder import ArrayTable, described, strutwise
-from expdesign.runfolder.described import TIME
+from expdesign.runfolder.fields import TIME
 from expdesign.trajectory import FourierTrajectory
 
 WRITTEN_BY = "`expdesign model`"

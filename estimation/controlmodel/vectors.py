@@ -17,7 +17,7 @@ from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot import LimitModel, Robot
 from expdesign.robot.limit_model import states_at_rest
 from expdesign.runfolder import ArrayTable, strutwise
-from expdesign.runfolder.described import ACCELERATION_COLUMNS, POSE_COLUMNS, RATE_COLUMNS
+from expdesign.runfolder.fields import ACCELERATION_COLUMNS, POSE_COLUMNS, RATE_COLUMNS
 
 _TILT = 0.35
 """Rotations about home that are tried, rad."""

@@ -35,7 +35,7 @@ from expdesign.runfolder import (
     sized,
     strutwise,
 )
-from expdesign.runfolder.atomic import write_text
+from expdesign.runfolder.files import write_text
 
 
 def _infinite(value: object) -> object:

@@ -27,12 +27,12 @@ from expdesign.experiment.combinations import KnownCombination
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import tolerated
 from expdesign.runfolder import Numbers, OpenNumbers, RunFile, copied, described
-from expdesign.runfolder.contradiction import (
-    no_covariance,
-    other_count,
-    other_names,
-    other_shape,
+from expdesign.runfolder.fields import (
     unknown_names,
+    wrong_count,
+    wrong_covariance,
+    wrong_names,
+    wrong_shape,
 )
 from expdesign.trajectory import FourierKeys
 
@@ -242,52 +242,52 @@ class EstimateFile(RunFile):
         square = (count, count)
         yield from unknown_names("best", [self.best], self.estimators, "estimators")
         yield from unknown_names("fixed", self.fixed, names, of)
-        yield from no_covariance("cramer_rao_covariance", self.cramer_rao_covariance, count, of)
+        yield from wrong_covariance("cramer_rao_covariance", self.cramer_rao_covariance, count, of)
         key, difference = "covariance_ml_less_gm", self.covariance_ml_less_gm
-        yield from other_shape(key, difference, square, of)
+        yield from wrong_shape(key, difference, square, of)
         for name, found in self.estimators.items():
             place = f"estimators.{name}"
-            yield from other_names(f"{place}.values", found.values, names, of)
+            yield from wrong_names(f"{place}.values", found.values, names, of)
             for key in ("covariance", "covariance_forces"):
-                yield from no_covariance(f"{place}.{key}", getattr(found, key), count, of)
+                yield from wrong_covariance(f"{place}.{key}", getattr(found, key), count, of)
             for key in ("covariance_kinematics", "covariance_systematic"):
                 # Shares, which rounding may leave below zero.
-                yield from other_shape(f"{place}.{key}", getattr(found, key), square, of)
+                yield from wrong_shape(f"{place}.{key}", getattr(found, key), square, of)
             for key in ("freedom", "colour"):
                 # Earlier versions have none.
                 numbers = getattr(found, key)
-                yield from other_shape(
+                yield from wrong_shape(
                     f"{place}.{key}", numbers if numbers.size else None, (count,), of
                 )
             if found.payload is not None:
                 own = found.payload
-                yield from other_names(f"{place}.payload.values", own.values, TEN, "a payload")
+                yield from wrong_names(f"{place}.payload.values", own.values, TEN, "a payload")
                 for key in ("covariance", "covariance_systematic"):
                     matrix = getattr(own, key)
                     path = f"{place}.payload.{key}"
-                    yield from other_shape(path, matrix, (len(TEN),) * 2, "a payload")
+                    yield from wrong_shape(path, matrix, (len(TEN),) * 2, "a payload")
                 path = f"{place}.payload.freedom"
-                yield from other_shape(path, own.freedom, (len(TEN),), "a payload")
+                yield from wrong_shape(path, own.freedom, (len(TEN),), "a payload")
             if found.consistent is not None:
-                yield from other_names(
+                yield from wrong_names(
                     f"{place}.consistent.values", found.consistent.values, names, of
                 )
                 for key in ("moved", "spread", "low", "high"):
                     numbers = getattr(found.consistent, key)
-                    yield from other_shape(f"{place}.consistent.{key}", numbers, (count,), of)
+                    yield from wrong_shape(f"{place}.consistent.{key}", numbers, (count,), of)
             others = 0
             if found.systematic is not None:
                 others = len(found.systematic.deviations)
                 for key, shape in (("response", (count, others)), ("left", (others, others))):
                     matrix, path = getattr(found.systematic, key), f"{place}.systematic.{key}"
-                    yield from other_shape(path, matrix, shape, f"{of} and deviations")
+                    yield from wrong_shape(path, matrix, shape, f"{of} and deviations")
             if (joint := found.covariance_joint) is not None:
                 size = min(max(len(joint), count), count + others)
                 key = f"{place}.covariance_joint"
-                yield from no_covariance(key, joint, size, f"{of} and deviations")
+                yield from wrong_covariance(key, joint, size, f"{of} and deviations")
         if self.diagnostics is not None:
             tested, recordings = self.diagnostics.experiments, len(self.recordings)
-            yield from other_count("diagnostics.experiments", tested, recordings, "recordings")
+            yield from wrong_count("diagnostics.experiments", tested, recordings, "recordings")
 
     @property
     def numbers(self) -> tuple[int | None, ...]:

@@ -45,15 +45,15 @@ from expdesign.runfolder import (
     RowTable,
     described,
 )
-from expdesign.runfolder.atomic import write_text
-from expdesign.runfolder.described import (
+from expdesign.runfolder.fields import (
     ACCELERATION_COLUMNS,
     POSE_COLUMNS,
     RATE_COLUMNS,
     TIME,
     strutwise,
 )
-from expdesign.runfolder.table import Matrices
+from expdesign.runfolder.files import write_text
+from expdesign.runfolder.tables import Matrices
 
 _WRITTEN_BY = EstimateFile.WRITTEN_BY
 

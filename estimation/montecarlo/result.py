@@ -20,15 +20,15 @@ from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder import (
     Column,
     Contents,
+    CsvFile,
     FolderRecord,
     Numbers,
     RowKeys,
     RowTable,
     RunFile,
-    Table,
     described,
 )
-from expdesign.runfolder.contradiction import no_covariance, unknown_names
+from expdesign.runfolder.fields import unknown_names, wrong_covariance
 
 _WRITTEN_BY = "`expdesign montecarlo`"
 
@@ -98,7 +98,7 @@ class MonteCarloFile(RunFile):
         names, count = self.parameters, len(self.truth)
         yield from unknown_names("parameters", names, self.truth, "truth")
         yield from unknown_names("identified", self.identified, names, "parameters")
-        yield from no_covariance("bound_covariance", self.bound_covariance, count, "truth")
+        yield from wrong_covariance("bound_covariance", self.bound_covariance, count, "truth")
 
     @classmethod
     def of(cls, study: Study) -> Self:
@@ -146,7 +146,7 @@ class StatisticsRow(ParameterStatistics, _Subject):
 
 
 @dataclass(frozen=True)
-class RepetitionTable(Table[Iterable[Repetition], None]):
+class RepetitionTable(CsvFile[Iterable[Repetition], None]):
     """One row per repetition and estimator, those that failed included."""
 
     parameters: tuple[str, ...]

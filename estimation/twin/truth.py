@@ -28,8 +28,8 @@ from expdesign.runfolder import (
     sized,
     strutwise,
 )
-from expdesign.runfolder.atomic import write_csv
-from expdesign.runfolder.described import checker
+from expdesign.runfolder.fields import checker
+from expdesign.runfolder.files import write_csv
 from expdesign.trajectory import FourierKeys, FourierTrajectory, fourier_keys
 
 _WRITTEN_BY = "`expdesign simulate`"
@@ -257,4 +257,4 @@ def write_truth(truth: Truth, folder: Path, *, repeated: bool) -> list[Path]:
         Whether the measurements are in `repetitions/`.
     """
     table = replace(MEASUREMENT, file=f"{REPETITIONS}/*/{MEASUREMENT.file}")
-    return [truth.write(folder), describe_tables(folder, [table if repeated else MEASUREMENT])]
+    return [*truth.write(folder), describe_tables(folder, [table if repeated else MEASUREMENT])]

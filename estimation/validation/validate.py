@@ -40,7 +40,7 @@ from expdesign.runfolder import (
     described,
     strutwise,
 )
-from expdesign.runfolder.contradiction import other_count
+from expdesign.runfolder.fields import wrong_count
 from expdesign.trajectory import FourierTrajectory
 
 _WRITTEN_BY = "`expdesign validate`"
@@ -112,7 +112,7 @@ class ValidationFile(RunFile):
         """Yield motions that are not diagnosed once."""
         for number, motion in enumerate(self.motions, start=1):
             key = f"motions[{number}].diagnostics.experiments"
-            yield from other_count(key, motion.diagnostics.experiments, 1, "the motion")
+            yield from wrong_count(key, motion.diagnostics.experiments, 1, "the motion")
 
 
 @dataclass(frozen=True)

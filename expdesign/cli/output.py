@@ -50,9 +50,9 @@ def say(text: str) -> None:
 
 def write_json(data: Any) -> None:
     """Write data to standard output as JSON; NaN and ±inf, which JSON does not have, as null."""
-    from expdesign.runfolder.atomic import plain
+    from expdesign.runfolder.files import json_values
 
-    typer.echo(json.dumps(plain(data), indent=2))
+    typer.echo(json.dumps(json_values(data), indent=2))
 
 
 def warn(text: str, console: Console | None = None) -> None:

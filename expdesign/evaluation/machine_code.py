@@ -27,7 +27,7 @@ from expdesign.evaluation.vector_code import (
     vector_code,
 )
 from expdesign.progress import report_progress
-from expdesign.runfolder.atomic import written_beside
+from expdesign.runfolder.files import atomic_write
 
 VIRTUAL_MACHINE = "casadi virtual machine"
 SWITCH = "EXPDESIGN_EVALUATOR"
@@ -276,7 +276,7 @@ def _keep(key: str, code: bytes) -> None:
     folder = _folder()
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        with written_beside(folder / key) as beside:
+        with atomic_write(folder / key) as beside:
             beside.write_bytes(hashlib.sha256(code).digest() + code)
         used = sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime)
         taken = sum(path.stat().st_size for path in used)

@@ -36,9 +36,8 @@ from expdesign.runfolder import (
     copied,
     described,
 )
-from expdesign.runfolder.atomic import write_text
-from expdesign.runfolder.manifest import RUN_FILE
-from expdesign.runfolder.table import Matrices
+from expdesign.runfolder.files import RUN_FILE, write_text
+from expdesign.runfolder.tables import Matrices
 from expdesign.solver.search import SearchResult
 
 _WRITER = "`expdesign design`"

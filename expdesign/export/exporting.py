@@ -28,8 +28,7 @@ from expdesign.export.text_table import write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES, POSE
 from expdesign.progress import listening, progress_prefix, report_progress
 from expdesign.robot import Robot
-from expdesign.runfolder.atomic import naming
-from expdesign.runfolder.leftovers import remove_leftovers, temporary_prefix
+from expdesign.runfolder.files import errors_naming, remove_leftovers, temporary_prefix
 from expdesign.runfolder.manifest import file_hash
 from expdesign.workers import Monitor
 
@@ -161,7 +160,10 @@ def export_table(
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(path.parent)
     # A folder beside it: some libraries go by the file's name.
-    with naming(path), TemporaryDirectory(prefix=temporary_prefix(), dir=path.parent) as folder:
+    with (
+        errors_naming(path),
+        TemporaryDirectory(prefix=temporary_prefix(), dir=path.parent) as folder,
+    ):
         beside = Path(folder) / file_name(section)
         report_progress(f"writing {len(times)} rows")
         (write or settings.form.write)(beside, rows, settings)

@@ -16,7 +16,7 @@ from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.sampled import SampledMotion
 from expdesign.progress import track
 from expdesign.robot import ForwardKinematicsError, LimitModel
-from expdesign.runfolder.described import Column, field_columns
+from expdesign.runfolder.fields import Column, field_columns
 
 SHARE = 1e-3
 """Largest deviation of accelerations and forces, as a share of their limits' range."""

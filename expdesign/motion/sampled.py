@@ -10,7 +10,7 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.recheck.limit_check import Motion
 from expdesign.robot import Robot
-from expdesign.runfolder.described import (
+from expdesign.runfolder.fields import (
     ACCELERATION_COLUMNS,
     POSE_COLUMNS,
     RATE_COLUMNS,

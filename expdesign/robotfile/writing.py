@@ -26,7 +26,7 @@ from expdesign.robotfile.assumed import MASS, Complete, completed
 from expdesign.robotfile.machine import Machine, Points
 from expdesign.robotfile.quantities import flow, written
 from expdesign.robotfile.questions import QUESTIONS
-from expdesign.runfolder.atomic import write_text
+from expdesign.runfolder.files import write_text
 
 _ANGLES = 3
 _WIDTH = 100

@@ -1,6 +1,6 @@
-"""Run folders: one type for every file, complete or absent, and the manifest of its stages."""
+"""Run folders: results stored from the annotations of their fields, and the manifest of stages."""
 
-from expdesign.runfolder.described import (
+from expdesign.runfolder.fields import (
     MAY_BE_EMPTY,
     Column,
     Covariance,
@@ -13,9 +13,17 @@ from expdesign.runfolder.described import (
     sized,
     strutwise,
 )
-from expdesign.runfolder.folder_record import Contents, FolderRecord, RowKeys
-from expdesign.runfolder.json_file import JsonFile, MissingFileError, RunFile
-from expdesign.runfolder.table import ArrayTable, MatrixTable, RowTable, Table, describe_tables
+from expdesign.runfolder.files import MissingFileError
+from expdesign.runfolder.places import Matrix, Numbered, Place, StoredConfiguration, Table, Text
+from expdesign.runfolder.store import (
+    Contents,
+    FolderRecord,
+    JsonFile,
+    RowKeys,
+    RunFile,
+    StageResult,
+)
+from expdesign.runfolder.tables import ArrayTable, CsvFile, MatrixTable, RowTable, describe_tables
 
 __all__ = [
     "MAY_BE_EMPTY",
@@ -23,17 +31,24 @@ __all__ = [
     "Column",
     "Contents",
     "Covariance",
+    "CsvFile",
     "FolderRecord",
     "JsonFile",
+    "Matrix",
     "MatrixTable",
     "MissingFileError",
+    "Numbered",
     "Numbers",
     "OpenNumber",
     "OpenNumbers",
+    "Place",
     "RowKeys",
     "RowTable",
     "RunFile",
+    "StageResult",
+    "StoredConfiguration",
     "Table",
+    "Text",
     "WholeNumbers",
     "copied",
     "describe_tables",

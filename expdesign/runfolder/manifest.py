@@ -11,11 +11,9 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-from expdesign.runfolder.described import described
-from expdesign.runfolder.json_file import JsonFile
-
-RUN_FILE = "run.yaml"
-"""The configuration, which every stage leaves: no result of any of them, and not in `files`."""
+from expdesign.runfolder.fields import described
+from expdesign.runfolder.files import RUN_FILE
+from expdesign.runfolder.store import JsonFile
 
 _PACKAGES = (
     *("expdesign", "casadi", "llvmlite", "numpy", "scipy", "pandas", "matplotlib", "pydantic"),
@@ -28,8 +26,8 @@ class StageEntry:
 
     Its status is ``"done"``, ``"limits broken"``, ``"incomplete"`` (parts of it failed),
     ``"interrupted"`` or ``"failed"``. `files` has the SHA-256 of every file that it wrote, by path
-    in the run folder; what it was made from stands in `inputs`, as a hash: `run.yaml` is not among
-    them.
+    in the run folder; `inputs` is the hash of what it was made from. `run.yaml` is not among the
+    files.
     """
 
     status: str
@@ -38,10 +36,6 @@ class StageEntry:
     finished: str
     message: str = ""
     files: dict[str, str] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        """Leave `run.yaml` out, which earlier versions listed."""
-        self.files.pop(RUN_FILE, None)
 
 
 @dataclass(frozen=True)
@@ -108,7 +102,11 @@ def entry(
         seconds=round(seconds, 3),
         finished=datetime.now(UTC).isoformat(timespec="seconds"),
         message=message,
-        files={str(file.relative_to(folder)): file_hash(file) for file in sorted(files)},
+        files={
+            str(file.relative_to(folder)): file_hash(file)
+            for file in sorted(files)
+            if file != folder / RUN_FILE
+        },
     )
 
 

@@ -17,7 +17,8 @@ from expdesign.motion.limits import check_motion
 from expdesign.progress import progress_prefix
 from expdesign.recheck.certificate import recheck
 from expdesign.robot import ForwardKinematicsError, LimitModel, Robot, robot_from
-from expdesign.runfolder.manifest import RUN_FILE, Manifest, file_hash
+from expdesign.runfolder.files import RUN_FILE
+from expdesign.runfolder.manifest import Manifest, file_hash
 from expdesign.stages.folder import refuse_run_file
 from expdesign.stages.outcome import StageFailed, short
 from expdesign.stages.workspace import Workspace

@@ -42,8 +42,7 @@ from expdesign.motion.limits import check_motion, has_enclosure
 from expdesign.motion.planning import executable_motion
 from expdesign.progress import forward_progress, progress_prefix, report_progress
 from expdesign.robot import robot_from
-from expdesign.runfolder.atomic import write_text
-from expdesign.runfolder.leftovers import remove_leftovers
+from expdesign.runfolder.files import remove_leftovers, write_text
 from expdesign.runfolder.manifest import package_versions, text_hash
 from expdesign.stages.folder import refuse_unwritable
 from expdesign.stages.outcome import Outcome, short

@@ -27,7 +27,7 @@ from expdesign.mechanism.hexapod import ACTUATORS, numbered
 from expdesign.progress import report_progress
 from expdesign.robot import Robot, load_robot
 from expdesign.robot.deviation import FORCE_CONSTANT, deviations, estimated_constants
-from expdesign.runfolder.atomic import written_beside
+from expdesign.runfolder.files import atomic_write
 from expdesign.runfolder.manifest import Manifest, file_hash, package_versions
 from expdesign.stages.folder import refuse_unwritable
 from expdesign.stages.outcome import Outcome, Progress, short
@@ -94,7 +94,7 @@ def export_model(
         progress.warn(made.untested)
     files = []
     for file_name, content in made.files.items():
-        with written_beside(target / file_name) as beside:
+        with atomic_write(target / file_name) as beside:
             beside.write_bytes(content)
         files.append(target / file_name)
     files += VECTORS.write(target, model.vectors)
@@ -114,7 +114,7 @@ def export_model(
         motion="" if uncertainty is None else motion,
     )
     # Last: it says that all else is there.
-    files.append(record.write(target))
+    files += record.write(target)
     summary = {"folder": str(target), **record.as_data()}
     return Outcome(folder=target, result=record, files=tuple(files), summary=summary)
 

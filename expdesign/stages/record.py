@@ -12,8 +12,7 @@ from typing import Any
 from expdesign.configuration import RunConfiguration, resolved_yaml
 from expdesign.configuration.section import unstated
 from expdesign.evaluation.machine_code import evaluator
-from expdesign.runfolder.atomic import write_text
-from expdesign.runfolder.leftovers import remove_leftovers
+from expdesign.runfolder.files import remove_leftovers, write_text
 from expdesign.runfolder.manifest import (
     RUN_FILE,
     Manifest,
@@ -23,7 +22,7 @@ from expdesign.runfolder.manifest import (
     package_versions,
     text_hash,
 )
-from expdesign.runfolder.table import COLUMNS_FILE, described_tables
+from expdesign.runfolder.tables import COLUMNS_FILE, tables_described
 from expdesign.stages.outcome import Outcome
 from expdesign.stages.table import STAGES
 from expdesign.stages.workspace import Workspace
@@ -69,7 +68,7 @@ def _described(name: str, made: StageEntry, folder: Path) -> bool:
     """Tell whether `columns.json` describes all tables that a stage wrote, if it wrote that."""
     if COLUMNS_FILE not in made.files:
         return True
-    described = described_tables(folder)
+    described = tables_described(folder)
     return all(
         any(fnmatch(file, table) for table in described)
         for file in made.files

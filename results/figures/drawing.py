@@ -11,7 +11,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.progress import track
-from expdesign.runfolder.atomic import written_beside
+from expdesign.runfolder.files import atomic_write
 from results.notation import symbol
 from results.style import (
     ALERT,
@@ -102,7 +102,7 @@ def save_figures(
                 if ending not in formats and ending != "svg":
                     continue
                 path = folder / f"{definition.key}.{ending}"
-                with written_beside(path) as beside:
+                with atomic_write(path) as beside:
                     figure.savefig(beside, format=ending, dpi=RESOLUTION, metadata=metadata)
                 paths.append(path)
     return tuple(paths)

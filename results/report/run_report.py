@@ -11,7 +11,7 @@ from typing import Any
 from estimation.controlmodel import FOLDER
 from expdesign.configuration import RunConfiguration
 from expdesign.progress import report_progress, track
-from expdesign.runfolder.atomic import write_text
+from expdesign.runfolder.files import write_text
 from results.notation import duration
 from results.report.content import (
     Block,

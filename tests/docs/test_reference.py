@@ -55,7 +55,7 @@ from expdesign.mechanism.catalogue import DEFAULT, term_definitions, terms_named
 from expdesign.mechanism.graph import HexapodGraph
 from expdesign.mechanism.term import ALPHA_RATE, BETA_RATE, STRUT_SPEED, parameters_of
 from expdesign.recheck.limit_check import TOLERANCE, grid_points
-from expdesign.runfolder.described import field_columns
+from expdesign.runfolder.fields import field_columns
 from expdesign.stages.table import STAGES
 from expdesign.trajectory import FourierTrajectory
 from results.figures.design import DESIGN_FIGURES

@@ -12,7 +12,7 @@ from expdesign.configuration import ExportSection, InputError
 from expdesign.export.exporting import export_table
 from expdesign.export.readme import readme
 from expdesign.export.record import ExportsRecord, FileEntry, MotionEntry
-from expdesign.runfolder.atomic import write_text
+from expdesign.runfolder.files import write_text
 from expdesign.stages.report import reported_stages
 from results.report.folder import RunFolder
 from results.report.run_report import run_page, write_report

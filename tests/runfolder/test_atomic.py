@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from expdesign.runfolder.atomic import write_csv, write_json, write_text, written_beside
+from expdesign.runfolder.files import atomic_write, write_csv, write_json, write_text
 
 
 def names(folder):
@@ -18,7 +18,7 @@ def names(folder):
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
 def test_nothing_is_half_written_when_the_writer_raises(tmp_path, error):
     def write():
-        with written_beside(tmp_path / "new.txt") as beside:
+        with atomic_write(tmp_path / "new.txt") as beside:
             beside.write_text("half")
             raise error("in the middle")
 
@@ -38,13 +38,13 @@ def test_what_was_there_stays_when_the_writer_raises(tmp_path):
 
 def test_the_file_appears_only_when_it_is_complete(tmp_path):
     path = tmp_path / "a" / "b" / "file.txt"
-    with written_beside(path) as beside:
+    with atomic_write(path) as beside:
         beside.write_text("first")
         assert not path.exists()
         assert beside.parent == path.parent
         assert beside.name.startswith(".")
     assert path.read_text() == "first"
-    with written_beside(path) as beside:
+    with atomic_write(path) as beside:
         beside.write_text("second")
         assert path.read_text() == "first"
     assert path.read_text() == "second"
@@ -111,7 +111,7 @@ def test_an_error_of_the_system_names_the_file_and_leaves_nothing(tmp_path):
     path = tmp_path / "table.csv"
 
     def write(name):
-        with written_beside(path):
+        with atomic_write(path):
             raise OSError(errno.ENOSPC, "full", name)
 
     for name in (None, str(tmp_path / "what-stands-for-it")):

@@ -6,8 +6,7 @@ import sys
 
 import pytest
 
-from expdesign.runfolder.atomic import write_text
-from expdesign.runfolder.leftovers import remove_leftovers, temporary_prefix
+from expdesign.runfolder.files import remove_leftovers, temporary_prefix, write_text
 
 
 def names(folder):
@@ -17,7 +16,7 @@ def names(folder):
 @pytest.fixture
 def ended():
     """Return how names of a process that has ended begin."""
-    code = "from expdesign.runfolder.leftovers import temporary_prefix; print(temporary_prefix())"
+    code = "from expdesign.runfolder.files import temporary_prefix; print(temporary_prefix())"
     answer = subprocess.run(
         [sys.executable, "-c", code],
         capture_output=True,

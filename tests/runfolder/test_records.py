@@ -1,4 +1,4 @@
-"""The types of a run folder's files: what is written is read, and what is wrong is told where."""
+"""Results in a run folder: the values read are those written, and errors name file and place."""
 
 import json
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from expdesign.runfolder import (
     RowTable,
     described,
 )
-from expdesign.runfolder.described import field_columns
+from expdesign.runfolder.fields import field_columns
 
 
 @dataclass(frozen=True)
@@ -41,16 +41,11 @@ class Motion:
 @dataclass(frozen=True, eq=False)
 class Result(JsonFile):
     FILE: ClassVar[str] = "result.json"
-    FORMAT: ClassVar[int] = 2
     WRITTEN_BY: ClassVar[str] = "`expdesign try`"
     omega: Annotated[float, described("rad/s", "frequency")]
     values: Annotated[Numbers, described("m", "where")]
     parts: Annotated[dict[str, Part], described("", "by name")]
     best: Annotated[int | None, described("1", "which")] = None
-
-    @classmethod
-    def upgraded(cls, data, written):
-        return {**data, "omega": data["frequency"]} if written == 0 else data
 
 
 PARTS = RowTable("tables/parts.csv", "`expdesign try`", Part)
@@ -69,8 +64,8 @@ def _result():
 
 
 def test_a_json_file_comes_back_with_every_digit(tmp_path):
-    path = _result().write(tmp_path)
-    assert json.loads(path.read_text(encoding="utf-8"))["format"] == 2
+    (path,) = _result().write(tmp_path)
+    assert json.loads(path.read_text(encoding="utf-8"))["format"] == 1
     for found in (Result.read(tmp_path), Result.read(path)):
         assert found.omega == 0.1 + 0.2
         np.testing.assert_array_equal(found.values, [[1.0, 1 / 3]])
@@ -92,12 +87,14 @@ def test_a_json_file_comes_back_with_every_digit(tmp_path):
         (lambda data: data.update(values=[[1], [1, 2]]), "values", "numbers"),
         (lambda data: data.update(values=["a"]), "values", "numbers"),
         (lambda data: data["parts"]["a"].update(size="long"), "parts.a.size", "long"),
-        (lambda data: data.update(format=3), "format", "3"),
-        (lambda data: data.update(format="two"), "format", "two"),
+        (lambda data: data.update(format=3), "format", "newer"),
+        (lambda data: data.update(format="two"), "format", "earlier"),
+        (lambda data: data.update(format=0), "format", "earlier"),
+        (lambda data: data.pop("format"), "format", "earlier"),
     ],
 )
 def test_a_json_file_that_is_wrong_is_told_by_its_key(tmp_path, change, key, word):
-    path = _result().write(tmp_path)
+    (path,) = _result().write(tmp_path)
     data = json.loads(path.read_text(encoding="utf-8"))
     change(data)
     path.write_text(json.dumps(data), encoding="utf-8")
@@ -108,29 +105,26 @@ def test_a_json_file_that_is_wrong_is_told_by_its_key(tmp_path, change, key, wor
     assert word in problem.message
 
 
-def test_a_newer_format_is_refused_with_both_numbers(tmp_path):
-    path = _result().write(tmp_path)
-    path.write_text(path.read_text(encoding="utf-8").replace('"format": 2', '"format": 7'))
-    with pytest.raises(InputError, match=r"format 7.* up to 2"):
-        Result.read(tmp_path)
+def test_a_table_of_another_version_is_refused(tmp_path):
     PARTS.write(tmp_path, ROWS)
     columns = tmp_path / "columns.json"
     data = json.loads(columns.read_text(encoding="utf-8"))
-    data["formats"][PARTS.file] = 5
-    columns.write_text(json.dumps(data), encoding="utf-8")
-    with pytest.raises(InputError, match=r"format 5.* up to 1"):
-        PARTS.read(tmp_path)
+    for number, word in ((5, "newer"), (0, "earlier version; run it again")):
+        data["formats"][PARTS.file] = number
+        columns.write_text(json.dumps(data), encoding="utf-8")
+        with pytest.raises(InputError, match=word):
+            PARTS.read(tmp_path)
 
 
-def test_an_older_format_is_read_in_the_form_of_today(tmp_path):
-    old = {"frequency": 2.5, "values": [], "parts": {}, "unheard_of": 1}
-    (tmp_path / "result.json").write_text(json.dumps(old), encoding="utf-8")
+def test_unknown_keys_are_ignored(tmp_path):
+    data = {"format": 1, "omega": 2.5, "values": [], "parts": {}, "unheard_of": 1}
+    (tmp_path / "result.json").write_text(json.dumps(data), encoding="utf-8")
     assert Result.read(tmp_path).omega == 2.5
 
 
 @pytest.mark.parametrize(
     "text",
-    ["", "{", "[]", "3", "\udcff", '{"format": 2, "omega": Infinity, "values": []}', "[" * 9999],
+    ["", "{", "[]", "3", "\udcff", '{"format": 1, "omega": Infinity, "values": []}', "[" * 9999],
 )
 def test_no_json_is_told_with_the_file(tmp_path, text):
     path = tmp_path / "result.json"

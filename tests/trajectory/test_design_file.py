@@ -48,7 +48,7 @@ def test_what_a_design_states_beside_it(file):
 def test_what_is_written_is_read_with_every_digit(tmp_path):
     rng = np.random.default_rng(1)
     made = FourierTrajectory(0.1 + 0.2, rng.normal(size=6), *rng.normal(size=(2, 6, 3)))
-    path = TrajectoryFile(**fourier_keys(made)).write(tmp_path)
+    (path,) = TrajectoryFile(**fourier_keys(made)).write(tmp_path)
     for source in (path, tmp_path):
         found = TrajectoryFile.read(source).trajectory
         np.testing.assert_array_equal(found.vector(), made.vector())

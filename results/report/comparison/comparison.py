@@ -13,7 +13,7 @@ from expdesign.configuration import InputError, Problem
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.sensitivity import limit_sensitivity
 from expdesign.progress import report_progress, track
-from expdesign.runfolder.atomic import write_text
+from expdesign.runfolder.files import write_text
 from expdesign.runfolder.manifest import file_hash
 from results.figures.drawing import FigureDefinition, save_figures
 from results.figures.parameters import (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import Annotated, Any, TypeVar, get_type_hints
@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, TypeAdapter
 
 from constraints.arrays import Array
+from expdesign.configuration import Problem, shown
 from expdesign.configuration.problem import refusal
 from expdesign.mechanism.hexapod import ACTUATORS, POSE, numbered
 
 Record = TypeVar("Record")
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,11 @@ def copied(kind: type[Record], /, *sources: object, **others: Any) -> Record:
     names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
     found = {n: getattr(one, n) for one in sources for n in names if hasattr(one, n)}
     return kind(**found | others)
+
+
+def cached_by_type(function: Callable[[Any], Value]) -> Callable[[Any], Value]:
+    """Decorate a function of a type that is to be called once for each."""
+    return cache(function)
 
 
 checker: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
@@ -169,3 +176,63 @@ OpenNumber = Annotated[float, BeforeValidator(_open_number)]
 
 MAY_BE_EMPTY = BeforeValidator(_none_if_empty)
 """An empty cell of a table is None: ``Annotated[int | None, MAY_BE_EMPTY, described(…)]``."""
+
+
+def wrong_shape(
+    key: str, numbers: Array | None, shape: tuple[int, ...], of: str
+) -> Iterator[Problem]:
+    """Yield that an array has not the shape that the file asks for; nothing for None.
+
+    Parameters
+    ----------
+    key : str
+        Of the array.
+    numbers : array or None
+    shape : tuple of int
+    of : str
+        What its rows and columns are counted by, in words.
+    """
+    if numbers is not None and numbers.shape != shape:
+        found, wanted = (" × ".join(map(str, each)) for each in (numbers.shape, shape))
+        yield Problem(f"there are {found} numbers", key=key, allowed=f"{wanted}, as of {of}")
+
+
+def wrong_covariance(key: str, numbers: Array | None, count: int, of: str) -> Iterator[Problem]:
+    """Yield that a matrix is no covariance of as many; arguments as of `wrong_shape`."""
+    wrong = list(wrong_shape(key, numbers, (count, count), of))
+    yield from wrong
+    place = None if wrong or numbers is None else negative_variance(numbers)
+    if numbers is not None and place is not None:
+        at = f"{key}[{place + 1}][{place + 1}]"
+        message = f"{numbers[place, place]:g} is a negative variance"
+        yield Problem(message, key=at, allowed="zero and more")
+
+
+def wrong_count(key: str, entries: Collection[object], count: int, of: str) -> Iterator[Problem]:
+    """Yield that a list has not as many entries as the file asks for; `of`: of what, in words."""
+    if len(entries) != count:
+        yield Problem(
+            f"the list has {len(entries)}", key=key, allowed=f"{count}, one for each of {of}"
+        )
+
+
+def unknown_names(
+    key: str, names: Iterable[str], known: Collection[str], of: str
+) -> Iterator[Problem]:
+    """Yield the first name that the file does not have elsewhere; `of`: where, in words."""
+    for name in names:
+        if name not in known:
+            yield Problem(
+                f"there is no {shown(name)} among {of}", key=key, allowed=", ".join(known)
+            )
+            return
+
+
+def wrong_names(
+    key: str, names: Collection[str], wanted: Collection[str], of: str
+) -> Iterator[Problem]:
+    """Yield that names are not all of those that the file has elsewhere; `of`: where, in words."""
+    yield from unknown_names(key, names, wanted, of)
+    missing = [name for name in wanted if name not in names]
+    if missing:
+        yield Problem(f"{shown(missing[0])} of {of} is missing", key=key, allowed=", ".join(wanted))

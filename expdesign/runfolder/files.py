@@ -1,0 +1,237 @@
+"""Files of a run folder: complete or absent when written, checked for their format when read.
+
+A file is written under a temporary name in the same folder and then renamed. The temporary name
+identifies the process, so that a later process can remove the temporary files of one that ended.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import math
+import os
+import platform
+import re
+import secrets
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from expdesign.configuration import InputError, Problem
+from expdesign.configuration.text_file import read_text
+
+FORMAT = "format"
+"""The key of the format number in a JSON file."""
+
+RUN_FILE = "run.yaml"
+"""The resolved configuration, which every stage writes."""
+
+LARGEST_FILE = 64 * 1024 * 1024
+"""Largest number of bytes read from a file."""
+
+_ABANDONED = 24 * 3600.0
+"""s. A temporary file that nothing has changed for a day is removed, whatever process its name
+states: files are written in seconds."""
+
+_TOKEN = secrets.token_hex(4)
+"""Of this process: another one may get its number later."""
+_NAME = re.compile(
+    r"\.expdesign-(?P<host>[0-9a-f]{8})-(?P<process>[0-9]{1,10})-(?P<token>[0-9a-f]{8})-"
+)
+
+
+@contextmanager
+def atomic_write(path: Path) -> Iterator[Path]:
+    """Provide a temporary path in the folder of `path`; rename it to `path` on success.
+
+    Temporary files of processes that were killed are removed from the folder first.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written; `filename` is that of `path`.
+    """
+    with errors_naming(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        remove_leftovers(path.parent)
+        handle, name = tempfile.mkstemp(prefix=temporary_prefix(), dir=path.parent)
+        os.close(handle)
+        temporary = Path(name)
+        try:
+            yield temporary
+            # mkstemp makes files that only the owner reads; results are ordinary files.
+            temporary.chmod(0o666 & ~_umask())
+            temporary.replace(path)
+        except BaseException:
+            with suppress(OSError):
+                temporary.unlink()
+            raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+@contextmanager
+def errors_naming(path: Path) -> Iterator[None]:
+    """Replace the temporary file's name in an error of the operating system by `path`."""
+    try:
+        yield
+    except OSError as error:
+        name = error.filename
+        if error.errno is None:
+            raise
+        if name is not None and path.parent not in Path(os.fsdecode(name)).parents:
+            raise  # of another file, which was read meanwhile
+        raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file, UTF-8."""
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path, data: Any) -> None:
+    """Write JSON; numbers that JSON does not have (NaN, ±inf) become null."""
+    write_text(path, json.dumps(json_values(data), indent=2, ensure_ascii=False) + "\n")
+
+
+def write_csv(path: Path, table: pd.DataFrame) -> None:
+    """Write a table with all digits of its numbers (`repr`), comma-separated."""
+    with atomic_write(path) as temporary:
+        table.to_csv(temporary, index=False, lineterminator="\n")
+
+
+def json_values(data: Any) -> Any:
+    """Return arrays as lists, and numbers that JSON does not have (NaN, ±inf) as None.
+
+    >>> import numpy as np
+    >>> json_values({"rate": np.array([1.0, np.nan]), "kept": True})
+    {'rate': [1.0, None], 'kept': True}
+    """
+    if isinstance(data, dict):
+        return {str(key): json_values(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [json_values(item) for item in data]
+    if hasattr(data, "tolist"):
+        return json_values(data.tolist())
+    if isinstance(data, float) and not math.isfinite(data):
+        return None
+    return data
+
+
+class MissingFileError(InputError):
+    """A required file is missing from the run folder.
+
+    Parameters
+    ----------
+    path : Path
+    remedy : str
+        The command that writes it.
+    """
+
+    def __init__(self, path: Path, remedy: str) -> None:
+        super().__init__(Problem("there is no such file", path, allowed=remedy))
+        self.path, self.remedy = path, remedy
+
+    def __reduce__(self) -> tuple[type[MissingFileError], tuple[Path, str]]:  # type: ignore[override]
+        return type(self), (self.path, self.remedy)
+
+
+def read_mapping(path: Path, allowed: str = "a JSON file that expdesign wrote") -> dict[str, Any]:
+    """Read a JSON file with a mapping at its top.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is too large, is not JSON, or holds something else.
+    """
+    text = read_text(path, LARGEST_FILE, allowed)
+    try:
+        data = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InputError(f"not JSON: {error.msg}", path, error.lineno, allowed=allowed) from error
+    except (ValueError, RecursionError) as error:
+        # A number of very many digits, or brackets without end.
+        raise InputError("not JSON that can be read", path, allowed=allowed) from error
+    if not isinstance(data, dict):
+        raise InputError("the file holds no mapping", path, 1, allowed=allowed)
+    return data
+
+
+def check_format(path: Path, found: object, current: int) -> None:
+    """Refuse a file of another version by its format number.
+
+    Raises
+    ------
+    InputError
+        `found` is not the current number.
+    """
+    if found == current and not isinstance(found, bool):
+        return
+    if isinstance(found, int) and found > current:
+        raise InputError("made by a newer version of expdesign", path, key=FORMAT)
+    raise InputError("made by an earlier version; run it again", path, key=FORMAT)
+
+
+def temporary_prefix() -> str:
+    """Return the beginning of the names of this process's temporary files and folders."""
+    return f".expdesign-{_host()}-{os.getpid()}-{_TOKEN}-"
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove the temporary files and folders in a folder whose process has ended.
+
+    Those of a running process stay, and those of other computers until they are a day old. A file
+    that cannot be removed stays, too.
+    """
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            name = _NAME.match(entry.name)
+            if name is None or not _is_abandoned(name, entry.stat(follow_symlinks=False).st_mtime):
+                continue
+            if entry.is_dir(follow_symlinks=False):
+                shutil.rmtree(entry.path, ignore_errors=True)
+            else:
+                with contextlib.suppress(OSError):
+                    Path(entry.path).unlink()
+
+
+def _is_abandoned(name: re.Match[str], changed: float) -> bool:
+    if time.time() - changed > _ABANDONED:
+        return True
+    if name["host"] != _host():
+        return False
+    process = int(name["process"])
+    if process == os.getpid():
+        return name["token"] != _TOKEN
+    return not _is_running(process)
+
+
+def _host() -> str:
+    """Return a hash of the computer, or container of it, in which process numbers are unique."""
+    with contextlib.suppress(OSError):
+        numbers = Path("/proc/self/ns/pid").readlink()
+        return hashlib.sha256(f"{platform.node()} {numbers}".encode()).hexdigest()[:8]
+    return hashlib.sha256(platform.node().encode()).hexdigest()[:8]
+
+
+def _is_running(process: int) -> bool:
+    """Return whether a process of this number is running; True when in doubt."""
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True
+    return True
