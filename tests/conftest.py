@@ -1,7 +1,6 @@
 """What all tests share: the programs that some need, how examples are drawn, what is made once."""
 
 import contextlib
-import copy
 import fcntl
 import importlib
 import os
@@ -15,6 +14,7 @@ from hypothesis import settings
 
 import expdesign
 from expdesign.configuration.robot import load_robot_description
+from tests.tiny_run import tiny_run
 
 # How long an example takes is not what is tested; continuous integration draws the same ones.
 settings.register_profile("local", deadline=None)
@@ -62,41 +62,10 @@ def _programs_are_a_must():
     return Path(folder, "installed").exists()
 
 
-_TINY = {
-    "name": "tiny",
-    "robot": "palida",
-    "trajectory": {
-        "harmonics": 2,
-        "frequency": [0.2, 0.6],
-        "samples": 24,
-        "controller_period": 0.01,
-    },
-    "design": {
-        "starts": 1,
-        "seed": 0,
-        "search": "restarts",
-        "smoothing": [0.4, 0.2],
-        "max_iterations": 10,
-    },
-    "experiment": {"sampling": 100, "periods": 3},
-    "workers": 1,
-}
-
-
 @pytest.fixture(scope="session")
 def tiny():
     """Return a maker of run mappings for PaLiDA that take seconds; keywords change sections."""
-
-    def mapping(**changes):
-        found = copy.deepcopy(_TINY)
-        for key, value in changes.items():
-            if isinstance(value, dict) and isinstance(found.get(key, {}), dict):
-                found[key] = {**found.get(key, {}), **value}
-            else:
-                found[key] = value
-        return found
-
-    return mapping
+    return tiny_run
 
 
 @pytest.fixture(scope="module")

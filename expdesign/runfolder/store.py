@@ -158,7 +158,7 @@ class JsonFile:
         keys = json_keys(type(self))
         values = {key: getattr(self, member.attribute) for key, member in keys.items()}
         kind = json_type(type(self))
-        return checker(kind).dump_python(kind(**values))
+        return checker(kind).dump_python(kind(**values), by_alias=True)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -4,6 +4,7 @@ A target is a function of a folder and a random generator that makes an input th
 the program, and returns the exit status. The same seed makes the same input.
 """
 
+import atexit
 import functools
 import json
 import random
@@ -45,11 +46,11 @@ from tests.fuzz.oracle import CANARY, call, command, whole
 from tests.report.html import Page
 from tests.robotfile.machines_of import FOLDER as MACHINES
 from tests.robotfile.simulated import mjcf, sdf
+from tests.tiny_run import run_every_stage
 
 FREE = ("title", "description", "warnings", "message", "source", "sentence", "advice", "origin")
 """Keys of records whose texts come from outside, in part."""
 
-OLD = Path(__file__).parents[1] / "report" / "format_0"
 SECRETS = ("secret.yaml", "secret.json", "secret.csv", "secret")
 RECORDS = (DesignRecord, EstimateRecord, ValidationRecord, MonteCarloRecord, Truth, Manifest)
 EXPORTS = (
@@ -57,6 +58,16 @@ EXPORTS = (
     *({"format": name} for name in ("linuxcnc-strut", "pi-wave", "mat")),
     *({"format": "ros2", "encoding": encoding} for encoding in ("yaml", "mcap")),
 )
+
+
+@functools.cache
+def run_folder():
+    """Make a run folder with every stage, once in a process."""
+    folder = Path(tempfile.mkdtemp()) / "run"
+    atexit.register(shutil.rmtree, folder.parent, ignore_errors=True)
+    run_every_stage(folder)
+    shutil.rmtree(folder / "figures")
+    return folder
 
 
 # --- run and robot files --------------------------------------------------------------------------
@@ -191,7 +202,7 @@ def table(folder, rng):
 def record(folder, rng):
     """A file of a run folder, read with the record that it is of."""
     place = folder / "run"
-    shutil.copytree(OLD, place)
+    shutil.copytree(run_folder(), place)
     files = sorted(p for p in place.rglob("*") if p.suffix in (".json", ".csv", ".yaml"))
     _change(rng.choice(files), rng)
     statuses = [call(kind.read, place) for kind in RECORDS]
@@ -203,7 +214,7 @@ def record(folder, rng):
 def report(folder, rng):
     """A run folder of which a file was changed, reported."""
     place = folder / "run"
-    shutil.copytree(OLD, place)
+    shutil.copytree(run_folder(), place)
     files = sorted(p for p in place.rglob("*") if p.suffix in (".json", ".csv", ".yaml"))
     _change(rng.choice(files), rng)
     status = command("report", place)
@@ -225,7 +236,7 @@ MARKUP = "</script></title></style>\"'><x-evil onload=evil()>&amp;<!-- \\input{e
 def markup(folder, rng):
     """A run folder with HTML and LaTeX in place of some of its texts, reported."""
     place = folder / "run"
-    shutil.copytree(OLD, place)
+    shutil.copytree(run_folder(), place)
     for path in (*place.glob("*.json"), place / "run.yaml"):
         read, write = (json.loads, json.dumps)
         if path.suffix == ".yaml":

@@ -1,8 +1,6 @@
 """Files of one run folder that contradict each other: refused at the row or key, by each record."""
 
 import json
-import shutil
-from pathlib import Path
 
 import pytest
 
@@ -15,7 +13,6 @@ from expdesign.cli.errors import run
 from expdesign.configuration import InputError
 from expdesign.experiment import DesignRecord
 
-OLD = Path(__file__).parent / "format_0"
 TABLES = (
     (DesignRecord, "tables/limits.csv", "limit"),
     (DesignRecord, "tables/parameters.csv", "parameter"),
@@ -24,11 +21,6 @@ TABLES = (
     (MonteCarloRecord, "tables/montecarlo.csv", "parameter"),
     (ValidationRecord, "tables/validation.csv", "actuator"),
 )
-
-
-@pytest.fixture
-def folder(tmp_path):
-    return Path(shutil.copytree(OLD, tmp_path / "run"))
 
 
 def _problem(record, folder):
@@ -182,6 +174,7 @@ def test_a_json_file_with_fewer_parameters_than_its_table_is_no_match(folder):
 
 @pytest.mark.parametrize("file", ["estimates.csv", "truth.json"])
 def test_a_report_of_them_ends_in_words(file, folder, capsys):
+    (folder / "report.html").unlink()
     if file == "truth.json":
         _change(folder / file, "length_covariance", to=_shorter)
     else:
@@ -189,3 +182,19 @@ def test_a_report_of_them_ends_in_words(file, folder, capsys):
     assert run(app, ["report", str(folder)]) == 2
     assert file in capsys.readouterr().err
     assert not (folder / "report.html").exists()
+
+
+def test_a_folder_of_an_earlier_version_is_refused_in_one_sentence(folder, capsys):
+    path = folder / "design.json"
+    data = json.loads(path.read_text(encoding="utf-8"))
+    del data["format"]
+    path.write_text(json.dumps(data), encoding="utf-8")
+    assert run(app, ["report", str(folder)]) == 2
+    assert "made by an earlier version; run it again" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize(("key", "value"), [("strut", "one"), ("time", "soon"), ("method", None)])
+def test_a_wrong_value_of_a_limit_is_told_by_its_key(key, value, folder):
+    _change(folder / "design.json", "limits", "tilt", key, to=lambda _: value)
+    problem = _problem(DesignRecord, folder)
+    assert (problem.file, problem.key) == (folder / "design.json", f"limits.tilt.{key}")
