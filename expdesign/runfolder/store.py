@@ -236,8 +236,9 @@ def members(kind: type[Any]) -> tuple[Member, ...]:
         getter = member.fget if isinstance(member, property) else getattr(member, "func", None)
         if not isinstance(member, property | cached_property) or getter is None:
             continue
+        returned: Any = getter.__annotations__.get("return", "")
         # Other return types may name what is imported for type checking only.
-        if str(getter.__annotations__.get("return", "")).startswith("Annotated["):
+        if get_origin(returned) is Annotated or str(returned).startswith("Annotated["):
             hint = get_type_hints(getter, include_extras=True)["return"]
             found.append(Member(name, _plain(hint), hint, _marks(hint), None))
     return tuple(found)

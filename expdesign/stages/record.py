@@ -12,9 +12,8 @@ from typing import Any
 from expdesign.configuration import RunConfiguration, resolved_yaml
 from expdesign.configuration.section import unstated
 from expdesign.evaluation.machine_code import evaluator
-from expdesign.runfolder.files import remove_leftovers, write_text
+from expdesign.runfolder.files import RUN_FILE, remove_leftovers, write_text
 from expdesign.runfolder.manifest import (
-    RUN_FILE,
     Manifest,
     StageEntry,
     entry,
