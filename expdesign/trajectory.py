@@ -232,5 +232,6 @@ class TrajectoryFile(FourierKeys, JsonFile):
     WRITTEN_BY: ClassVar[str] = (
         "`expdesign design`, or by hand: JSON with harmonics, omega, lambda0, mu and nu"
     )
+    WRITTEN_BY_HAND: ClassVar[bool] = True
     robot: Annotated[str | None, described("", "name of the robot that it was designed for")] = None
     status: Annotated[str | None, described("", "how the design ended")] = None

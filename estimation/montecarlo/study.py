@@ -29,9 +29,8 @@ from expdesign.configuration.section import unstated
 from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.progress import report_progress
 from expdesign.robot import Robot
-from expdesign.runfolder.files import errors_naming, json_values, write_text
 from expdesign.runfolder.fields import checker
-from expdesign.runfolder.store import FORMAT, check_format
+from expdesign.runfolder.files import FORMAT, check_format, errors_naming, json_values, write_text
 from expdesign.runfolder.manifest import package_versions, text_hash
 from expdesign.trajectory import FourierTrajectory
 from expdesign.workers import Job, Monitor, cluster_jobs, run_jobs
@@ -264,7 +263,7 @@ class Journal:
             return False
         if not isinstance(header, dict) or header.get("inputs") != self._inputs:
             return False
-        check_format(self.path, header.get(FORMAT, 0), _FORMAT)
+        check_format(self.path, header.get(FORMAT), _FORMAT)
         return True
 
     def add(self, repetition: Repetition) -> None:
@@ -272,7 +271,9 @@ class Journal:
         if not self._valid:
             write_text(self.path, self._header)
             self._valid = len(self._header)
-        line = (json.dumps(json_values(checker(Repetition).dump_python(repetition))) + "\n").encode()
+        line = (
+            json.dumps(json_values(checker(Repetition).dump_python(repetition))) + "\n"
+        ).encode()
         with errors_naming(self.path), self.path.open("r+b") as stream:
             stream.truncate(self._valid)
             stream.seek(self._valid)
