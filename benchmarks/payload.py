@@ -195,9 +195,9 @@ def _repeated(
             knowledge = parameter_priors(own, robot)
             experiment = prepare_experiment(own, robot, twin.measurement(number), design)
             (best,) = run_estimators(robot, [experiment], knowledge, ("gm",)).values()
-            if knowledge.earlier is None:
+            if knowledge.prior_estimate is None:
                 raise RuntimeError("the prior is an identification")
-            one = payload_estimate(best, knowledge.earlier)
+            one = payload_estimate(best, knowledge.prior_estimate)
             std = np.sqrt(np.diag(one.covariance))
             found.append((one.values - payload, std, interval_widths(one.freedom)))
     errors, std, widths = (np.array(each) for each in zip(*found, strict=True))

@@ -25,7 +25,7 @@ from benchmarks.studies import (
     summary,
 )
 from constraints.arrays import Array
-from estimation.estimators import Knowledge, ParameterEstimate
+from estimation.estimators import ParameterEstimate, ParameterPriors
 from estimation.identification.estimate import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
@@ -49,7 +49,7 @@ _LEVEL = 0.05
 
 
 @cache
-def _machine() -> tuple[Robot, Knowledge, ParameterEstimate]:
+def _machine() -> tuple[Robot, ParameterPriors, ParameterEstimate]:
     run = equivalent_run(_NAME, _SAMPLES)
     robot = robot_from(run.robot)
     knowledge = parameter_priors(run, robot)

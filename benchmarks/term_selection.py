@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks.studies import claim_row, summary
 from constraints.arrays import Mask
 from estimation.diagnostics.linearisation import linearise
-from estimation.diagnostics.residual_covariance import held_out_law
+from estimation.diagnostics.residual_covariance import held_out_residual_covariance
 from estimation.diagnostics.residuals import lack_of_fit
 from estimation.identification import EstimationResult, estimate, prepare_experiment
 from estimation.identification.term_selection import Selection
@@ -216,7 +216,7 @@ def _passes(section: str, number: int, result: EstimationResult) -> Mask:
     free = result.knowledge.free
     part = linearise(robot, experiment, best.values, free, experiment.fit.motion)
     white = part.filtered(experiment.noise)
-    return ~lack_of_fit(white, held_out_law(white, experiment, best)).failed
+    return ~lack_of_fit(white, held_out_residual_covariance(white, experiment, best)).failed
 
 
 def _strength(section: str) -> Row:

@@ -21,8 +21,8 @@ from typing import Annotated
 
 import numpy as np
 
-from estimation.diagnostics.finding import Assumption, Finding, channels, listed
-from estimation.diagnostics.hypothesis import Cause
+from estimation.diagnostics.finding import Assumption, Finding, join_words, name_channels
+from estimation.diagnostics.hypothesis import Hypothesis
 from estimation.diagnostics.joint_system import JointSystem, SolvedSystem
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.periodic_forces import (
@@ -32,7 +32,7 @@ from estimation.diagnostics.periodic_forces import (
 )
 from estimation.diagnostics.search import (
     PERIODIC,
-    Candidate,
+    EffectCandidate,
     EffectTests,
     Search,
     periodic_fit,
@@ -96,7 +96,7 @@ class Effect:
 class Attribution:
     """All tests of effects."""
 
-    causes: tuple[Cause, ...]
+    hypotheses: tuple[Hypothesis, ...]
     """The families that were tested."""
     effects: tuple[Effect, ...]
     """What was found, most significant first."""
@@ -114,7 +114,7 @@ class Attribution:
 def attribute(
     system: JointSystem,
     part: Linearisation,
-    families: tuple[Cause, ...],
+    families: tuple[Hypothesis, ...],
     step: float,
     *,
     experiments: int = 1,
@@ -123,7 +123,7 @@ def attribute(
 
     Parameters
     ----------
-    families : tuple of Cause
+    families : tuple of Hypothesis
         What is looked for beside forces that are periodic in a strut's length.
     step : float
         Between two samples, s.
@@ -132,8 +132,8 @@ def attribute(
     """
     search = Search(system, part, families, step, POSITION_PERIODIC / experiments)
     first = last = search.tests(())
-    found: list[Candidate] = []
-    beside: list[Candidate] = []  # what the last tests were made beside
+    found: list[EffectCandidate] = []
+    beside: list[EffectCandidate] = []  # what the last tests were made beside
     seen: set[frozenset[tuple[str, int | None, str]]] = set()
     while len(found) < _MOST:
         best = search.most_significant(last, found)
@@ -145,7 +145,7 @@ def attribute(
             break
         seen.add(names)
         last, beside = search.tests(found), found
-    found, rivals = search.settled(found)
+    found, rivals = search.exchange_for_rivals(found)
     if {id(item) for item in found} != {id(item) for item in beside}:
         last = search.tests(found) if found else first
     effects = _effects(search, found, rivals)
@@ -160,13 +160,13 @@ def attribute(
 
 def _effects(
     search: Search,
-    found: Sequence[Candidate],
-    rivals: Sequence[tuple[tuple[Candidate, float], ...]],
+    found: Sequence[EffectCandidate],
+    rivals: Sequence[tuple[tuple[EffectCandidate, float], ...]],
 ) -> tuple[Effect, ...]:
     """Fit all effects together."""
-    fit = search.projection.beside(()).fit(places_of(found))
+    fit = search.projection.conditional_on(()).fit(places_of(found))
     effects, first = [], 0
-    sizes = [search.statistic_beside(item, without(found, item)) for item in found]
+    sizes = [search.conditional_statistic(item, without(found, item)) for item in found]
     for item, others, size in zip(found, rivals, sizes, strict=True):
         chosen = slice(first, first + len(item.places))
         first = chosen.stop
@@ -178,7 +178,7 @@ def _effects(
         if item.kind == PERIODIC and item.strut is not None:
             force = periodic_force(search.part, item.strut, item.pitch, values, covariance)
             value, std = force.amplitude, force.amplitude_std
-        log_p = search.log_p_beside(item, without(found, item)) - item.limit
+        log_p = search.conditional_log_p(item, without(found, item)) - item.limit
         level = _level(search, item.kind)
         effects.append(
             Effect(
@@ -202,7 +202,7 @@ def _effects(
 def _level(search: Search, kind: str) -> float:
     if kind == PERIODIC:
         return search.level
-    return next(cause.level for cause in search.families if cause.kind == kind)
+    return next(hypothesis.level for hypothesis in search.families if hypothesis.kind == kind)
 
 
 def _best_force(solved: SolvedSystem, part: Linearisation, scan: PitchScan) -> PeriodicForce | None:
@@ -225,7 +225,7 @@ def position_periodic_finding(attribution: Attribution) -> Finding:
     """Say whether forces are periodic in a strut's length."""
     level = attribution.periodic_level
     if not any(len(scan.pitches) for scan in attribution.first.scans):
-        return _NOT_PERIODIC.untested(
+        return _NOT_PERIODIC.skip(
             "no pitch could be scanned: the struts move too far between two samples"
         )
     effects = sorted(
@@ -236,7 +236,7 @@ def position_periodic_finding(attribution: Attribution) -> Finding:
         p = min(1.0, ACTUATORS * np.exp(min(scan.log_p for scan in attribution.last.scans)))
         sentence = f"no strut has a position-periodic force (p = {p:.2g})"
         return _NOT_PERIODIC.holds(sentence, p, level)
-    where = channels("strut", np.isin(np.arange(ACTUATORS), [strut for strut, _ in effects]))
+    where = name_channels("strut", np.isin(np.arange(ACTUATORS), [strut for strut, _ in effects]))
     forces = [
         f"strut {strut + 1} {force.amplitude:.3g} ± {force.amplitude_std:.1g} N, pitch "
         f"{1e3 * force.pitch:.4g} ± {1e3 * force.pitch_std:.1g} mm"
@@ -255,47 +255,49 @@ def position_periodic_finding(attribution: Attribution) -> Finding:
     )
 
 
-def cause_finding(attribution: Attribution, cause: Cause) -> Finding:
+def hypothesis_finding(attribution: Attribution, hypothesis: Hypothesis) -> Finding:
     """Say whether there is an effect of a family of causes."""
-    assumption = cause.assumption
-    last = attribution.last.families[cause.kind]
-    effects = [effect for effect in attribution.effects if effect.kind == cause.kind]
-    if not attribution.first.families[cause.kind].tested:
-        return assumption.untested(cause.untested)
+    assumption = hypothesis.assumption
+    last = attribution.last.families[hypothesis.kind]
+    effects = [effect for effect in attribution.effects if effect.kind == hypothesis.kind]
+    if not attribution.first.families[hypothesis.kind].tested:
+        return assumption.skip(hypothesis.reason_untested)
     if not effects:
         p, value, std = 1.0, 0.0, 0.0
         if last.tested:
             fit = attribution.last.beside.fit(last.places(last.best))
             p = min(1.0, last.tested * np.exp(last.log_p[last.best]))
-            value = cause.scale * fit.values[0]
-            std = cause.scale * float(np.sqrt(fit.covariance[0, 0]))
-        return assumption.holds(cause.absent.format(p=p, value=value, std=std), p, cause.level)
+            value = hypothesis.scale * fit.values[0]
+            std = hypothesis.scale * float(np.sqrt(fit.covariance[0, 0]))
+        return assumption.holds(
+            hypothesis.absent.format(p=p, value=value, std=std), p, hypothesis.level
+        )
     found = assumption.fails(
-        "; ".join(_phrase(cause, effect) for effect in effects),
-        _effect_p(effects, cause.kind),
-        cause.level,
+        "; ".join(_phrase(hypothesis, effect) for effect in effects),
+        _effect_p(effects, hypothesis.kind),
+        hypothesis.level,
         where=", ".join(dict.fromkeys(_place(effect) for effect in effects if _place(effect))),
     )
     return _not_told_apart(attribution, effects, found)
 
 
-def _phrase(cause: Cause, effect: Effect) -> str:
+def _phrase(hypothesis: Hypothesis, effect: Effect) -> str:
     """Return what an effect is, where, and how large."""
-    unit = cause.unit(effect.parameter)
+    unit = hypothesis.unit(effect.parameter)
     numbers = [
-        f"{cause.scale * value:{cause.number}} ± {cause.scale * std:.1g}"
-        for value, std in _sizes(effect, cause)
-    ][: cause.shown]
+        f"{hypothesis.scale * value:{hypothesis.number}} ± {hypothesis.scale * std:.1g}"
+        for value, std in _sizes(effect, hypothesis)
+    ][: hypothesis.values_shown]
     constant = f", velocity {effect.constant:g} m/s" if effect.kind == "stribeck" else ""
     size = f"{', '.join(numbers)} {unit}{constant}"
     rest = ", perhaps what the strongest effect leaves" * effect.remainder
-    return f"{_named(effect.kind, [_place(effect)], {cause.kind: cause})} ({size}{rest})"
+    return f"{_named(effect.kind, [_place(effect)], {hypothesis.kind: hypothesis})} ({size}{rest})"
 
 
-def _sizes(effect: Effect, cause: Cause) -> Iterator[tuple[float, float]]:
+def _sizes(effect: Effect, hypothesis: Hypothesis) -> Iterator[tuple[float, float]]:
     """Yield what tells the size of an effect, with standard deviations: values, or amplitudes."""
     pairs = zip(effect.values.tolist(), effect.stds.tolist(), strict=True)
-    if not cause.paired:
+    if not hypothesis.paired:
         yield from pairs
         return
     for (sine, sine_std), (cosine, cosine_std) in zip(pairs, pairs, strict=True):
@@ -314,15 +316,15 @@ def _place(effect: Effect | Rival) -> str:
 def _not_told_apart(attribution: Attribution, effects: Sequence[Effect], found: Finding) -> Finding:
     """Name what explains the same about as well, in sentence and verdict: all of it."""
     several = len(effects) > 1
-    causes = {cause.kind: cause for cause in attribution.causes}
+    hypotheses = {hypothesis.kind: hypothesis for hypothesis in attribution.hypotheses}
     named = []
     for effect in effects:
         places: dict[str, list[str]] = {}
         for rival in effect.rivals:
             places.setdefault(rival.kind, []).append(_place(rival))
         if places:
-            others = " or ".join(_named(kind, each, causes) for kind, each in places.items())
-            place = f"instead of {_named(effect.kind, [_place(effect)], causes)} " * several
+            others = " or ".join(_named(kind, each, hypotheses) for kind, each in places.items())
+            place = f"instead of {_named(effect.kind, [_place(effect)], hypotheses)} " * several
             named.append(f"{place}it may as well be {others}")
     if not named:
         return found
@@ -333,21 +335,29 @@ def _not_told_apart(attribution: Attribution, effects: Sequence[Effect], found: 
     )
 
 
-def _named(kind: str, places: Sequence[str], causes: Mapping[str, Cause]) -> str:
+def _named(kind: str, places: Sequence[str], hypotheses: Mapping[str, Hypothesis]) -> str:
     """Return what effects of one kind are, and where: ``a spring in actuator 1``."""
-    cause = causes.get(kind)
-    noun, form = (_PERIODIC_FORCE, "{noun} {place}") if cause is None else (cause.noun, cause.named)
+    hypothesis = hypotheses.get(kind)
+    noun, form = (
+        (_PERIODIC_FORCE, "{noun} {place}")
+        if hypothesis is None
+        else (hypothesis.noun, hypothesis.phrase)
+    )
     everywhere = [noun] if "" in places else []
-    somewhere = listed([place for place in places if place])
-    return listed([*everywhere, *([form.format(noun=noun, place=somewhere)] if somewhere else [])])
+    somewhere = join_words([place for place in places if place])
+    return join_words(
+        [*everywhere, *([form.format(noun=noun, place=somewhere)] if somewhere else [])]
+    )
 
 
 def nouns_of(attribution: Attribution) -> dict[str, str]:
     """Return what effects are called, by their kind."""
     nouns = {PERIODIC: _PERIODIC_FORCE}
     return nouns | {
-        cause.kind: f"{cause.noun} a parameter" if cause.kind == "column" else cause.noun
-        for cause in attribution.causes
+        hypothesis.kind: f"{hypothesis.noun} a parameter"
+        if hypothesis.kind == "column"
+        else hypothesis.noun
+        for hypothesis in attribution.hypotheses
     }
 
 

@@ -26,7 +26,7 @@ from expdesign.robot.deviation import Deviation, deviations, estimated_constants
 
 
 @dataclass(frozen=True, eq=False)
-class Suspects:
+class CandidateEffects:
     """Where the columns are taken."""
 
     robot: Robot
@@ -142,7 +142,7 @@ class Suspects:
         own = iter(about.constants)
         constants = {term: [next(own) for _ in term.constants] for term in about.terms}
         held = tuple(term for term in about.terms if not term.rates)
-        terms = (*held, *(term_definitions()[name] for name in SUSPECTED if self.lacks(name)))
+        terms = (*held, *(term_definitions()[name] for name in CANDIDATE_TERMS if self.lacks(name)))
         values = dict(zip(self.robot.parameter_names, self.values.tolist(), strict=True))
         parameters = {p.name: values.get(p.name, 0.0) for p in parameters_of(terms)}
         robot = Robot(
@@ -162,7 +162,7 @@ class Suspects:
         times = experiment.record.forces.times
         if not robot.graph.rates:
             return robot, np.zeros((len(times), 0))
-        return robot, experiment.signs_of_others(robot, motion)
+        return robot, experiment.signs_for_robot(robot, motion)
 
     def _regressors(self, robot: Robot, signs: Array | None) -> Array:
         """Return A of another robot at the samples, (T, 6, m)."""
@@ -181,7 +181,7 @@ def _columns_of(terms: Sequence[Term], name: str) -> tuple[int, int]:
     return first, first + len(terms[place].parameters)
 
 
-SUSPECTED = ("load_friction", "drive_inertia", "stribeck", "force_offset", "cable")
+CANDIDATE_TERMS = ("load_friction", "drive_inertia", "stribeck", "force_offset", "cable")
 """Terms of the catalogue that a robot may lack; that which takes the load comes first, so that the
 load is that of the robot's own terms."""
 

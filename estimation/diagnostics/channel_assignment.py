@@ -20,10 +20,10 @@ from scipy import linalg as sla
 
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import Attribution
-from estimation.diagnostics.finding import Assumption, Finding, listed
+from estimation.diagnostics.finding import Assumption, Finding, join_words
 from estimation.diagnostics.joint_system import Places
 from estimation.estimators.experiment import Experiment
-from estimation.estimators.priors import Knowledge
+from estimation.estimators.priors import ParameterPriors
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing.periodic_recording import Channels
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
@@ -81,7 +81,7 @@ class Assignment:
     def finding(self) -> Finding:
         """What is told of it."""
         return replace(
-            _ASSIGNED.found(f"{self.sentence}: that explains what is left of the forces"),
+            _ASSIGNED.report_failure(f"{self.sentence}: that explains what is left of the forces"),
             contradiction=f"{_ASSIGNED.contradiction} ({self.place})",
             advice=self.advice,
         )
@@ -90,14 +90,14 @@ class Assignment:
 def assignment_findings(
     robot: Robot,
     experiments: Sequence[Experiment],
-    knowledge: Knowledge,
+    priors: ParameterPriors,
     attributions: Sequence[Attribution],
 ) -> tuple[Finding, ...]:
     """Return what is found of the channels of experiments, each with what its residuals told."""
     found = []
     pairs = zip(experiments, attributions, strict=True)
     for number, (experiment, attribution) in enumerate(pairs, 1):
-        other = other_assignment(robot, experiment, knowledge, _most_of_a_cause(attribution))
+        other = other_assignment(robot, experiment, priors, _most_of_a_cause(attribution))
         if other is not None:
             several = len(experiments) > 1
             found.append(other.finding.of_experiment(number) if several else other.finding)
@@ -115,7 +115,7 @@ def _most_of_a_cause(attribution: Attribution) -> float:
 
 
 def other_assignment(
-    robot: Robot, experiment: Experiment, knowledge: Knowledge, rival: float = 0.0
+    robot: Robot, experiment: Experiment, priors: ParameterPriors, rival: float = 0.0
 ) -> Assignment | None:
     """Return the assignment of the channels that explains much more than the one taken, or None.
 
@@ -123,7 +123,7 @@ def other_assignment(
     """
     if experiment.fit is None:
         return None
-    recording = _Recording(robot, experiment, knowledge)
+    recording = _Recording(robot, experiment, priors)
     columns = recording.columns(recording.lengths)
     if columns is None:
         return None
@@ -152,13 +152,13 @@ class _Fit:
 class _Recording:
     """Rows of one experiment, and the model along what its lengths would be."""
 
-    def __init__(self, robot: Robot, experiment: Experiment, knowledge: Knowledge) -> None:
+    def __init__(self, robot: Robot, experiment: Experiment, priors: ParameterPriors) -> None:
         record = experiment.record
         if experiment.fit is None:
             raise ValueError("pointwise kinematics have no series")
         self.robot, self.motion = robot, experiment.fit.motion
         count = len(robot.parameter_names)
-        self.free, self.start = knowledge.free[:count], knowledge.start[:count]
+        self.free, self.start = priors.free[:count], priors.start[:count]
         self.lengths_at, self.lengths, _ = _thinned(record.lengths)
         self.forces_at, forces, counts = _thinned(record.forces)
         self.share = len(forces) / len(record.forces.values)
@@ -300,7 +300,7 @@ def _orders() -> Iterator[Places]:
 def _other_signs(signs: Array) -> _Words:
     """Return place, sentence and advice for forces that count the other way."""
     channels = [f"Q{j + 1}" for j in np.flatnonzero(signs < 0)]
-    place, have = listed(channels), "have" if len(channels) > 1 else "has"
+    place, have = join_words(channels), "have" if len(channels) > 1 else "has"
     return (
         place,
         f"{place} {have} the other sign",
@@ -324,10 +324,10 @@ def _other_zero(strut: int, offset: float) -> _Words:
 def _other_order(strut_of: Places) -> tuple[_Words, ...]:
     """Return place, sentence and advice for forces, lengths, and both in another order."""
     moved = [f"{j + 1}" for j in np.flatnonzero(strut_of != np.arange(ACTUATORS))]
-    swapped = f"{listed(moved)} are in another order"
+    swapped = f"{join_words(moved)} are in another order"
     if len(moved) == 2:  # noqa: PLR2004 - two change places
         swapped = f"{moved[0]} and {moved[1]} are swapped"
-    forces, lengths = (listed([f"{group}{number}" for number in moved]) for group in "Qq")
+    forces, lengths = (join_words([f"{group}{number}" for number in moved]) for group in "Qq")
     written = _written(strut_of + 1)
     mend = "or the columns of the file or the cables the other way"
     return (

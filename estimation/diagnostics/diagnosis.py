@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import Attribution, attribute
-from estimation.diagnostics.candidate_effects import Suspects
+from estimation.diagnostics.candidate_effects import CandidateEffects
 from estimation.diagnostics.channel_assignment import assignment_findings
 from estimation.diagnostics.diagnosis_result import (
     ChiSquares,
@@ -20,25 +20,25 @@ from estimation.diagnostics.diagnosis_result import (
     PitchResult,
     PitchRow,
 )
-from estimation.diagnostics.finding import Status, Verdict
-from estimation.diagnostics.findings import begin_findings, verdict
+from estimation.diagnostics.finding import DiagnosisVerdict, Status
+from estimation.diagnostics.findings import check_motion_onset, verdict
 from estimation.diagnostics.gain_drift import gain_drift
-from estimation.diagnostics.hypotheses import causes
-from estimation.diagnostics.hypothesis import CauseResult, DelayTest
+from estimation.diagnostics.hypotheses import list_hypotheses
+from estimation.diagnostics.hypothesis import DelayTest, HypothesisResult
 from estimation.diagnostics.joint_system import SolvedSystem, joint_systems
 from estimation.diagnostics.linearisation import Linearisation, linearise
 from estimation.diagnostics.noise_result import NoisePictures
 from estimation.diagnostics.noise_tests import NoiseTests, Whiteness, noise_tests, whiteness
 from estimation.diagnostics.plausibility import plausibility
 from estimation.diagnostics.residual_covariance import (
-    ResidualLaw,
-    held_out_law,
-    joint_law,
-    length_law,
-    lengths_beside,
-    linear_laws,
-    shown_noise,
-    with_memory,
+    ResidualCovariance,
+    empirical_noise,
+    held_out_residual_covariance,
+    joint_residual_covariance,
+    length_residual_covariance,
+    linear_residual_covariances,
+    refit_lengths,
+    with_empirical_colour,
 )
 from estimation.diagnostics.residuals import (
     chi_square,
@@ -49,20 +49,20 @@ from estimation.diagnostics.residuals import (
 )
 from estimation.diagnostics.significance import GAIN_DRIFT, LACK_OF_FIT, NOISE
 from estimation.estimators.experiment import Experiment
-from estimation.estimators.priors import Knowledge
+from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate
 from expdesign.progress import report_progress, track
 from expdesign.robot import Robot
 from expdesign.runfolder import copied
 
-_Residuals = tuple[Array, ResidualLaw]
+_Residuals = tuple[Array, ResidualCovariance]
 """Of forces, N, or lengths, m, with what they may be."""
 
 
 def diagnose(
     robot: Robot,
     experiments: Sequence[Experiment],
-    knowledge: Knowledge,
+    priors: ParameterPriors,
     estimate: ParameterEstimate,
     *,
     held_out: bool = False,
@@ -76,7 +76,7 @@ def diagnose(
     experiments : sequence of Experiment
         Those that the estimate was made from, in the same order; or others, with motions of their
         own, when `held_out`.
-    knowledge : Knowledge
+    priors : ParameterPriors
         What the estimate knew besides the data.
     estimate : ParameterEstimate
         Of any estimator.
@@ -84,8 +84,8 @@ def diagnose(
         The forces of the experiments were not used for the estimate: Cov(p̂) is part of what the
         residuals may be.
     """
-    weighted, experiments = experiments, [with_memory(each) for each in experiments]
-    free = knowledge.free & (np.diag(estimate.covariance) > 0) if held_out else knowledge.free
+    weighted, experiments = experiments, [with_empirical_colour(each) for each in experiments]
+    free = priors.free & (np.diag(estimate.covariance) > 0) if held_out else priors.free
     own_motion = estimate.estimator == "ml" and not held_out
     motions = [
         estimate.motions[i] if own_motion else (None if e.fit is None else e.fit.motion)
@@ -98,33 +98,38 @@ def diagnose(
             tuple(zip(experiments, motions, strict=True)),
         )
     ]
-    known = _known(estimate, knowledge, free, held_out=held_out)
+    known = _known(estimate, priors, free, held_out=held_out)
     noises = [experiment.noise for experiment in experiments]
     systems = joint_systems(parts, noises, known, held_out=held_out)
     # Causes are looked for with the noise that the recording shows: a covariance that was given too
     # small has its own test, and is none of them.
-    shown = [shown_noise(experiment) for experiment in experiments]
+    shown = [empirical_noise(experiment) for experiment in experiments]
     changed = any(one is not other for one, other in zip(shown, noises, strict=True))
     searched = joint_systems(parts, shown, known, held_out=held_out) if changed else systems
     # What residuals may be is told behind the filters that make their noise white.
     white = [part.filtered(e.noise) for part, e in zip(parts, experiments, strict=True)]
     if held_out:
-        laws = [held_out_law(p, e, estimate) for p, e in zip(white, experiments, strict=True)]
+        laws = [
+            held_out_residual_covariance(p, e, estimate)
+            for p, e in zip(white, experiments, strict=True)
+        ]
     elif own_motion:
         laws = [
-            joint_law(part, experiment, system.solved)
+            joint_residual_covariance(part, experiment, system.solved)
             for part, experiment, system in zip(white, experiments, systems, strict=True)
         ]
     else:
-        laws = linear_laws(parts, white, experiments, estimate, knowledge)
+        laws = linear_residual_covariances(parts, white, experiments, estimate, priors)
     results = []
     for experiment, as_weighted, motion, part, filtered, system, search, law in zip(
         experiments, weighted, motions, parts, white, systems, searched, laws, strict=True
     ):
-        suspects = Suspects(robot, experiment, motion, estimate.values, part)
-        families = causes(suspects, knowledge.names, held_out=held_out, experiments=len(parts))
+        candidate_effects = CandidateEffects(robot, experiment, motion, estimate.values, part)
+        families = list_hypotheses(
+            candidate_effects, priors.names, held_out=held_out, experiments=len(parts)
+        )
         # What may deviate within its tolerance is no cause.
-        tolerated = suspects.tolerated()
+        tolerated = candidate_effects.tolerated()
         attribution = attribute(
             search.with_effects(*tolerated),
             part,
@@ -141,15 +146,18 @@ def diagnose(
         if tolerated[0].count or anew:
             # What tolerances explain is no bias, nor what other weights would have made of it.
             solved = tolerant.solved
-            forces = solved.force_residuals(), joint_law(filtered, experiment, solved)
+            forces = (
+                solved.force_residuals(),
+                joint_residual_covariance(filtered, experiment, solved),
+            )
         lengths = None
         if experiment.fit is not None and filtered.lengths is not None:
             k = int(np.count_nonzero(free))
             own = system.solved.inverse[k:, k:] if own_motion else experiment.fit.covariance
             beside = tolerated[1], attribution.found
-            lengths = lengths_beside(part, experiment, left, *beside, anew=anew) or (
+            lengths = refit_lengths(part, experiment, left, *beside, anew=anew) or (
                 filtered.lengths,
-                length_law(filtered, experiment, own),
+                length_residual_covariance(filtered, experiment, own),
             )
         own_noise = noise_tests(
             experiment.record,
@@ -159,12 +167,12 @@ def diagnose(
             NOISE / len(parts),
         )
         if not held_out:
-            k, ratio, p = estimate.most_coloured()
+            k, ratio, p = estimate.largest_colour_ratio()
             colour = replace(
                 own_noise.whiteness,
                 std_ratio=float(np.sqrt(ratio)),
                 std_ratio_p=p,
-                std_ratio_of=knowledge.names[k],
+                std_ratio_of=priors.names[k],
             )
             own_noise = replace(own_noise, whiteness=colour)
         tests = _tests(
@@ -193,7 +201,7 @@ def diagnose(
     judged = (
         verdict(results)
         if held_out
-        else _of_the_estimate(robot, experiments, knowledge, estimate, results)
+        else _of_the_estimate(robot, experiments, priors, estimate, results)
     )
     return Diagnosis(estimate.estimator, tuple(results), judged)
 
@@ -201,27 +209,27 @@ def diagnose(
 def _of_the_estimate(
     robot: Robot,
     experiments: Sequence[Experiment],
-    knowledge: Knowledge,
+    priors: ParameterPriors,
     estimate: ParameterEstimate,
     results: Sequence[ExperimentDiagnosis],
-) -> Verdict:
+) -> DiagnosisVerdict:
     """Judge the parameters, too, and the channels where anything fails."""
-    own = *begin_findings(experiments), plausibility(robot, knowledge, estimate)
+    own = *check_motion_onset(experiments), plausibility(robot, priors, estimate)
     judged = verdict(results, *own)
     if judged.status is Status.ACCEPTED:
         return judged
     attributions = [result.attribution for result in results]
-    channels = assignment_findings(robot, experiments, knowledge, attributions)
+    channels = assignment_findings(robot, experiments, priors, attributions)
     return verdict(results, *channels, *own)
 
 
 def _known(
-    estimate: ParameterEstimate, knowledge: Knowledge, free: NDArray[np.bool_], *, held_out: bool
+    estimate: ParameterEstimate, priors: ParameterPriors, free: NDArray[np.bool_], *, held_out: bool
 ) -> tuple[Array, Array]:
     """Return information on the free parameters from outside of the experiments, and gradient."""
     if not held_out:
-        off = (knowledge.prior_mean - estimate.values)[free]
-        return knowledge.precision, knowledge.precision @ off
+        off = (priors.prior_mean - estimate.values)[free]
+        return priors.precision, priors.precision @ off
     covariance = estimate.covariance[np.ix_(free, free)]
     scales = np.sqrt(np.diag(covariance))
     correlation = covariance / np.multiply.outer(scales, scales)
@@ -246,7 +254,7 @@ def _tests(
     report_progress("diagnosis: tests of what is left")
     (forces, lengths), level = laws, NOISE / shares
     first, last = attribution.first, attribution.last
-    left, left_law = solved.force_residuals(), joint_law(part, experiment, solved)
+    left, left_law = solved.force_residuals(), joint_residual_covariance(part, experiment, solved)
     both = (forces, (left, left_law))
     lack = [
         lack_of_fit(part, own, residuals=values, level=LACK_OF_FIT / shares) for values, own in both
@@ -258,10 +266,10 @@ def _tests(
         length_size = chi_square(rest, part.length_counts, of_lengths)
         length_whiteness = _whiteness(rest, part.length_counts, of_lengths, level)
     found, left_found = (
-        {kind: CauseResult.of(test, tests.beside) for kind, test in tests.families.items()}
+        {kind: HypothesisResult.of(test, tests.beside) for kind, test in tests.families.items()}
         for tests in (first, last)
     )
-    (delay,) = (cause for cause in attribution.causes if cause.kind == "delay")
+    (delay,) = (hypothesis for hypothesis in attribution.hypotheses if hypothesis.kind == "delay")
     return copied(
         ExperimentTests,
         noises,
@@ -290,7 +298,7 @@ def _tests(
     )
 
 
-def _whiteness(residuals: Array, counts: Array, law: ResidualLaw, level: float) -> Whiteness:
+def _whiteness(residuals: Array, counts: Array, law: ResidualCovariance, level: float) -> Whiteness:
     return whiteness((residuals * np.sqrt(counts)[:, None])[None], law.lagged, level)
 
 

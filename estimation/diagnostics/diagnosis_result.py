@@ -8,9 +8,9 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from estimation.diagnostics.attribution import Attribution, Effect
-from estimation.diagnostics.finding import Verdict
+from estimation.diagnostics.finding import DiagnosisVerdict
 from estimation.diagnostics.gain_drift import GainDriftTest
-from estimation.diagnostics.hypothesis import CauseResult, DelayTest
+from estimation.diagnostics.hypothesis import DelayTest, HypothesisResult
 from estimation.diagnostics.noise_result import Histogram, NoisePictures, Quantiles
 from estimation.diagnostics.noise_tests import Drifts, Normalities, Whitenesses
 from estimation.diagnostics.periodic_forces import PeriodicForce
@@ -67,10 +67,10 @@ class ExperimentTests:
     effects: Annotated[tuple[Effect, ...], described("", "what the model lacks, strongest first")]
     position_periodic: Annotated[tuple[PitchResult, ...], described("", "strut by strut")]
     causes: Annotated[
-        tuple[CauseResult, ...], described("", "what the model may lack, family by family")
+        tuple[HypothesisResult, ...], described("", "what the model may lack, family by family")
     ] = ()
     causes_with_effects: Annotated[
-        tuple[CauseResult, ...], described("", "with the effects as known")
+        tuple[HypothesisResult, ...], described("", "with the effects as known")
     ] = ()
     delay: Annotated[DelayTest, described("", "between forces and lengths")]
     delay_with_effects: Annotated[DelayTest, described("", "with the effects as known")]
@@ -87,7 +87,7 @@ class DiagnosisKeys:
     """How well an estimate fits."""
 
     estimator: Annotated[str, described("", "ls, gm or ml")]
-    verdict: Annotated[Verdict, described("", "what holds and what does not")]
+    verdict: Annotated[DiagnosisVerdict, described("", "what holds and what does not")]
     experiments: Annotated[tuple[ExperimentTests, ...], described("", "recording by recording")]
 
 
@@ -141,7 +141,7 @@ class Diagnosis:
 
     estimator: str
     experiments: tuple[ExperimentDiagnosis, ...]
-    verdict: Verdict
+    verdict: DiagnosisVerdict
 
     @property
     def keys(self) -> DiagnosisKeys:

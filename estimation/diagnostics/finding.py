@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from expdesign.runfolder import described
 
 
-class Outcome(StrEnum):
+class FindingOutcome(StrEnum):
     """What a test says of an assumption."""
 
     HOLDS = "holds"
@@ -26,7 +26,7 @@ class Finding:
     """What was found of one assumption."""
 
     assumption: Annotated[str, described("", "what is assumed")]
-    outcome: Annotated[Outcome, described("", "holds, fails or not tested")]
+    outcome: Annotated[FindingOutcome, described("", "holds, fails or not tested")]
     sentence: Annotated[str, described("", "what was seen")]
     advice: Annotated[str, described("", "what to do next; empty when the assumption holds")] = ""
     serious: Annotated[
@@ -46,7 +46,7 @@ class Finding:
     @property
     def failed(self) -> bool:
         """Whether the assumption fails."""
-        return self.outcome is Outcome.FAILS
+        return self.outcome is FindingOutcome.FAILS
 
     def of_experiment(self, number: int) -> Finding:
         """Return the finding with the number of its experiment in its words."""
@@ -64,19 +64,21 @@ class Assumption:
     advice: str
     serious: bool = True
 
-    def untested(self, reason: str, advice: str = "") -> Finding:
+    def skip(self, reason: str, advice: str = "") -> Finding:
         """Say why there is no test."""
-        return Finding(self.text, Outcome.NOT_TESTED, reason, advice, self.serious)
+        return Finding(self.text, FindingOutcome.NOT_TESTED, reason, advice, self.serious)
 
-    def found(self, sentence: str) -> Finding:
+    def report_failure(self, sentence: str) -> Finding:
         """Say that it was seen to fail where no test of its own asks."""
         return Finding(
-            self.text, Outcome.FAILS, sentence, self.advice, self.serious, self.contradiction
+            self.text, FindingOutcome.FAILS, sentence, self.advice, self.serious, self.contradiction
         )
 
     def holds(self, sentence: str, p: float, level: float) -> Finding:
         """Say that the test found nothing."""
-        return Finding(self.text, Outcome.HOLDS, sentence, serious=self.serious, p=p, level=level)
+        return Finding(
+            self.text, FindingOutcome.HOLDS, sentence, serious=self.serious, p=p, level=level
+        )
 
     def fails(
         self, sentence: str, p: float, level: float, where: str = "", advice: str = ""
@@ -85,10 +87,10 @@ class Assumption:
         contradiction = f"{self.contradiction} ({where})" if where else self.contradiction
         advice = advice or self.advice
         return Finding(
-            self.text, Outcome.FAILS, sentence, advice, self.serious, contradiction, p, level
+            self.text, FindingOutcome.FAILS, sentence, advice, self.serious, contradiction, p, level
         )
 
-    def judged(self, where: str, absent: str, present: str, p: float, level: float) -> Finding:
+    def decide(self, where: str, absent: str, present: str, p: float, level: float) -> Finding:
         """Say what the test found: where it rejects the assumption, or nothing."""
         if where:
             return self.fails(present, p, level, where)
@@ -103,7 +105,7 @@ class Status(StrEnum):
 
 
 @dataclass(frozen=True)
-class Verdict:
+class DiagnosisVerdict:
     """All findings, and what follows."""
 
     status: Annotated[Status, described("", "accepted or doubtful")]
@@ -116,13 +118,13 @@ class Verdict:
         return tuple(finding for finding in self.findings if finding.failed)
 
 
-def channels(kind: str, flags: NDArray[np.bool_]) -> str:
+def name_channels(kind: str, flags: NDArray[np.bool_]) -> str:
     """Return ``"struts 3 and 4"`` for the channels with these flags, (6,); empty for none."""
     numbers = [str(j + 1) for j in np.flatnonzero(flags)]
-    return f"{kind}{'s' * (len(numbers) > 1)} {listed(numbers)}" if numbers else ""
+    return f"{kind}{'s' * (len(numbers) > 1)} {join_words(numbers)}" if numbers else ""
 
 
-def listed(words: Iterable[str]) -> str:
+def join_words(words: Iterable[str]) -> str:
     """Return ``"a, b and c"`` of the words that are not empty."""
     *first, last = [word for word in words if word] or [""]
     return f"{', '.join(first)} and {last}" if first else last

@@ -12,19 +12,19 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import (
-    cause_finding,
+    hypothesis_finding,
     nouns_of,
     position_periodic_finding,
 )
 from estimation.diagnostics.diagnosis_result import ExperimentDiagnosis, ExperimentTests
 from estimation.diagnostics.finding import (
     Assumption,
+    DiagnosisVerdict,
     Finding,
-    Outcome,
+    FindingOutcome,
     Status,
-    Verdict,
-    channels,
-    listed,
+    join_words,
+    name_channels,
 )
 from estimation.diagnostics.noise_tests import NoiseTests, Whiteness
 from estimation.diagnostics.residuals import ChiSquare
@@ -114,7 +114,9 @@ _NOTICEABLE_RATIO = 1.2
 """Of a standard deviation to that of white noise: what is less is of no consequence."""
 
 
-def verdict(experiments: Sequence[ExperimentDiagnosis], *of_the_estimate: Finding) -> Verdict:
+def verdict(
+    experiments: Sequence[ExperimentDiagnosis], *of_the_estimate: Finding
+) -> DiagnosisVerdict:
     """Judge an estimate by what was found of itself, and by the diagnostics of its experiments."""
     findings = (
         *of_the_estimate,
@@ -126,15 +128,17 @@ def verdict(experiments: Sequence[ExperimentDiagnosis], *of_the_estimate: Findin
     )
     serious = [f.contradiction for f in findings if f.failed and f.serious]
     if serious:
-        return Verdict(Status.DOUBTFUL, f"doubtful: {'; '.join(serious)}", findings)
+        return DiagnosisVerdict(Status.DOUBTFUL, f"doubtful: {'; '.join(serious)}", findings)
     summary = "accepted: nothing speaks against the model"
-    untested = dict.fromkeys(f.assumption for f in findings if f.outcome is Outcome.NOT_TESTED)
+    untested = dict.fromkeys(
+        f.assumption for f in findings if f.outcome is FindingOutcome.NOT_TESTED
+    )
     if untested:
         summary += f"; assumed, not tested: {', '.join(untested)}"
     minor = [f.contradiction for f in findings if f.failed]
     if minor:
         summary += f"; seen, of little consequence: {'; '.join(minor)}"
-    return Verdict(Status.ACCEPTED, summary, findings)
+    return DiagnosisVerdict(Status.ACCEPTED, summary, findings)
 
 
 def experiment_findings(diagnosis: ExperimentDiagnosis) -> list[Finding]:
@@ -147,9 +151,9 @@ def experiment_findings(diagnosis: ExperimentDiagnosis) -> list[Finding]:
         _bias(diagnosis),
         position_periodic_finding(diagnosis.attribution),
         *(
-            cause_finding(diagnosis.attribution, cause)
-            for cause in diagnosis.attribution.causes
-            if not cause.modelled
+            hypothesis_finding(diagnosis.attribution, hypothesis)
+            for hypothesis in diagnosis.attribution.hypotheses
+            if not hypothesis.modelled
         ),
         _gain_drift(tests),
         _white(_RESIDUALS_WHITE, white, "actuator", "mean residual", left),
@@ -168,7 +172,7 @@ def _bias(diagnosis: ExperimentDiagnosis) -> Finding:
     """Which actuators have a bias, and what explains it."""
     test, left = diagnosis.tests.lack_of_fit, diagnosis.tests.lack_of_fit_with_effects
     if test.refused:
-        return _EXPLAINED.untested(test.refused)
+        return _EXPLAINED.skip(test.refused)
     p = _family_p(test.p_values)
     worst = int(np.nanargmin(test.p_values))
     if not np.any(test.failed):
@@ -177,11 +181,11 @@ def _bias(diagnosis: ExperimentDiagnosis) -> Finding:
             f"{test.statistic[worst]:.3f} in actuator {worst + 1}, p = {test.p_values[worst]:.2g})"
         )
         return _EXPLAINED.holds(sentence, p, test.level)
-    where = channels("actuator", test.failed)
+    where = name_channels("actuator", test.failed)
     values = ", ".join(f"{value:.3f}" for value in test.statistic[test.failed])
     words = nouns_of(diagnosis.attribution)
     effects = tuple(dict.fromkeys(words[e.kind] for e in diagnosis.attribution.effects))
-    found, verb = listed(effects), "explains" if len(effects) == 1 else "explain"
+    found, verb = join_words(effects), "explains" if len(effects) == 1 else "explain"
     if diagnosis.pointwise:
         advice = (
             "the residuals contain the noise of pointwise differentiation: use "
@@ -190,7 +194,7 @@ def _bias(diagnosis: ExperimentDiagnosis) -> Finding:
     elif not found:
         advice = f"no effect that was looked for explains it: {_EXPLAINED.advice}"
     elif np.any(left.failed):
-        rest = channels("actuator", left.failed)
+        rest = name_channels("actuator", left.failed)
         advice = f"{found} {verb} a part; there is more in {rest}: {_EXPLAINED.advice}"
     else:
         advice = f"{found} {verb} it"
@@ -202,7 +206,7 @@ def _gain_drift(tests: ExperimentTests) -> Finding:
     """Whether gains drift from period to period."""
     test = tests.gain_drift
     if test.refused:
-        return _GAINS_STAY.untested(test.refused)
+        return _GAINS_STAY.skip(test.refused)
     p = float(np.exp(test.log_p))
     where = [
         "all actuators" if each.actuator is None else f"actuator {each.actuator + 1}"
@@ -212,7 +216,7 @@ def _gain_drift(tests: ExperimentTests) -> Finding:
         f"{place} by {100 * each.change:+.2g} ± {100 * each.std:.1g} %"
         for place, each in zip(where, test.found, strict=True)
     ]
-    return _GAINS_STAY.judged(
+    return _GAINS_STAY.decide(
         ", ".join(where),
         f"no gain drifts (p = {p:.2g})",
         f"gains drift from the first period to the last: {'; '.join(changes)}",
@@ -226,14 +230,14 @@ def _motion(tests: ExperimentTests, left: str) -> list[Finding]:
     test, white = tests.chi_square.lengths, tests.whiteness.length_residuals
     if test is None or white is None:
         reason = "pointwise differentiation has no model of the motion; its error is in the "
-        return [_MOTION.untested(reason + "regressor", "use `differentiation: fourier`")]
+        return [_MOTION.skip(reason + "regressor", "use `differentiation: fourier`")]
     findings = [_size(_MOTION, test, "length", left)]
     if tests.harmonics_left_out:
         sentence = (
             f"the forces show {tests.harmonics_left_out} harmonics of the motion that the lengths "
             "do not"
         )
-        findings.append(_WHOLE_MOTION.found(sentence))
+        findings.append(_WHOLE_MOTION.report_failure(sentence))
     return [
         *findings,
         _white(_LENGTHS_WHITE, white, "strut", "length residuals", left),
@@ -243,7 +247,7 @@ def _motion(tests: ExperimentTests, left: str) -> list[Finding]:
 def _size(assumption: Assumption, test: ChiSquare, kind: str, left: str = "") -> Finding:
     """Whether residuals are as large as the noise."""
     if test.refused:
-        return assumption.untested(test.refused)
+        return assumption.skip(test.refused)
     p = min(1.0, 4 * min(test.p_value, test.p_smaller))
     ratio = f"(χ² / degrees of freedom = {test.ratio:.3f}{' ' * bool(left)}{left})"
     if p >= CHI_SQUARE:
@@ -263,8 +267,8 @@ def _white(
     verb = "are" if what.endswith("s") else "is"
     known = " " * bool(left) + left
     worst = float(np.max(np.abs(test.autocorrelation)))
-    where = channels(kind, test.failed)
-    return assumption.judged(
+    where = name_channels(kind, test.failed)
+    return assumption.decide(
         where,
         f"the {what} {verb} not correlated in time to an extent that matters{known} (largest "
         f"autocorrelation {worst:.3f})",
@@ -281,17 +285,17 @@ def _noise_white(tests: _OfNoise) -> Finding:
     if not done:
         reason = white.refused or _NOT_COMPARED
         if white.counted:
-            return _NOISE_WHITE_OR_COUNTED.untested(reason)
-        return _NOISE_WHITE.untested(f"{reason}: standard deviations take the noise for white")
+            return _NOISE_WHITE_OR_COUNTED.skip(reason)
+        return _NOISE_WHITE.skip(f"{reason}: standard deviations take the noise for white")
     p = min(_family_p(test.p_values) for test in done.values())
     level = next(iter(done.values())).level
     largest = max(float(np.max(np.abs(test.autocorrelation))) for test in done.values())
-    where = listed([channels(kind, test.failed) for kind, test in done.items()])
+    where = join_words([name_channels(kind, test.failed) for kind, test in done.items()])
     absent = f"largest autocorrelation between periods {largest:.3f}"
     seen = where or "over many samples, hardly from one to the next"
     present = f"the noise is correlated in time ({seen}; up to {largest:.2f})"
     if not white.counted:
-        return _NOISE_WHITE.judged(where, absent, present, p, level)
+        return _NOISE_WHITE.decide(where, absent, present, p, level)
     # What matters is what the correlation does to the parameters.
     ratio = f"it makes standard deviations up to {white.std_ratio:.2g} times those of white noise"
     ratio += f" ({white.std_ratio_of})"
@@ -300,7 +304,7 @@ def _noise_white(tests: _OfNoise) -> Finding:
         p = min(p, white.std_ratio_p)
     if white.std_ratio_of:
         absent, present = f"{absent}, {ratio}", f"{present}, {ratio}"
-    return _NOISE_WHITE_OR_COUNTED.judged(where, absent, present, p, level)
+    return _NOISE_WHITE_OR_COUNTED.decide(where, absent, present, p, level)
 
 
 def _distribution(tests: _OfNoise) -> Iterator[Finding]:
@@ -321,7 +325,7 @@ def _distribution(tests: _OfNoise) -> Iterator[Finding]:
     if taken is not None:
         assumption = _OUTLIERS_COUNT_LESS
         present += f"; the robust loss took the weight of {taken:.3g} samples from them"
-    yield assumption.judged(", ".join(outliers), absent, present, p, level)
+    yield assumption.decide(", ".join(outliers), absent, present, p, level)
     p = min(_family_p(test.p_values) for test in done.values())
     shapes = {
         f"{kind} {j + 1}": f"skewness {test.skewness[j]:.2f}, excess kurtosis "
@@ -332,14 +336,14 @@ def _distribution(tests: _OfNoise) -> Iterator[Finding]:
     numbers = "; ".join(f"{channel} ({shape})" for channel, shape in shapes.items())
     absent = "skewness and kurtosis are those of normal noise"
     present = f"the noise is not normal: {numbers}"
-    yield _NORMAL.judged(", ".join(shapes), absent, present, p, level)
+    yield _NORMAL.decide(", ".join(shapes), absent, present, p, level)
 
 
 def _periods(tests: _OfNoise) -> Finding:
     """Whether the means of the periods differ."""
     force = tests.drift.forces
     if force.refused:
-        return _ALIKE.untested(force.refused)
+        return _ALIKE.skip(force.refused)
     changes, p = {}, 1.0
     for kind, test, factor, unit in (
         ("lengths of strut", tests.drift.lengths, 1e3, "mm"),
@@ -350,12 +354,12 @@ def _periods(tests: _OfNoise) -> Finding:
         p = min(p, _family_p(test.p_values))
         for j in np.flatnonzero(test.failed):
             changes[f"{kind} {j + 1}"] = f"by {factor * test.extent[j]:.2g} {unit}"
-    listed = ", ".join(f"{channel} {change}" for channel, change in changes.items())
+    all_changes = ", ".join(f"{channel} {change}" for channel, change in changes.items())
     absent, present = (
         "the means of the periods do not differ",
-        f"the means of periods change: {listed}",
+        f"the means of periods change: {all_changes}",
     )
-    return _ALIKE.judged(", ".join(changes), absent, present, p, force.level)
+    return _ALIKE.decide(", ".join(changes), absent, present, p, force.level)
 
 
 def _family_p(p_values: Array) -> float:
@@ -370,14 +374,14 @@ _MOVING = Assumption(
 )
 
 
-def begin_findings(experiments: Sequence[Experiment]) -> tuple[Finding, ...]:
+def check_motion_onset(experiments: Sequence[Experiment]) -> tuple[Finding, ...]:
     """Return the experiments whose recording begins before the motion."""
     found = []
     for number, experiment in enumerate(experiments, 1):
         begin = experiment.record.moves_from
         if begin is not None:
             finding = replace(
-                _MOVING.found(f"the struts do not move before {begin:.4g} s"),
+                _MOVING.report_failure(f"the struts do not move before {begin:.4g} s"),
                 advice=f"leave the rows before the motion out: `data.start: {begin:.4g} s`",
             )
             found.append(finding.of_experiment(number) if len(experiments) > 1 else finding)

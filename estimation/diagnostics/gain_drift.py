@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import Field, model_serializer
 
 from constraints.arrays import Array
-from estimation.diagnostics.joint_system import Conditional
+from estimation.diagnostics.joint_system import ConditionalScores
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.noise_tests import why_not_compared
 from estimation.diagnostics.significance import GAIN_DRIFT, Strut, log_two_sided
@@ -119,7 +119,7 @@ def _selected(
         log_ps.append(corrected)
     found = []
     if chosen:
-        fit = Conditional(score, information, np.diag(information), freedom).fit(chosen)
+        fit = ConditionalScores(score, information, np.diag(information), freedom).fit(chosen)
         length = periods - 1
         for k, (place, tail) in enumerate(zip(chosen, log_ps, strict=True)):
             found.append(
@@ -133,12 +133,14 @@ def _selected(
     return replace(test, log_p=strongest, found=tuple(found))
 
 
-def _beside(information: Array, score: Array, chosen: Sequence[int], freedom: float) -> Conditional:
+def _beside(
+    information: Array, score: Array, chosen: Sequence[int], freedom: float
+) -> ConditionalScores:
     whole = np.diag(information)
     if not chosen:
-        return Conditional(score, information, whole, freedom)
+        return ConditionalScores(score, information, whole, freedom)
     cross = information[:, chosen] @ np.linalg.inv(information[np.ix_(chosen, chosen)])
-    return Conditional(
+    return ConditionalScores(
         score - cross @ score[chosen], information - cross @ information[chosen], whole, freedom
     )
 

@@ -19,12 +19,12 @@ from dataclasses import replace
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.candidate_effects import Suspects
+from estimation.diagnostics.candidate_effects import CandidateEffects
 from estimation.diagnostics.finding import Assumption
-from estimation.diagnostics.hypothesis import THERE, Cause, Label
+from estimation.diagnostics.hypothesis import THERE, Hypothesis, Label
 from estimation.diagnostics.linearisation import Linearisation, Signature
-from estimation.diagnostics.periodic_forces import hum_causes
-from estimation.diagnostics.significance import CAUSES
+from estimation.diagnostics.periodic_forces import hum_hypotheses
+from estimation.diagnostics.significance import HYPOTHESES
 from expdesign.mechanism.catalogue import term_definitions
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
@@ -36,38 +36,45 @@ _POINTWISE = "pointwise kinematics have no motion that a deviation could move"
 _JOINTLY = "`estimate.systematic: estimated`, which estimates it with everything else"
 
 
-def causes(
-    suspects: Suspects, names: tuple[str, ...], *, held_out: bool, experiments: int = 1
-) -> tuple[Cause, ...]:
+def list_hypotheses(
+    candidate_effects: CandidateEffects,
+    names: tuple[str, ...],
+    *,
+    held_out: bool,
+    experiments: int = 1,
+) -> tuple[Hypothesis, ...]:
     """Return the families that are tested; each of several experiments gets its share of a level.
 
     `names` are those of the regressor's columns; when `held_out`, the parameters were not estimated
     from these data.
     """
-    own = parameter_cause(suspects.part, names, held_out=held_out)
+    own = parameter_hypothesis(candidate_effects.part, names, held_out=held_out)
     others = [
-        *drive_causes(suspects),
-        *_forces(suspects),
-        *_deviating(suspects),
-        _delay(suspects),
-        *hum_causes(suspects),
+        *drive_hypotheses(candidate_effects),
+        *_forces(candidate_effects),
+        *_deviating(candidate_effects),
+        _delay(candidate_effects),
+        *hum_hypotheses(candidate_effects),
     ]
     # What is wrong with a prediction is most often a parameter, and so it is where some are fixed.
-    stated = held_out or not np.all(suspects.part.free)
+    stated = held_out or not np.all(candidate_effects.part.free)
     weights = np.ones(1 + len(others))
     weights[0] = len(others) if stated else 1.0
-    levels = (CAUSES / experiments * weights / np.sum(weights)).tolist()
+    levels = (HYPOTHESES / experiments * weights / np.sum(weights)).tolist()
     return tuple(
         replace(
-            cause,
+            hypothesis,
             level=level,
-            modelled=cause.kind in term_definitions() and not suspects.lacks(cause.kind),
+            modelled=hypothesis.kind in term_definitions()
+            and not candidate_effects.lacks(hypothesis.kind),
         )
-        for cause, level in zip((own, *others), levels, strict=True)
+        for hypothesis, level in zip((own, *others), levels, strict=True)
     )
 
 
-def parameter_cause(part: Linearisation, names: tuple[str, ...], *, held_out: bool) -> Cause:
+def parameter_hypothesis(
+    part: Linearisation, names: tuple[str, ...], *, held_out: bool
+) -> Hypothesis:
     """Return the family of the regressor's own columns."""
     assumption = Assumption(
         "one value fits all struts",
@@ -84,15 +91,15 @@ def parameter_cause(part: Linearisation, names: tuple[str, ...], *, held_out: bo
             "one",
         )
     labels, columns = _parameter_columns(part, names, held_out=held_out)
-    return Cause(
+    return Hypothesis(
         kind="column",
         labels=labels,
         columns=Signature.of_forces(part, columns),
-        level=CAUSES,
+        level=HYPOTHESES,
         assumption=assumption,
         noun="another value of",
         absent="no parameter needs another value in one of the struts (p = {p:.2g})",
-        untested="every parameter is estimated and acts in one strut only",
+        reason_untested="every parameter is estimated and acts in one strut only",
     )
 
 
@@ -116,16 +123,20 @@ def _parameter_columns(
     return tuple(labels), stacked
 
 
-def _forces(suspects: Suspects) -> Iterator[Cause]:
+def _forces(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
     """Yield what is wrong in one actuator: its zero, its gain, a spring beside it."""
-    part = suspects.part
+    part = candidate_effects.part
     nothing = Signature.of_forces(part, np.zeros((*part.forces.shape, 0)))
-    offsets = suspects.term("force_offset") if suspects.lacks("force_offset") else nothing
-    yield Cause(
+    offsets = (
+        candidate_effects.term("force_offset")
+        if candidate_effects.lacks("force_offset")
+        else nothing
+    )
+    yield Hypothesis(
         kind="force_offset",
         labels=_EACH if offsets.count else (),
         columns=offsets,
-        level=CAUSES,
+        level=HYPOTHESES,
         assumption=Assumption(
             "no constant force in an actuator",
             "an actuator has a constant force that the model lacks",
@@ -134,14 +145,14 @@ def _forces(suspects: Suspects) -> Iterator[Cause]:
         ),
         noun="a constant force",
         absent="no actuator has a constant force beside the model (p = {p:.2g})",
-        untested=THERE,
+        reason_untested=THERE,
         unit=lambda _: "N",
     )
-    yield Cause(
+    yield Hypothesis(
         kind="gain",
         labels=_EACH,
-        columns=suspects.gains(),
-        level=CAUSES,
+        columns=candidate_effects.gains(),
+        level=HYPOTHESES,
         assumption=Assumption(
             "the forces have the same gain",
             "an actuator's force is measured with another gain than the others'",
@@ -150,23 +161,25 @@ def _forces(suspects: Suspects) -> Iterator[Cause]:
         ),
         noun="a gain error",
         absent="no actuator's force has a gain of its own (p = {p:.2g})",
-        untested=THERE,
+        reason_untested=THERE,
         scale=100.0,
         unit=lambda _: "%",
     )
     springs = nothing
-    if suspects.lacks("cable"):
+    if candidate_effects.lacks("cable"):
         # Each with a constant force, since nobody knows its rest length.
         middle = np.mean(part.position, axis=0)
-        stretch = suspects.term("cable", rest_length=0.0).forces - np.eye(ACTUATORS) * middle
+        stretch = (
+            candidate_effects.term("cable", rest_length=0.0).forces - np.eye(ACTUATORS) * middle
+        )
         constant = np.broadcast_to(np.eye(ACTUATORS), stretch.shape)
         springs = Signature.of_forces(part, np.concatenate([stretch, constant], axis=2))
-    yield Cause(
+    yield Hypothesis(
         kind="cable",
         labels=_EACH if springs.count else (),
         columns=springs,
         places=tuple((j, ACTUATORS + j) for j in range(ACTUATORS)) if springs.count else (),
-        level=CAUSES,
+        level=HYPOTHESES,
         assumption=Assumption(
             "no force linear in a strut's length",
             "something springs along a strut",
@@ -175,18 +188,18 @@ def _forces(suspects: Suspects) -> Iterator[Cause]:
         ),
         noun="a spring",
         absent="no force is linear in a strut's length (p = {p:.2g})",
-        untested=THERE,
+        reason_untested=THERE,
         unit=lambda _: "N/m",
-        shown=1,
+        values_shown=1,
         contains="force_offset",
     )
 
 
-def _deviating(suspects: Suspects) -> Iterator[Cause]:
+def _deviating(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
     """Yield what the geometry, or gravity's direction, has otherwise than the robot file says."""
-    part = suspects.part
+    part = candidate_effects.part
     nothing = Signature.of_forces(part, np.zeros((*part.forces.shape, 0)))
-    moved = suspects.motion is not None
+    moved = candidate_effects.motion is not None
     joints = [
         tuple(f"{kind}_{axis}" for axis in "xyz")
         for kind in (*numbered("base_joint_"), *numbered("platform_joint_"))
@@ -194,16 +207,16 @@ def _deviating(suspects: Suspects) -> Iterator[Cause]:
     tilts, zeros = ("gravity_1", "gravity_2"), numbered("strut_length_")
 
     def columns(names: Sequence[str]) -> Signature:
-        return suspects.deviations(names) if moved else nothing
+        return candidate_effects.deviations(names) if moved else nothing
 
-    yield Cause(
+    yield Hypothesis(
         kind="joint",
         labels=tuple((end, j) for end in ("base", "platform") for j in range(ACTUATORS))
         if moved
         else (),
         columns=columns([name for joint in joints for name in joint]),
         places=tuple((3 * k, 3 * k + 1, 3 * k + 2) for k in range(len(joints))) if moved else (),
-        level=CAUSES,
+        level=HYPOTHESES,
         assumption=Assumption(
             "the joints are where the robot file says",
             "a joint is not where the robot file says",
@@ -211,18 +224,18 @@ def _deviating(suspects: Suspects) -> Iterator[Cause]:
             "`tolerances.platform_joints`, with " + _JOINTLY,
         ),
         noun="a joint elsewhere",
-        named="{place} elsewhere",
+        phrase="{place} elsewhere",
         absent="no joint is elsewhere (p = {p:.2g})",
-        untested=THERE if moved else _POINTWISE,
+        reason_untested=THERE if moved else _POINTWISE,
         scale=1e3,
         unit=lambda _: "mm",
     )
-    yield Cause(
+    yield Hypothesis(
         kind="gravity",
         labels=(("", None),) if moved else (),
         columns=columns(tilts),
         places=((0, 1),) if moved else (),
-        level=CAUSES,
+        level=HYPOTHESES,
         assumption=Assumption(
             "gravity has the direction of the robot file",
             "gravity has another direction than the robot file says",
@@ -230,15 +243,15 @@ def _deviating(suspects: Suspects) -> Iterator[Cause]:
         ),
         noun="a tilt of gravity",
         absent="gravity is not tilted (p = {p:.2g})",
-        untested=THERE if moved else _POINTWISE,
+        reason_untested=THERE if moved else _POINTWISE,
         scale=180 / np.pi,
         unit=lambda _: "deg",
     )
-    yield Cause(
+    yield Hypothesis(
         kind="length_zero",
         labels=_EACH if moved else (),
         columns=columns(zeros),
-        level=CAUSES,
+        level=HYPOTHESES,
         assumption=Assumption(
             "lengths are measured from where the robot file says",
             "the zero of a length is off",
@@ -247,27 +260,27 @@ def _deviating(suspects: Suspects) -> Iterator[Cause]:
         ),
         noun="a shifted zero of the length",
         absent="no zero of a length is off (p = {p:.2g})",
-        untested=THERE if moved else _POINTWISE,
+        reason_untested=THERE if moved else _POINTWISE,
         scale=1e3,
         unit=lambda _: "mm",
     )
 
 
-def _delay(suspects: Suspects) -> Cause:
-    part, step = suspects.part, suspects.experiment.record.step
-    moved = suspects.motion is not None
+def _delay(candidate_effects: CandidateEffects) -> Hypothesis:
+    part, step = candidate_effects.part, candidate_effects.experiment.record.step
+    moved = candidate_effects.motion is not None
     seconds = tuple(steps * step for steps in _DELAYS) if moved else ()
-    secants = [suspects.delay(each) for each in seconds]
-    return Cause(
+    secants = [candidate_effects.delay(each) for each in seconds]
+    return Hypothesis(
         kind="delay",
         labels=(("", None),) * len(seconds),
         columns=Signature.joined(
             [Signature.of_forces(part, np.zeros((*part.forces.shape, 0))), *secants]
         ),
         constants=seconds,
-        at=lambda _, seconds: suspects.delay(seconds),
+        at=lambda _, seconds: candidate_effects.delay(seconds),
         sized_by_constant=True,
-        level=CAUSES,
+        level=HYPOTHESES,
         assumption=Assumption(
             "forces and lengths are sampled at the same time",
             "the forces lag behind the lengths",
@@ -277,7 +290,7 @@ def _delay(suspects: Suspects) -> Cause:
         ),
         noun="a delay of the forces",
         absent="no delay of the forces is seen ({value:.3g} ± {std:.1g} ms)",
-        untested="the forces do not change in time"
+        reason_untested="the forces do not change in time"
         if moved
         else "pointwise kinematics give no derivative of the forces in time",
         scale=1e3,
@@ -292,24 +305,24 @@ STRIBECK_VELOCITIES = (0.02, 0.05, 0.12)
 _ALL_AND_EACH: tuple[Label, ...] = (("", None), *(("", j) for j in range(ACTUATORS)))
 
 
-def drive_causes(suspects: Suspects) -> Iterator[Cause]:
+def drive_hypotheses(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
     """Yield the families: inertia, friction near standstill, friction by load."""
-    yield _inertia(suspects)
-    yield from _friction(suspects)
+    yield _inertia(candidate_effects)
+    yield from _friction(candidate_effects)
 
 
-def _inertia(suspects: Suspects) -> Cause:
+def _inertia(candidate_effects: CandidateEffects) -> Hypothesis:
     """Return what resists the acceleration of a strut: a motor and its screw."""
-    part = suspects.part
+    part = candidate_effects.part
     columns = Signature.of_forces(part, np.zeros((*part.forces.shape, 0)))
-    if suspects.lacks("drive_inertia"):
-        along = suspects.term("drive_inertia").forces
+    if candidate_effects.lacks("drive_inertia"):
+        along = candidate_effects.term("drive_inertia").forces
         columns = _all_and_each(Signature.of_forces(part, along * np.eye(ACTUATORS)))
-    return Cause(
+    return Hypothesis(
         kind="drive_inertia",
         labels=_ALL_AND_EACH if columns.count else (),
         columns=columns,
-        level=CAUSES,
+        level=HYPOTHESES,
         assumption=Assumption(
             "the drives have no inertia beside the model",
             "the inertia of the drives is missing in the model",
@@ -318,29 +331,29 @@ def _inertia(suspects: Suspects) -> Cause:
         ),
         noun="an inertia of the drives",
         absent="no drive has an inertia beside the model (p = {p:.2g})",
-        untested=THERE,
+        reason_untested=THERE,
         unit=lambda _: "kg",
     )
 
 
-def _friction(suspects: Suspects) -> Iterator[Cause]:
+def _friction(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
     """Yield friction that depends on speed, or on the load."""
-    part = suspects.part
+    part = candidate_effects.part
     nothing = Signature.of_forces(part, np.zeros((*part.forces.shape, 0)))
-    speeds = STRIBECK_VELOCITIES if suspects.lacks("stribeck") else ()
-    shapes = [_all_and_each(suspects.term("stribeck", velocity=speed)) for speed in speeds]
+    speeds = STRIBECK_VELOCITIES if candidate_effects.lacks("stribeck") else ()
+    shapes = [_all_and_each(candidate_effects.term("stribeck", velocity=speed)) for speed in speeds]
 
     def of_speed(label: Label, speed: float) -> Signature:
         chosen = [_ALL_AND_EACH.index(label)]
-        return _all_and_each(suspects.term("stribeck", velocity=speed)).picked(chosen)
+        return _all_and_each(candidate_effects.term("stribeck", velocity=speed)).picked(chosen)
 
-    yield Cause(
+    yield Hypothesis(
         kind="stribeck",
         labels=_ALL_AND_EACH * len(speeds),
         columns=Signature.joined([nothing, *shapes]),
         constants=tuple(speed for speed in speeds for _ in _ALL_AND_EACH),
         at=of_speed,
-        level=CAUSES,
+        level=HYPOTHESES,
         assumption=Assumption(
             "friction does not rise near standstill",
             "friction near standstill is not that of the model",
@@ -349,19 +362,19 @@ def _friction(suspects: Suspects) -> Iterator[Cause]:
         ),
         noun="friction near standstill",
         absent="friction near standstill is that of the model (p = {p:.2g})",
-        untested=THERE,
+        reason_untested=THERE,
         unit=lambda _: "N",
     )
     loaded = (
-        _all_and_each(suspects.term("load_friction"))
-        if suspects.lacks("load_friction")
+        _all_and_each(candidate_effects.term("load_friction"))
+        if candidate_effects.lacks("load_friction")
         else nothing
     )
-    yield Cause(
+    yield Hypothesis(
         kind="load_friction",
         labels=_ALL_AND_EACH if loaded.count else (),
         columns=loaded,
-        level=CAUSES,
+        level=HYPOTHESES,
         assumption=Assumption(
             "friction does not depend on the load",
             "friction grows with the load of the actuators",
@@ -369,7 +382,7 @@ def _friction(suspects: Suspects) -> Iterator[Cause]:
         ),
         noun="friction by load",
         absent="friction does not depend on the load (p = {p:.2g})",
-        untested=THERE,
+        reason_untested=THERE,
         scale=100.0,
         unit=lambda _: "%",
     )

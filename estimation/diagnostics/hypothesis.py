@@ -15,7 +15,7 @@ from pydantic import Field, model_serializer
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import Assumption
-from estimation.diagnostics.joint_system import Conditional, Places
+from estimation.diagnostics.joint_system import ConditionalScores, Places
 from estimation.diagnostics.linearisation import Signature
 from estimation.diagnostics.significance import Strut, log_tail
 from expdesign.mechanism.catalogue import parameter_unit
@@ -29,7 +29,7 @@ THERE = "the model has the term, or its columns leave nothing to test"
 
 
 @dataclass(frozen=True, eq=False)
-class Cause:
+class Hypothesis:
     """A family of candidate causes that are tested alike and named in the same words."""
 
     kind: str
@@ -47,7 +47,7 @@ class Cause:
     absent: str
     """The sentence when none was found; a format of `p`, and of `value` and `std` of the most
     significant candidate."""
-    untested: str
+    reason_untested: str
     """Why there is no test when no column is left."""
     places: tuple[tuple[int, ...], ...] = ()
     """Columns of every candidate; by default one each, in their order."""
@@ -63,11 +63,11 @@ class Cause:
     """Format of a value."""
     unit: Callable[[str], str] = parameter_unit
     """From the parameter to the unit shown."""
-    shown: int | None = None
+    values_shown: int | None = None
     """How many of a candidate's values tell its size; None: all."""
     paired: bool = False
     """Values are sine and cosine of one sinusoid after the other: amplitudes tell its size."""
-    named: str = "{noun} {place}"
+    phrase: str = "{noun} {place}"
     """How an effect is named that has a place; a format of both."""
     contains: str = ""
     """Kind of the effects that are this one with a part of it zero: no rivals of it."""
@@ -94,10 +94,10 @@ POWER = 0.8
 
 
 @dataclass(frozen=True, eq=False)
-class CauseTest:
+class HypothesisTest:
     """What is seen of every candidate of a family."""
 
-    cause: Cause
+    hypothesis: Hypothesis
     first: int
     """Place of its first column in the projection."""
     statistic: Array
@@ -120,20 +120,22 @@ class CauseTest:
     @property
     def limit(self) -> float:
         """Largest log p of a candidate that is significant in its family."""
-        return float(np.log(self.cause.level / max(self.tested, 1)))
+        return float(np.log(self.hypothesis.level / max(self.tested, 1)))
 
     def places(self, candidate: int) -> Places:
         """Return the places of a candidate's columns in the projection."""
-        return self.cause.columns_of(candidate) + self.first
+        return self.hypothesis.columns_of(candidate) + self.first
 
 
-def cause_test(beside: Conditional, cause: Cause, first: int) -> CauseTest:
+def evaluate_hypothesis(
+    beside: ConditionalScores, hypothesis: Hypothesis, first: int
+) -> HypothesisTest:
     """Test every candidate by itself; its columns stand in the projection from `first` on."""
-    count = cause.candidates
+    count = hypothesis.candidates
     statistic, rank = np.full(count, np.nan), np.ones(count)
-    if cause.places:
+    if hypothesis.places:
         for number in range(count):
-            fit = beside.fit(cause.columns_of(number) + first)
+            fit = beside.fit(hypothesis.columns_of(number) + first)
             if fit.rank:
                 statistic[number], rank[number] = fit.statistic, fit.rank
     else:
@@ -144,7 +146,7 @@ def cause_test(beside: Conditional, cause: Cause, first: int) -> CauseTest:
     log_p = np.full(count, np.nan)
     done = np.isfinite(statistic)
     log_p[done] = log_tail(statistic[done], rank[done], beside.freedom)
-    return CauseTest(cause, first, statistic, rank, log_p)
+    return HypothesisTest(hypothesis, first, statistic, rank, log_p)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +170,7 @@ class CandidateResult:
 
 
 @dataclass(frozen=True, eq=False)
-class CauseResult:
+class HypothesisResult:
     """Tests of all candidates of a family."""
 
     kind: Annotated[str, described("", "of the family")]
@@ -178,24 +180,24 @@ class CauseResult:
     candidates: Annotated[tuple[CandidateResult, ...], described("", "one by one")]
 
     @classmethod
-    def of(cls, test: CauseTest, beside: Conditional) -> Self:
+    def of(cls, test: HypothesisTest, beside: ConditionalScores) -> Self:
         """State a test."""
-        cause = test.cause
+        hypothesis = test.hypothesis
         far = scipy.stats.norm.isf(np.exp(test.limit) / 2) + scipy.stats.norm.ppf(POWER)
         rows = []
-        own = slice(test.first, test.first + cause.columns.count)
+        own = slice(test.first, test.first + hypothesis.columns.count)
         information = np.where(beside.seen[own], np.diag(beside.information)[own], np.nan)
         alone = beside.score[own] / information, 1 / np.sqrt(information)
-        for number, (name, strut) in enumerate(cause.labels):
+        for number, (name, strut) in enumerate(hypothesis.labels):
             values, std = (each[number : number + 1] for each in alone)
-            if cause.places:
+            if hypothesis.places:
                 fit = beside.fit(test.places(number))
                 values, std = fit.values, np.sqrt(np.diag(fit.covariance))
             rows.append(
                 CandidateResult(
                     parameter=name,
                     actuator=strut,
-                    constant=cause.constant_of(number),
+                    constant=hypothesis.constant_of(number),
                     statistic=float(test.statistic[number]),
                     freedom=float(test.rank[number]),
                     log_p=float(test.log_p[number]),
@@ -205,7 +207,7 @@ class CauseResult:
                     failed=bool(test.log_p[number] < test.limit),
                 )
             )
-        return cls(cause.kind, POWER, cause.level, test.tested, tuple(rows))
+        return cls(hypothesis.kind, POWER, hypothesis.level, test.tested, tuple(rows))
 
     @property
     def best(self) -> CandidateResult | None:
@@ -229,11 +231,11 @@ class DelayTest:
     failed: Annotated[bool, described("", "there is a delay")] = False
 
     @classmethod
-    def of(cls, result: CauseResult, cause: Cause) -> Self:
+    def of(cls, result: HypothesisResult, hypothesis: Hypothesis) -> Self:
         """Take the most significant of its secants."""
         best = result.best
         if best is None:
-            return cls(cause.untested)
+            return cls(hypothesis.reason_untested)
         log_p = min(0.0, best.log_p + float(np.log(result.tested)))
         return cls("", float(best.values[0]), float(best.std[0]), log_p, best.failed)
 

@@ -134,7 +134,7 @@ class SolvedSystem:
     length_rest: Array
     """(R, 6) and (R', 6), whitened e* of forces and lengths."""
 
-    def projection(self, effects: Signature) -> Projection:
+    def projection(self, effects: Signature) -> EffectProjection:
         """Return what the data say of effects beyond the unknowns."""
         system = self.system
         rows = [
@@ -149,11 +149,11 @@ class SolvedSystem:
             for part, unknown in zip(rows, columns, strict=True)
         )
         rest = np.concatenate([self.rest.ravel(), self.length_rest.ravel()])
-        return Projection(np.concatenate(rows), mixed @ self.root, rest, system.freedom)
+        return EffectProjection(np.concatenate(rows), mixed @ self.root, rest, system.freedom)
 
-    def fitted(self, effects: Signature) -> Fit:
+    def fitted(self, effects: Signature) -> EffectFit:
         """Fit effects together."""
-        return self.projection(effects).beside(()).fit(range(effects.count))
+        return self.projection(effects).conditional_on(()).fit(range(effects.count))
 
     def force_residuals(self) -> Array:
         """Return e*, (R, 6), N, behind the filter."""
@@ -289,7 +289,7 @@ Places = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
-class Projection:
+class EffectProjection:
     """Whitened rows of q effects, and their part that the unknowns explain."""
 
     rows: Array
@@ -316,9 +316,9 @@ class Projection:
         """(q, q), I."""
         return self.gram - self.mixed @ self.mixed.T
 
-    def joined(self, other: Projection) -> Projection:
+    def joined(self, other: EffectProjection) -> EffectProjection:
         """Append effects of the same system; what was computed of these is kept."""
-        joined = Projection(
+        joined = EffectProjection(
             np.concatenate([self.rows, other.rows], axis=1),
             np.concatenate([self.mixed, other.mixed]),
             self.rest,
@@ -330,14 +330,16 @@ class Projection:
         joined.__dict__["score"] = np.concatenate([self.score, other.score])
         return joined
 
-    def beside(self, known: Sequence[int] | Places) -> Conditional:
+    def conditional_on(self, known: Sequence[int] | Places) -> ConditionalScores:
         """Return the effects beside those at some places, which are fitted with them."""
-        everything = Conditional(self.score, self.information, np.diag(self.gram), self.freedom)
-        return everything.beside(known)
+        everything = ConditionalScores(
+            self.score, self.information, np.diag(self.gram), self.freedom
+        )
+        return everything.conditional_on(known)
 
 
 @dataclass(frozen=True, eq=False)
-class Conditional:
+class ConditionalScores:
     """Scores and information of q effects beside some others."""
 
     score: Array
@@ -352,30 +354,30 @@ class Conditional:
         """(q,) effects of which, one by one, something is left to be seen."""
         return np.diag(self.information) > SEEN * np.where(self.whole > 0, self.whole, np.inf)
 
-    def beside(self, known: Sequence[int] | Places) -> Conditional:
+    def conditional_on(self, known: Sequence[int] | Places) -> ConditionalScores:
         """Return the effects beside those at some places, too, which are fitted with them."""
         places = np.asarray(known, dtype=np.intp)
         if not len(places):
             return self
         root, _ = _root(self.information[np.ix_(places, places)], self.whole[places])
         explained = self.information[:, places] @ root
-        return Conditional(
+        return ConditionalScores(
             self.score - explained @ (root.T @ self.score[places]),
             self.information - explained @ explained.T,
             self.whole,
             self.freedom,
         )
 
-    def fit(self, places: Sequence[int] | Places) -> Fit:
+    def fit(self, places: Sequence[int] | Places) -> EffectFit:
         """Fit the effects at some places together."""
         chosen = np.asarray(places, dtype=np.intp)
         root, rank = _root(self.information[np.ix_(chosen, chosen)], self.whole[chosen])
         part = root.T @ self.score[chosen]
-        return Fit(float(part @ part), rank, root @ part, root @ root.T)
+        return EffectFit(float(part @ part), rank, root @ part, root @ root.T)
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class EffectFit:
     """Some effects fitted together."""
 
     statistic: float

@@ -142,7 +142,7 @@ def hum_finding(searches: Mapping[str, HumSearch | None], refused: str = "") -> 
     """
     done = {kind: search for kind, search in searches.items() if search is not None}
     if not done:
-        return _NO_HUM.untested(refused or "the samples are no means of equally many")
+        return _NO_HUM.skip(refused or "the samples are no means of equally many")
     hidden = sorted({frequency for search in done.values() for frequency in search.hidden})
     unseen = ""
     if hidden:
@@ -155,7 +155,7 @@ def hum_finding(searches: Mapping[str, HumSearch | None], refused: str = "") -> 
     if not found:
         absent = f"no sinusoid at 50 or 60 Hz and their multiples (p = {p:.2g}){unseen}"
         if set(MAINS) & set(hidden):
-            return _NO_HUM.untested(absent, _SEEN_ELSEWHERE)
+            return _NO_HUM.skip(absent, _SEEN_ELSEWHERE)
         return _NO_HUM.holds(absent, p, HUM)
     where = f"{_listed({line.frequency for s in done.values() for line in s.lines})} Hz"
     return _NO_HUM.fails(f"a hum: {'; '.join(found)}{unseen}", p, HUM, where)

@@ -24,12 +24,12 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from constraints.arrays import Array
-from estimation.diagnostics.candidate_effects import Suspects
+from estimation.diagnostics.candidate_effects import CandidateEffects
 from estimation.diagnostics.finding import Assumption
-from estimation.diagnostics.hypothesis import Cause
+from estimation.diagnostics.hypothesis import Hypothesis
 from estimation.diagnostics.joint_system import SolvedSystem
 from estimation.diagnostics.linearisation import Linearisation, Signature
-from estimation.diagnostics.significance import CAUSES, POSITION_PERIODIC, log_pair_tail
+from estimation.diagnostics.significance import HYPOTHESES, POSITION_PERIODIC, log_pair_tail
 from estimation.processing.hum import mains_frequencies
 from estimation.processing.periodic_recording import PeriodicRecording
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -249,9 +249,9 @@ def hidden_hums(record: PeriodicRecording) -> tuple[tuple[float, int], ...]:
     return tuple(found)
 
 
-def hum_causes(suspects: Suspects) -> Iterator[Cause]:
+def hum_hypotheses(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
     """Yield the family of hums that no contrast sees; nothing where there are none."""
-    part, record = suspects.part, suspects.experiment.record
+    part, record = candidate_effects.part, candidate_effects.experiment.record
     hidden = hidden_hums(record)
     if not hidden:
         return
@@ -262,12 +262,12 @@ def hum_causes(suspects: Suspects) -> Iterator[Cause]:
         each = np.einsum("tp,ij->tijp", pair, np.eye(ACTUATORS))
         columns.append(part.cells.mean(each.reshape(len(angle), ACTUATORS, -1)))
     width = 2 * ACTUATORS
-    yield Cause(
+    yield Hypothesis(
         kind="hum",
         labels=tuple((f"of {frequency:g} Hz", None) for frequency, _ in hidden),
         columns=Signature.of_forces(part, np.concatenate(columns, axis=2)),
         places=tuple(tuple(range(k * width, (k + 1) * width)) for k in range(len(hidden))),
-        level=CAUSES,
+        level=HYPOTHESES,
         assumption=Assumption(
             "no hum that repeats in every period",
             "the mains hum at a multiple of the motion's frequency",
@@ -277,7 +277,7 @@ def hum_causes(suspects: Suspects) -> Iterator[Cause]:
         ),
         noun="a hum",
         absent="no hum of the mains at a multiple of the motion's frequency (p = {p:.2g})",
-        untested="the model's own columns leave nothing of it",
+        reason_untested="the model's own columns leave nothing of it",
         unit=lambda _: "N",
         paired=True,
     )

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from constraints.arrays import Array
-from estimation.diagnostics.finding import Assumption, Finding, listed
-from estimation.estimators.priors import Knowledge
+from estimation.diagnostics.finding import Assumption, Finding, join_words
+from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate
 from expdesign.configuration.values.quantity import FORCE
 from expdesign.mechanism.term import Lump, Parameter, parameters_of
@@ -55,7 +55,7 @@ class _Doubt:
     p: float
 
 
-def plausibility(robot: Robot, knowledge: Knowledge, estimate: ParameterEstimate) -> Finding:
+def plausibility(robot: Robot, priors: ParameterPriors, estimate: ParameterEstimate) -> Finding:
     """Hold estimates against what bodies and friction can be, and against the a-priori values.
 
     What noise and tolerances may make, 3 σ, is left out. Not plausible are
@@ -73,7 +73,7 @@ def plausibility(robot: Robot, knowledge: Knowledge, estimate: ParameterEstimate
     parameters = parameters_of(robot.terms)
     count = len(parameters)
     values, std = estimate.values[:count], estimate.std[:count]
-    judged = knowledge.free[:count] & (std > 0) & np.isfinite(std)
+    judged = priors.free[:count] & (std > 0) & np.isfinite(std)
     tests = [*_single(robot, parameters, estimate, judged)]
     alone = {test.where for test in tests if test.p < _LEVEL}
     # A fixed value is the user's, whatever it is.
@@ -104,7 +104,9 @@ def plausibility(robot: Robot, knowledge: Knowledge, estimate: ParameterEstimate
     names = [doubt.where for doubt in doubts]
     told = "; ".join(doubt.sentence for doubt in doubts[:_TOLD])
     more = f"; and {len(doubts) - _TOLD} more" if len(doubts) > _TOLD else ""
-    where = listed(names if len(names) <= _TOLD else [*names[:_TOLD], f"{len(names) - _TOLD} more"])
+    where = join_words(
+        names if len(names) <= _TOLD else [*names[:_TOLD], f"{len(names) - _TOLD} more"]
+    )
     return _PLAUSIBLE.fails(f"{told}{more}", smallest, _LEVEL, where, advice)
 
 
@@ -221,7 +223,7 @@ def _lump(
         )
         p = float(law.sf(sigmas**2))
     first, last = lump.parameters[0], lump.parameters[-1]
-    which = f"{first} … {last}" if len(lump.parameters) > _TOLD else listed(lump.parameters)
+    which = f"{first} … {last}" if len(lump.parameters) > _TOLD else join_words(lump.parameters)
     return _Doubt(which, f"no bodies have {lump.meaning} ({which} together)", p)
 
 
@@ -272,7 +274,7 @@ class ForceScale:
 
     def where(self, names: tuple[str, ...]) -> str:
         """Return the parameters in words."""
-        return listed([name for name, one in zip(names, self.alike, strict=True) if one])
+        return join_words([name for name, one in zip(names, self.alike, strict=True) if one])
 
     @property
     def sentence(self) -> str:

@@ -23,7 +23,7 @@ from estimation.diagnostics.joint_system import SolvedSystem
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.linear import weighting_covariance
-from estimation.estimators.priors import Knowledge
+from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate
 from estimation.measurement_model.normal_equations import NormalEquations
 from estimation.processing import NoiseEstimate, NoiseModel
@@ -32,7 +32,7 @@ from estimation.processing.periodic_recording import Channels
 
 
 @dataclass(frozen=True, eq=False)
-class ResidualLaw:
+class ResidualCovariance:
     """First-order covariance of the residuals of all channels."""
 
     noise: NoiseEstimate
@@ -80,29 +80,31 @@ class ResidualLaw:
         return factor, kernel
 
 
-def joint_law(part: Linearisation, experiment: Experiment, solved: SolvedSystem) -> ResidualLaw:
+def joint_residual_covariance(
+    part: Linearisation, experiment: Experiment, solved: SolvedSystem
+) -> ResidualCovariance:
     """Return the law of e*, the residuals after the joint fit of (p, ξ) and effects."""
     system = solved.system
     columns = system.force_rows.unscaled(system.columns) * np.sqrt(part.counts)[:, None, None]
     return _force_law(part, experiment, columns, solved.inverse, solved.inverse)
 
 
-def held_out_law(
+def held_out_residual_covariance(
     part: Linearisation, experiment: Experiment, estimate: ParameterEstimate
-) -> ResidualLaw:
+) -> ResidualCovariance:
     """Return the law of a prediction's residuals: nothing was fitted to these forces."""
     covariance = _errors(part, experiment, estimate.covariance)
     columns = part.columns * np.sqrt(part.counts)[:, None, None]
     return _force_law(part, experiment, columns, np.zeros_like(covariance), covariance)
 
 
-def linear_laws(
+def linear_residual_covariances(
     parts: Sequence[Linearisation],
     white: Sequence[Linearisation],
     experiments: Sequence[Experiment],
     estimate: ParameterEstimate,
-    knowledge: Knowledge,
-) -> list[ResidualLaw]:
+    priors: ParameterPriors,
+) -> list[ResidualCovariance]:
     """Return the laws of the residuals of LS or Gauss–Markov, experiment by experiment.
 
     `white` are the parts behind the filters that make their noise white, where LS does not look.
@@ -115,10 +117,8 @@ def linear_laws(
         NormalEquations.of([(part.forces, part.columns, part.counts)], weighting)
         for part, weighting in zip(seen, weightings, strict=True)
     ]
-    k = int(np.count_nonzero(knowledge.free))
-    inverse = knowledge.inverse(
-        knowledge.precision + sum(each.matrix[:k, :k] for each in equations)
-    )
+    k = int(np.count_nonzero(priors.free))
+    inverse = priors.inverse(priors.precision + sum(each.matrix[:k, :k] for each in equations))
     laws = []
     for raw, part, experiment, weighting, own in zip(
         parts, white, experiments, weightings, equations, strict=True
@@ -144,18 +144,18 @@ def linear_laws(
     return laws
 
 
-def length_law(
+def length_residual_covariance(
     part: Linearisation, experiment: Experiment, motion_covariance: Array
-) -> ResidualLaw:
+) -> ResidualCovariance:
     """Return the law of the length residuals; `motion_covariance` is Cov(ξ̂), (x, x)."""
     columns = part.length_columns * np.sqrt(part.length_counts)[:, None, None]
     extra = np.zeros(columns.shape[:2])
-    return ResidualLaw(
+    return ResidualCovariance(
         experiment.noise.lengths, columns, columns, motion_covariance, motion_covariance, extra
     )
 
 
-def lengths_beside(
+def refit_lengths(
     part: Linearisation,
     experiment: Experiment,
     solved: SolvedSystem,
@@ -163,7 +163,7 @@ def lengths_beside(
     found: Signature,
     *,
     anew: bool = False,
-) -> tuple[Array, ResidualLaw] | None:
+) -> tuple[Array, ResidualCovariance] | None:
     """Return what a motion leaves of the lengths, (R', 6), m, and its law, beside known effects.
 
     None where these effects move no length, unless the motion is wanted `anew`. It is fitted to the
@@ -185,7 +185,7 @@ def lengths_beside(
     system, scale = alone.system, np.sqrt(part.length_counts)[:, None, None]
     columns = system.force_rows.unscaled(system.columns) * scale
     noise, extra = experiment.noise.lengths, np.zeros(columns.shape[:2])
-    law = ResidualLaw(noise, columns, columns, alone.inverse, alone.inverse, extra)
+    law = ResidualCovariance(noise, columns, columns, alone.inverse, alone.inverse, extra)
     return alone.force_residuals(), law
 
 
@@ -196,10 +196,10 @@ def _force_law(
     cross: Array,
     covariance: Array,
     partner: Array | None = None,
-) -> ResidualLaw:
+) -> ResidualCovariance:
     partner = columns if partner is None else partner
     extra = part.sign_variance * part.counts[:, None]
-    return ResidualLaw(experiment.noise.forces, columns, partner, cross, covariance, extra)
+    return ResidualCovariance(experiment.noise.forces, columns, partner, cross, covariance, extra)
 
 
 def _errors(part: Linearisation, experiment: Experiment, own: Array) -> Array:
@@ -213,7 +213,7 @@ def _errors(part: Linearisation, experiment: Experiment, own: Array) -> Array:
     return covariance
 
 
-def with_memory(experiment: Experiment) -> Experiment:
+def with_empirical_colour(experiment: Experiment) -> Experiment:
     """Return an experiment with the memory that its noise shows, though it was weighted as white.
 
     Who takes noise with a memory for white does not make a fault of the model of it.
@@ -230,7 +230,7 @@ def with_memory(experiment: Experiment) -> Experiment:
     return experiment if noise is experiment.noise else replace(experiment, noise=noise)
 
 
-def shown_noise(experiment: Experiment) -> NoiseModel:
+def empirical_noise(experiment: Experiment) -> NoiseModel:
     """Return the noise that a recording shows, where it shows enough; else what was given."""
 
     def shown(given: NoiseEstimate, channels: Channels) -> NoiseEstimate:

@@ -25,7 +25,7 @@ from pydantic import Field
 
 from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation
-from estimation.diagnostics.residual_covariance import ResidualLaw
+from estimation.diagnostics.residual_covariance import ResidualCovariance
 from estimation.diagnostics.significance import (
     LACK_OF_FIT,
     ChannelTest,
@@ -60,7 +60,7 @@ class ChiSquare:
     refused: Annotated[str, described("", "why there are no p-values; empty when there are")] = ""
 
 
-def chi_square(residuals: Array, counts: Array, law: ResidualLaw) -> ChiSquare:
+def chi_square(residuals: Array, counts: Array, law: ResidualCovariance) -> ChiSquare:
     """Test the size of residuals, (R, 6), each the mean of as many samples as `counts` says, (R,).
 
     Notes
@@ -89,7 +89,7 @@ def chi_square(residuals: Array, counts: Array, law: ResidualLaw) -> ChiSquare:
     return ChiSquare(value, freedom, ratio, float(upper), float(lower), refused)
 
 
-def _expectation(law: ResidualLaw, inverse: Array) -> float:
+def _expectation(law: ResidualCovariance, inverse: Array) -> float:
     """Return E Σ eᵀ Σ⁻¹ e: 6 R less what was fitted."""
     rows = law.columns.shape[0] * law.columns.shape[1]
     weighted = np.matmul(inverse, law.columns).reshape(rows, -1)
@@ -140,7 +140,7 @@ class LackOfFit(ChannelTest):
 
 def lack_of_fit(
     part: Linearisation,
-    law: ResidualLaw,
+    law: ResidualCovariance,
     *,
     residuals: Array | None = None,
     level: float = LACK_OF_FIT,
@@ -149,7 +149,7 @@ def lack_of_fit(
 
     Parameters
     ----------
-    law : ResidualLaw
+    law : ResidualCovariance
         Of the residuals; its cross part is zero for held-out data.
     residuals : (R, 6), optional
         Other residuals than those of the estimate, N.

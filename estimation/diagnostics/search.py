@@ -15,8 +15,14 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from constraints.arrays import Array
-from estimation.diagnostics.hypothesis import Cause, CauseTest, cause_test
-from estimation.diagnostics.joint_system import Conditional, Fit, JointSystem, Places, SolvedSystem
+from estimation.diagnostics.hypothesis import Hypothesis, HypothesisTest, evaluate_hypothesis
+from estimation.diagnostics.joint_system import (
+    ConditionalScores,
+    EffectFit,
+    JointSystem,
+    Places,
+    SolvedSystem,
+)
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.periodic_forces import (
     PitchScan,
@@ -45,16 +51,16 @@ class EffectTests:
 
     solved: SolvedSystem
     """The fit with these effects among its unknowns."""
-    beside: Conditional
+    beside: ConditionalScores
     """What is seen of every candidate's columns beside them."""
     scans: tuple[PitchScan, ...]
     """Of the six struts."""
-    families: Mapping[str, CauseTest]
+    families: Mapping[str, HypothesisTest]
     """The test of every family of causes, by its kind."""
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class EffectCandidate:
     """A candidate that may take a place among the effects."""
 
     kind: str
@@ -76,7 +82,7 @@ class Candidate:
         """What tells it from others; candidates that differ in a constant are one."""
         return self.kind, self.strut, self.parameter
 
-    def log_p(self, fit: Fit, freedom: float) -> float:
+    def log_p(self, fit: EffectFit, freedom: float) -> float:
         """Return the logarithm of p of its fit, uncorrected for its family."""
         if not fit.rank:
             return 0.0
@@ -92,19 +98,21 @@ class Search:
         self,
         system: JointSystem,
         part: Linearisation,
-        families: tuple[Cause, ...],
+        families: tuple[Hypothesis, ...],
         step: float,
         level: float,
     ) -> None:
         self.system, self.part, self.families = system, part, families
         self.step, self.level = step, level
         nothing = Signature.of_forces(part, np.zeros((*part.forces.shape, 0)))
-        self.signature = Signature.joined([nothing, *(cause.columns for cause in families)])
+        self.signature = Signature.joined(
+            [nothing, *(hypothesis.columns for hypothesis in families)]
+        )
         self.projection = system.solved.projection(self.signature)
-        counts = [cause.columns.count for cause in families]
+        counts = [hypothesis.columns.count for hypothesis in families]
         self.first = dict(
             zip(
-                (cause.kind for cause in families),
+                (hypothesis.kind for hypothesis in families),
                 np.cumsum([0, *counts[:-1]]).tolist(),
                 strict=True,
             )
@@ -112,27 +120,27 @@ class Search:
 
     # --- tests ------------------------------------------------------------------------------------
 
-    def tests(self, known: Sequence[Candidate]) -> EffectTests:
+    def tests(self, known: Sequence[EffectCandidate]) -> EffectTests:
         """Test everything beside some effects."""
         solved = self.system.solved
         if known:
             solved = self.system.with_effects(self.signature.picked(places_of(known))).solved
-        beside = self.projection.beside(places_of(known))
+        beside = self.projection.conditional_on(places_of(known))
         beside_known = f" beside {len(known)}" if known else ""
         struts = track(f"diagnosis: effects{beside_known}, strut by strut", range(ACTUATORS))
         scans = tuple(self._scan(solved, strut) for strut in struts)
         return EffectTests(solved, beside, scans, self._family_tests(beside))
 
-    def _family_tests(self, beside: Conditional) -> dict[str, CauseTest]:
-        return {c.kind: cause_test(beside, c, self.first[c.kind]) for c in self.families}
+    def _family_tests(self, beside: ConditionalScores) -> dict[str, HypothesisTest]:
+        return {c.kind: evaluate_hypothesis(beside, c, self.first[c.kind]) for c in self.families}
 
     def _scan(self, solved: SolvedSystem, strut: int) -> PitchScan:
         return scan_pitches(solved, self.part, strut, self.step, self.level)
 
-    def _periodic(self, solved: SolvedSystem, scan: PitchScan) -> Candidate:
+    def _periodic(self, solved: SolvedSystem, scan: PitchScan) -> EffectCandidate:
         """Return the best pitch of a scan as a candidate."""
         columns, _, _ = periodic_fit(solved, self.part, scan)
-        return Candidate(
+        return EffectCandidate(
             PERIODIC,
             scan.strut,
             "",
@@ -142,38 +150,40 @@ class Search:
             reach=scan.reach,
         )
 
-    def _candidates(self, tests: Mapping[str, CauseTest]) -> Iterator[tuple[Candidate, float]]:
+    def _candidates(
+        self, tests: Mapping[str, HypothesisTest]
+    ) -> Iterator[tuple[EffectCandidate, float]]:
         """Yield every candidate of the families with its log p."""
         for test in tests.values():
-            cause, limit = test.cause, test.limit
+            hypothesis, limit = test.hypothesis, test.limit
             for number in np.flatnonzero(np.isfinite(test.log_p)).tolist():
-                name, strut = cause.labels[number]
-                item = Candidate(
-                    cause.kind,
+                name, strut = hypothesis.labels[number]
+                item = EffectCandidate(
+                    hypothesis.kind,
                     strut,
                     name,
                     test.places(number),
                     limit,
-                    cause.constant_of(number),
-                    cause.contains,
-                    cause.sized_by_constant,
+                    hypothesis.constant_of(number),
+                    hypothesis.contains,
+                    hypothesis.sized_by_constant,
                 )
                 yield item, float(test.log_p[number])
 
-    def _refined(self, item: Candidate, known: Sequence[Candidate]) -> Candidate:
+    def _refined(self, item: EffectCandidate, known: Sequence[EffectCandidate]) -> EffectCandidate:
         """Return a candidate with the constant that explains most beside the effects known."""
-        at = next(cause.at for cause in self.families if cause.kind == item.kind)
+        at = next(hypothesis.at for hypothesis in self.families if hypothesis.kind == item.kind)
         if at is None:
             return item
         label, solved = (item.parameter, item.strut), self.system.solved
         others, places = self.projection, places_of(known)
 
-        own = self._fit(item, self.projection.beside(places))
+        own = self._fit(item, self.projection.conditional_on(places))
         start = float(own.values[0]) if item.sized_by_constant else item.constant
 
         def explained(factor: float) -> float:
             new = solved.projection(at(label, float(start * np.exp(factor))))
-            fit = others.joined(new).beside(places).fit([len(others.score)])
+            fit = others.joined(new).conditional_on(places).fit([len(others.score)])
             return -fit.statistic
 
         best = minimize_scalar(
@@ -193,7 +203,9 @@ class Search:
 
     # --- selection --------------------------------------------------------------------------------
 
-    def most_significant(self, tests: EffectTests, known: Sequence[Candidate]) -> Candidate | None:
+    def most_significant(
+        self, tests: EffectTests, known: Sequence[EffectCandidate]
+    ) -> EffectCandidate | None:
         """Return the effect with the smallest p-value, corrected for its family, if significant.
 
         `tests` are beside those that are known.
@@ -210,11 +222,11 @@ class Search:
             return self._refined(found[0], known)
         return self._periodic(tests.solved, scan) if relative < 0 else None
 
-    def significant(self, found: list[Candidate]) -> list[Candidate]:
+    def significant(self, found: list[EffectCandidate]) -> list[EffectCandidate]:
         """Drop, one by one, what is not significant beside all others."""
         while found:
             relative = [
-                self.log_p_beside(item, without(found, item)) - item.limit for item in found
+                self.conditional_log_p(item, without(found, item)) - item.limit for item in found
             ]
             worst = int(np.argmax(relative))
             if relative[worst] < 0:
@@ -222,9 +234,9 @@ class Search:
             found = without(found, found[worst])
         return found
 
-    def settled(
-        self, found: list[Candidate]
-    ) -> tuple[list[Candidate], list[tuple[tuple[Candidate, float], ...]]]:
+    def exchange_for_rivals(
+        self, found: list[EffectCandidate]
+    ) -> tuple[list[EffectCandidate], list[tuple[tuple[EffectCandidate, float], ...]]]:
         """Exchange effects for rivals that are more significant in their place; sort what is left.
 
         Returns the effects, most significant first, and the rivals of each with their log p.
@@ -235,22 +247,22 @@ class Search:
                 others = without(found, item)
                 rivals = self.rivals(item, others)
                 if rivals and rivals[0][1] - rivals[0][0].limit < (
-                    self.log_p_beside(item, others) - item.limit
+                    self.conditional_log_p(item, others) - item.limit
                 ):
                     found, changed = [*found[:number], rivals[0][0], *found[number + 1 :]], True
             found = self.significant(found)
             if not changed:
                 break
-        found = sorted(found, key=lambda i: self.log_p_beside(i, without(found, i)) - i.limit)
+        found = sorted(found, key=lambda i: self.conditional_log_p(i, without(found, i)) - i.limit)
         return found, [self.rivals(item, without(found, item)) for item in found]
 
     def rivals(
-        self, item: Candidate, others: Sequence[Candidate]
-    ) -> tuple[tuple[Candidate, float], ...]:
+        self, item: EffectCandidate, others: Sequence[EffectCandidate]
+    ) -> tuple[tuple[EffectCandidate, float], ...]:
         """Return what explains an item about as well in its place, and with which log p."""
-        beside = self.projection.beside(places_of(others))
+        beside = self.projection.conditional_on(places_of(others))
         own = self._fit(item, beside)
-        found: dict[tuple[str, int | None, str], tuple[Candidate, float]] = {}
+        found: dict[tuple[str, int | None, str], tuple[EffectCandidate, float]] = {}
         tests = self._family_tests(beside)
         candidates = list(self._candidates(tests))
         if item.kind != PERIODIC and item.strut is not None:
@@ -260,7 +272,7 @@ class Search:
             scan = self._scan(solved, item.strut)
             if np.isfinite(scan.best_pitch) and scan.log_p < np.log(REJECTED):
                 candidates.append((self._periodic(solved, scan), scan.log_p))
-                beside = self.projection.beside(places_of(others))
+                beside = self.projection.conditional_on(places_of(others))
         taken = {item.name, *(other.name for other in others)}
         for rival, log_p in candidates:
             if rival.name in taken or log_p > np.log(REJECTED):
@@ -269,39 +281,43 @@ class Search:
                 continue
             # What the item adds to a rival is at least the difference of what both explain.
             least = own.statistic - self._fit(rival, beside).statistic
-            if self._rejects(item, Fit(max(least, 0.0), own.rank, own.values, own.covariance)):
+            if self._rejects(
+                item, EffectFit(max(least, 0.0), own.rank, own.values, own.covariance)
+            ):
                 continue
-            both = self.projection.beside(places_of([*others, rival]))
+            both = self.projection.conditional_on(places_of([*others, rival]))
             if self._rejects(item, self._fit(item, both)):
                 continue
             if rival.name not in found or log_p < found[rival.name][1]:
                 found[rival.name] = (rival, log_p)
         return tuple(sorted(found.values(), key=lambda one: one[1] - one[0].limit))
 
-    def _rejects(self, item: Candidate, fit: Fit) -> bool:
+    def _rejects(self, item: EffectCandidate, fit: EffectFit) -> bool:
         return item.log_p(fit, self.projection.freedom) < np.log(REJECTED)
 
-    def _fit(self, item: Candidate, beside: Conditional) -> Fit:
+    def _fit(self, item: EffectCandidate, beside: ConditionalScores) -> EffectFit:
         # The third column of a periodic force, of a change of its pitch, is no size of it.
         places = item.places[:2] if item.kind == PERIODIC else item.places
         return beside.fit(places)
 
-    def statistic_beside(self, item: Candidate, others: Sequence[Candidate]) -> float:
+    def conditional_statistic(
+        self, item: EffectCandidate, others: Sequence[EffectCandidate]
+    ) -> float:
         """Return χ² of a candidate beside others."""
-        return self._fit(item, self.projection.beside(places_of(others))).statistic
+        return self._fit(item, self.projection.conditional_on(places_of(others))).statistic
 
-    def log_p_beside(self, item: Candidate, others: Sequence[Candidate]) -> float:
+    def conditional_log_p(self, item: EffectCandidate, others: Sequence[EffectCandidate]) -> float:
         """Return the logarithm of p of a candidate beside others, uncorrected for its family."""
-        fit = self._fit(item, self.projection.beside(places_of(others)))
+        fit = self._fit(item, self.projection.conditional_on(places_of(others)))
         return item.log_p(fit, self.projection.freedom)
 
 
-def places_of(items: Sequence[Candidate]) -> Places:
+def places_of(items: Sequence[EffectCandidate]) -> Places:
     """Return the places of all columns of candidates in the projection."""
     return np.concatenate([np.zeros(0, dtype=np.intp), *(item.places for item in items)])
 
 
-def without(items: Sequence[Candidate], one: Candidate) -> list[Candidate]:
+def without(items: Sequence[EffectCandidate], one: EffectCandidate) -> list[EffectCandidate]:
     """Return all candidates but one."""
     return [item for item in items if item is not one]
 

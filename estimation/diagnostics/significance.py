@@ -28,7 +28,7 @@ from expdesign.runfolder import OpenNumbers, described, sized
 
 LACK_OF_FIT = 0.01
 """Over the six actuators."""
-CAUSES = 0.02
+HYPOTHESES = 0.02
 """Over all families of causes together."""
 POSITION_PERIODIC = 0.001
 """Over six struts and all pitches."""

@@ -1,24 +1,28 @@
 """Least squares, Gauss–Markov and maximum likelihood, all on the shared symbolic graph."""
 
 from estimation.estimators.experiment import Experiment
-from estimation.estimators.influence import Systematic, systematic_share, with_prior
-from estimation.estimators.joint_equations import DeviatingMachine, cramer_rao_covariance
+from estimation.estimators.influence import (
+    SystematicUncertainty,
+    add_prior_response,
+    systematic_share,
+)
+from estimation.estimators.joint_equations import PerturbedMachine, cramer_rao_covariance
 from estimation.estimators.linear import linear_estimate
 from estimation.estimators.maximum_likelihood import maximum_likelihood
-from estimation.estimators.priors import Knowledge, UnidentifiableError
+from estimation.estimators.priors import ParameterPriors, UnidentifiableError
 from estimation.estimators.result import ParameterEstimate, covariance_ml_less_gm
 
 __all__ = [
-    "DeviatingMachine",
     "Experiment",
-    "Knowledge",
     "ParameterEstimate",
-    "Systematic",
+    "ParameterPriors",
+    "PerturbedMachine",
+    "SystematicUncertainty",
     "UnidentifiableError",
+    "add_prior_response",
     "covariance_ml_less_gm",
     "cramer_rao_covariance",
     "linear_estimate",
     "maximum_likelihood",
     "systematic_share",
-    "with_prior",
 ]

@@ -16,7 +16,7 @@ from expdesign.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
-class WholeMotion:
+class RefinedMotion:
     """A motion with harmonics that forces and lengths show together, and the lengths alone do not.
 
     LS and GM do without them: what the noise of the lengths hides would cost them more than it
@@ -43,7 +43,7 @@ class Experiment:
     fitted_regressors: Array
     """(R, 6, m), A at the samples, along the motion that was estimated from the lengths."""
     pointwise: PointwiseMotion | None = None
-    whole: WholeMotion | None = None
+    whole: RefinedMotion | None = None
     """Where the forces show more harmonics than the lengths."""
 
     @classmethod
@@ -122,24 +122,24 @@ class Experiment:
             raise ValueError("pointwise kinematics are no series")
         return self.fit.motion if self.whole is None else self.whole.motion
 
-    def used(self, values: Array) -> Array:
+    def select_rows(self, values: Array) -> Array:
         """Return those of the record's values, (S, …), whose motion is known: (R, …)."""
         return values if self.pointwise is None else values[self.pointwise.rows]
 
     @property
     def forces(self) -> Array:
         """(R, 6) measured forces at the samples whose motion is known, N."""
-        return self.used(self.record.forces.values)
+        return self.select_rows(self.record.forces.values)
 
     @property
     def counts(self) -> Array:
         """(R,) how many single samples each row is the mean of."""
-        return self.used(self.record.forces.counts)
+        return self.select_rows(self.record.forces.counts)
 
     @property
     def times(self) -> Array:
         """(R,) s."""
-        return self.used(self.record.forces.times)
+        return self.select_rows(self.record.forces.times)
 
     def signs(self, robot: Robot, motion: HarmonicMotion) -> Array:
         """Return the expected friction signs along a motion, (S, s)."""
@@ -153,7 +153,7 @@ class Experiment:
         whole = self._whole_as(motion)
         return self.spread if whole is None else whole.spread
 
-    def signs_of_others(self, robot: Robot, motion: HarmonicMotion) -> Array:
+    def signs_for_robot(self, robot: Robot, motion: HarmonicMotion) -> Array:
         """Return the expected signs that the terms of another robot use, (S, s)."""
         if self.fit is None:
             raise ValueError("pointwise kinematics have no spread of their rates")
@@ -162,7 +162,7 @@ class Experiment:
         spread = rate_spread(robot, motion, times, covariance)
         return expected_signs(robot, motion, times, spread)
 
-    def _whole_as(self, motion: HarmonicMotion) -> WholeMotion | None:
+    def _whole_as(self, motion: HarmonicMotion) -> RefinedMotion | None:
         """Return the whole motion if this one has its harmonics."""
         whole = self.whole
         return whole if whole and motion.harmonics == whole.motion.harmonics else None

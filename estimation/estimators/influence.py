@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
-from estimation.estimators.joint_equations import DeviatingMachine, MeasuredForces, MeasuredLengths
-from estimation.estimators.prior_estimate import EarlierEstimate
+from estimation.estimators.joint_equations import MeasuredForces, MeasuredLengths, PerturbedMachine
+from estimation.estimators.prior_estimate import PriorEstimate
 from estimation.kinematics.friction_signs import signs_along
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import Filter
@@ -85,7 +85,7 @@ class Influence:
     """(r, k), on the columns of the parameters; (r, k + x) with those of the motion."""
     length_gain: Array | None
     """(r, x), on the motion's columns in the lengths; None after pointwise kinematics."""
-    machine: DeviatingMachine | None = None
+    machine: PerturbedMachine | None = None
     """Whose deviations θ were estimated, too: their columns stand before those of the motion in
     both gains."""
 
@@ -234,7 +234,7 @@ def _covariance(
 
 
 @dataclass(frozen=True, eq=False)
-class Systematic:
+class SystematicUncertainty:
     """What the deviations θ of a machine do to an estimate, and what is known of them."""
 
     deviations: tuple[Deviation, ...]
@@ -296,7 +296,7 @@ def systematic_share(
     chosen: Sequence[Deviation],
     free: NDArray[np.bool_],
     values: Array | None = None,
-) -> Systematic | None:
+) -> SystematicUncertainty | None:
     """Return what the entries chosen do to an estimate.
 
     None after pointwise kinematics, where it is not known how lengths move the estimate.
@@ -323,10 +323,10 @@ def systematic_share(
         motion = influence.motion
         if motion is None or influence.length_gain is None:
             return None
-        found = influence.machine or DeviatingMachine.exact(influence.robot)
+        found = influence.machine or PerturbedMachine.exact(influence.robot)
         theta = dict(zip((one.name for one in found.chosen), found.theta.tolist(), strict=True))
         at = np.array([theta.get(one.name, 0.0) for one in chosen])
-        machine = DeviatingMachine.of(influence.robot, chosen, at)
+        machine = PerturbedMachine.of(influence.robot, chosen, at)
         known, jumps = (influence.experiment, motion), "delay" not in theta
         moved += influence.response(
             _moved(partial(machine.forces, *known, influence.values, jumps=jumps)),
@@ -335,7 +335,7 @@ def systematic_share(
     response = np.zeros((len(free), len(chosen)))
     response[free], left = moved[:count], -np.eye(len(chosen))
     left[: len(moved) - count] += moved[count:]
-    return Systematic(
+    return SystematicUncertainty(
         tuple(chosen),
         response,
         np.zeros(len(chosen)) if values is None else values,
@@ -345,12 +345,12 @@ def systematic_share(
     )
 
 
-def with_prior(
-    systematic: Systematic | None,
+def add_prior_response(
+    systematic: SystematicUncertainty | None,
     influences: Sequence[Influence],
-    earlier: EarlierEstimate,
+    earlier: PriorEstimate,
     free: NDArray[np.bool_],
-) -> Systematic | None:
+) -> SystematicUncertainty | None:
     """Return what tolerances do to an estimate whose prior is an earlier one of the machine.
 
     The prior enters with the gain F⁻¹ P, (r, m + c): its errors of parameters that are held now
@@ -367,7 +367,7 @@ def with_prior(
         if not any(one.std > 0 for one in earlier.deviations):
             return None
         nothing = np.zeros(0)
-        systematic = Systematic(
+        systematic = SystematicUncertainty(
             (), np.zeros((len(free), 0)), nothing, nothing, left=np.zeros((0, 0))
         )
     own, names = systematic.deviations, {one.name for one in systematic.deviations}

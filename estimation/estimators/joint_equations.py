@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
-from estimation.estimators.priors import Knowledge
+from estimation.estimators.priors import ParameterPriors
 from estimation.kinematics.fourier_fit import length_equations
 from estimation.kinematics.friction_signs import expected_signs, signs_along
 from estimation.measurement_model import HarmonicMotion, predict_lengths
@@ -92,17 +92,17 @@ def joint_equations(
     return forces.with_motion(lengths)
 
 
-def reduced_information(equations: Sequence[NormalEquations], knowledge: Knowledge) -> Array:
+def reduced_information(equations: Sequence[NormalEquations], priors: ParameterPriors) -> Array:
     """Return F_p over all experiments, (k, k), priors included."""
-    count = int(np.count_nonzero(knowledge.free))
-    return knowledge.precision + sum(each.eliminated(count).information for each in equations)
+    count = int(np.count_nonzero(priors.free))
+    return priors.precision + sum(each.eliminated(count).information for each in equations)
 
 
 def cramer_rao_covariance(
     robot: Robot,
     experiments: Sequence[Experiment],
     motions: Sequence[HarmonicMotion],
-    knowledge: Knowledge,
+    priors: ParameterPriors,
     values: Array,
 ) -> Array:
     """Return the bound at (p, ξ) as a covariance, (m, m); zero for fixed parameters.
@@ -112,16 +112,16 @@ def cramer_rao_covariance(
     have no spread of their rates (`Experiment.spread` zero), else the expected ones.
     """
     pairs = tuple(zip(experiments, motions, strict=True))
-    constants = knowledge.constants(robot)
+    constants = priors.constants(robot)
     if not constants:
-        equations = [joint_equations(robot, *each, values, knowledge.free) for each in pairs]
-        return knowledge.full(knowledge.inverse(reduced_information(equations, knowledge)))
-    machine = DeviatingMachine.of(robot, constants, np.zeros(len(constants)))
-    equations = [machine.joint_equations(*each, values, knowledge.free) for each in pairs]
-    known = knowledge.with_deviations(constants)
+        equations = [joint_equations(robot, *each, values, priors.free) for each in pairs]
+        return priors.full(priors.inverse(reduced_information(equations, priors)))
+    machine = PerturbedMachine.of(robot, constants, np.zeros(len(constants)))
+    equations = [machine.joint_equations(*each, values, priors.free) for each in pairs]
+    known = priors.with_deviations(constants)
     inverse = known.inverse(reduced_information(equations, known))
-    count = int(np.count_nonzero(knowledge.free))
-    return knowledge.full(inverse[:count, :count])
+    count = int(np.count_nonzero(priors.free))
+    return priors.full(inverse[:count, :count])
 
 
 class MeasuredForces(NamedTuple):
@@ -151,7 +151,7 @@ class MeasuredLengths(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class DeviatingMachine:
+class PerturbedMachine:
     """A machine at θ."""
 
     robot: Robot
@@ -161,12 +161,12 @@ class DeviatingMachine:
     """(t,), SI, of the entries chosen."""
 
     @classmethod
-    def exact(cls, robot: Robot) -> DeviatingMachine:
+    def exact(cls, robot: Robot) -> PerturbedMachine:
         """Take the machine described."""
         return cls(robot, (), np.zeros(0))
 
     @classmethod
-    def of(cls, robot: Robot, chosen: Sequence[Deviation], theta: Array) -> DeviatingMachine:
+    def of(cls, robot: Robot, chosen: Sequence[Deviation], theta: Array) -> PerturbedMachine:
         """Move the robot described by θ, (t,)."""
         moves = any(
             value != 0 for one, value in zip(chosen, theta, strict=True) if one.of_the_machine

@@ -23,8 +23,8 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.influence import Influence, systematic_share
-from estimation.estimators.joint_equations import DeviatingMachine, force_equations
-from estimation.estimators.priors import Knowledge
+from estimation.estimators.joint_equations import PerturbedMachine, force_equations
+from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate, precision
 from estimation.measurement_model.normal_equations import Filter, NormalEquations
 from expdesign.robot import Robot
@@ -44,7 +44,7 @@ def weighting_covariance(estimator: str, covariance: Array) -> Array:
 
 
 def linear_estimate(
-    robot: Robot, experiments: Sequence[Experiment], knowledge: Knowledge, estimator: str
+    robot: Robot, experiments: Sequence[Experiment], priors: ParameterPriors, estimator: str
 ) -> ParameterEstimate:
     """Estimate the parameters with equal weights, ``"ls"``, or with the full Σ, ``"gm"``.
 
@@ -58,15 +58,15 @@ def linear_estimate(
         Constants are to be estimated along pointwise kinematics.
     """
     began = time.perf_counter()
-    constants = knowledge.constants(robot)
+    constants = priors.constants(robot)
     fitted = all(experiment.fit is not None for experiment in experiments)
     if constants and not fitted:
         raise ValueError("constants of terms are estimated along fitted motions only")
-    problem = _Problem(robot, tuple(experiments), knowledge, estimator, constants)
+    problem = _Problem(robot, tuple(experiments), priors, estimator, constants)
     fit, iterations, status = _converged(problem)
     pairs = enumerate(zip(fit.experiments, problem.weightings, strict=True))
     influences = [_influence(problem, fit, *pair, number) for number, pair in pairs]
-    prior_share = problem.known.prior_share(fit.inverse, len(knowledge.free))
+    prior_share = problem.known.prior_share(fit.inverse, len(priors.free))
     found = ParameterEstimate(
         estimator=estimator,
         values=fit.values,
@@ -81,7 +81,7 @@ def linear_estimate(
     )
     if not constants:
         return found
-    systematic = systematic_share(influences, constants, knowledge.free, fit.theta)
+    systematic = systematic_share(influences, constants, priors.free, fit.theta)
     return replace(found.with_systematic(systematic), seconds=time.perf_counter() - began)
 
 
@@ -89,7 +89,7 @@ def linear_estimate(
 class _Problem:
     robot: Robot
     experiments: tuple[Experiment, ...]
-    knowledge: Knowledge
+    priors: ParameterPriors
     estimator: str
     constants: tuple[Deviation, ...]
     """Entries of θ that are estimated, too."""
@@ -106,17 +106,17 @@ class _Problem:
         return [noise.filter if self.estimator == "gm" else None for noise in noises]
 
     @cached_property
-    def known(self) -> Knowledge:
+    def known(self) -> ParameterPriors:
         """What is known of the parameters, and of θ behind them."""
-        return self.knowledge.with_deviations(self.constants) if self.constants else self.knowledge
+        return self.priors.with_deviations(self.constants) if self.constants else self.priors
 
     def at(self, theta: Array) -> _Fit:
         """Return the best parameters at θ."""
-        machine = DeviatingMachine.of(self.robot, self.constants, theta)
+        machine = PerturbedMachine.of(self.robot, self.constants, theta)
         present = self.experiments
         if np.any(theta != 0):
             present = tuple(experiment.of_robot(machine.robot) for experiment in present)
-        free, start, prior = self.knowledge.free, self.knowledge.start, self.knowledge.precision
+        free, start, prior = self.priors.free, self.priors.start, self.priors.precision
         off = (self.known.prior_mean - np.concatenate([start, theta]))[self.known.free]
         pull = (self.known.precision @ off)[: len(prior)]
         information, gradient, cost = prior, pull, 0.0
@@ -133,7 +133,7 @@ class _Problem:
             gradient = gradient + fitted.gradient
             cost += fitted.cost
         values = start.copy()
-        move = self.knowledge.best_step(information, gradient, start)
+        move = self.priors.best_step(information, gradient, start)
         values[free] += move
         # Σ c (q − A p)ᵀ W (q − A p), the prior's part left out.
         cost += float(move @ (information - prior) @ move - 2 * (gradient - pull) @ move)
@@ -145,7 +145,7 @@ class _Fit:
     """The best parameters at θ."""
 
     problem: _Problem
-    machine: DeviatingMachine
+    machine: PerturbedMachine
     experiments: tuple[Experiment, ...]
     """With A at θ."""
     theta: Array
@@ -170,7 +170,7 @@ class _Fit:
             self.experiments, problem.weightings, problem.filters, strict=True
         ):
             motion = experiment.motion if experiment.fit is None else experiment.fit.motion
-            own = self.values, problem.knowledge.free, weighting, noise_filter
+            own = self.values, problem.priors.free, weighting, noise_filter
             found.append(
                 self.machine.force_equations(experiment, motion, *own)
                 if problem.constants
@@ -251,7 +251,7 @@ def _influence(
         experiment=experiment,
         motion=motion,
         values=fit.values,
-        free=problem.knowledge.free,
+        free=problem.priors.free,
         weighting=weighting,
         weighted_by_noise=problem.estimator == "gm",
         force_gain=force_gain,

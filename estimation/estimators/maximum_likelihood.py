@@ -17,8 +17,8 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.influence import Influence, systematic_share
-from estimation.estimators.joint_equations import DeviatingMachine, joint_equations
-from estimation.estimators.priors import Knowledge
+from estimation.estimators.joint_equations import PerturbedMachine, joint_equations
+from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate, precision
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import Elimination, NormalEquations
@@ -40,7 +40,7 @@ _LARGEST_DAMPING = 1e6
 def maximum_likelihood(
     robot: Robot,
     experiments: Sequence[Experiment],
-    knowledge: Knowledge,
+    priors: ParameterPriors,
     start: ParameterEstimate,
     deviations: Sequence[Deviation] = (),
 ) -> ParameterEstimate:
@@ -64,13 +64,13 @@ def maximum_likelihood(
         An experiment has pointwise kinematics.
     """
     began = time.perf_counter()
-    constants = knowledge.constants(robot)
+    constants = priors.constants(robot)
     named = {one.name for one in constants}
     deviations = (*constants, *(one for one in deviations if one.name not in named))
     if any(experiment.fit is None for experiment in experiments):
         raise ValueError("maximum likelihood needs motions that were fitted by Fourier series")
     # θ stands behind the parameters and is treated as such, with its tolerances as priors.
-    known = knowledge.with_deviations(deviations)
+    known = priors.with_deviations(deviations)
     problem = _Problem(robot, experiments, known, deviations)
     theta = np.zeros(len(deviations))
     if start.systematic is not None and constants:
@@ -131,7 +131,7 @@ def maximum_likelihood(
     if not deviations:
         return found
     theta = values[problem.parameters :]
-    systematic = systematic_share(influences, deviations, knowledge.free, theta)
+    systematic = systematic_share(influences, deviations, priors.free, theta)
     return replace(found.with_systematic(systematic), seconds=time.perf_counter() - began)
 
 
@@ -158,7 +158,7 @@ def _influence(
 ) -> Influence:
     """Return how the errors of one experiment move parameters and θ, its motion eliminated."""
     machine = problem.machine(values)
-    free = problem.knowledge.free[: problem.parameters]
+    free = problem.priors.free[: problem.parameters]
     count = int(np.count_nonzero(free))
     through_motion = -inverse @ eliminated.slope.T
     return Influence(
@@ -190,19 +190,19 @@ class _Move:
 class _Problem:
     robot: Robot
     experiments: Sequence[Experiment]
-    knowledge: Knowledge
+    priors: ParameterPriors
     """Of the parameters, and of θ behind them."""
     deviations: tuple[Deviation, ...]
 
     @property
     def parameters(self) -> int:
         """Number m of parameters."""
-        return len(self.knowledge.free) - len(self.deviations)
+        return len(self.priors.free) - len(self.deviations)
 
-    def machine(self, values: Array) -> DeviatingMachine | None:
+    def machine(self, values: Array) -> PerturbedMachine | None:
         """Return the machine at (p, θ), (m + t,); None where it is the one described."""
         theta = values[self.parameters :]
-        return DeviatingMachine.of(self.robot, self.deviations, theta) if len(theta) else None
+        return PerturbedMachine.of(self.robot, self.deviations, theta) if len(theta) else None
 
     def equations(
         self,
@@ -212,7 +212,7 @@ class _Problem:
     ) -> list[NormalEquations]:
         """Return them at values and motions; those of the forces where they are known there."""
         machine = self.machine(values)
-        own, free = values[: self.parameters], self.knowledge.free[: self.parameters]
+        own, free = values[: self.parameters], self.priors.free[: self.parameters]
         pairs = zip(self.experiments, motions, strict=True)
         if machine is None:
             known = forces or [None] * len(motions)
@@ -223,8 +223,8 @@ class _Problem:
         return [machine.joint_equations(each, motion, own, free) for each, motion in pairs]
 
     def cost(self, equations: Sequence[NormalEquations], values: Array) -> float:
-        off = (values - self.knowledge.prior_mean)[self.knowledge.free]
-        return sum(each.cost for each in equations) + float(off @ self.knowledge.precision @ off)
+        off = (values - self.priors.prior_mean)[self.priors.free]
+        return sum(each.cost for each in equations) + float(off @ self.priors.precision @ off)
 
     def step(
         self,
@@ -234,7 +234,7 @@ class _Problem:
         damping: float,
     ) -> _Move:
         """Return where a (damped) Gauss–Newton step leads."""
-        known = self.knowledge
+        known = self.priors
         count = int(np.count_nonzero(known.free))
         information = known.precision
         gradient = information @ (known.prior_mean - values)[known.free]

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.estimators.prior_estimate import EarlierEstimate
+from estimation.estimators.prior_estimate import PriorEstimate
 from estimation.estimators.result import ParameterEstimate
 from expdesign.mechanism.bodies import ENTRIES, RigidBody, inertia_of
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
@@ -50,7 +50,7 @@ class PayloadEstimate:
     """(10,), degrees of freedom behind the standard deviations."""
 
 
-def payload_estimate(estimate: ParameterEstimate, before: EarlierEstimate) -> PayloadEstimate:
+def payload_estimate(estimate: ParameterEstimate, before: PriorEstimate) -> PayloadEstimate:
     """Return what an estimate with an identification without payload as prior says of the payload.
 
     Raises
@@ -90,7 +90,7 @@ def _variance_of_the_noise(estimate: ParameterEstimate, transfer: Array) -> Arra
     return found
 
 
-def _shared_response(estimate: ParameterEstimate, before: EarlierEstimate) -> Array:
+def _shared_response(estimate: ParameterEstimate, before: PriorEstimate) -> Array:
     """Return D' − D₀, (m + c, t), each times its tolerance: an equal one is the same number."""
     count = len(before.values)
     found = {}

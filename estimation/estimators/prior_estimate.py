@@ -59,7 +59,7 @@ class UnloadedMachine:
 
 
 @dataclass(frozen=True, eq=False)
-class EarlierEstimate:
+class PriorEstimate:
     """What the robot file says of the estimate that its parameters come from."""
 
     values: Array
@@ -75,7 +75,7 @@ class EarlierEstimate:
     """The machine that it was of, where that carries a payload now."""
 
     @classmethod
-    def of(cls, robot: Robot) -> EarlierEstimate:
+    def of(cls, robot: Robot) -> PriorEstimate:
         """Take the `identification` of the robot's file.
 
         Raises
@@ -102,7 +102,7 @@ class EarlierEstimate:
         return cls(values, _inverse(covariance), deviating, response)
 
     @classmethod
-    def without_payload(cls, robot: Robot, machine: RobotDescription) -> EarlierEstimate:
+    def without_payload(cls, robot: Robot, machine: RobotDescription) -> PriorEstimate:
         """Take the identification of a machine that carries an unknown payload now.
 
         Nothing is known of the platform's parameters with the payload; the others have the
@@ -128,7 +128,7 @@ class EarlierEstimate:
 
     def of_combinations(
         self, base: BaseParameters, names: Sequence[str], held: Array
-    ) -> EarlierEstimate:
+    ) -> PriorEstimate:
         """Return what it knows of combinations β = T p, where all other parameters are held.
 
         A normal distribution of p with the mean m and the covariance C is one of β with T m and
@@ -169,7 +169,7 @@ class EarlierEstimate:
                 allowed="none, or estimate.parameters: all",
             )
         values, precision = np.pad(held, (0, len(constants))), np.zeros_like(self.precision)
-        values[own] += matrix @ (self.mean_beside(fixed[: len(held)], held) - values)[at]
+        values[own] += matrix @ (self.conditional_mean(fixed[: len(held)], held) - values)[at]
         precision[np.ix_(own, own)] = _inverse(matrix @ covariance @ matrix.T)
         # Beside what is fixed now, they move with what the earlier estimate made of that, too.
         moved = self.response[at] + covariance @ self.precision[at][:, fixed] @ self.response[fixed]
@@ -177,7 +177,7 @@ class EarlierEstimate:
         response[own] = matrix @ moved
         return replace(self, values=values, precision=precision, response=response)
 
-    def mean_beside(self, held: NDArray[np.bool_], values: Array) -> Array:
+    def conditional_mean(self, held: NDArray[np.bool_], values: Array) -> Array:
         """Return its mean, (m + c,), when it is known that those held, of m, have these values.
 
         The conditional mean of a normal distribution, by its precision P of the others (f) and of

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from constraints.arrays import Array
-from estimation.estimators.prior_estimate import EarlierEstimate, UnloadedMachine
+from estimation.estimators.prior_estimate import PriorEstimate, UnloadedMachine
 from expdesign.configuration import ComputationError, InputError
 from expdesign.configuration.robot_description import RobotDescription
 from expdesign.configuration.sections.data import EstimateSection
@@ -67,7 +67,7 @@ class UnidentifiableError(ComputationError):
 
 
 @dataclass(frozen=True, eq=False)
-class Knowledge:
+class ParameterPriors:
     """Constraints and priors on the m parameters, SI."""
 
     names: tuple[str, ...]
@@ -86,11 +86,11 @@ class Knowledge:
     """(m,), bounds; ±inf where there is none."""
     base: BaseParameters | None = None
     """Those that are estimated in place of all that are not fixed; None: each for itself."""
-    earlier: EarlierEstimate | None = None
+    prior_estimate: PriorEstimate | None = None
     """An estimate that is the prior, beside those of `prior_precision`."""
 
     @classmethod
-    def of(cls, robot: Robot, section: EstimateSection) -> Knowledge:
+    def of(cls, robot: Robot, section: EstimateSection) -> ParameterPriors:
         """Take what the run's `estimate:` section says, whose names the loader has checked.
 
         Raises
@@ -99,9 +99,9 @@ class Knowledge:
             It says something of a parameter that regroups into others, which `base` leaves alone.
         """
         known, nominal = robot.parameter_names, np.array(robot.parameters)
-        earlier = EarlierEstimate.of(robot) if section.prior_from == "robot" else None
+        prior_estimate = PriorEstimate.of(robot) if section.prior_from == "robot" else None
         fixed: Mapping[str, float | None] = section.fixed
-        priors, bounds = section.named_priors, section.bounds
+        given_priors, bounds = section.named_priors, section.bounds
         lower, upper = np.transpose([bounds.get(name, (-np.inf, np.inf)) for name in known])
 
         def values(given: Mapping[str, float | None]) -> Array:
@@ -110,34 +110,44 @@ class Knowledge:
             return np.array([n if c is None else c for n, c in zip(nominal, chosen, strict=True)])
 
         own, start = tuple(name for name in known if name not in fixed), values(fixed)
-        if earlier is not None:
-            _refuse_held_elsewhere(earlier, robot, section.fixed, start)
+        if prior_estimate is not None:
+            _refuse_held_elsewhere(prior_estimate, robot, section.fixed, start)
         base = structural_base(robot, own) if section.parameters == "base" and own else None
         if base is not None:
             _refuse_of_combinations(section, base)
             own = base.base
-            earlier = None if earlier is None else earlier.of_combinations(base, known, start)
+            prior_estimate = (
+                None
+                if prior_estimate is None
+                else prior_estimate.of_combinations(base, known, start)
+            )
         free = np.array([name in own for name in known])
         whole = cls(
             names=known,
             nominal=nominal,
             free=free,
             start=start,
-            prior_mean=values({name: prior.value for name, prior in priors.items()})
-            if earlier is None
-            else earlier.mean_beside(~free, start)[: len(known)],
-            prior_precision=np.array([priors[n].std ** -2 if n in priors else 0.0 for n in known]),
+            prior_mean=values({name: prior.value for name, prior in given_priors.items()})
+            if prior_estimate is None
+            else prior_estimate.conditional_mean(~free, start)[: len(known)],
+            prior_precision=np.array(
+                [given_priors[n].std ** -2 if n in given_priors else 0.0 for n in known]
+            ),
             lower=lower,
             upper=upper,
             base=base,
-            earlier=earlier,
+            prior_estimate=prior_estimate,
         )
         if not isinstance(section.prior, RobotDescription):
             return whole
-        earlier = EarlierEstimate.without_payload(robot, section.prior)
-        return whole if earlier.unloaded is None else whole.after(earlier, earlier.unloaded)
+        prior_estimate = PriorEstimate.without_payload(robot, section.prior)
+        return (
+            whole
+            if prior_estimate.unloaded is None
+            else whole.after(prior_estimate, prior_estimate.unloaded)
+        )
 
-    def after(self, earlier: EarlierEstimate, unloaded: UnloadedMachine) -> Knowledge:
+    def after(self, prior_estimate: PriorEstimate, unloaded: UnloadedMachine) -> ParameterPriors:
         """Return it with the prior of a machine that carries an unknown payload now.
 
         What the identification held at a value stays there.
@@ -146,17 +156,19 @@ class Knowledge:
         start = unloaded.values[:count].copy()
         start[unloaded.platform] = self.start[unloaded.platform]
         free = unloaded.known[:count]
-        return replace(self, free=free, start=start, prior_mean=start, earlier=earlier)
+        return replace(
+            self, free=free, start=start, prior_mean=start, prior_estimate=prior_estimate
+        )
 
-    def with_deviations(self, deviations: Sequence[Deviation]) -> Knowledge:
+    def with_deviations(self, deviations: Sequence[Deviation]) -> ParameterPriors:
         """Return it with entries of θ behind the parameters: their tolerances are priors.
 
         What an earlier estimate knows of the first of them stands in place of a tolerance.
         """
         count = len(deviations)
         zero, endless, mean = np.zeros(count), np.full(count, np.inf), np.zeros(count)
-        if self.earlier is not None:
-            known = self.earlier.mean_beside(~self.free, self.start)[len(self.free) :]
+        if self.prior_estimate is not None:
+            known = self.prior_estimate.conditional_mean(~self.free, self.start)[len(self.free) :]
             mean[: len(known)] = known
         std = np.array([each.std for each in deviations])
         behind = {
@@ -180,7 +192,7 @@ class Knowledge:
         stands in the robot file as a tolerance, which is not to count twice.
         """
         found = estimated_constants(robot)
-        if self.earlier is None:
+        if self.prior_estimate is None:
             return found
         return tuple(replace(one, std=np.inf) for one in found)
 
@@ -202,10 +214,10 @@ class Knowledge:
     def precision(self) -> Array:
         """(k, k) prior information of the free parameters."""
         own = np.diag(self.prior_precision)
-        if self.earlier is not None:
+        if self.prior_estimate is not None:
             # Without θ behind the parameters: what it says where the constants are held.
-            count = min(len(own), len(self.earlier.precision))
-            own[:count, :count] += self.earlier.precision[:count, :count]
+            count = min(len(own), len(self.prior_estimate.precision))
+            own[:count, :count] += self.prior_estimate.precision[:count, :count]
         return own[np.ix_(self.free, self.free)]
 
     @property
@@ -314,22 +326,22 @@ class Knowledge:
 
 
 def _refuse_held_elsewhere(
-    earlier: EarlierEstimate, robot: Robot, fixed: Iterable[str], start: Array
+    prior_estimate: PriorEstimate, robot: Robot, fixed: Iterable[str], start: Array
 ) -> None:
     """Refuse a prior that held a parameter at another value than that it is fixed at now.
 
     What it says of the others is beside its own value, and it does not say how they go together.
     """
-    held = np.diag(earlier.precision)[: len(start)] == 0
-    apart = np.abs(start - earlier.values[: len(start)]) > _SAME * robot.scales
+    held = np.diag(prior_estimate.precision)[: len(start)] == 0
+    apart = np.abs(start - prior_estimate.values[: len(start)]) > _SAME * robot.scales
     for name in fixed:
         at = robot.parameter_names.index(name)
         if held[at] and apart[at]:
             raise InputError(
                 f"{name} is {start[at]:g}, and the estimate that is the prior held it at "
-                f"{earlier.values[at]:g}: what it found of the others is beside that value",
+                f"{prior_estimate.values[at]:g}: what it found of the others is beside that value",
                 key=f"estimate.fixed.{name}",
-                allowed=f"{earlier.values[at]:g}, or estimate.prior_from: none",
+                allowed=f"{prior_estimate.values[at]:g}, or estimate.prior_from: none",
             )
 
 

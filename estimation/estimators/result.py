@@ -10,8 +10,13 @@ import numpy as np
 import scipy
 
 from constraints.arrays import Array
-from estimation.estimators.influence import Covariance, Influence, Systematic, difference_covariance
-from estimation.estimators.priors import Knowledge
+from estimation.estimators.influence import (
+    Covariance,
+    Influence,
+    SystematicUncertainty,
+    difference_covariance,
+)
+from estimation.estimators.priors import ParameterPriors
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import NormalEquations
 
@@ -26,7 +31,7 @@ class ParameterEstimate:
     """(m,), SI, in the order of the robot's parameters; fixed ones included."""
     covariance: Array
     """(m, m), of the estimate, all shares together; zero for fixed parameters."""
-    systematic: Systematic | None = None
+    systematic: SystematicUncertainty | None = None
     """The share of what is not known exactly; None where everything is taken as exact."""
     covariance_forces: Array
     """(m, m), the part that the noise of the forces (and the prior) makes."""
@@ -55,7 +60,7 @@ class ParameterEstimate:
     """(m + e, m + e), random share, of the parameters and of the e entries of θ that were estimated
     with them, the first of `systematic`; None: none was, or an earlier version did not save it."""
 
-    def most_coloured(self) -> tuple[int, float, float]:
+    def largest_colour_ratio(self) -> tuple[int, float, float]:
         """Return the parameter whose variance colour raises most, its ratio, and its p.
 
         Colour is of the random share alone: what is known of the rest makes it no better known.
@@ -110,7 +115,7 @@ class ParameterEstimate:
         scaled, random = self.systematic.joint_scaled, self.joint_random
         return np.pad(random, (0, len(scaled) - len(random))) + scaled @ scaled.T
 
-    def with_systematic(self, systematic: Systematic | None) -> ParameterEstimate:
+    def with_systematic(self, systematic: SystematicUncertainty | None) -> ParameterEstimate:
         """Return the estimate with the share of what is not known exactly.
 
         That share is taken as known: what is behind the standard deviations grows with it.
@@ -131,11 +136,11 @@ class ParameterEstimate:
 
 
 def precision(
-    influences: Sequence[Influence], knowledge: Knowledge, prior_share: Array
+    influences: Sequence[Influence], priors: ParameterPriors, prior_share: Array
 ) -> dict[str, Any]:
     """Return the covariances of `ParameterEstimate`, their freedom and colour.
 
-    `knowledge` is of the parameters and of what is estimated with them, and `prior_share`, (r, r),
+    `priors` is of the parameters and of what is estimated with them, and `prior_share`, (r, r),
     what the error of the priors makes of these.
     """
     forces = Covariance.known(prior_share)
@@ -150,19 +155,19 @@ def precision(
         # Satterthwaite's degrees of freedom of a sum of independent mean squares.
         freedom = np.where(total.variance > 0, 2 * variance**2 / total.variance, np.inf)
         colour = variance / np.diag(total.white)
-    known = np.full(len(knowledge.free), np.inf)
-    known[knowledge.free] = freedom
-    ratio = np.ones(len(knowledge.free))
-    ratio[knowledge.free] = colour
-    count, joint = len(influences[0].free), knowledge.full(total.matrix)
+    known = np.full(len(priors.free), np.inf)
+    known[priors.free] = freedom
+    ratio = np.ones(len(priors.free))
+    ratio[priors.free] = colour
+    count, joint = len(influences[0].free), priors.full(total.matrix)
     own = slice(count), slice(count)
     return {
         "covariance": joint[own],
         "covariance_joint": joint if len(joint) > count else None,
-        "covariance_forces": knowledge.full(forces.matrix)[own],
+        "covariance_forces": priors.full(forces.matrix)[own],
         "covariance_kinematics": None
         if kinematics is None
-        else knowledge.full(kinematics.matrix)[own],
+        else priors.full(kinematics.matrix)[own],
         "freedom": known[:count],
         "colour": ratio[:count],
         "influences": tuple(influences),

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
 from constraints.arrays import Array
-from estimation.estimators import DeviatingMachine
+from estimation.estimators import PerturbedMachine
 from estimation.feedforward.closed_loop import Controller, Followed, Task, followed
 from estimation.feedforward.forward_dynamics import ForwardDynamics, Model
 from estimation.feedforward.result import (
@@ -306,7 +306,7 @@ class TrueMachine:
 
 
 def true_machine(
-    configuration: RunConfiguration, saved: SavedEstimate, machine: DeviatingMachine, times: Array
+    configuration: RunConfiguration, saved: SavedEstimate, machine: PerturbedMachine, times: Array
 ) -> TrueMachine:
     """Return the digital twin or, where the recording is of a real machine, one that is drawn.
 
@@ -320,7 +320,7 @@ def true_machine(
 
     Parameters
     ----------
-    machine : DeviatingMachine
+    machine : PerturbedMachine
         With the geometry, constants and gains that were estimated.
     times : (T,) array
         s.
@@ -367,7 +367,7 @@ def true_machine(
     values, theta = np.split(drawn[int(np.argmax(kept))], [len(bounds)])
     warning = ""
     if chosen:
-        machine = DeviatingMachine.of(robot_from(configuration.robot), chosen, theta)
+        machine = PerturbedMachine.of(robot_from(configuration.robot), chosen, theta)
     elif estimate.joint is None:
         warning = (
             f"{saved.path}: `systematic.left` is missing, an earlier version wrote it. Parameters "

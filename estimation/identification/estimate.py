@@ -13,13 +13,13 @@ from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.estimators import (
     Experiment,
-    Knowledge,
     ParameterEstimate,
+    ParameterPriors,
+    add_prior_response,
     cramer_rao_covariance,
     linear_estimate,
     maximum_likelihood,
     systematic_share,
-    with_prior,
 )
 from estimation.identification.estimated_machine import (
     apply_calibration,
@@ -166,7 +166,7 @@ def estimate(
 def run_estimators(
     robot: Robot,
     experiments: Sequence[Experiment],
-    knowledge: Knowledge,
+    knowledge: ParameterPriors,
     wanted: Sequence[str],
     deviations: Sequence[Deviation] = (),
 ) -> dict[str, ParameterEstimate]:
@@ -188,7 +188,7 @@ def run_estimators(
 
 
 def add_systematic_uncertainty(
-    estimate: ParameterEstimate, knowledge: Knowledge, tolerances: Sequence[Deviation]
+    estimate: ParameterEstimate, knowledge: ParameterPriors, tolerances: Sequence[Deviation]
 ) -> ParameterEstimate:
     """Return an estimate with what the tolerances given, and those of its prior, do to it.
 
@@ -204,13 +204,15 @@ def add_systematic_uncertainty(
         if found is not None:
             values = np.concatenate([found.values, np.zeros(len(others))])
         found = systematic_share(estimate.influences, chosen, knowledge.free, values)
-    if knowledge.earlier is not None:
-        found = with_prior(found, estimate.influences, knowledge.earlier, knowledge.free)
+    if knowledge.prior_estimate is not None:
+        found = add_prior_response(
+            found, estimate.influences, knowledge.prior_estimate, knowledge.free
+        )
     return estimate.with_systematic(found)
 
 
 def _with_residual_noise(
-    robot: Robot, records: tuple[PreparedRecording, ...], knowledge: Knowledge
+    robot: Robot, records: tuple[PreparedRecording, ...], knowledge: ParameterPriors
 ) -> tuple[PreparedRecording, ...]:
     """Take Σ that nobody knows from residuals of Gauss–Markov estimates."""
     present = with_residual_noise(robot, [record.experiment for record in records], knowledge)
@@ -220,7 +222,7 @@ def _with_residual_noise(
 def _bound(
     robot: Robot,
     experiments: Sequence[Experiment],
-    knowledge: Knowledge,
+    knowledge: ParameterPriors,
     estimates: Mapping[str, ParameterEstimate],
 ) -> Array | None:
     if "ml" in estimates:
@@ -233,7 +235,7 @@ def _bound(
     return cramer_rao_covariance(robot, experiments, motions, knowledge, values)
 
 
-def parameter_priors(configuration: RunConfiguration, robot: Robot) -> Knowledge:
+def parameter_priors(configuration: RunConfiguration, robot: Robot) -> ParameterPriors:
     """Return what the run's `estimate:` section says of the robot's parameters.
 
     Raises
@@ -241,7 +243,7 @@ def parameter_priors(configuration: RunConfiguration, robot: Robot) -> Knowledge
     InputError
         It fixes all of them.
     """
-    knowledge = Knowledge.of(robot, configuration.run.estimate)
+    knowledge = ParameterPriors.of(robot, configuration.run.estimate)
     if not np.any(knowledge.free):
         raise InputError(
             "every parameter is fixed: there is nothing to estimate",
@@ -306,7 +308,7 @@ def _no_bodies(configuration: RunConfiguration) -> str:
 
 def _warnings(
     records: Sequence[PreparedRecording],
-    knowledge: Knowledge,
+    knowledge: ParameterPriors,
     estimates: Mapping[str, ParameterEstimate],
 ) -> list[str]:
     found = []

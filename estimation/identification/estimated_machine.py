@@ -16,10 +16,10 @@ import numpy as np
 
 from estimation.data.measurement import Measurement
 from estimation.estimators import (
-    DeviatingMachine,
     Experiment,
-    Knowledge,
-    Systematic,
+    ParameterPriors,
+    PerturbedMachine,
+    SystematicUncertainty,
     linear_estimate,
 )
 from estimation.identification.noise_choice import residual_noise
@@ -28,14 +28,14 @@ from expdesign.robot import Robot
 _ROUNDS = 2
 
 
-def estimated_machine(robot: Robot, systematic: Systematic | None) -> DeviatingMachine:
+def estimated_machine(robot: Robot, systematic: SystematicUncertainty | None) -> PerturbedMachine:
     """Return the machine with its estimated deviations; the robot as described without any."""
     if systematic is None or not systematic.estimated:
-        return DeviatingMachine.exact(robot)
-    return DeviatingMachine.of(robot, systematic.deviations, systematic.values)
+        return PerturbedMachine.exact(robot)
+    return PerturbedMachine.of(robot, systematic.deviations, systematic.values)
 
 
-def apply_calibration(data: Measurement, machine: DeviatingMachine) -> Measurement:
+def apply_calibration(data: Measurement, machine: PerturbedMachine) -> Measurement:
     """Remove the estimated length offsets, force gains and delay from a recording.
 
     The rate of the clock stays: its effect on the motion is far below the noise.
@@ -51,7 +51,7 @@ def apply_calibration(data: Measurement, machine: DeviatingMachine) -> Measureme
 
 
 def linearise_at_load(
-    robot: Robot, experiments: Sequence[Experiment], knowledge: Knowledge
+    robot: Robot, experiments: Sequence[Experiment], knowledge: ParameterPriors
 ) -> tuple[Robot, tuple[Experiment, ...]]:
     """Return the robot with its friction at the estimated load, and the experiments with its A.
 
@@ -72,7 +72,7 @@ def linearise_at_load(
 
 
 def with_residual_noise(
-    robot: Robot, experiments: Sequence[Experiment], knowledge: Knowledge
+    robot: Robot, experiments: Sequence[Experiment], knowledge: ParameterPriors
 ) -> tuple[Experiment, ...]:
     """Return the experiments with an unknown Σ estimated from Gauss–Markov residuals."""
     present = list(experiments)

@@ -9,7 +9,7 @@ from typing import Annotated, Self
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.estimators import Systematic
+from estimation.estimators import SystematicUncertainty
 from estimation.estimators.payload import ABOUT_CENTRE, TEN, PayloadEstimate, about_centre
 from estimation.uncertainty.consistency import ConsistentEstimate
 from estimation.uncertainty.intervals import interval_widths
@@ -53,7 +53,7 @@ class SystematicKeys:
     ] = None
 
     @classmethod
-    def of(cls, systematic: Systematic | None) -> Self | None:
+    def of(cls, systematic: SystematicUncertainty | None) -> Self | None:
         """Describe it."""
         if systematic is None:
             return None
@@ -344,7 +344,9 @@ class ConstantRow(ConstantKeys, OfEstimator):
     """A row of `tables/constants.csv`."""
 
 
-def constants_found(robot: Robot, systematic: Systematic | None) -> tuple[ConstantKeys, ...]:
+def constants_found(
+    robot: Robot, systematic: SystematicUncertainty | None
+) -> tuple[ConstantKeys, ...]:
     """Return the constants that were estimated, of the robot as its file states it."""
     flagged = {one.name: one for one in estimated_constants(robot)}
     if systematic is None or not flagged:

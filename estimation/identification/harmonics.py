@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.diagnostics.significance import ratio_tail
-from estimation.estimators import Experiment, Knowledge
-from estimation.estimators.experiment import WholeMotion
+from estimation.estimators import Experiment, ParameterPriors
+from estimation.estimators.experiment import RefinedMotion
 from estimation.estimators.joint_equations import force_equations
 from estimation.kinematics.fourier_fit import length_equations, most_harmonics
 from estimation.kinematics.friction_signs import rate_spread
@@ -51,7 +51,9 @@ _DETERMINED = 1e-10
 """Smallest eigenvalue of scaled information on the parameters that is not nothing."""
 
 
-def whole_motion(robot: Robot, experiment: Experiment, knowledge: Knowledge) -> WholeMotion | None:
+def whole_motion(
+    robot: Robot, experiment: Experiment, knowledge: ParameterPriors
+) -> RefinedMotion | None:
     """Return the motion that forces and lengths show together, None when it is the fitted one.
 
     The experiment's motion was fitted to the lengths with the harmonics that these show; the whole
@@ -84,10 +86,10 @@ def whole_motion(robot: Robot, experiment: Experiment, knowledge: Knowledge) -> 
         return None
     whole, covariance = series.motion_with(wanted)
     spread = rate_spread(robot, whole, record.forces.times, covariance)
-    return WholeMotion(whole, covariance, spread)
+    return RefinedMotion(whole, covariance, spread)
 
 
-def _first_estimate(experiment: Experiment, knowledge: Knowledge) -> Array:
+def _first_estimate(experiment: Experiment, knowledge: ParameterPriors) -> Array:
     """Return parameters that explain the forces, (m,): Gauss–Markov's, the shortest if many do."""
     free, start = knowledge.free, knowledge.start
     rest = experiment.forces - experiment.fitted_regressors @ start
@@ -119,7 +121,7 @@ class _Series:
     least: int
     motion: HarmonicMotion
     """Where they were taken."""
-    knowledge: Knowledge
+    knowledge: ParameterPriors
     joint: NormalEquations
     lengths: NormalEquations
     """Of (p, ξ) from forces, lengths and prior, and of ξ from the lengths alone."""

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from estimation.data.measurement import Measurement
-from estimation.estimators import Experiment, Knowledge
+from estimation.estimators import Experiment, ParameterPriors
 from estimation.identification.harmonics import whole_motion
 from estimation.identification.noise_choice import choose_noise, residual_noise
 from estimation.identification.periods import (
@@ -103,7 +103,7 @@ def prepare_recording(
         )
     experiment = Experiment.from_fit(robot, record, noise, fit)
     if section.harmonics is None and not held_out:
-        whole = whole_motion(robot, experiment, Knowledge.of(robot, section))
+        whole = whole_motion(robot, experiment, ParameterPriors.of(robot, section))
         experiment = replace(experiment, whole=whole)
     return PreparedRecording(
         data.source,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from constraints.arrays import Array
-from estimation.estimators import Experiment, Knowledge, ParameterEstimate
+from estimation.estimators import Experiment, ParameterEstimate, ParameterPriors
 from estimation.estimators.payload import PayloadEstimate, payload_estimate
 from estimation.identification.term_selection import Selection
 from estimation.uncertainty.consistency import ConsistentEstimate
@@ -47,7 +47,7 @@ class EstimationResult:
     configuration: RunConfiguration
     """The run, its robot with the terms that were added."""
     robot: Robot
-    knowledge: Knowledge
+    knowledge: ParameterPriors
     records: tuple[PreparedRecording, ...]
     estimates: dict[str, ParameterEstimate]
     rows: tuple[ParameterRow, ...]
@@ -70,7 +70,7 @@ class EstimationResult:
     @cached_property
     def payloads(self) -> dict[str, PayloadEstimate]:
         """The payload by every estimator; empty where the prior is not of a machine without it."""
-        before = self.knowledge.earlier
+        before = self.knowledge.prior_estimate
         if before is None or before.unloaded is None:
             return {}
         return {name: payload_estimate(found, before) for name, found in self.estimates.items()}

@@ -9,7 +9,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import Status
-from estimation.estimators import Knowledge, ParameterEstimate, Systematic
+from estimation.estimators import ParameterEstimate, ParameterPriors, SystematicUncertainty
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.estimator_result import SystematicKeys
 from expdesign.configuration import InputError
@@ -26,7 +26,7 @@ class SavedEstimate:
 
     path: Path
     estimate: ParameterEstimate
-    knowledge: Knowledge
+    knowledge: ParameterPriors
     doubt: str = ""
     """What its own recordings say against it, in words; empty: nothing."""
 
@@ -76,7 +76,7 @@ def saved_estimate(
             systematic=_systematic(entry.systematic, robot),
             motions=(),
         ),
-        Knowledge.of(robot, EstimateSection(fixed=fixed)),
+        ParameterPriors.of(robot, EstimateSection(fixed=fixed)),
         _doubt(found),
     )
 
@@ -94,12 +94,12 @@ def _or(numbers: Array, missing: float, count: int) -> Array:
     return np.where(np.isnan(known), missing, known)
 
 
-def _systematic(keys: SystematicKeys | None, robot: Robot) -> Systematic | None:
+def _systematic(keys: SystematicKeys | None, robot: Robot) -> SystematicUncertainty | None:
     """Return what tolerances do to an estimate; None where the robot has not what deviates."""
     known = {one.name: one for one in (*deviations(robot), *estimated_constants(robot))}
     if keys is None or any(one.name not in known for one in keys.deviations):
         return None
-    return Systematic(
+    return SystematicUncertainty(
         tuple(
             replace(known[one.name], std=one.tolerance if np.isfinite(one.tolerance) else np.inf)
             for one in keys.deviations

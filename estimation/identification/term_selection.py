@@ -9,7 +9,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from estimation.estimators import Experiment, Knowledge, linear_estimate
+from estimation.estimators import Experiment, ParameterPriors, linear_estimate
 from estimation.identification.estimated_machine import (
     estimated_machine,
     linearise_at_load,
@@ -160,7 +160,7 @@ class Selection:
             raise ValueError("the run has no candidates")
         wide = robot_from(with_added_terms(configuration, judged).robot)
         terms = {term.name: term for term in wide.terms}
-        knowledge = Knowledge.of(wide, configuration.run.estimate)
+        knowledge = ParameterPriors.of(wide, configuration.run.estimate)
         estimated = {n for n, free in zip(knowledge.names, knowledge.free, strict=True) if free}
         blocks = {
             one.name: tuple(p.name for p in terms[one.name].parameters if p.name in estimated)
@@ -214,7 +214,7 @@ class Selection:
 def _found(configuration: RunConfiguration, experiments: Sequence[Experiment]) -> Robot:
     """Return the robot of a run with its constants as GM finds them together with parameters."""
     robot = robot_from(configuration.robot)
-    knowledge = Knowledge.of(robot, configuration.run.estimate)
+    knowledge = ParameterPriors.of(robot, configuration.run.estimate)
     present = with_residual_noise(
         robot, [experiment.with_terms_of(robot) for experiment in experiments], knowledge
     )

@@ -10,7 +10,12 @@ from pydantic import ConfigDict
 
 from constraints.arrays import Array
 from estimation.diagnostics.noise_result import Freedom
-from estimation.estimators import Experiment, Knowledge, ParameterEstimate, cramer_rao_covariance
+from estimation.estimators import (
+    Experiment,
+    ParameterEstimate,
+    ParameterPriors,
+    cramer_rao_covariance,
+)
 from estimation.identification.estimate import parameter_priors, run_estimators
 from estimation.identification.estimated_machine import linearise_at_load
 from estimation.identification.noise_choice import with_stated_spectrum
@@ -78,7 +83,7 @@ class Workbench:
 
     configuration: RunConfiguration
     robot: Robot
-    knowledge: Knowledge
+    knowledge: ParameterPriors
     design: FourierTrajectory
     twin: Twin
 

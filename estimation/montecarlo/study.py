@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from constraints.arrays import Array
-from estimation.estimators import Knowledge
+from estimation.estimators import ParameterPriors
 from estimation.identification.estimate import refuse_ml_without_fit
 from estimation.montecarlo.repetition import Outcome, Repetition, Workbench
 from estimation.montecarlo.statistics import (
@@ -42,7 +42,7 @@ class Study:
 
     configuration: RunConfiguration
     robot: Robot
-    knowledge: Knowledge
+    knowledge: ParameterPriors
     truth: Truth
     bound: Array
     """(m, m), Cramér–Rao bound at the truth as a covariance; zero for fixed parameters."""

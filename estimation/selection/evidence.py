@@ -18,23 +18,23 @@ from typing import Self
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.candidate_effects import Suspects
+from estimation.diagnostics.candidate_effects import CandidateEffects
 from estimation.diagnostics.joint_system import (
-    Conditional,
+    ConditionalScores,
     JointSystem,
     Places,
     RowWhitening,
     joint_systems,
 )
 from estimation.diagnostics.linearisation import Linearisation, linearise
-from estimation.diagnostics.residual_covariance import shown_noise, with_memory
-from estimation.estimators import Experiment, Knowledge
+from estimation.diagnostics.residual_covariance import empirical_noise, with_empirical_colour
+from estimation.estimators import Experiment, ParameterPriors
 from estimation.measurement_model.normal_equations import Elimination, NormalEquations
 from expdesign.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
-class Share:
+class InformationShare:
     """F, (u, u), and g, (u,), of some of the data: −2 log L falls by 2 gᵀs − sᵀ F s.
 
     Data that are alike have one F, and the columns of g each its own, (u, n).
@@ -43,16 +43,18 @@ class Share:
     information: Array
     gradient: Array
 
-    def __add__(self, other: Share) -> Share:
+    def __add__(self, other: InformationShare) -> InformationShare:
         """Return what both say."""
-        return Share(self.information + other.information, self.gradient + other.gradient)
+        return InformationShare(
+            self.information + other.information, self.gradient + other.gradient
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class RecordingShare:
+class RecordingInformation:
     """What one recording says of (p, θ)."""
 
-    whole: Share
+    whole: InformationShare
     columns: Array
     """(u,), zᵀ W z of the forces' columns, with the noise's own spectrum."""
     columns_white: Array
@@ -66,13 +68,15 @@ class RecordingShare:
     _experiment: Experiment
 
     @classmethod
-    def of(cls, suspects: Suspects, part: Linearisation, experiment: Experiment) -> Self:
+    def of(
+        cls, candidate_effects: CandidateEffects, part: Linearisation, experiment: Experiment
+    ) -> Self:
         """Linearise one recording and eliminate its motion."""
         count = int(np.count_nonzero(part.free))
         nothing = np.zeros((count, count)), np.zeros(count)
         (system,) = joint_systems([part], [experiment.noise], nothing, held_out=False)
         motion = system.columns.shape[2] - count
-        system = system.with_effects(suspects.tolerated()[0])
+        system = system.with_effects(candidate_effects.tolerated()[0])
         unknowns = system.columns.shape[2]
         # (p, θ) first: the motion, which stands between them, is eliminated.
         kept = np.r_[0:count, count + motion : unknowns]
@@ -86,7 +90,7 @@ class RecordingShare:
         white = RowWhitening.of(experiment.noise.forces.taken_for_white(), part.counts)
         tolerated = np.zeros(len(kept) - count)
         flat_white = white(part.regressors[:, :, part.free]).reshape(-1, count)
-        whole = Share(reduced.information, reduced.gradient)
+        whole = InformationShare(reduced.information, reduced.gradient)
         return cls(
             whole=whole,
             columns=columns,
@@ -119,7 +123,7 @@ class RecordingShare:
             return whole
         # All have the same columns, and each its own noise.
         count, first = len(forces.repeats), len(whole)
-        own = experiment.used(np.moveaxis(forces.repeats - forces.values, 0, 2))
+        own = experiment.select_rows(np.moveaxis(forces.repeats - forces.values, 0, 2))
         gradients = system.columns.reshape(-1, size).T @ system.force_rows(own).reshape(-1, count)
         if len(system.lengths):
             own = np.moveaxis(lengths.repeats - lengths.values, 0, 2)
@@ -136,9 +140,9 @@ class Evidence:
 
     blocks: Mapping[str, Places]
     """Places of the parameters of each candidate among (p, θ)."""
-    prior: Share
+    prior: InformationShare
     """What is known of (p, θ) beside the recordings."""
-    recordings: tuple[RecordingShare, ...]
+    recordings: tuple[RecordingInformation, ...]
     freedom: float
     """Degrees of freedom behind the noise; inf where it was given."""
 
@@ -147,7 +151,7 @@ class Evidence:
         cls,
         robot: Robot,
         experiments: Sequence[Experiment],
-        knowledge: Knowledge,
+        priors: ParameterPriors,
         values: Array,
         blocks: Mapping[str, tuple[str, ...]],
     ) -> Self:
@@ -157,7 +161,7 @@ class Evidence:
         ----------
         robot : Robot
             With all candidates among its terms.
-        knowledge : Knowledge
+        priors : ParameterPriors
             Of all its parameters.
         values : (m,)
             Parameters about which the model is linearised, SI.
@@ -168,32 +172,34 @@ class Evidence:
         seen = [_as_shown(experiment) for experiment in experiments]
         for experiment in seen:
             motion = None if experiment.fit is None else experiment.motion
-            part = linearise(robot, experiment, values, knowledge.free, motion)
-            suspects = Suspects(robot, experiment, motion, values, part)
-            precision = suspects.tolerated()[1]
-            shares.append(RecordingShare.of(suspects, part, experiment))
-        names = [n for n, free in zip(knowledge.names, knowledge.free, strict=True) if free]
+            part = linearise(robot, experiment, values, priors.free, motion)
+            candidate_effects = CandidateEffects(robot, experiment, motion, values, part)
+            precision = candidate_effects.tolerated()[1]
+            shares.append(RecordingInformation.of(candidate_effects, part, experiment))
+        names = [n for n, free in zip(priors.names, priors.free, strict=True) if free]
         size = len(names) + len(precision)
         information = np.zeros((size, size))
-        information[: len(names), : len(names)] = knowledge.precision
+        information[: len(names), : len(names)] = priors.precision
         behind = np.arange(len(names), size)
         information[behind, behind] = precision
         off = np.zeros(size)
-        off[: len(names)] = (knowledge.prior_mean - values)[knowledge.free]
+        off[: len(names)] = (priors.prior_mean - values)[priors.free]
         return cls(
             {
                 term: np.array([names.index(name) for name in own], dtype=np.intp)
                 for term, own in blocks.items()
             },
-            Share(information, information @ off),
+            InformationShare(information, information @ off),
             tuple(shares),
             min(each.noise.forces.weights_freedom for each in seen),
         )
 
     @cached_property
-    def whole(self) -> Share:
+    def whole(self) -> InformationShare:
         """All recordings, with what is known beside them."""
-        return reduce(Share.__add__, (each.whole for each in self.recordings), self.prior)
+        return reduce(
+            InformationShare.__add__, (each.whole for each in self.recordings), self.prior
+        )
 
     @property
     def candidates(self) -> Places:
@@ -212,7 +218,7 @@ class Evidence:
         matrix, gradient = whole.information[np.ix_(order, order)], whole.gradient[order]
         return NormalEquations(0.0, matrix, gradient).eliminated(len(self.candidates))
 
-    def beside_own(self) -> Conditional:
+    def conditional_on_own_terms(self) -> ConditionalScores:
         """Return what is seen of the candidates beside the robot's own terms.
 
         Raises
@@ -222,7 +228,7 @@ class Evidence:
         """
         reduced = self._reduced
         columns = np.sum([each.columns for each in self.recordings], axis=0)[self.candidates]
-        return Conditional(reduced.gradient, reduced.information, columns, self.freedom)
+        return ConditionalScores(reduced.gradient, reduced.information, columns, self.freedom)
 
     def places(self, term: str) -> Places:
         """Return the places of a candidate's parameters among those of all candidates."""
@@ -245,7 +251,7 @@ class Evidence:
 
     def dispersion(self) -> float:
         """Return how many times the noise the largest model leaves of the forces; 1 at least."""
-        fit = self.beside_own().fit(np.arange(len(self.candidates)))
+        fit = self.conditional_on_own_terms().fit(np.arange(len(self.candidates)))
         step = np.zeros(len(self.prior.gradient))
         step[self.candidates] = fit.values
         step[self.own] = self._reduced.offset - self._reduced.slope @ fit.values
@@ -255,5 +261,5 @@ class Evidence:
 
 def _as_shown(experiment: Experiment) -> Experiment:
     """Return an experiment with the noise that its periods show, with its spectrum."""
-    remembered = with_memory(experiment)
-    return replace(remembered, noise=shown_noise(remembered))
+    remembered = with_empirical_colour(experiment)
+    return replace(remembered, noise=empirical_noise(remembered))

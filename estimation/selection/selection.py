@@ -14,9 +14,9 @@ from typing import Annotated
 
 import numpy as np
 
-from estimation.diagnostics.joint_system import Fit, Places
+from estimation.diagnostics.joint_system import EffectFit, Places
 from estimation.diagnostics.significance import log_tail
-from estimation.selection.evidence import Evidence, RecordingShare, Share
+from estimation.selection.evidence import Evidence, InformationShare, RecordingInformation
 from expdesign.configuration import InputError
 from expdesign.configuration.sections.selection import SelectionCriterion
 from expdesign.information.fisher import EXCITABLE, ScaledInformation
@@ -118,7 +118,7 @@ def _step(
 
 
 @dataclass(frozen=True)
-class Tried:
+class TermTrial:
     """What the data say of one block beside some others."""
 
     term: str
@@ -151,15 +151,15 @@ class Judge:
         self.samples = {term: evidence.samples(term) for term in evidence.blocks}
         self.limit = float(np.log(level / len(evidence.blocks)))
         """Largest log p that is significant: the level's share of one of all candidates."""
-        self._seen = evidence.beside_own()
+        self._seen = evidence.conditional_on_own_terms()
         self._splits = splits(evidence) if by == "holdout" else ()
         self._errors: dict[frozenset[str], float] = {}
 
-    def tried(self, term: str, others: Sequence[str]) -> Tried:
+    def tried(self, term: str, others: Sequence[str]) -> TermTrial:
         """Return what a block is worth beside a model's others."""
         known = [self.evidence.places(other) for other in others]
-        beside = self._seen.beside(np.concatenate([np.zeros(0, dtype=np.intp), *known]))
-        fit: Fit = beside.fit(self.evidence.places(term))
+        beside = self._seen.conditional_on(np.concatenate([np.zeros(0, dtype=np.intp), *known]))
+        fit: EffectFit = beside.fit(self.evidence.places(term))
         statistic = fit.statistic / self.dispersion
         log_p = 0.0
         if fit.rank:
@@ -169,9 +169,9 @@ class Judge:
             # What nothing tells from the others predicts as they do.
             held_out = self._error(others) - self._error([*others, term]) if fit.rank else 0.0
         bic = statistic - fit.rank * float(np.log(self.samples[term]))
-        return Tried(term, statistic, fit.rank, log_p, bic, held_out)
+        return TermTrial(term, statistic, fit.rank, log_p, bic, held_out)
 
-    def worth(self, tried: Tried) -> float:
+    def worth(self, tried: TermTrial) -> float:
         """Return how much a block is worth in a model: it belongs there above zero."""
         if self.by == "bic":
             return tried.bic
@@ -194,9 +194,9 @@ class Judge:
 class Split:
     """Data that parameters are fitted to, and others that they predict: one pair a column of g."""
 
-    fitted: Share
+    fitted: InformationShare
     """With what is known beside the data."""
-    predicted: Share
+    predicted: InformationShare
 
     def error(self, places: Places) -> float:
         """Return −2 log L of the predictions by fits of the parameters at some places, in mean."""
@@ -241,32 +241,38 @@ def splits(evidence: Evidence) -> tuple[Split, ...]:
                 key="estimate.select.by",
                 allowed="bic, f, or a further recording (--data twice)",
             )
-        rest = Share(whole.information - few.information, whole.gradient[:, None] - few.gradient)
+        rest = InformationShare(
+            whole.information - few.information, whole.gradient[:, None] - few.gradient
+        )
         return (Split(_known(evidence, few), rest),)
     found = []
     for number, recording in enumerate(recordings):
         others = [few for place, few in enumerate(fitted) if place != number]
         count = max(few.gradient.shape[1] for few in others)
         alike = [
-            Share(few.information, few.gradient[:, np.arange(count) % few.gradient.shape[1]])
+            InformationShare(
+                few.information, few.gradient[:, np.arange(count) % few.gradient.shape[1]]
+            )
             for few in others
         ]
         whole = recording.whole
-        predicted = Share(whole.information, whole.gradient[:, None])
-        found.append(Split(_known(evidence, reduce(Share.__add__, alike)), predicted))
+        predicted = InformationShare(whole.information, whole.gradient[:, None])
+        found.append(Split(_known(evidence, reduce(InformationShare.__add__, alike)), predicted))
     return tuple(found)
 
 
-def _fitted(recording: RecordingShare, share: float) -> Share:
+def _fitted(recording: RecordingInformation, share: float) -> InformationShare:
     """Return a share of the periods of a recording, one at least, from each of them on."""
     count = recording.periods.shape[1]
     length = max(1, min(round(share * count), count - 1))
     following = np.arange(count)[:, None] + np.arange(length)
     gradients = recording.periods[:, following % count].sum(axis=2)
-    return Share(recording.whole.information * (length / count), gradients)
+    return InformationShare(recording.whole.information * (length / count), gradients)
 
 
-def _known(evidence: Evidence, few: Share) -> Share:
+def _known(evidence: Evidence, few: InformationShare) -> InformationShare:
     """Return some data with what is known beside them."""
     prior = evidence.prior
-    return Share(prior.information + few.information, prior.gradient[:, None] + few.gradient)
+    return InformationShare(
+        prior.information + few.information, prior.gradient[:, None] + few.gradient
+    )

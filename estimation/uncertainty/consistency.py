@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.estimators import Knowledge, ParameterEstimate
+from estimation.estimators import ParameterEstimate, ParameterPriors
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.mechanism.bodies import MachineBodies
 from expdesign.mechanism.nearest import NoBodiesError, Projection
@@ -72,7 +72,7 @@ class ConsistentEstimate:
 
 
 def consistent_estimate(
-    robot: Robot, estimate: ParameterEstimate, knowledge: Knowledge
+    robot: Robot, estimate: ParameterEstimate, priors: ParameterPriors
 ) -> ConsistentEstimate | None:
     """Return the nearest parameters that bodies have; None where what is fixed leaves none.
 
@@ -81,12 +81,12 @@ def consistent_estimate(
     own = robot.realisable
     among = replace(
         own,
-        lower=np.maximum(own.lower, knowledge.lower),
-        upper=np.minimum(own.upper, knowledge.upper),
+        lower=np.maximum(own.lower, priors.lower),
+        upper=np.minimum(own.upper, priors.upper),
     )
     std = estimate.std
-    free = knowledge.free & (std > 0) & np.isfinite(std)
-    projection = Projection.by(estimate.covariance, among, free, knowledge.regrouping)
+    free = priors.free & (std > 0) & np.isfinite(std)
+    projection = Projection.by(estimate.covariance, among, free, priors.regrouping)
     try:
         nearest = projection.of(estimate.values)
     except NoBodiesError:
@@ -115,7 +115,7 @@ def consistent_estimate(
         estimator=estimate.estimator,
         values=nearest.values,
         moved=projection.told(change) / np.where(free, std, np.nan),
-        exchanged=tuple(knowledge.names[k] for k in exchanged),
+        exchanged=tuple(priors.names[k] for k in exchanged),
         distance=nearest.distance,
         p=p,
         active=nearest.active,

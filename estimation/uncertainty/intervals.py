@@ -10,7 +10,7 @@ import scipy
 from pydantic import model_serializer
 
 from constraints.arrays import Array
-from estimation.estimators import Knowledge, ParameterEstimate
+from estimation.estimators import ParameterEstimate, ParameterPriors
 from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.robot import Robot
@@ -64,7 +64,7 @@ class ParameterRow:
 
 
 def parameter_rows(
-    robot: Robot, estimate: ParameterEstimate, knowledge: Knowledge
+    robot: Robot, estimate: ParameterEstimate, priors: ParameterPriors
 ) -> list[ParameterRow]:
     """Return the rows of all parameters."""
     scales, widths = robot.scales, interval_widths(estimate.freedom)
@@ -73,9 +73,9 @@ def parameter_rows(
         for share in (estimate.covariance_random, estimate.covariance_systematic)
     )
     rows = []
-    for k, name in enumerate(knowledge.names):
-        value, prior = float(estimate.values[k]), float(knowledge.nominal[k])
-        free = bool(knowledge.free[k])
+    for k, name in enumerate(priors.names):
+        value, prior = float(estimate.values[k]), float(priors.nominal[k])
+        free = bool(priors.free[k])
         std = float(estimate.std[k]) if free else np.nan
         width = float(widths[k])
         rows.append(

@@ -15,9 +15,9 @@ from constraints.arrays import Array
 from estimation.data.reading import read_measurement
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.diagnosis_result import Diagnosis, DiagnosisKeys, ExperimentTests
-from estimation.diagnostics.finding import Status, Verdict
+from estimation.diagnostics.finding import DiagnosisVerdict, Status
 from estimation.diagnostics.residuals import ForceResiduals
-from estimation.estimators import DeviatingMachine, Experiment
+from estimation.estimators import Experiment, PerturbedMachine
 from estimation.identification import prepare_experiment
 from estimation.identification.estimated_machine import apply_calibration, estimated_machine
 from estimation.identification.saved import SavedEstimate
@@ -316,7 +316,7 @@ def validate(configuration: RunConfiguration, saved: SavedEstimate) -> Validatio
 
 def _predicted(
     configuration: RunConfiguration,
-    machine: DeviatingMachine,
+    machine: PerturbedMachine,
     saved: SavedEstimate,
     number: int,
     motion: ValidationMotion,
@@ -358,7 +358,7 @@ def _predicted(
     )
 
 
-def _after_the_estimate(verdict: Verdict) -> Verdict:
+def _after_the_estimate(verdict: DiagnosisVerdict) -> DiagnosisVerdict:
     """Return a verdict whose advice is to mend a doubtful estimate first.
 
     What is wrong there has moved the parameters: the prediction shows its traces, and other causes

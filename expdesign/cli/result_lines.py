@@ -12,7 +12,7 @@ from expdesign.cli.output import say
 from expdesign.stages.outcome import Outcome, short
 
 if TYPE_CHECKING:
-    from estimation.diagnostics.finding import Finding, Verdict
+    from estimation.diagnostics.finding import DiagnosisVerdict, Finding
     from estimation.identification.term_selection import Selection
 
 
@@ -38,7 +38,7 @@ def result_table(
     return made
 
 
-def printed_verdict(verdict: Verdict, begin: str = "") -> None:
+def printed_verdict(verdict: DiagnosisVerdict, begin: str = "") -> None:
     """Print a verdict, and below it what was found against the model: once, with what to do."""
     words, serious = verdict.summary, [each for each in verdict.failed if each.serious]
     if serious:

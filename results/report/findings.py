@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.finding import Finding, Outcome, Status, Verdict
+from estimation.diagnostics.finding import DiagnosisVerdict, Finding, FindingOutcome, Status
 from estimation.identification.estimate_file import EstimateFile
 from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, difference_test
 from results.report.content import Level
 from results.report.table import Column, ReportTable
 
 
-def verdict_level(verdict: Verdict) -> Level:
+def verdict_level(verdict: DiagnosisVerdict) -> Level:
     """Return how a verdict is to be taken."""
     return Level.GOOD if verdict.status is Status.ACCEPTED else Level.BAD
 
@@ -30,7 +30,7 @@ def findings_table(key: str, findings: Sequence[Finding], what: str) -> ReportTa
     return ReportTable.of(key, f"Assumptions of {what} and what became of them", columns, findings)
 
 
-def against(verdict: Verdict) -> str:
+def against(verdict: DiagnosisVerdict) -> str:
     """Return what speaks against the model, and where; empty when nothing does.
 
     How large it is, and what to do, stands with the finding.
@@ -41,7 +41,7 @@ def against(verdict: Verdict) -> str:
 
 def failures(findings: Sequence[Finding]) -> tuple[str, ...]:
     """Return what was seen where an assumption fails."""
-    return tuple(f.sentence for f in findings if f.outcome is Outcome.FAILS)
+    return tuple(f.sentence for f in findings if f.outcome is FindingOutcome.FAILS)
 
 
 def estimated_values(summary: EstimateFile, estimator: str) -> Array:

@@ -8,12 +8,16 @@ import pytest
 from scipy import stats
 
 from estimation.data.measurement import Measurement
-from estimation.diagnostics.candidate_effects import Suspects
-from estimation.diagnostics.hypotheses import causes
+from estimation.diagnostics.candidate_effects import CandidateEffects
+from estimation.diagnostics.hypotheses import list_hypotheses
 from estimation.diagnostics.joint_system import joint_systems
 from estimation.diagnostics.linearisation import linearise
-from estimation.diagnostics.residual_covariance import held_out_law, joint_law, linear_laws
-from estimation.estimators import Experiment, Knowledge, linear_estimate, maximum_likelihood
+from estimation.diagnostics.residual_covariance import (
+    held_out_residual_covariance,
+    joint_residual_covariance,
+    linear_residual_covariances,
+)
+from estimation.estimators import Experiment, ParameterPriors, linear_estimate, maximum_likelihood
 from estimation.kinematics.fourier_fit import fit_motion
 from estimation.kinematics.pointwise import pointwise_motion
 from estimation.measurement_model import HarmonicMotion
@@ -47,7 +51,7 @@ class Laboratory:
 
     @cached_property
     def knowledge(self):
-        return Knowledge.of(self.robot, EstimateSection())
+        return ParameterPriors.of(self.robot, EstimateSection())
 
     @cached_property
     def trajectory(self):
@@ -138,16 +142,20 @@ class LinearTwin:
     def families(self, *, held_out):
         """Return the causes that are looked for at the truth."""
         lab, motion = self.lab, self.experiment.fit.motion
-        suspects = Suspects(lab.robot, self.experiment, motion, lab.robot.parameters, self.part)
-        return causes(suspects, lab.knowledge.names, held_out=held_out)
+        suspects = CandidateEffects(
+            lab.robot, self.experiment, motion, lab.robot.parameters, self.part
+        )
+        return list_hypotheses(suspects, lab.knowledge.names, held_out=held_out)
 
     def law(self, kind):
         if kind == "ml":
-            return joint_law(self.part, self.experiment, self.system(self.part).solved)
+            return joint_residual_covariance(
+                self.part, self.experiment, self.system(self.part).solved
+            )
         if kind == "held out":
-            return held_out_law(self.part, self.experiment, self.estimates["gm"])
+            return held_out_residual_covariance(self.part, self.experiment, self.estimates["gm"])
         estimate = self.estimates[kind]
-        return linear_laws(
+        return linear_residual_covariances(
             [self.part], [self.part], [self.experiment], estimate, self.lab.knowledge
         )[0]
 

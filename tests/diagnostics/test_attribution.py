@@ -6,8 +6,8 @@ from scipy import stats
 
 from estimation.diagnostics.attribution import attribute
 from estimation.diagnostics.diagnosis import diagnose
-from estimation.diagnostics.hypotheses import parameter_cause
-from estimation.diagnostics.hypothesis import cause_test
+from estimation.diagnostics.hypotheses import parameter_hypothesis
+from estimation.diagnostics.hypothesis import evaluate_hypothesis
 from tests.diagnostics.conftest import Laboratory
 
 DRAWS = 150
@@ -21,8 +21,10 @@ def _known(twin):
 def _tests(system, families):
     """Return the test of every family, nothing being known."""
     solved = system.solved
-    projections = [solved.projection(cause.columns).beside(()) for cause in families]
-    return [cause_test(*pair, 0) for pair in zip(projections, families, strict=True)]
+    projections = [
+        solved.projection(hypothesis.columns).conditional_on(()) for hypothesis in families
+    ]
+    return [evaluate_hypothesis(*pair, 0) for pair in zip(projections, families, strict=True)]
 
 
 @pytest.mark.parametrize("held_out", [False, True])
@@ -30,16 +32,16 @@ def test_level_of_every_family(twin, held_out):
     """Statistics have the size, and columns the level, that they are said to have."""
     rng = np.random.default_rng(1)
     families = twin.families(held_out=held_out)
-    families = tuple(replace(cause, level=0.05) for cause in families)
+    families = tuple(replace(hypothesis, level=0.05) for hypothesis in families)
     known = _known(twin) if held_out else None
-    rejected = dict.fromkeys((cause.kind for cause in families), 0)
+    rejected = dict.fromkeys((hypothesis.kind for hypothesis in families), 0)
     ratios = {kind: [] for kind in rejected}
     for _ in range(DRAWS):
         drawn = twin.draw(rng, "held out" if held_out else "gm")
         system = twin.system(drawn, known=known, held_out=held_out)
         for test in _tests(system, families):
-            rejected[test.cause.kind] += bool(np.any(test.log_p < test.limit))
-            ratios[test.cause.kind].append(test.statistic / test.rank)
+            rejected[test.hypothesis.kind] += bool(np.any(test.log_p < test.limit))
+            ratios[test.hypothesis.kind].append(test.statistic / test.rank)
     for kind, count in rejected.items():
         assert stats.binom.sf(count - 1, DRAWS, 0.05) > 0.001, kind
         means = np.nanmean(ratios[kind], axis=0)
@@ -49,14 +51,14 @@ def test_level_of_every_family(twin, held_out):
 
 def test_candidates(twin):
     names = twin.lab.knowledge.names
-    fitted = parameter_cause(twin.part, names, held_out=False)
+    fitted = parameter_hypothesis(twin.part, names, held_out=False)
     assert ("p10", 3) in fitted.labels
     assert not any(name in ("r3", "v6") for name, _ in fitted.labels)
     assert len(fitted.labels) == 72
-    held = parameter_cause(twin.part, names, held_out=True)
+    held = parameter_hypothesis(twin.part, names, held_out=True)
     assert held.labels == tuple((name, None) for name in names)
     fixed = replace(twin.part, free=np.array([name != "r3" for name in names]))
-    assert ("r3", None) in parameter_cause(fixed, names, held_out=False).labels
+    assert ("r3", None) in parameter_hypothesis(fixed, names, held_out=False).labels
 
 
 def test_nothing_is_attributed_to_noise(twin):

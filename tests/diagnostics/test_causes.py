@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.diagnostics.candidate_effects import Suspects
+from estimation.diagnostics.candidate_effects import CandidateEffects
 from estimation.diagnostics.diagnosis import diagnose
-from estimation.diagnostics.hypothesis import cause_test
-from estimation.diagnostics.joint_system import Projection
+from estimation.diagnostics.hypothesis import evaluate_hypothesis
+from estimation.diagnostics.joint_system import EffectProjection
 from estimation.diagnostics.linearisation import linearise
-from estimation.estimators import DeviatingMachine
-from estimation.estimators.experiment import Experiment, WholeMotion
+from estimation.estimators import PerturbedMachine
+from estimation.estimators.experiment import Experiment, RefinedMotion
 from estimation.kinematics.fourier_fit import fit_motion
 from estimation.processing import NoiseModel, PeriodSource
 from expdesign.configuration import load_run
@@ -45,7 +45,7 @@ def suspects(lab, palida):
     values[lab.knowledge.names.index("p10")] *= 1.3
     motion = experiment.fit.motion
     part = linearise(lab.robot, experiment, values, lab.knowledge.free, motion)
-    return Suspects(lab.robot, experiment, motion, values, part)
+    return CandidateEffects(lab.robot, experiment, motion, values, part)
 
 
 @pytest.mark.parametrize(
@@ -78,14 +78,14 @@ def test_columns_along_a_motion_with_more_harmonics_than_the_lengths_show(lab):
     covariance = lab.noise.lengths.covariance
     more = fit_motion(lab.robot, fitted.record, covariance, fitted.fit.motion.harmonics + 2)
     shown = Experiment.from_fit(lab.robot, fitted.record, lab.noise, more)
-    known = WholeMotion(more.motion, more.covariance, shown.spread)
+    known = RefinedMotion(more.motion, more.covariance, shown.spread)
     values = lab.robot.parameters
     found = []
     for experiment in (replace(fitted, whole=known), shown):
         part = linearise(lab.robot, experiment, values, lab.knowledge.free, more.motion)
-        suspects = Suspects(lab.robot, experiment, more.motion, values, part)
+        suspects = CandidateEffects(lab.robot, experiment, more.motion, values, part)
         found.append(suspects.term("stribeck", velocity=0.05).forces)
-        exact = DeviatingMachine.exact(lab.robot)
+        exact = PerturbedMachine.exact(lab.robot)
         machine = exact.forces(experiment, more.motion, values, slice(None))
         np.testing.assert_allclose(machine.regressors, part.regressors, rtol=0, atol=1e-9)
     assert np.abs(found[0]).max() > 0.1
@@ -102,8 +102,8 @@ def test_what_a_clock_moves_depends_on_where_the_frequency_comes_from(lab, palid
     experiment = replace(own, record=replace(own.record, source=source))
     motion, values = experiment.fit.motion, robot.parameters
     part = linearise(robot, experiment, values, lab.knowledge.free, motion)
-    columns, _ = Suspects(robot, experiment, motion, values, part).tolerated()
-    machine = DeviatingMachine.of(robot, tolerated(robot), np.zeros(1))
+    columns, _ = CandidateEffects(robot, experiment, motion, values, part).tolerated()
+    machine = PerturbedMachine.of(robot, tolerated(robot), np.zeros(1))
     whole = slice(None)
     forces = machine.forces(experiment, motion, values, whole)
     lengths = machine.lengths(experiment, motion, whole)
@@ -123,9 +123,9 @@ def test_subsets_are_fitted_as_by_least_squares():
     model, rows, rest = rng.normal(size=(60, 4)), rng.normal(size=(60, 5)), rng.normal(size=60)
     basis, _ = np.linalg.qr(model)
     left = rest - basis @ (basis.T @ rest)
-    projection = Projection(rows, rows.T @ basis, left, np.inf)
-    grown = Projection(rows[:, :2], rows[:, :2].T @ basis, left, np.inf).joined(
-        Projection(rows[:, 2:], rows[:, 2:].T @ basis, left, np.inf)
+    projection = EffectProjection(rows, rows.T @ basis, left, np.inf)
+    grown = EffectProjection(rows[:, :2], rows[:, :2].T @ basis, left, np.inf).joined(
+        EffectProjection(rows[:, 2:], rows[:, 2:].T @ basis, left, np.inf)
     )
 
     def squares(columns):
@@ -135,14 +135,14 @@ def test_subsets_are_fitted_as_by_least_squares():
 
     for known, wanted in (([], [1]), ([0, 3], [2]), ([4], [0, 1]), ([1, 2, 4], [0, 3])):
         for one in (projection, grown):
-            fit = one.beside(known).fit(wanted)
+            fit = one.conditional_on(known).fit(wanted)
             assert fit.rank == len(wanted)
             gain = squares(known)[0] - squares([*known, *wanted])[0]
             assert fit.statistic == pytest.approx(gain, rel=1e-9)
             np.testing.assert_allclose(fit.values, squares([*known, *wanted])[1][len(known) :])
     # A combination of what is known is not seen.
-    doubled = Projection(rows[:, [0, 0]], rows[:, [0, 0]].T @ basis, left, np.inf)
-    assert doubled.beside([0]).fit([1]).rank == 0
+    doubled = EffectProjection(rows[:, [0, 0]], rows[:, [0, 0]].T @ basis, left, np.inf)
+    assert doubled.conditional_on([0]).fit([1]).rank == 0
 
 
 # --- what is named --------------------------------------------------------------------------------
@@ -263,9 +263,9 @@ def test_rivals_leave_nothing_of_an_effect(lab, palida):
                 (e.kind, e.strut, e.parameter) for e in attribution.effects
             }
     first = attribution.first
-    for cause in attribution.causes:
-        test = first.families[cause.kind]
-        again = cause_test(first.beside, cause, test.first)
+    for hypothesis in attribution.hypotheses:
+        test = first.families[hypothesis.kind]
+        again = evaluate_hypothesis(first.beside, hypothesis, test.first)
         np.testing.assert_array_equal(again.log_p, test.log_p)
 
 

@@ -8,7 +8,7 @@ import pytest
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.diagnosis_result import DiagnosisKeys
-from estimation.diagnostics.finding import Outcome, Status
+from estimation.diagnostics.finding import FindingOutcome, Status
 from estimation.processing import NoiseModel, PeriodSource, fold_recording
 from expdesign.runfolder import JsonFile, described
 
@@ -25,7 +25,7 @@ def test_a_sound_estimate_is_accepted(laboratory, sound):
     experiment, estimate = sound
     result = _diagnose(laboratory, [experiment], estimate)
     assert result.verdict.status is Status.ACCEPTED, result.verdict.summary
-    assert all(f.outcome is Outcome.HOLDS for f in result.verdict.findings)
+    assert all(f.outcome is FindingOutcome.HOLDS for f in result.verdict.findings)
     assert not any(f.advice for f in result.verdict.findings)
     assert result.verdict.summary.startswith("accepted")
 
@@ -126,7 +126,7 @@ def test_noise_from_residuals_refuses_the_bias_test(laboratory, sound, tmp_path)
     forces = replace(experiment.noise.forces, source="residuals")
     own = replace(experiment.noise, forces=forces)
     result = _diagnose(laboratory, [replace(experiment, noise=own)], estimate)
-    assert _outcomes(result)["the model explains the forces"] is Outcome.NOT_TESTED
+    assert _outcomes(result)["the model explains the forces"] is FindingOutcome.NOT_TESTED
     refused = _written(result, tmp_path)["experiments"][0]["lack_of_fit"]
     assert "includes the error of the model" in refused["refused"]
     assert "f" not in refused
@@ -141,10 +141,10 @@ def test_one_period_with_given_noise(laboratory, sound):
     experiment = laboratory.experiment(one, laboratory.noise)
     result = _diagnose(laboratory, [experiment], estimate, held_out=True)
     outcomes = _outcomes(result)
-    assert outcomes["the model explains the forces"] is Outcome.NOT_TESTED
-    assert outcomes["the noise is white"] is Outcome.NOT_TESTED
-    assert outcomes["all periods are alike"] is Outcome.NOT_TESTED
-    assert outcomes["the forces are as noisy as assumed"] is Outcome.HOLDS
+    assert outcomes["the model explains the forces"] is FindingOutcome.NOT_TESTED
+    assert outcomes["the noise is white"] is FindingOutcome.NOT_TESTED
+    assert outcomes["all periods are alike"] is FindingOutcome.NOT_TESTED
+    assert outcomes["the forces are as noisy as assumed"] is FindingOutcome.HOLDS
     assert result.experiments[0].tests.normality.source == "residuals"
 
 
@@ -164,8 +164,8 @@ def test_pointwise_kinematics(laboratory, tmp_path):
     estimate = laboratory.estimate([experiment], "gm")
     result = _diagnose(laboratory, [experiment], estimate)
     outcomes = _outcomes(result)
-    assert outcomes["the Fourier series is the motion"] is Outcome.NOT_TESTED
-    assert outcomes["forces and lengths are sampled at the same time"] is Outcome.NOT_TESTED
+    assert outcomes["the Fourier series is the motion"] is FindingOutcome.NOT_TESTED
+    assert outcomes["forces and lengths are sampled at the same time"] is FindingOutcome.NOT_TESTED
     diagnosis = result.experiments[0]
     assert diagnosis.pointwise
     assert diagnosis.tests.chi_square.lengths is None

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from estimation.diagnostics.finding import Outcome
+from estimation.diagnostics.finding import FindingOutcome
 from estimation.diagnostics.noise_analysis import analyse_noise
 from estimation.diagnostics.noise_tests import drift, noise_tests, normality, whiteness
-from estimation.diagnostics.residual_covariance import ResidualLaw
+from estimation.diagnostics.residual_covariance import ResidualCovariance
 from estimation.diagnostics.residuals import chi_square
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, fold_recording
 from estimation.processing.noise_lines import contrasts
@@ -46,7 +46,7 @@ def test_lost_samples_are_why_periods_are_not_compared(lost):
     findings = analyse_noise(record).summary.findings
     named = [each for each in findings if f"{lost} sample" in each.sentence]
     assert len(named) == (3 if lost else 0)
-    assert all(each.outcome is Outcome.NOT_TESTED for each in named)
+    assert all(each.outcome is FindingOutcome.NOT_TESTED for each in named)
 
 
 @pytest.mark.parametrize(("series", "length"), [(1, 200), (3, 300)])
@@ -170,7 +170,7 @@ def test_level_of_chi_square(known):
         cross = np.linalg.inv(flat.T @ weighted)
         rest = noise - columns @ (cross @ (weighted.T @ noise.ravel()))
         sample = NoiseEstimate(scatter, freedom)
-        law = ResidualLaw(sample, columns, columns, cross, cross, np.zeros((60, 6)))
+        law = ResidualCovariance(sample, columns, columns, cross, cross, np.zeros((60, 6)))
         test = chi_square(rest / np.sqrt(3), counts, law)
         assert test.freedom == pytest.approx(355)
         p_values.append(test.p_value)
@@ -179,7 +179,7 @@ def test_level_of_chi_square(known):
 
 def test_chi_square_of_the_fits_own_noise_is_refused():
     noise, columns = NoiseEstimate(np.eye(6), 30.0, "residuals"), np.zeros((9, 6, 1))
-    law = ResidualLaw(noise, columns, columns, np.eye(1), np.eye(1), np.zeros((9, 6)))
+    law = ResidualCovariance(noise, columns, columns, np.eye(1), np.eye(1), np.zeros((9, 6)))
     test = chi_square(np.ones((9, 6)), np.ones(9), law)
     assert test.refused
     assert np.isnan(test.p_value)

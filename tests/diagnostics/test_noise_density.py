@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from estimation.diagnostics.finding import Outcome
+from estimation.diagnostics.finding import FindingOutcome
 from estimation.diagnostics.noise_analysis import hum_finding
 from estimation.diagnostics.noise_density import NoiseDensity, noise_density
 from estimation.processing.hum import HumSearch, find_hum
@@ -85,13 +85,17 @@ def test_a_hum_that_repeats_in_every_period_is_not_seen_and_said_so():
     assert not hum.lines
     assert 50.0 in hum.hidden
     found = hum_finding({"force": hum})
-    assert found.outcome is Outcome.NOT_TESTED
+    assert found.outcome is FindingOutcome.NOT_TESTED
     assert "50" in found.sentence
 
 
 @pytest.mark.parametrize(
     ("hidden", "outcome"),
-    [((), Outcome.HOLDS), ((60.0, 120.0), Outcome.NOT_TESTED), ((150.0,), Outcome.HOLDS)],
+    [
+        ((), FindingOutcome.HOLDS),
+        ((60.0, 120.0), FindingOutcome.NOT_TESTED),
+        ((150.0,), FindingOutcome.HOLDS),
+    ],
 )
 def test_no_hum_where_the_mains_cannot_be_seen_is_no_finding(hidden, outcome):
     found = hum_finding({"force": HumSearch((), hidden, 0.6)})

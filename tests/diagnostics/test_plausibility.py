@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.diagnostics.finding import Outcome, Status
+from estimation.diagnostics.finding import FindingOutcome, Status
 from estimation.diagnostics.findings import verdict
 from estimation.diagnostics.plausibility import plausibility
-from estimation.estimators import Knowledge
+from estimation.estimators import ParameterPriors
 from expdesign.configuration.sections.data import EstimateSection
 from expdesign.library import robot_files
 from expdesign.robot import load_robot
@@ -24,7 +24,7 @@ def found_in(data):
 
 
 def judged(robot, values, std, section=None):
-    knowledge = Knowledge.of(robot, section or EstimateSection())
+    knowledge = ParameterPriors.of(robot, section or EstimateSection())
     return plausibility(robot, knowledge, made_up(values, std))
 
 
@@ -53,7 +53,7 @@ def test_forces_in_another_unit_and_of_the_wrong_sign(constant, causes):
 
 def test_a_clean_estimate_is_plausible():
     finding = found_in(LAB.measure(2))
-    assert finding.outcome is Outcome.HOLDS
+    assert finding.outcome is FindingOutcome.HOLDS
     assert verdict([], finding).status is Status.ACCEPTED
 
 

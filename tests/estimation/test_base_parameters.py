@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimation.estimators import Knowledge, UnidentifiableError
+from estimation.estimators import ParameterPriors, UnidentifiableError
 from estimation.identification import estimate, prepare_experiment
 from estimation.identification.estimate import run_estimators
 from estimation.identification.identified_robot import FILE
@@ -93,7 +93,7 @@ def test_standard_deviations_of_combinations_cover(machine):
     """Errors over σ of six combinations in 40 experiments; the friction held is far from true."""
     run = _run(parameters="base")
     robot = robot_from(run.robot)
-    knowledge, errors = Knowledge.of(robot, run.run.estimate), []
+    knowledge, errors = ParameterPriors.of(robot, run.run.estimate), []
     for seed in range(40):
         recording = measured(MOTION, seed, robot=machine)
         experiment = prepare_experiment(run, robot, recording, MOTION)
@@ -129,10 +129,10 @@ def test_priors_of_what_is_not_estimated_alone(section, key, refused):
     run = _run(parameters="base", **section)
     robot = robot_from(run.robot)
     if not refused:
-        assert Knowledge.of(robot, run.run.estimate).bounded
+        assert ParameterPriors.of(robot, run.run.estimate).bounded
         return
     with pytest.raises(InputError) as caught:
-        Knowledge.of(robot, run.run.estimate)
+        ParameterPriors.of(robot, run.run.estimate)
     (problem,) = caught.value.problems
     assert problem.key == key
 
@@ -162,7 +162,7 @@ def test_the_record_has_the_combinations_after_reading(data, tmp_path):
 def _bodies_of(values, held):
     """Return an estimate with values of all parameters, held ones as given, and what is near it."""
     robot = robot_from(_run(held).robot)
-    knowledge = Knowledge.of(robot, _run(held, parameters="base").run.estimate)
+    knowledge = ParameterPriors.of(robot, _run(held, parameters="base").run.estimate)
     std = np.where(knowledge.free, 0.02 * robot.scales, 0.0)
     estimate = made_up(values, std)
     return robot, estimate, consistent_estimate(robot, estimate, knowledge)
@@ -239,7 +239,7 @@ def test_distances_are_those_of_the_machine_without_what_regroups():
         expected = consistent_estimate(
             plain,
             made_up(alone, 0.02 * plain.scales),
-            Knowledge.of(plain, load_run({"name": "n", "robot": "palida"}).run.estimate),
+            ParameterPriors.of(plain, load_run({"name": "n", "robot": "palida"}).run.estimate),
         )
         near = _bodies_of(values, FAR)[2]
         assert expected.distance > 1
@@ -343,10 +343,10 @@ def test_an_earlier_estimate_that_knows_some_combination_exactly_is_refused(esti
     machine = robot_from(load_run({"name": "n", "robot": robot}).robot)
     if refused:
         with pytest.raises(InputError, match="base") as caught:
-            Knowledge.of(machine, section)
+            ParameterPriors.of(machine, section)
         assert caught.value.problems[0].key == "estimate.prior_from"
         return
-    found = np.diag(Knowledge.of(machine, section).precision)
+    found = np.diag(ParameterPriors.of(machine, section).precision)
     assert list(found[found > 0]) == pytest.approx([0.25] * len(estimated))
 
 
@@ -357,8 +357,8 @@ def test_a_prior_that_held_a_parameter_elsewhere_is_refused(data, tmp_path):
     for value, refused in ((0.0, False), (10.0, True)):
         section = EstimateSection(prior_from="robot", parameters="base", fixed={"s1": value})
         if not refused:
-            assert not Knowledge.of(robot, section).free[robot.parameter_names.index("s1")]
+            assert not ParameterPriors.of(robot, section).free[robot.parameter_names.index("s1")]
             continue
         with pytest.raises(InputError, match="s1") as caught:
-            Knowledge.of(robot, section)
+            ParameterPriors.of(robot, section)
         assert caught.value.problems[0].key == "estimate.fixed.s1"

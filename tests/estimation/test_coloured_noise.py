@@ -13,7 +13,7 @@ from estimation.diagnostics.finding import Status
 from estimation.diagnostics.noise_tests import noise_tests
 from estimation.estimators import (
     Experiment,
-    Knowledge,
+    ParameterPriors,
     covariance_ml_less_gm,
     linear_estimate,
     maximum_likelihood,
@@ -34,9 +34,9 @@ from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 SIGMA = ROBOT.description.noise.force_covariance
 DELTA = ROBOT.description.noise.length_covariance
 MOTION = trajectory()
-KNOWN = Knowledge.of(ROBOT, EstimateSection())
+KNOWN = ParameterPriors.of(ROBOT, EstimateSection())
 DRY = tuple(name for name in ROBOT.parameter_names if name.startswith("r"))
-GLIDING = Knowledge.of(ROBOT, EstimateSection(fixed=dict.fromkeys(DRY, 0.0)))
+GLIDING = ParameterPriors.of(ROBOT, EstimateSection(fixed=dict.fromkeys(DRY, 0.0)))
 """Without dry friction, whose signs follow the motion and have no part in a linear law."""
 
 
@@ -381,7 +381,7 @@ def test_tolerances_make_no_colour_significant():
     config = run(section, tolerances={"platform_joints": "5 mm"})
     together = identification.estimate(config, data, MOTION)["gm"]
     assert np.max(together.std / alone.std) > 2
-    assert together.most_coloured() == pytest.approx(alone.most_coloured(), rel=1e-6)
+    assert together.largest_colour_ratio() == pytest.approx(alone.largest_colour_ratio(), rel=1e-6)
 
 
 @pytest.mark.parametrize("name", ["gm", "ml"])

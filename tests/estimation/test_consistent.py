@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.estimators import Knowledge
+from estimation.estimators import ParameterPriors
 from estimation.identification import estimate
 from estimation.identification.estimator_result import ConsistentKeys
 from estimation.identification.identified_robot import FILE
@@ -32,7 +32,7 @@ def truth(**changes):
 
 def beside(values, section=None, std=STD):
     return consistent_estimate(
-        ROBOT, made_up(values, std), Knowledge.of(ROBOT, section or EstimateSection())
+        ROBOT, made_up(values, std), ParameterPriors.of(ROBOT, section or EstimateSection())
     )
 
 
@@ -135,7 +135,7 @@ def test_as_a_prior_it_is_the_estimate_itself(written):
         {"name": "n", "robot": str(folder / FILE), "estimate": {"prior_from": "robot"}}
     )
     robot = load_robot(folder / FILE)
-    knowledge = Knowledge.of(robot, after.run.estimate)
+    knowledge = ParameterPriors.of(robot, after.run.estimate)
     np.testing.assert_array_equal(knowledge.prior_mean, result["gm"].values)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
-from estimation.diagnostics.finding import Outcome
+from estimation.diagnostics.finding import FindingOutcome
 from estimation.identification import estimate, prepare_experiment
 from estimation.identification.periods import choose_omega
 from estimation.identification.record import EstimateRecord
@@ -302,7 +302,7 @@ def test_a_few_lost_samples_change_little():
     assert result.records[0].experiment.noise.source == "estimated"
     verdict = diagnose(result.robot, result.experiments, result.knowledge, result.best).verdict
     (white,) = (one for one in verdict.findings if one.assumption == "the noise is white")
-    assert (white.outcome, white.serious) == (Outcome.NOT_TESTED, False)
+    assert (white.outcome, white.serious) == (FindingOutcome.NOT_TESTED, False)
     for name in result.estimates:
         moved = (result[name].values - whole[name].values) / whole[name].std
         # Four of a thousand samples: each parameter moves by some √0.004 of its std.

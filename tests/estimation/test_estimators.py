@@ -5,7 +5,7 @@ from scipy.optimize import least_squares as scipy_least_squares
 
 from estimation.estimators import (
     Experiment,
-    Knowledge,
+    ParameterPriors,
     UnidentifiableError,
     linear_estimate,
     maximum_likelihood,
@@ -25,7 +25,7 @@ MOTION = trajectory()
 
 
 def knowledge(**section):
-    return Knowledge.of(ROBOT, EstimateSection(**section))
+    return ParameterPriors.of(ROBOT, EstimateSection(**section))
 
 
 def experiment(seed=0, motion=MOTION, noise=GIVEN, **options):

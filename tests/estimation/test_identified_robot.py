@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimation.estimators import with_prior
-from estimation.estimators.priors import Knowledge
+from estimation.estimators import add_prior_response
+from estimation.estimators.priors import ParameterPriors
 from estimation.identification import estimate
 from estimation.identification.identified_robot import FILE
 from estimation.identification.record import EstimateRecord
@@ -135,7 +135,7 @@ def test_as_a_prior_it_is_conditioned_on_what_is_fixed(written):
     held = [names.index(name) for name in ("p10", "r1", "p9")]
     values = robot.parameters[held] + np.array([3.0, -2.0, 0.0]) * std[held]
     fixed = dict(zip(("p10", "r1"), values.tolist(), strict=False)) | {"p9": None}
-    knowledge = Knowledge.of(robot, EstimateSection(prior_from="robot", fixed=fixed))
+    knowledge = ParameterPriors.of(robot, EstimateSection(prior_from="robot", fixed=fixed))
     free = np.setdiff1d(np.arange(len(names)), held)
     assert list(np.flatnonzero(knowledge.free)) == list(free)
 
@@ -152,10 +152,10 @@ def test_as_a_prior_it_is_conditioned_on_what_is_fixed(written):
     np.testing.assert_allclose(found @ left, np.eye(len(free)), atol=1e-5)
 
     # What tolerances made of the parameters that are held moves that mean, too.
-    earlier = knowledge.earlier
+    earlier = knowledge.prior_estimate
     inverse = np.linalg.inv(2 * found) * np.multiply.outer(unit[free], unit[free])
     influence = SimpleNamespace(motion=True, length_gain=True, force_gain=inverse)
-    inherited = with_prior(None, [influence], earlier, knowledge.free)
+    inherited = add_prior_response(None, [influence], earlier, knowledge.free)
     for one, column in zip(inherited.deviations, inherited.response.T, strict=True):
         at = [each.name for each in earlier.deviations].index(one.name)
         by = earlier.response[:, at] / unit

@@ -10,8 +10,8 @@ import scipy
 from ruamel.yaml import YAML
 
 from estimation.controlmodel.uncertainty import force_uncertainty
-from estimation.estimators import DeviatingMachine
-from estimation.estimators.prior_estimate import EarlierEstimate
+from estimation.estimators import PerturbedMachine
+from estimation.estimators.prior_estimate import PriorEstimate
 from estimation.feedforward.comparison import true_machine
 from estimation.identification import estimate
 from estimation.identification.identified_robot import FILE
@@ -100,7 +100,7 @@ def _drawn(folder, seed):
     nominal = robot_from(config.robot)
     saved = read_estimate(folder, nominal)
     systematic = saved.estimate.systematic
-    machine = DeviatingMachine.of(nominal, systematic.deviations, systematic.values)
+    machine = PerturbedMachine.of(nominal, systematic.deviations, systematic.values)
     return saved, machine, true_machine(config, saved, machine, np.zeros(1))
 
 
@@ -119,7 +119,7 @@ def test_a_machine_is_drawn_with_constants_geometry_and_gains(written):
     def forces(entry, size):
         theta = estimated.systematic.values + size * np.eye(len(machine.chosen))[entry]
         nominal = robot_from(case.run().robot)
-        moved = DeviatingMachine.of(nominal, machine.chosen, theta)
+        moved = PerturbedMachine.of(nominal, machine.chosen, theta)
         return moved.robot.actuator_forces(*motion, estimated.values) * moved.gains
 
     steps = 1e-6 * np.maximum(estimated.systematic.std, 1e-6)
@@ -246,7 +246,7 @@ def test_constants_stay_beside_combinations_of_an_earlier_estimate():
     root, mean = rng.standard_normal((6, 6)), rng.standard_normal(6)
     covariance, held = root @ root.T, rng.standard_normal(4)
     response = rng.standard_normal((6, 1))
-    earlier = EarlierEstimate(mean, np.linalg.inv(covariance), (), response)
+    earlier = PriorEstimate(mean, np.linalg.inv(covariance), (), response)
     base = BaseParameters(
         ("a", "b", "c"), ("a", "c"), np.array([[1.0, 2.0, 0.0], [0.0, -0.5, 1.0]]), np.ones(3)
     )

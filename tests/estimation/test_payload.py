@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimation.estimators.influence import Systematic
+from estimation.estimators.influence import SystematicUncertainty
 from estimation.estimators.payload import TEN, about_centre, payload_estimate
-from estimation.estimators.prior_estimate import EarlierEstimate, UnloadedMachine
+from estimation.estimators.prior_estimate import PriorEstimate, UnloadedMachine
 from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
 from estimation.twin import Twin
@@ -64,8 +64,8 @@ class Linear:
         response = inverse @ self.regressor.T @ self.forces_by
         inherited = inverse @ kept @ self.before_by
         whole = np.column_stack([response[:, 0] + inherited[:, 0], inherited[:, 1]])
-        systematic = Systematic(self.deviations, whole, np.zeros(2), np.ones(2))
-        earlier = EarlierEstimate(
+        systematic = SystematicUncertainty(self.deviations, whole, np.zeros(2), np.ones(2))
+        earlier = PriorEstimate(
             before,
             kept,
             self.deviations,
@@ -121,7 +121,9 @@ def test_constants_estimated_with_the_parameters_count_like_these():
     left = -np.eye(4)
     left[:2] = moved[own:]
     chosen, values = (*constants, *case.deviations), np.append(found.values[own:], [0.0, 0.0])
-    systematic = Systematic(chosen, moved[:own], values, np.ones(4), estimated=True, left=left)
+    systematic = SystematicUncertainty(
+        chosen, moved[:own], values, np.ones(4), estimated=True, left=left
+    )
     parted = replace(
         found,
         values=found.values[:own],
@@ -130,7 +132,7 @@ def test_constants_estimated_with_the_parameters_count_like_these():
         systematic=systematic,
     )
     unloaded = UnloadedMachine(before, case.covariance, PLACES)
-    earlier = EarlierEstimate(before, kept, case.deviations, case.before_by, unloaded)
+    earlier = PriorEstimate(before, kept, case.deviations, case.before_by, unloaded)
     payload = payload_estimate(parted, earlier)
     np.testing.assert_allclose(payload.values, expected.values, atol=1e-9)
     np.testing.assert_allclose(payload.covariance, expected.covariance, atol=1e-9)

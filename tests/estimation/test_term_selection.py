@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from estimation.estimators import Knowledge, linear_estimate
+from estimation.estimators import ParameterPriors, linear_estimate
 from estimation.identification import estimate, prepare_experiment, term_selection
 from estimation.identification.identified_robot import identified_robot
 from estimation.identification.term_selection import UNSETTLED, Selection
-from estimation.selection.evidence import Evidence, Share
+from estimation.selection.evidence import Evidence, InformationShare
 from estimation.selection.selection import Judge, select, splits
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.added_terms import with_added_terms
@@ -62,7 +62,7 @@ def evidence_of(configuration, experiments):
         for term in wide.terms
         if term.name not in own
     }
-    knowledge = Knowledge.of(wide, configuration.run.estimate)
+    knowledge = ParameterPriors.of(wide, configuration.run.estimate)
     seen = [experiment.of_robot(wide) for experiment in experiments]
     own_values = dict(zip(ROBOT.parameter_names, ROBOT.parameters, strict=True))
     values = np.array([own_values.get(name, 0.0) for name in knowledge.names])
@@ -374,7 +374,7 @@ def test_what_no_candidate_explains_counts_as_noise():
 class Recording:
     """What a recording says, made up."""
 
-    whole: Share
+    whole: InformationShare
     columns: np.ndarray
     columns_white: np.ndarray
     samples: float = 1000.0
@@ -396,8 +396,8 @@ def judges(draw):
     gradient = information @ step + root @ rng.normal(size=40)
     diagonal = np.diag(information).copy()
     blocks = {f"b{k}": np.arange(*ends[k : k + 2]) for k in range(5)}
-    nothing = Share(np.zeros_like(information), np.zeros(ends[-1]))
-    recording = Recording(Share(information, gradient), diagonal, diagonal)
+    nothing = InformationShare(np.zeros_like(information), np.zeros(ends[-1]))
+    recording = Recording(InformationShare(information, gradient), diagonal, diagonal)
     evidence = Evidence(blocks, nothing, (recording,), np.inf)
     by = draw(st.sampled_from(["bic", "f"]))
     return Judge(evidence, by, 0.01, {"b1": "b0"} if draw(st.booleans()) else {})

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from estimation.diagnostics.diagnosis_result import DiagnosisKeys
-from estimation.diagnostics.finding import Assumption, Status, Verdict
+from estimation.diagnostics.finding import Assumption, DiagnosisVerdict, Status
 from estimation.identification import estimate
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.record import EstimateRecord
@@ -125,7 +125,7 @@ def test_a_wrong_mass_fails(folder):
 def test_what_speaks_against_the_estimate_comes_before_causes_of_the_prediction(folder):
     against = Assumption("gains are right", "a gain is wrong", "look").fails("seen", 1e-9, 0.001)
     minor = Assumption("normal", "a tail is heavy", "", serious=False).fails("seen", 1e-9, 0.001)
-    verdict = Verdict(Status.DOUBTFUL, "doubtful: a gain is wrong", (against, minor))
+    verdict = DiagnosisVerdict(Status.DOUBTFUL, "doubtful: a gain is wrong", (against, minor))
     file = replace(EstimateFile.read(folder), diagnostics=DiagnosisKeys("ml", verdict, ()))
     doubtful = saved_estimate(file, folder, ROBOT)
     assert doubtful.doubt == "a gain is wrong"

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.estimators import DeviatingMachine, Systematic
+from estimation.estimators import PerturbedMachine, SystematicUncertainty
 from estimation.feedforward.comparison import compare_feedforward, true_machine
 from estimation.feedforward.result import FeedforwardRecord
 from estimation.identification import estimate
@@ -23,7 +23,7 @@ MOTION = trajectory()
 READ = [0.05, -0.05, 0.05, -0.05, 0.05, -0.05]
 """By which share the forces of each actuator are measured too large."""
 FOLLOWED = {"motion": "circle", "radius": 0.08, "speed": 1.0, "periods": 1}
-EXACT = DeviatingMachine.exact(ROBOT)
+EXACT = PerturbedMachine.exact(ROBOT)
 SLOW = {"trajectory": {"controller_period": 0.005}}
 
 
@@ -157,7 +157,9 @@ def read_wrongly(saved):
     """An estimate that knows all parameters, and the force constants of a machine with others."""
     robot = robot_from(run(tolerances={"force_constant": {"each": "5 %"}}).robot)
     chosen, zeros = tolerated(robot), np.zeros((len(robot.parameters), len(READ)))
-    found = Systematic(chosen, zeros, np.array(READ), np.zeros(len(READ)), estimated=True)
+    found = SystematicUncertainty(
+        chosen, zeros, np.array(READ), np.zeros(len(READ)), estimated=True
+    )
     known = replace(saved.estimate, values=robot.parameters, systematic=found)
     return replace(saved, estimate=known)
 
@@ -174,7 +176,7 @@ def test_forces_are_fed_forward_in_the_units_that_the_estimate_found(read_wrongl
 
 def test_a_machine_that_is_drawn_has_the_force_constants_of_the_estimate(read_wrongly):
     found = read_wrongly.estimate.systematic
-    machine = DeviatingMachine.of(ROBOT, found.deviations, found.values)
+    machine = PerturbedMachine.of(ROBOT, found.deviations, found.values)
     drawn = true_machine(case(data={"file": "measured.csv"}), read_wrongly, machine, np.arange(3.0))
     np.testing.assert_allclose(drawn.gains, 1 + np.tile(READ, (3, 1)))
 

@@ -7,7 +7,7 @@ from dataclasses import astuple
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.finding import Outcome
+from estimation.diagnostics.finding import FindingOutcome
 from estimation.diagnostics.noise_result import NoiseFile, covariance_rows
 from estimation.diagnostics.noise_tests import Normality, Whiteness
 from estimation.identification.record import EstimateRecord
@@ -91,7 +91,7 @@ def shows_noise(folder: RunFolder) -> bool:
 def noise_report(folder: RunFolder) -> StageReport:
     """Describe the noise analysis in a folder."""
     noise = folder.record(NoiseFile)
-    failed = [finding for finding in noise.findings if finding.outcome is Outcome.FAILS]
+    failed = [finding for finding in noise.findings if finding.outcome is FindingOutcome.FAILS]
     serious = any(finding.serious for finding in failed)
     level = Level.BAD if serious else Level.CAUTION if failed else Level.GOOD
     sentence = (
@@ -100,7 +100,9 @@ def noise_report(folder: RunFolder) -> StageReport:
     )
     if failed:
         sentence += f" Against what is assumed of it: {'; '.join(failures(failed))}."
-    untested = [each.assumption for each in noise.findings if each.outcome is Outcome.NOT_TESTED]
+    untested = [
+        each.assumption for each in noise.findings if each.outcome is FindingOutcome.NOT_TESTED
+    ]
     word = "doubtful" if serious else "conspicuous" if failed else "as assumed"
     if untested:
         sentence += f" Not tested: {', '.join(untested)}."
