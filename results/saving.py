@@ -22,9 +22,8 @@ from results.figures.machine import machine_figure
 from results.figures.montecarlo import STUDY_FIGURES
 from results.figures.motion import WholeMotion, motion_figure
 from results.figures.noise import NOISE_FIGURES, SPECTRUM_FIGURES
-from results.figures.parameters import ESTIMATE_FIGURES
+from results.figures.parameters import ESTIMATE_FIGURES, selection_figure
 from results.figures.residuals import DIAGNOSTIC_FIGURES, prediction_figure
-from results.figures.selection import selection_figure
 from results.figures.sweep import sweep_figure
 
 Drawn = (

@@ -43,7 +43,7 @@ def compare(
     from expdesign.stages.folder import refuse_unwritable
     from expdesign.stages.outcome import short
     from expdesign.stages.report import reported_stages
-    from results.report.comparison.comparison import write_comparison
+    from results.comparison.comparison import write_comparison
 
     share = precision_share(precision)
     place = out.absolute()

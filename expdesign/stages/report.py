@@ -12,9 +12,9 @@ from expdesign.stages.outcome import Outcome
 from expdesign.stages.record import keep_configuration
 from expdesign.stages.table import STAGES, loaded
 from expdesign.stages.workspace import Workspace
-from results.report.content import StageReport
-from results.report.folder import ReportedStage, RunFolder
-from results.report.run_report import write_report
+from results.render.run_report import write_report
+from results.views.folder import ReportedStage, RunFolder
+from results.views.view import StageView
 
 
 def perform(work: Workspace) -> Outcome:
@@ -62,7 +62,7 @@ def reported_stages() -> dict[str, ReportedStage]:
     return found
 
 
-def _report_by(place: str, folder: RunFolder) -> StageReport:
+def _report_by(place: str, folder: RunFolder) -> StageView:
     """Return what a function, as ``module:function``, says of a folder that holds its stage."""
-    report: StageReport = loaded(place)(folder)
+    report: StageView = loaded(place)(folder)
     return report

@@ -86,7 +86,7 @@ STAGES: dict[str, Stage] = {
         perform="expdesign.stages.design:perform",
         sections=_sections("trajectory", "design", experiment={"periods", "sampling", "payload"}),
         writes=("trajectory.csv", *_TABLES),
-        report="results.report.stages.design:design_report",
+        report="results.views.design:design_report",
         left_out=(_sweep_does_it,),
     ),
     "experiment": Stage(
@@ -97,7 +97,7 @@ STAGES: dict[str, Stage] = {
         sections=_sections("experiment"),
         writes=("columns.json", "measurement.csv", "repetitions/*/measurement.csv"),
         result="measurement.csv",
-        report="results.report.stages.noise:experiment_report",
+        report="results.views.noise:experiment_report",
         left_out=(_data_is_given, _sweep_has_many),
     ),
     "noise": Stage(
@@ -107,7 +107,7 @@ STAGES: dict[str, Stage] = {
         needs=("recording",),
         sections=_sections("trajectory", "data"),
         writes=("noise.yaml", *_TABLES),
-        report="results.report.stages.noise:noise_report",
+        report="results.views.noise:noise_report",
     ),
     "montecarlo": Stage(
         does="judges the estimators on many simulated experiments",
@@ -116,7 +116,7 @@ STAGES: dict[str, Stage] = {
         needs=("design",),
         sections=_sections("experiment", "estimate", "montecarlo"),
         writes=_TABLES,
-        report="results.report.stages.montecarlo:montecarlo_report",
+        report="results.views.montecarlo:montecarlo_report",
         left_out=(_sweep_has_many,),
     ),
     "estimate": Stage(
@@ -126,7 +126,7 @@ STAGES: dict[str, Stage] = {
         needs=("recording",),
         sections=_sections("trajectory", "data", "estimate", experiment={"payload"}),
         writes=("estimates.csv", "identified-robot.yaml", *_TABLES),
-        report="results.report.stages.estimate:estimate_report",
+        report="results.views.estimate:estimate_report",
         left_out=(_sweep_has_many,),
     ),
     "validate": Stage(
@@ -136,7 +136,7 @@ STAGES: dict[str, Stage] = {
         needs=("estimate",),
         sections=_sections("trajectory", "experiment", "data", "estimate", "validation"),
         writes=_TABLES,
-        report="results.report.stages.validation:validation_report",
+        report="results.views.validate:validation_report",
         left_out=(_sweep_has_many,),
     ),
     "feedforward": Stage(
@@ -147,7 +147,7 @@ STAGES: dict[str, Stage] = {
         does_without={"design": _own_motion},
         sections=_sections("trajectory", "experiment", "data", "estimate", "feedforward"),
         writes=_TABLES,
-        report="results.report.stages.feedforward:feedforward_report",
+        report="results.views.feedforward:feedforward_report",
         left_out=(_sweep_has_many,),
     ),
     "sweep": Stage(
@@ -158,7 +158,7 @@ STAGES: dict[str, Stage] = {
             "trajectory", "design", "sweep", experiment={"periods", "sampling", "payload"}
         ),
         writes=(*_TABLES, "designs/*/design.json"),
-        report="results.report.stages.sweep:sweep_report",
+        report="results.views.sweep:sweep_report",
     ),
     "export": Stage(
         does="writes controller tables of the motion",
@@ -173,7 +173,7 @@ STAGES: dict[str, Stage] = {
             experiment={"periods", "sampling", "payload"},
         ),
         writes=("exports/*",),
-        report="results.report.stages.export:export_report",
+        report="results.views.export:export_report",
         reported_after="design",
         left_out=(_sweep_has_many,),
     ),

@@ -19,7 +19,7 @@ from expdesign.experiment.setup import design_task
 from expdesign.information.criteria import CRITERIA
 from expdesign.solver.events import SearchEvent
 from expdesign.stages.outcome import Outcome
-from results.figures.convergence import convergence_figure
+from results.figures.design import convergence_figure
 
 PLATFORM = ("p6", "p7", "p8", "p9", "p10", "sx", "sy", "Ixy", "Ixz", "Iyz")
 

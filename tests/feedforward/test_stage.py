@@ -11,10 +11,10 @@ from expdesign.cli.app import app
 from expdesign.cli.errors import run
 from expdesign.configuration import load_run
 from results.figures.feedforward import feedforward_figure
-from results.report.content import Level
-from results.report.folder import RunFolder
-from results.report.stages.feedforward import feedforward_report
 from results.style import house_style
+from results.views.feedforward import feedforward_report
+from results.views.folder import RunFolder
+from results.views.view import Level
 from tests.blank_figures import blank_figures
 from tests.stages.test_table import agrees_with_the_table
 

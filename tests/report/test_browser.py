@@ -9,10 +9,10 @@ import pytest
 from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
 from expdesign.stages.report import reported_stages
-from results.report.content import Page, Section
-from results.report.rendering import rendered
-from results.report.run_report import write_report
-from results.report.stages.estimate import estimates_table
+from results.render.html import rendered
+from results.render.run_report import write_report
+from results.views.estimate import estimates_table
+from results.views.view import Page, ReportSection
 from tests.estimation.cases import measured, run, trajectory
 from tests.report.browser import chromium
 
@@ -231,7 +231,7 @@ def test_the_widest_table_fits_a_laptop_and_scrolls_on_a_phone(browser, tmp_path
     table = estimates_table(record, truth)
     assert {"σ random", "σ systematic", "truth"} <= {column.title for column in table.columns}
     page = tmp_path / "page.html"
-    section = Section("estimate", "Estimate", (table,))
+    section = ReportSection("estimate", "Estimate", (table,))
     page.write_text(rendered(Page("t", "s", "d", (), (), (section,))), encoding="utf-8")
     scroll = "document.querySelector('.scroll')"
     browser.open(page, width=1200)

@@ -7,9 +7,9 @@ import pytest
 
 from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
-from results.report.budget import budget_blocks, share_columns
-from results.report.comparison.estimates import ComparedEstimate
-from results.report.table import ReportTable
+from results.comparison.estimates import ComparedEstimate
+from results.views.parameter_blocks import budget_blocks, share_columns
+from results.views.view import ReportTable
 from tests.estimation.cases import measured, run, trajectory
 
 MOTION = trajectory(100, 0.01)

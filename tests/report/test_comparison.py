@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 
 from expdesign.configuration import InputError
 from expdesign.stages.report import reported_stages
-from results.report.comparison.comparison import write_comparison
+from results.comparison.comparison import write_comparison
 from tests.blank_figures import blank_figures
 from tests.report.html import Page
 

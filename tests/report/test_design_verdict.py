@@ -4,8 +4,8 @@ import pandas as pd
 import pytest
 
 from expdesign.stages.report import reported_stages
-from results.report.folder import RunFolder
-from results.report.stages.design import design_report
+from results.views.design import design_report
+from results.views.folder import RunFolder
 
 
 @pytest.fixture

@@ -10,16 +10,16 @@ import pytest
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity
 from expdesign.stages.report import reported_stages
-from results.report.folder import RunFolder
-from results.report.limit_gains import (
+from results.views import design
+from results.views.design import design_report
+from results.views.folder import RunFolder
+from results.views.limit_gains import (
     EXPLAINED,
     costliest,
     design_sensitivity,
     gains_table,
     reserve_in_words,
 )
-from results.report.stages import design
-from results.report.stages.design import design_report
 
 
 def blocks(folder):

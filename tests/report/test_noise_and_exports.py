@@ -14,8 +14,8 @@ from expdesign.export.readme import readme
 from expdesign.export.record import ExportsRecord, FileEntry, MotionEntry
 from expdesign.runfolder.files import write_text
 from expdesign.stages.report import reported_stages
-from results.report.folder import RunFolder
-from results.report.run_report import run_page, write_report
+from results.render.run_report import run_page, write_report
+from results.views.folder import RunFolder
 from tests.export.motions import task
 from tests.report.html import Page
 

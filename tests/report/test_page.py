@@ -10,7 +10,7 @@ import pytest
 
 from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.stages.report import reported_stages
-from results.report.run_report import write_report
+from results.render.run_report import write_report
 from tests.blank_figures import blank_figures
 from tests.report.conftest import HOSTILE
 from tests.report.html import Page

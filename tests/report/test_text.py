@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import pytest
 
+from results.comparison.comparison import csv_table
 from results.notation import duration, readable
-from results.report.comparison.comparison import csv_table
-from results.report.rendering import escaped, latex_table, symbol_html, unit_html
-from results.report.table import Column, ReportTable, cell_text, sort_key
+from results.render.html import escaped, latex_table, symbol_html, unit_html
+from results.views.view import ReportTable, TableColumn, cell_text, sort_key
 
 
 @pytest.mark.parametrize(
@@ -43,11 +43,11 @@ def test_duration(seconds, text):
 
 def table():
     columns = (
-        Column("parameter", kind="parameter"),
-        Column("unit", kind="text"),
-        Column("share", "%"),
-        Column("a & b", kind="text"),
-        Column("ok", kind="outcome"),
+        TableColumn("parameter", kind="parameter"),
+        TableColumn("unit", kind="text"),
+        TableColumn("share", "%"),
+        TableColumn("a & b", kind="text"),
+        TableColumn("ok", kind="outcome"),
     )
     rows = [
         ("r_alpha", "kg m^2", 6.7e-9, "100 % of $x_1$ \\ {~^}", True),
@@ -84,7 +84,7 @@ def test_csv_has_all_digits():
 
 def test_rows_have_a_value_for_every_column():
     with pytest.raises(ValueError, match="2 values"):
-        ReportTable.of("t", "", (Column("a"), Column("b")), [(1.0,)])
+        ReportTable.of("t", "", (TableColumn("a"), TableColumn("b")), [(1.0,)])
 
 
 def test_what_cells_are_sorted_by():
@@ -95,7 +95,7 @@ def test_what_cells_are_sorted_by():
         "",
         "",
     ]
-    assert cell_text(Column("a"), None) == "–"
+    assert cell_text(TableColumn("a"), None) == "–"
 
 
 @pytest.mark.parametrize(
@@ -123,9 +123,9 @@ def test_a_table_is_made_of_records():
         count: float
 
     columns = (
-        Column("real", of="inner.real", factor=1000),
-        Column("count", of="count"),
-        Column("both", of=lambda part: part.inner is not None),
+        TableColumn("real", of="inner.real", factor=1000),
+        TableColumn("count", of="count"),
+        TableColumn("both", of=lambda part: part.inner is not None),
     )
     table = ReportTable.of("t", "", columns, [Part(2 + 1j, 3), Part(None, 4)])
     assert table.rows == ((2000.0, 3, True), (None, 4, False))

@@ -16,11 +16,10 @@ from expdesign.recheck.limit_check import LimitCheck
 from expdesign.solver.events import STAGE_TITLES
 from expdesign.trajectory import FourierTrajectory
 from results import design_figures
-from results.figures.convergence import FLOOR
-from results.figures.design import DESIGN_FIGURES
+from results.figures.design import DESIGN_FIGURES, FLOOR
 from results.figures.drawing import save_figures
+from results.figures.machine import view_extent as extent
 from results.figures.motion import excitation_figure
-from results.figures.space import view_extent as extent
 from results.style import PAGE_WIDTH, RESOLUTION, STRUT_COLOURS, house_style
 
 KEYS = {definition.key for definition in DESIGN_FIGURES}

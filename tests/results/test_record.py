@@ -8,7 +8,7 @@ from expdesign.configuration import InputError
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.record import Iteration
 from expdesign.runfolder import MissingFileError
-from results.figures.convergence import traces
+from results.figures.design import traces
 
 FILES = [
     "run.yaml",

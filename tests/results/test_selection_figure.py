@@ -10,11 +10,10 @@ from matplotlib.patches import Rectangle
 from estimation.identification.term_selection import Selection
 from estimation.selection.selection import SelectionRow
 from expdesign.configuration.sections.selection import SelectSection
-from results.figures.selection import selection_figure
-from results.report.content import TextBlock
-from results.report.selection import selection_blocks
-from results.report.table import ReportTable
+from results.figures.parameters import selection_figure
 from results.style import house_style
+from results.views.parameter_blocks import selection_blocks
+from results.views.view import ReportTable, TextBlock
 
 NAMES = ("force_offset", "drive_inertia", "load_friction")
 

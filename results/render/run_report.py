@@ -13,7 +13,10 @@ from expdesign.configuration import RunConfiguration
 from expdesign.progress import report_progress, track
 from expdesign.runfolder.files import write_text
 from results.notation import duration
-from results.report.content import (
+from results.render.html import latex_table, rendered
+from results.views.folder import ReportedStage, RunFolder
+from results.views.robot_motion import robot_view
+from results.views.view import (
     Block,
     Fact,
     Facts,
@@ -21,15 +24,14 @@ from results.report.content import (
     Level,
     ListingBlock,
     Page,
-    Section,
-    StageReport,
+    ReportSection,
+    ReportTable,
+    StageVerdict,
+    StageView,
+    TableColumn,
     TextBlock,
-    Verdict,
+    text_columns,
 )
-from results.report.folder import ReportedStage, RunFolder
-from results.report.rendering import latex_table, rendered
-from results.report.robot_view import robot_view
-from results.report.table import Column, ReportTable, text_columns
 
 NAME = "report.html"
 OWN_STAGE = "report"
@@ -107,9 +109,9 @@ def run_page(folder: RunFolder) -> Page:
     view = robot_view(folder)
     sections = [report.section for report in reports.values()]
     if view is not None:
-        sections.insert(0, Section("motion", "Robot in motion", (view,)))
+        sections.insert(0, ReportSection("motion", "Robot in motion", (view,)))
     if (folder.path / FOLDER).is_dir():
-        from results.report.control_models import control_model_section
+        from results.views.control_models import control_model_section
 
         models = control_model_section(folder)
         if models is not None:
@@ -117,7 +119,7 @@ def run_page(folder: RunFolder) -> Page:
     blocks = (block for section in sections for block in section.blocks)
     further = folder.other_figures({b.key for b in blocks if isinstance(b, FigureBlock)})
     if further:
-        sections.append(Section("further", "Further figures", further))
+        sections.append(ReportSection("further", "Further figures", further))
     sections.append(_provenance(folder))
     warnings = [text for report in reports.values() for text in report.warnings]
     return Page(
@@ -131,7 +133,7 @@ def run_page(folder: RunFolder) -> Page:
     )
 
 
-def _with_failures(folder: RunFolder, reports: dict[str, StageReport]) -> list[Verdict]:
+def _with_failures(folder: RunFolder, reports: dict[str, StageView]) -> list[StageVerdict]:
     """Return the stages' verdicts, and what the manifest says of stages that failed."""
     verdicts = [report.verdict for report in reports.values()]
     stages = {} if folder.manifest is None else folder.manifest.stages
@@ -140,11 +142,11 @@ def _with_failures(folder: RunFolder, reports: dict[str, StageReport]) -> list[V
             sentence = f"The last attempt failed: {entry.message}"
             if name in reports:
                 sentence += " What is shown here is of an earlier one."
-            verdicts.append(Verdict(f"Stage {name}", Level.BAD, "failed", sentence))
+            verdicts.append(StageVerdict(f"Stage {name}", Level.BAD, "failed", sentence))
     return verdicts
 
 
-def _provenance(folder: RunFolder) -> Section:
+def _provenance(folder: RunFolder) -> ReportSection:
     """Return what made a run folder: stages, versions, seeds, files and the configuration."""
     blocks: list[Block] = []
     manifest = folder.manifest
@@ -155,8 +157,8 @@ def _provenance(folder: RunFolder) -> Section:
     else:
         stages = {name: entry for name, entry in manifest.stages.items() if name != OWN_STAGE}
         columns = (
-            Column("stage", kind="text"),
-            Column("status", kind="outcome"),
+            TableColumn("stage", kind="text"),
+            TableColumn("status", kind="outcome"),
             *text_columns("time", "finished (UTC)", "message"),
         )
         rows = [
@@ -178,7 +180,7 @@ def _provenance(folder: RunFolder) -> Section:
         blocks.append(ReportTable.of("files", "Files of the run folder", heads, files, folded=True))
     resolved = folder.text(folder.path / "run.yaml")
     blocks.append(ListingBlock("run.yaml: the resolved configuration", resolved))
-    return Section("provenance", "Configuration and versions", tuple(blocks))
+    return ReportSection("provenance", "Configuration and versions", tuple(blocks))
 
 
 def _missing_figures(folder: RunFolder) -> list[Path]:

@@ -11,7 +11,7 @@ from typing import Any, Protocol, Self, TypeVar
 from expdesign.configuration import InputError, RunConfiguration, load_run
 from expdesign.runfolder.manifest import Manifest, StageEntry
 from results.figures.drawing import FigureDefinition
-from results.report.content import FigureBlock, StageReport
+from results.views.view import FigureBlock, StageView
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class ReportedStage:
     """A stage as reports know it: what a folder has to hold, and what makes its part."""
 
     file: str
-    report: Callable[[RunFolder], StageReport]
+    report: Callable[[RunFolder], StageView]
 
 
 class Readable(Protocol):

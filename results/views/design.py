@@ -12,25 +12,26 @@ from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.recheck.limit_check import REACHED, LimitCheck
 from results.figures.design import DESIGN_FIGURES
 from results.notation import DisplayUnit, duration, handy_unit, percent, readable
-from results.report.combinations import combination_blocks
-from results.report.content import (
-    Block,
-    Fact,
-    Facts,
-    Level,
-    StageReport,
-    TextBlock,
-    Verdict,
-)
-from results.report.folder import RunFolder
-from results.report.limit_gains import (
+from results.views.folder import RunFolder
+from results.views.limit_gains import (
     EXPLAINED,
     costliest_fact,
     design_sensitivity,
     gains_table,
     reserve_in_words,
 )
-from results.report.table import Column, ReportTable
+from results.views.parameter_blocks import combination_blocks
+from results.views.view import (
+    Block,
+    Fact,
+    Facts,
+    Level,
+    ReportTable,
+    StageVerdict,
+    StageView,
+    TableColumn,
+    TextBlock,
+)
 
 _LEVELS = {
     "converged": Level.GOOD,
@@ -41,7 +42,7 @@ _LEVELS = {
 _SCALINGS = {"si": "SI units", "nominal": "nominal scaling"}
 
 
-def design_report(folder: RunFolder) -> StageReport:
+def design_report(folder: RunFolder) -> StageView:
     """Return what is to be said of the design in a folder."""
     record = folder.record(DesignRecord)
     sensitivity = design_sensitivity(record)
@@ -61,7 +62,7 @@ def design_report(folder: RunFolder) -> StageReport:
         _starts_table(record),
         *folder.figures(*DESIGN_FIGURES[7:]),
     )
-    return StageReport(_verdict(record), blocks, _facts(record), record.summary.warnings)
+    return StageView(_verdict(record), blocks, _facts(record), record.summary.warnings)
 
 
 def limits_table(record: DesignRecord) -> ReportTable:
@@ -72,22 +73,24 @@ def limits_table(record: DesignRecord) -> ReportTable:
 
     kept = any(check.reserve for check in record.checks)
     reserved = (
-        Column("stated", of=lambda check: unit(check).factor * check.stated),
-        Column("reserve", "%", digits=3, of="reserve", factor=100),
+        TableColumn("stated", of=lambda check: unit(check).factor * check.stated),
+        TableColumn("reserve", "%", digits=3, of="reserve", factor=100),
     )
     # Earlier versions sampled, and proved nothing.
     certified = all(check.certified for check in record.checks)
-    proved = () if _sampled(record) else (Column("left", "%", digits=3, of="proved", factor=-100),)
+    proved = (
+        () if _sampled(record) else (TableColumn("left", "%", digits=3, of="proved", factor=-100),)
+    )
     columns = (
-        Column("limit", kind="text", of="title"),
-        Column("where", kind="text", of=lambda check: check.row or "–"),
-        Column("worst", of=lambda check: unit(check).factor * check.value),
-        Column("bound", of=lambda check: unit(check).factor * check.bound),
+        TableColumn("limit", kind="text", of="title"),
+        TableColumn("where", kind="text", of=lambda check: check.row or "–"),
+        TableColumn("worst", of=lambda check: unit(check).factor * check.value),
+        TableColumn("bound", of=lambda check: unit(check).factor * check.bound),
         *(reserved if kept else ()),
-        Column("unit", kind="text", of=lambda check: unit(check).symbol or "–"),
-        Column("used", "%", of="used", factor=100),
+        TableColumn("unit", kind="text", of=lambda check: unit(check).symbol or "–"),
+        TableColumn("used", "%", of="used", factor=100),
         *proved,
-        Column("time", "s", of="time"),
+        TableColumn("time", "s", of="time"),
     )
     caption = "Worst moment of every limit over the whole period, unsmoothed model"
     if proved:
@@ -110,14 +113,14 @@ def parameters_table(record: DesignRecord) -> ReportTable:
     """Return nominal parameters with their predicted standard deviations."""
     shared = record.summary.predicted_std.systematic
     columns = (
-        Column("parameter", kind="parameter", of="name"),
-        Column("unit", kind="text", of="unit"),
-        Column("nominal", of="nominal"),
-        Column("σ, one period", digits=3, of="std_per_period"),
-        Column("σ, one period", "%", digits=3, of="rel_std_percent_per_period"),
-        Column("σ, experiment", digits=3, of="std_experiment"),
-        Column("σ, experiment", "%", digits=3, of="rel_std_percent_experiment"),
-        *([Column("σ, tolerances", digits=3, of="std_systematic")] if shared else []),
+        TableColumn("parameter", kind="parameter", of="name"),
+        TableColumn("unit", kind="text", of="unit"),
+        TableColumn("nominal", of="nominal"),
+        TableColumn("σ, one period", digits=3, of="std_per_period"),
+        TableColumn("σ, one period", "%", digits=3, of="rel_std_percent_per_period"),
+        TableColumn("σ, experiment", digits=3, of="std_experiment"),
+        TableColumn("σ, experiment", "%", digits=3, of="rel_std_percent_experiment"),
+        *([TableColumn("σ, tolerances", digits=3, of="std_systematic")] if shared else []),
     )
     experiment = record.summary.predicted_std.experiment
     caption = (
@@ -136,19 +139,19 @@ _TOLERANCES = (
 
 def _starts_table(record: DesignRecord) -> ReportTable:
     columns = (
-        Column("start", of="index"),
-        Column("kind", kind="text", of="kind"),
-        Column("criterion", digits=6, of="criterion_value"),
-        Column("finished", digits=6, of="finished_value"),
-        Column("iterations", of="iterations"),
-        Column("how it ended", kind="text", of="status"),
-        Column("best", kind="text", of="best"),
+        TableColumn("start", of="index"),
+        TableColumn("kind", kind="text", of="kind"),
+        TableColumn("criterion", digits=6, of="criterion_value"),
+        TableColumn("finished", digits=6, of="finished_value"),
+        TableColumn("iterations", of="iterations"),
+        TableColumn("how it ended", kind="text", of="status"),
+        TableColumn("best", kind="text", of="best"),
     )
     starts = record.summary.solver.starts
     return ReportTable.of("starts", "All starts of the search", columns, starts, folded=True)
 
 
-def _verdict(record: DesignRecord) -> Verdict:
+def _verdict(record: DesignRecord) -> StageVerdict:
     summary = record.summary
     level = _LEVELS.get(summary.status, Level.NEUTRAL)
     held = [check.title for check in record.checks if check.used >= REACHED]
@@ -173,7 +176,7 @@ def _verdict(record: DesignRecord) -> Verdict:
         sentence += f" It is held by {', '.join(held)}."
     if summary.status == "not converged":
         sentence += f" Best start: {summary.status_text}."
-    return Verdict("Design", level, summary.status, sentence, "design")
+    return StageVerdict("Design", level, summary.status, sentence, "design")
 
 
 def _facts(record: DesignRecord) -> tuple[Fact, ...]:

@@ -13,8 +13,8 @@ from expdesign.experiment import DesignRecord
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.recheck.limit_check import REACHED, reached
 from expdesign.robot import LimitModel, Robot
-from results.report.content import ViewBlock
-from results.report.folder import RunFolder
+from results.views.folder import RunFolder
+from results.views.view import Animation
 
 _FRAMES = 240
 """Most instants of one period in the view: finer than the eye at the speed of the machine."""
@@ -33,7 +33,7 @@ class _Motion:
     force: Array
 
 
-def robot_view(folder: RunFolder) -> ViewBlock | None:
+def robot_view(folder: RunFolder) -> Animation | None:
     """Return the motion of a folder: of its design, else of its estimate; None without either."""
     motion = _motion(folder)
     if motion is None:
@@ -59,7 +59,7 @@ def robot_view(folder: RunFolder) -> ViewBlock | None:
         "largest": largest if largest > 0 else 1.0,
         **_limits(Robot(robot), motion, chosen),
     }
-    return ViewBlock("robot", caption, data)
+    return Animation("robot", caption, data)
 
 
 def _motion(folder: RunFolder) -> _Motion | None:

@@ -7,13 +7,12 @@ from collections.abc import Callable
 from estimation.montecarlo.result import EstimatorKeys, MonteCarloRecord
 from results.figures.montecarlo import STUDY_FIGURES
 from results.notation import percent, readable
-from results.report.content import Block, Fact, Level, StageReport, Verdict
-from results.report.folder import RunFolder
-from results.report.stages.estimate import NAMES
-from results.report.table import Column, ReportTable
+from results.views.estimate import NAMES
+from results.views.folder import RunFolder
+from results.views.view import Block, Fact, Level, ReportTable, StageVerdict, StageView, TableColumn
 
 
-def montecarlo_report(folder: RunFolder) -> StageReport:
+def montecarlo_report(folder: RunFolder) -> StageView:
     """Describe the study in a folder."""
     record = folder.record(MonteCarloRecord)
     summary, estimators = record.summary, record.summary.estimators
@@ -29,8 +28,8 @@ def montecarlo_report(folder: RunFolder) -> StageReport:
     blocks: list[Block] = [_pooled_table(estimators)]
     blocks += folder.figures(*STUDY_FIGURES)
     blocks.append(_statistics_table(record))
-    verdict = Verdict("Monte-Carlo study", level, word, sentence, "montecarlo")
-    return StageReport(verdict, tuple(blocks), _facts(estimators))
+    verdict = StageVerdict("Monte-Carlo study", level, word, sentence, "montecarlo")
+    return StageView(verdict, tuple(blocks), _facts(estimators))
 
 
 def _facts(estimators: dict[str, EstimatorKeys]) -> tuple[Fact, ...]:
@@ -55,16 +54,16 @@ def _pooled_table(estimators: dict[str, EstimatorKeys]) -> ReportTable:
         return lambda name: getattr(estimators[name].pooled, key, None)
 
     columns = (
-        Column("estimator", kind="text", of=lambda name: NAMES.get(name, name)),
-        Column("estimates", of=lambda name: estimators[name].estimates),
-        Column("failed", of=lambda name: len(estimators[name].failures)),
-        Column("RMSE / bound", of=pooled("rmse_over_bound")),
-        Column("95 % from", of=pooled("rmse_over_bound_low")),
-        Column("95 % to", of=pooled("rmse_over_bound_high")),
-        Column("coverage", of=pooled("coverage")),
-        Column("95 % from", of=pooled("coverage_low")),
-        Column("95 % to", of=pooled("coverage_high")),
-        Column("largest bias / its error", digits=3, of=pooled("largest_bias_t")),
+        TableColumn("estimator", kind="text", of=lambda name: NAMES.get(name, name)),
+        TableColumn("estimates", of=lambda name: estimators[name].estimates),
+        TableColumn("failed", of=lambda name: len(estimators[name].failures)),
+        TableColumn("RMSE / bound", of=pooled("rmse_over_bound")),
+        TableColumn("95 % from", of=pooled("rmse_over_bound_low")),
+        TableColumn("95 % to", of=pooled("rmse_over_bound_high")),
+        TableColumn("coverage", of=pooled("coverage")),
+        TableColumn("95 % from", of=pooled("coverage_low")),
+        TableColumn("95 % to", of=pooled("coverage_high")),
+        TableColumn("largest bias / its error", digits=3, of=pooled("largest_bias_t")),
     )
     caption = "All identified parameters together"
     return ReportTable.of("montecarlo_pooled", caption, columns, estimators)
@@ -72,17 +71,19 @@ def _pooled_table(estimators: dict[str, EstimatorKeys]) -> ReportTable:
 
 def _statistics_table(record: MonteCarloRecord) -> ReportTable:
     columns = (
-        Column("estimator", kind="text", of=lambda row: NAMES.get(row.estimator, row.estimator)),
-        Column("parameter", kind="parameter", of="parameter"),
-        Column("unit", kind="text", of="unit"),
-        Column("truth", of="truth"),
-        Column("bias", digits=3, of="bias"),
-        Column("bias / its error", digits=3, of="bias_t"),
-        Column("spread", digits=3, of="spread"),
-        Column("RMSE", digits=3, of="rmse"),
-        Column("bound", digits=3, of="bound"),
-        Column("RMSE / bound", digits=3, of="rmse_over_bound"),
-        Column("coverage", digits=3, of="coverage"),
+        TableColumn(
+            "estimator", kind="text", of=lambda row: NAMES.get(row.estimator, row.estimator)
+        ),
+        TableColumn("parameter", kind="parameter", of="parameter"),
+        TableColumn("unit", kind="text", of="unit"),
+        TableColumn("truth", of="truth"),
+        TableColumn("bias", digits=3, of="bias"),
+        TableColumn("bias / its error", digits=3, of="bias_t"),
+        TableColumn("spread", digits=3, of="spread"),
+        TableColumn("RMSE", digits=3, of="rmse"),
+        TableColumn("bound", digits=3, of="bound"),
+        TableColumn("RMSE / bound", digits=3, of="rmse_over_bound"),
+        TableColumn("coverage", digits=3, of="coverage"),
     )
     caption = "Every estimator and parameter against the truth"
     return ReportTable.of("montecarlo", caption, columns, record.rows, folded=True)

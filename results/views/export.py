@@ -10,20 +10,22 @@ from expdesign.export.record import ExportsRecord, FileEntry
 from expdesign.runfolder.manifest import file_hash
 from results.figures.motion import motion_figure
 from results.notation import counted, percent, readable
-from results.report.content import (
+from results.views.folder import RunFolder
+from results.views.view import (
     Block,
     Fact,
     Facts,
     Level,
     ListingBlock,
-    StageReport,
-    Verdict,
+    ReportTable,
+    StageVerdict,
+    StageView,
+    TableColumn,
+    text_columns,
 )
-from results.report.folder import RunFolder
-from results.report.table import Column, ReportTable, text_columns
 
 
-def export_report(folder: RunFolder) -> StageReport:
+def export_report(folder: RunFolder) -> StageView:
     """Return what is to be said of the controller tables in a folder."""
     record = folder.record(ExportsRecord)
     motion, files = record.motion, record.files
@@ -48,7 +50,7 @@ def export_report(folder: RunFolder) -> StageReport:
     if changed:
         sentence += f" Changed since, and not checked as they are now: {', '.join(changed)}."
     level, word = (Level.CAUTION, "changed") if changed else (Level.GOOD, "checked")
-    verdict = Verdict(
+    verdict = StageVerdict(
         "Controller tables",
         Level.BAD if missing else level,
         "missing" if missing else word,
@@ -78,7 +80,7 @@ def export_report(folder: RunFolder) -> StageReport:
     if readme.is_file():
         title = "README.txt: how to run each table, and what to record"
         blocks.append(ListingBlock(title, folder.text(readme)))
-    return StageReport(verdict, tuple(blocks))
+    return StageView(verdict, tuple(blocks))
 
 
 @dataclass(frozen=True)
@@ -89,14 +91,14 @@ class _File:
 
 def _files_table(files: Sequence[_File]) -> ReportTable:
     columns = (
-        Column("file", kind="text", of="name"),
-        Column("format", kind="text", of="entry.title"),
-        Column("scale", of="entry.scale"),
-        Column("rows", of="entry.rows"),
-        Column("shortest step", "ms", of="entry.shortest_step", factor=1e3),
-        Column("longest step", "ms", of="entry.longest_step", factor=1e3),
-        Column("between rows", kind="text", of="entry.interpolation"),
-        Column("decimals", of="entry.digits"),
+        TableColumn("file", kind="text", of="name"),
+        TableColumn("format", kind="text", of="entry.title"),
+        TableColumn("scale", of="entry.scale"),
+        TableColumn("rows", of="entry.rows"),
+        TableColumn("shortest step", "ms", of="entry.shortest_step", factor=1e3),
+        TableColumn("longest step", "ms", of="entry.longest_step", factor=1e3),
+        TableColumn("between rows", kind="text", of="entry.interpolation"),
+        TableColumn("decimals", of="entry.digits"),
     )
     return ReportTable.of("exports", "Files in exports/", columns, files)
 
@@ -110,17 +112,17 @@ def _read_back_table(files: Sequence[_File]) -> ReportTable:
         return "–" if information is None else information.parameter
 
     columns = (
-        Column("file", kind="text", of="name"),
-        Column("struts off by", "µm", digits=3, of=f"{check}.position_error", factor=1e6),
-        Column("allowed", "µm", digits=3, of=f"{check}.tolerances.position", factor=1e6),
-        Column("speed off by", "mm/s", digits=3, of=f"{check}.velocity_error", factor=1e3),
-        Column("acceleration off by", "%", digits=2, of=acceleration, factor=100),
-        Column("force off by", "%", digits=2, of=force, factor=100),
-        Column("tightest limit, used", kind="text", of=_tightest),
-        Column("limits proved", kind="text", of=_proved),
-        Column("change of log det F", digits=2, of=f"{change}.log_det_change"),
-        Column("change of σ", "%", digits=2, of=f"{change}.std_change", factor=100),
-        Column("largest for", kind="parameter", of=decisive),
+        TableColumn("file", kind="text", of="name"),
+        TableColumn("struts off by", "µm", digits=3, of=f"{check}.position_error", factor=1e6),
+        TableColumn("allowed", "µm", digits=3, of=f"{check}.tolerances.position", factor=1e6),
+        TableColumn("speed off by", "mm/s", digits=3, of=f"{check}.velocity_error", factor=1e3),
+        TableColumn("acceleration off by", "%", digits=2, of=acceleration, factor=100),
+        TableColumn("force off by", "%", digits=2, of=force, factor=100),
+        TableColumn("tightest limit, used", kind="text", of=_tightest),
+        TableColumn("limits proved", kind="text", of=_proved),
+        TableColumn("change of log det F", digits=2, of=f"{change}.log_det_change"),
+        TableColumn("change of σ", "%", digits=2, of=f"{change}.std_change", factor=100),
+        TableColumn("largest for", kind="parameter", of=decisive),
     )
     caption = (
         "What the files do when they are executed, against the design: largest deviations "
@@ -160,6 +162,6 @@ def _axes_table(files: Mapping[str, FileEntry]) -> ReportTable:
         for name, entry in files.items()
         for axis in entry.axes
     ]
-    columns = (*text_columns("file", "axis", "moves", "unit"), Column("start", digits=9))
+    columns = (*text_columns("file", "axis", "moves", "unit"), TableColumn("start", digits=9))
     caption = "Axes of every file, and where they stand at the start"
     return ReportTable.of("export_axes", caption, columns, rows, folded=True)

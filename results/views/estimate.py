@@ -16,19 +16,7 @@ from results.figures.noise import NOISE_FIGURES
 from results.figures.parameters import ESTIMATE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES
 from results.notation import counted, readable
-from results.report.budget import budget_blocks, constants_blocks, share_columns
-from results.report.combinations import combination_blocks
-from results.report.consistency import consistency_blocks
-from results.report.content import (
-    Block,
-    Fact,
-    Facts,
-    Level,
-    StageReport,
-    TextBlock,
-    Verdict,
-)
-from results.report.findings import (
+from results.views.findings import (
     against,
     differences_table,
     findings_table,
@@ -36,21 +24,39 @@ from results.report.findings import (
     information_test,
     verdict_level,
 )
-from results.report.folder import RunFolder
-from results.report.payload import payload_blocks
-from results.report.selection import selection_blocks
-from results.report.stages.noise import shows_noise
-from results.report.table import Column, ReportTable, Value
+from results.views.folder import RunFolder
+from results.views.noise import shows_noise
+from results.views.parameter_blocks import (
+    budget_blocks,
+    combination_blocks,
+    consistency_blocks,
+    constants_blocks,
+    payload_blocks,
+    selection_blocks,
+    share_columns,
+)
+from results.views.view import (
+    Block,
+    Fact,
+    Facts,
+    Level,
+    ReportTable,
+    StageVerdict,
+    StageView,
+    TableColumn,
+    TextBlock,
+    Value,
+)
 
 NAMES = {"ls": "LS", "gm": "GM", "ml": "ML"}
 _TITLE = "Estimate"
 
 
-def estimate_report(folder: RunFolder) -> StageReport:
+def estimate_report(folder: RunFolder) -> StageView:
     """Describe the estimate in a folder."""
     record = folder.record(EstimateRecord)
     truth = _truth(folder, record.summary)
-    return StageReport(
+    return StageView(
         _verdict(record.summary),
         _blocks(folder, record, truth),
         _facts(record, truth),
@@ -62,16 +68,16 @@ def estimates_table(record: EstimateRecord, truth: Mapping[str, float] | None) -
     """Return the parameters of the best estimator, beside the truth where it is known."""
     best = record.summary.best
     columns = [
-        Column("parameter", kind="parameter", of="parameter"),
-        Column("unit", kind="text", of="unit"),
-        Column("a priori", of="a_priori"),
-        Column("estimate", digits=5, of="value"),
-        Column("σ", digits=3, of="std"),
+        TableColumn("parameter", kind="parameter", of="parameter"),
+        TableColumn("unit", kind="text", of="unit"),
+        TableColumn("a priori", of="a_priori"),
+        TableColumn("estimate", digits=5, of="value"),
+        TableColumn("σ", digits=3, of="std"),
         *share_columns(record),
-        Column("95 % from", digits=5, of="ci_low"),
-        Column("95 % to", digits=5, of="ci_high"),
-        Column("σ / a priori", "%", digits=3, of="rel_std_percent"),
-        Column("identified", kind="outcome", of=lambda row: "yes" if row.identified else "no"),
+        TableColumn("95 % from", digits=5, of="ci_low"),
+        TableColumn("95 % to", digits=5, of="ci_high"),
+        TableColumn("σ / a priori", "%", digits=3, of="rel_std_percent"),
+        TableColumn("identified", kind="outcome", of=lambda row: "yes" if row.identified else "no"),
     ]
     if truth is not None:
 
@@ -79,8 +85,8 @@ def estimates_table(record: EstimateRecord, truth: Mapping[str, float] | None) -
             return (row.value - truth[row.parameter]) / row.std if row.std > 0 else None
 
         columns += [
-            Column("truth", of=lambda row: truth[row.parameter]),
-            Column("error / σ", digits=2, of=error),
+            TableColumn("truth", of=lambda row: truth[row.parameter]),
+            TableColumn("error / σ", digits=2, of=error),
         ]
     known = ", beside the truth of the simulated experiment" if truth is not None else ""
     caption = f"Parameters of the {NAMES.get(best, best)} estimate with 95 % intervals{known}"
@@ -91,13 +97,13 @@ def _estimators_table(record: EstimateRecord) -> ReportTable:
     tables = record.by_estimator()
     first = next(iter(tables.values()))
     columns = [
-        Column("parameter", kind="parameter", of=[row.parameter for row in first]),
-        Column("unit", kind="text", of=[row.unit for row in first]),
+        TableColumn("parameter", kind="parameter", of=[row.parameter for row in first]),
+        TableColumn("unit", kind="text", of=[row.unit for row in first]),
     ]
     for key, rows in tables.items():
         columns += [
-            Column(NAMES.get(key, key), digits=5, of=[row.value for row in rows]),
-            Column("σ", digits=3, of=[row.std for row in rows]),
+            TableColumn(NAMES.get(key, key), digits=5, of=[row.value for row in rows]),
+            TableColumn("σ", digits=3, of=[row.std for row in rows]),
         ]
     caption = "All estimators side by side"
     return ReportTable.of("estimators", caption, columns, folded=True)
@@ -152,11 +158,11 @@ def _noise_table(summary: EstimateFile) -> ReportTable:
         length = (1e3 * np.sqrt(np.diag(noise.length_covariance))).tolist()
         rows += [(number, j + 1, force[j], length[j], noise.source) for j in range(len(force))]
     columns = (
-        Column("recording"),
-        Column("strut"),
-        Column("force noise σ", "N"),
-        Column("length noise σ", "mm"),
-        Column("source", kind="text"),
+        TableColumn("recording"),
+        TableColumn("strut"),
+        TableColumn("force noise σ", "N"),
+        TableColumn("length noise σ", "mm"),
+        TableColumn("source", kind="text"),
     )
     noises = (recording.noise for recording in summary.recordings)
     spectra = dict.fromkeys(
@@ -190,25 +196,25 @@ def _truth(folder: RunFolder, summary: EstimateFile) -> Mapping[str, float] | No
     return dict(zip(names, truth.values_of(names).tolist(), strict=True))
 
 
-def _verdict(summary: EstimateFile) -> Verdict:
+def _verdict(summary: EstimateFile) -> StageVerdict:
     name = NAMES.get(summary.best, summary.best)
     begin = f"{name} from {counted(len(summary.recordings), 'recording')}"
     estimator = summary.best_estimator
     if not estimator.converged:
         sentence = f"{begin}; the estimator did not converge: {estimator.status}."
-        return Verdict(_TITLE, Level.BAD, "not converged", sentence, "estimate")
+        return StageVerdict(_TITLE, Level.BAD, "not converged", sentence, "estimate")
     if summary.diagnostics is None:
         reason = "the diagnostics were not made"
         if not summary.intervals_cover:
             reason = summary.intervals_note
-        return Verdict(_TITLE, Level.CAUTION, "not judged", f"{begin}; {reason}.", "estimate")
+        return StageVerdict(_TITLE, Level.CAUTION, "not judged", f"{begin}; {reason}.", "estimate")
     verdict = summary.diagnostics.verdict
     problems = against(verdict)
     if problems:
         sentence = f"{begin}. Against the model: {problems}."
     else:
         sentence = f"{begin}: {verdict.summary.partition(': ')[2] or verdict.summary}."
-    return Verdict(_TITLE, verdict_level(verdict), verdict.status.value, sentence, "estimate")
+    return StageVerdict(_TITLE, verdict_level(verdict), verdict.status.value, sentence, "estimate")
 
 
 def _facts(record: EstimateRecord, truth: Mapping[str, float] | None) -> tuple[Fact, ...]:

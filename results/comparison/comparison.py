@@ -15,6 +15,13 @@ from expdesign.experiment.sensitivity import limit_sensitivity
 from expdesign.progress import report_progress, track
 from expdesign.runfolder.files import write_text
 from expdesign.runfolder.manifest import file_hash
+from results.comparison.compared_design import ComparedDesign, DesignComparison
+from results.comparison.designs import designs_report, precision_series
+from results.comparison.estimates import (
+    ComparedEstimate,
+    estimates_report,
+    estimates_series,
+)
 from results.figures.drawing import FigureDefinition, save_figures
 from results.figures.parameters import (
     ParameterSeries,
@@ -22,26 +29,21 @@ from results.figures.parameters import (
     compared_precision_figure,
 )
 from results.notation import counted
-from results.report.comparison.design_report import designs_report, precision_series
-from results.report.comparison.designs import ComparedDesign, DesignComparison
-from results.report.comparison.estimates import (
-    ComparedEstimate,
-    estimates_report,
-    estimates_series,
-)
-from results.report.content import (
+from results.render.html import latex_table, rendered
+from results.render.run_report import NAME
+from results.views.estimate import NAMES
+from results.views.folder import ReportedStage, RunFolder, embedded
+from results.views.view import (
     FigureBlock,
     Level,
     Page,
-    Section,
-    StageReport,
-    Verdict,
+    ReportSection,
+    ReportTable,
+    StageVerdict,
+    StageView,
+    TableColumn,
+    text_columns,
 )
-from results.report.folder import ReportedStage, RunFolder, embedded
-from results.report.rendering import latex_table, rendered
-from results.report.run_report import NAME
-from results.report.stages.estimate import NAMES
-from results.report.table import Column, ReportTable, text_columns
 
 _FORMATS = ("png", "svg", "pdf")
 _MOST_NAMED = 4
@@ -106,7 +108,7 @@ def csv_table(table: ReportTable) -> str:
 def _page(
     folders: dict[str, RunFolder], out: Path, precision: float, *, with_sensitivity: bool
 ) -> tuple[Page, list[Path]]:
-    reports: list[StageReport] = []
+    reports: list[StageView] = []
     written: list[Path] = []
 
     def drawn(figure: FigureDefinition[ParameterSeries], series: ParameterSeries) -> FigureBlock:
@@ -158,22 +160,24 @@ def _page(
     return page, written
 
 
-def _achieved_report(folders: dict[str, RunFolder]) -> StageReport:
+def _achieved_report(folders: dict[str, RunFolder]) -> StageView:
     """Return what is to be said of Monte-Carlo studies side by side."""
     found = {label: folder.record(MonteCarloRecord).rows for label, folder in folders.items()}
     keys = dict.fromkeys((row.parameter, row.unit) for rows in found.values() for row in rows)
     columns = [
-        Column("parameter", kind="parameter", of=[parameter for parameter, _ in keys]),
-        Column("unit", kind="text", of=[unit for _, unit in keys]),
+        TableColumn("parameter", kind="parameter", of=[parameter for parameter, _ in keys]),
+        TableColumn("unit", kind="text", of=[unit for _, unit in keys]),
     ]
     for label, rows in found.items():
         bounds = {(row.parameter, row.unit): row.bound for row in rows}
-        columns.append(Column(f"bound, {label}", digits=3, of=[bounds.get(key) for key in keys]))
+        columns.append(
+            TableColumn(f"bound, {label}", digits=3, of=[bounds.get(key) for key in keys])
+        )
         for estimator in dict.fromkeys(row.estimator for row in rows):
             own = [row for row in rows if row.estimator == estimator]
             spread = {(row.parameter, row.unit): row.spread for row in own}
             title = f"{NAMES.get(estimator, estimator)}, {label}"
-            columns.append(Column(title, digits=3, of=[spread.get(key) for key in keys]))
+            columns.append(TableColumn(title, digits=3, of=[spread.get(key) for key in keys]))
     caption = (
         "Standard deviations that the estimators achieved in simulated experiments, beside the "
         "Cramér–Rao bound of each, SI units"
@@ -182,7 +186,7 @@ def _achieved_report(folders: dict[str, RunFolder]) -> StageReport:
     number = counted(len(folders), "study", "studies")
     sentence = f"{number}: achieved standard deviations beside the bound."
     title = "Monte-Carlo studies"
-    return StageReport(Verdict(title, Level.NEUTRAL, "compared", sentence, "studies"), (table,))
+    return StageView(StageVerdict(title, Level.NEUTRAL, "compared", sentence, "studies"), (table,))
 
 
 def open_folders(
@@ -227,7 +231,7 @@ def open_folders(
     return folders
 
 
-def sources_section(folders: dict[str, RunFolder]) -> Section:
+def sources_section(folders: dict[str, RunFolder]) -> ReportSection:
     """Return what was compared: folders, versions and the hashes of their files."""
     rows = []
     for label, folder in folders.items():
@@ -245,7 +249,7 @@ def sources_section(folders: dict[str, RunFolder]) -> Section:
         ]
     columns = text_columns("name", "stage", "folder", "expdesign", "SHA-256 of the result")
     table = ReportTable.of("sources", "What was compared", columns, rows)
-    return Section("sources", "Sources", (table,))
+    return ReportSection("sources", "Sources", (table,))
 
 
 def _labels(paths: list[Path]) -> list[str]:

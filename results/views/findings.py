@@ -10,8 +10,7 @@ from constraints.arrays import Array
 from estimation.diagnostics.finding import DiagnosisVerdict, Finding, FindingOutcome, Status
 from estimation.identification.estimate_file import EstimateFile
 from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, difference_test
-from results.report.content import Level
-from results.report.table import Column, ReportTable
+from results.views.view import Level, ReportTable, TableColumn
 
 
 def verdict_level(verdict: DiagnosisVerdict) -> Level:
@@ -22,10 +21,10 @@ def verdict_level(verdict: DiagnosisVerdict) -> Level:
 def findings_table(key: str, findings: Sequence[Finding], what: str) -> ReportTable:
     """Return every assumption with its outcome."""
     columns = (
-        Column("assumption", kind="text", of="assumption"),
-        Column("outcome", kind="outcome", of="outcome.value"),
-        Column("what was seen", kind="text", of="sentence"),
-        Column("what to do", kind="text", of="advice"),
+        TableColumn("assumption", kind="text", of="assumption"),
+        TableColumn("outcome", kind="outcome", of="outcome.value"),
+        TableColumn("what was seen", kind="text", of="sentence"),
+        TableColumn("what to do", kind="text", of="advice"),
     )
     return ReportTable.of(key, f"Assumptions of {what} and what became of them", columns, findings)
 
@@ -90,11 +89,11 @@ def differences_table(
     judged = np.where(test.differs, "differs", "agrees")
     outcome = np.where(np.isfinite(test.z), judged, "not tested")
     columns = (
-        Column("parameter", kind="parameter", of=names),
-        Column("difference", of=test.difference),
-        Column("σ of difference", digits=3, of=test.std),
-        Column("z", digits=3, of=test.z),
-        Column("p (Holm)", digits=2, of=test.p_values),
-        Column("outcome", kind="outcome", of=outcome),
+        TableColumn("parameter", kind="parameter", of=names),
+        TableColumn("difference", of=test.difference),
+        TableColumn("σ of difference", digits=3, of=test.std),
+        TableColumn("z", digits=3, of=test.z),
+        TableColumn("p (Holm)", digits=2, of=test.p_values),
+        TableColumn("outcome", kind="outcome", of=outcome),
     )
     return ReportTable.of(key, caption, columns, folded=folded)

@@ -9,21 +9,22 @@ import numpy as np
 from estimation.validation.prediction_error import Kept
 from estimation.validation.validate import MotionKeys, ValidationRecord
 from results.notation import counted
-from results.report.content import (
+from results.views.estimate import NAMES
+from results.views.findings import against, findings_table, verdict_level
+from results.views.folder import RunFolder
+from results.views.view import (
     Block,
     Fact,
     Level,
-    StageReport,
+    ReportTable,
+    StageVerdict,
+    StageView,
+    TableColumn,
     TextBlock,
-    Verdict,
 )
-from results.report.findings import against, findings_table, verdict_level
-from results.report.folder import RunFolder
-from results.report.stages.estimate import NAMES
-from results.report.table import Column, ReportTable
 
 
-def validation_report(folder: RunFolder) -> StageReport:
+def validation_report(folder: RunFolder) -> StageView:
     """Describe the validation in a folder."""
     record = folder.record(ValidationRecord)
     summary = record.summary
@@ -69,8 +70,8 @@ def validation_report(folder: RunFolder) -> StageReport:
     if summary.accepted and undecided:
         level, word = Level.CAUTION, "not decided"
     facts = (Fact("actuator tests passed", passed, f"lack of fit on {motions}"),)
-    judged = Verdict("Validation", level, word, sentence, "validation")
-    return StageReport(judged, tuple(blocks), facts, summary.warnings)
+    judged = StageVerdict("Validation", level, word, sentence, "validation")
+    return StageView(judged, tuple(blocks), facts, summary.warnings)
 
 
 def _accuracy(motion: MotionKeys) -> TextBlock:
@@ -107,17 +108,17 @@ def _accuracy(motion: MotionKeys) -> TextBlock:
 
 def _errors_table(record: ValidationRecord) -> ReportTable:
     columns = (
-        Column("no.", of="number"),
-        Column("motion", kind="text", of="motion"),
-        Column("actuator", of="actuator"),
-        Column("rms error", "N", digits=3, of="error"),
-        Column("95 % from", "N", digits=3, of="error_low"),
-        Column("to", "N", digits=3, of="error_high"),
-        Column("of the range", "%", digits=2, of=lambda row: 100 * row.error / row.range),
-        Column("largest residual", "N", digits=3, of="largest_residual"),
-        Column("no noise", "N", digits=3, of="largest_error"),
-        Column("tolerance", "N", digits=3, of="tolerance"),
-        Column("kept", kind="text", of=lambda row: str(row.kept.value)),
+        TableColumn("no.", of="number"),
+        TableColumn("motion", kind="text", of="motion"),
+        TableColumn("actuator", of="actuator"),
+        TableColumn("rms error", "N", digits=3, of="error"),
+        TableColumn("95 % from", "N", digits=3, of="error_low"),
+        TableColumn("to", "N", digits=3, of="error_high"),
+        TableColumn("of the range", "%", digits=2, of=lambda row: 100 * row.error / row.range),
+        TableColumn("largest residual", "N", digits=3, of="largest_residual"),
+        TableColumn("no noise", "N", digits=3, of="largest_error"),
+        TableColumn("tolerance", "N", digits=3, of="tolerance"),
+        TableColumn("kept", kind="text", of=lambda row: str(row.kept.value)),
     )
     caption = "How large the error of the prediction is, noise taken off"
     return ReportTable.of("prediction_errors", caption, columns, record.errors)
@@ -125,16 +126,16 @@ def _errors_table(record: ValidationRecord) -> ReportTable:
 
 def _actuators_table(record: ValidationRecord) -> ReportTable:
     columns = (
-        Column("no."),
-        Column("motion", kind="text"),
-        Column("actuator"),
-        Column("rms force", "N", digits=3),
-        Column("rms error", "N", digits=3),
-        Column("variance about prediction", "N^2"),
-        Column("variance of noise", "N^2"),
-        Column("F"),
-        Column("p", digits=2),
-        Column("verdict", kind="outcome"),
+        TableColumn("no."),
+        TableColumn("motion", kind="text"),
+        TableColumn("actuator"),
+        TableColumn("rms force", "N", digits=3),
+        TableColumn("rms error", "N", digits=3),
+        TableColumn("variance about prediction", "N^2"),
+        TableColumn("variance of noise", "N^2"),
+        TableColumn("F"),
+        TableColumn("p", digits=2),
+        TableColumn("verdict", kind="outcome"),
     )
     caption = "Measured against predicted forces: lack-of-fit test of each actuator"
     return ReportTable.of("validation", caption, columns, map(astuple, record.rows))

@@ -18,24 +18,25 @@ from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder.manifest import file_hash
 from results.figures.parameters import ParameterSeries
 from results.notation import counted
-from results.report.content import (
-    Block,
-    Fact,
-    FigureBlock,
-    Level,
-    StageReport,
-    TextBlock,
-    Verdict,
-)
-from results.report.findings import (
+from results.views.estimate import NAMES
+from results.views.findings import (
     differences_table,
     estimated_values,
     information_sentence,
     information_test,
 )
-from results.report.folder import RunFolder
-from results.report.stages.estimate import NAMES
-from results.report.table import Column, ReportTable
+from results.views.folder import RunFolder
+from results.views.view import (
+    Block,
+    Fact,
+    FigureBlock,
+    Level,
+    ReportTable,
+    StageVerdict,
+    StageView,
+    TableColumn,
+    TextBlock,
+)
 
 _TWO_SIDED = 1.959963984540054
 """Half-width of a 95 % interval in standard deviations."""
@@ -88,9 +89,7 @@ def common_parameters(found: tuple[ComparedEstimate, ...]) -> tuple[str, ...]:
     return tuple(name for name in first if all(name in other for other in others))
 
 
-def estimates_report(
-    found: tuple[ComparedEstimate, ...], figure: FigureBlock | None
-) -> StageReport:
+def estimates_report(found: tuple[ComparedEstimate, ...], figure: FigureBlock | None) -> StageView:
     """Return what is to be said of estimates side by side, beside their figure."""
     names = common_parameters(found)
     blocks: list[Block] = [_values_table(found, names)]
@@ -122,9 +121,9 @@ def estimates_report(
     elif len(found) > 1:
         sentence += " None of the pairs is independent: no difference could be tested."
     level = Level.CAUTION if different else Level.NEUTRAL
-    verdict = Verdict("Estimates", level, "compared", sentence, "estimates")
+    verdict = StageVerdict("Estimates", level, "compared", sentence, "estimates")
     facts = (Fact("pairs that differ", f"{different} of {tested}", "independent data only"),)
-    return StageReport(verdict, tuple(blocks), facts if tested else ())
+    return StageView(verdict, tuple(blocks), facts if tested else ())
 
 
 def estimates_series(found: tuple[ComparedEstimate, ...]) -> ParameterSeries:
@@ -178,17 +177,17 @@ def _sentence(title: str, test: Differences) -> str:
 def _values_table(found: tuple[ComparedEstimate, ...], names: tuple[str, ...]) -> ReportTable:
     units = [parameter_unit(name) for name in names]
     columns = [
-        Column("parameter", kind="parameter", of=names),
-        Column("unit", kind="text", of=units),
+        TableColumn("parameter", kind="parameter", of=names),
+        TableColumn("unit", kind="text", of=units),
     ]
     for each in found:
         estimator = NAMES.get(each.summary.best, each.summary.best)
         values, std = each.of(names)
         half = _TWO_SIDED * std
         columns += [
-            Column(f"{each.label}, {estimator}", digits=5, of=values),
-            Column("from", digits=5, of=values - half),
-            Column("to", digits=5, of=values + half),
+            TableColumn(f"{each.label}, {estimator}", digits=5, of=values),
+            TableColumn("from", digits=5, of=values - half),
+            TableColumn("to", digits=5, of=values + half),
         ]
     caption = "Best estimate of every folder with its 95 % interval, SI units"
     return ReportTable.of("compared_estimates", caption, columns)

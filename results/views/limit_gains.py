@@ -16,8 +16,7 @@ from expdesign.information.fisher import SingularInformationError
 from expdesign.recheck.information import Evaluator
 from expdesign.solver.feasibility import InfeasibleLimitsError
 from results.notation import percent, readable
-from results.report.content import Fact
-from results.report.table import Column, ReportTable
+from results.views.view import Fact, ReportTable, TableColumn
 
 EXPLAINED = 0.1
 """Largest share of the cost's gradient that the limits may leave for multipliers to be shown."""
@@ -109,11 +108,11 @@ def limit_title(key: str) -> str:
 def gains_table(found: Mapping[str, LimitSensitivity], where: str) -> ReportTable:
     """Return what every limit costs, one column per design; `where` the multipliers are from."""
     keys = dict.fromkeys(key for sensitivity in found.values() for key in sensitivity.gains)
-    columns = [Column("limit", kind="text", of=limit_title)]
+    columns = [TableColumn("limit", kind="text", of=limit_title)]
     for label, sensitivity in found.items():
         known = sensitivity.gains if sensitivity.unexplained <= EXPLAINED else {}
         shares = {**known, _REST: sensitivity.unexplained}
-        columns.append(Column(label, "%", digits=3, of=shares.get, factor=100))
+        columns.append(TableColumn(label, "%", digits=3, of=shares.get, factor=100))
     caption = (
         "What 10 % more of each limit alone would buy, in percent of the D-efficiency (of the "
         f"criterion's value for other criteria), to first order from the multipliers of {where}"

@@ -13,8 +13,7 @@ from markupsafe import Markup, escape
 from plotly.offline import get_plotlyjs
 
 from results.notation import GREEK, parts, symbol, symbol_parts
-from results.report.content import Page
-from results.report.table import Column, ReportTable, Value, cell_text, sort_key
+from results.views.view import Page, ReportTable, TableColumn, Value, cell_text, sort_key
 
 _TEMPLATES = "templates"
 _POWER = re.compile(r"\^(-?\d+)")
@@ -101,7 +100,7 @@ def unit_html(unit: str) -> Markup:
 @cache
 def _environment() -> Environment:
     environment = Environment(
-        loader=PackageLoader("results.report", _TEMPLATES),
+        loader=PackageLoader("results.render", _TEMPLATES),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -117,7 +116,7 @@ def _environment() -> Environment:
 
 def _asset(name: str) -> Markup:
     """Return a style sheet or script of ours; it goes into the page as it is."""
-    text = files("results.report").joinpath(_TEMPLATES, name).read_text(encoding="utf-8")
+    text = files("results.render").joinpath(_TEMPLATES, name).read_text(encoding="utf-8")
     return Markup(text)
 
 
@@ -144,7 +143,7 @@ def escaped(text: str) -> str:
     return "".join(_SPECIAL.get(letter, letter) for letter in _one_line(text))
 
 
-def _heading(column: Column) -> str:
+def _heading(column: TableColumn) -> str:
     unit = f" [{_unit(column.unit)}]" if column.unit else ""
     return f"{escaped(column.title)}{unit}"
 
@@ -157,7 +156,7 @@ def _unit(unit: str) -> str:
     )
 
 
-def _cell(column: Column, value: Value) -> str:
+def _cell(column: TableColumn, value: Value) -> str:
     if column.kind == "parameter" and isinstance(value, str):
         name = symbol(value)
         return name if name != value else escaped(value)

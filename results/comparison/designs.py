@@ -8,17 +8,27 @@ from constraints.arrays import Array, Mask
 from expdesign.experiment.sensitivity import LimitSensitivity
 from expdesign.information.criteria import CRITERIA
 from expdesign.information.identifiable import IDENTIFIABLE
+from results.comparison.compared_design import COUNTED, ComparedDesign, DesignComparison
 from results.figures.parameters import ParameterSeries
 from results.notation import counted, duration, percent
-from results.report.comparison.designs import COUNTED, ComparedDesign, DesignComparison
-from results.report.content import Block, Fact, FigureBlock, Level, StageReport, TextBlock, Verdict
-from results.report.limit_gains import EXPLAINED, costliest_fact, gains_table
-from results.report.table import Column, ReportTable, Value
+from results.views.limit_gains import EXPLAINED, costliest_fact, gains_table
+from results.views.view import (
+    Block,
+    Fact,
+    FigureBlock,
+    Level,
+    ReportTable,
+    StageVerdict,
+    StageView,
+    TableColumn,
+    TextBlock,
+    Value,
+)
 
 
 def designs_report(
     comparison: DesignComparison, costs: dict[str, LimitSensitivity], figure: FigureBlock | None
-) -> StageReport:
+) -> StageView:
     """Return what is to be said of designs, with what their limits cost and the figure."""
     designs = comparison.designs
     blocks: list[Block] = []
@@ -49,8 +59,8 @@ def designs_report(
     seconds = {design.label: design.record.summary.solver.seconds for design in designs}
     each = ", ".join(f"{label}: {duration(value)}" for label, value in seconds.items())
     facts.append(Fact("search", duration(sum(seconds.values())), each))
-    verdict = Verdict("Designs", Level.NEUTRAL, "compared", sentence, "designs")
-    return StageReport(verdict, tuple(blocks), tuple(facts), comparison.differences())
+    verdict = StageVerdict("Designs", Level.NEUTRAL, "compared", sentence, "designs")
+    return StageView(verdict, tuple(blocks), tuple(facts), comparison.differences())
 
 
 def _efficiencies_in_words(comparison: DesignComparison) -> tuple[str, list[Fact]]:
@@ -114,17 +124,21 @@ def _criteria_table(comparison: DesignComparison) -> ReportTable:
     """Return all criteria in both scalings, one row per design."""
     designs, samples, shares = comparison.designs, comparison.samples, _efficiencies(comparison)
     columns = [
-        Column("design", kind="text", of=[design.label for design in designs]),
-        Column(_log_det(comparison), digits=6, of=[design.log_det(samples) for design in designs]),
-        Column("D-efficiency", "%", factor=100, of=[shares[design.label] for design in designs]),
+        TableColumn("design", kind="text", of=[design.label for design in designs]),
+        TableColumn(
+            _log_det(comparison), digits=6, of=[design.log_det(samples) for design in designs]
+        ),
+        TableColumn(
+            "D-efficiency", "%", factor=100, of=[shares[design.label] for design in designs]
+        ),
     ]
     for name, scaled in (("SI", False), ("nominal", True)):
         spectra = [_spectrum(design, samples, scaled=scaled) for design in designs]
         trace, smallest, condition = zip(*spectra, strict=True)
         columns += [
-            Column(f"trace {_information(comparison)}⁻¹, {name}", of=trace),
-            Column(f"smallest eigenvalue, {name}", of=smallest),
-            Column(f"condition, {name}", of=condition),
+            TableColumn(f"trace {_information(comparison)}⁻¹, {name}", of=trace),
+            TableColumn(f"smallest eigenvalue, {name}", of=smallest),
+            TableColumn(f"condition, {name}", of=condition),
         ]
     whose = "the nominal values" if comparison.same_nominal else "each one's own nominal values"
     best = "the best"
@@ -173,15 +187,15 @@ def _precision_table(comparison: DesignComparison) -> ReportTable:
     """Return predicted standard deviations and the periods needed, one row per parameter."""
     designs, periods = comparison.designs, _periods_needed(comparison)
     shown = designs[:1] if comparison.same_nominal else designs
-    columns = [Column("parameter", kind="parameter", of=designs[0].names)]
+    columns = [TableColumn("parameter", kind="parameter", of=designs[0].names)]
     for design in shown:
         whose = "" if comparison.same_nominal else f", {design.label}"
-        columns.append(Column(f"nominal{whose}", of=design.nominal))
+        columns.append(TableColumn(f"nominal{whose}", of=design.nominal))
     columns += [
-        Column(f"σ, {label}", "%", digits=3, of=percents)
+        TableColumn(f"σ, {label}", "%", digits=3, of=percents)
         for label, percents in precision_series(comparison).values.items()
     ]
-    columns += [Column(f"periods, {label}", of=own) for label, own in periods.items()]
+    columns += [TableColumn(f"periods, {label}", of=own) for label, own in periods.items()]
     caption = (
         f"Predicted standard deviations for {comparison.experiment_samples} samples at "
         f"{comparison.sampling:g} Hz whatever the period, scaled by √samples from what each design "
@@ -208,15 +222,15 @@ def _effort_table(comparison: DesignComparison) -> ReportTable:
     ]
     median, most, decisive, duration = zip(*efforts, strict=True)
     columns = (
-        Column("design", kind="text", of=[design.label for design in designs]),
-        Column("status", kind="outcome", of=[summary.status for summary in summaries]),
-        Column("criterion", kind="text", of=[summary.criterion for summary in summaries]),
-        Column("harmonics", of=[summary.harmonics for summary in summaries]),
-        Column("period", "s", of=[design.period for design in designs]),
-        Column("periods, median parameter", of=median),
-        Column("periods, all parameters", of=most),
-        Column("decided by", kind="parameter", of=decisive),
-        Column("measuring time", "s", of=duration),
+        TableColumn("design", kind="text", of=[design.label for design in designs]),
+        TableColumn("status", kind="outcome", of=[summary.status for summary in summaries]),
+        TableColumn("criterion", kind="text", of=[summary.criterion for summary in summaries]),
+        TableColumn("harmonics", of=[summary.harmonics for summary in summaries]),
+        TableColumn("period", "s", of=[design.period for design in designs]),
+        TableColumn("periods, median parameter", of=median),
+        TableColumn("periods, all parameters", of=most),
+        TableColumn("decided by", kind="parameter", of=decisive),
+        TableColumn("measuring time", "s", of=duration),
     )
     caption = (
         f"Periods and time that each design needs for σ = {100 * comparison.precision:g} % of "
@@ -255,8 +269,8 @@ def _limits_table(designs: tuple[ComparedDesign, ...]) -> ReportTable:
     """Return the used share of every limit, one column per design."""
     checks = {design.label: design.record.checks for design in designs}
     titles = {check.key: check.title for own in checks.values() for check in own}
-    columns = [Column("limit", kind="text", of=titles.get)]
+    columns = [TableColumn("limit", kind="text", of=titles.get)]
     for label, own in checks.items():
         used = {check.key: check.used for check in own}
-        columns.append(Column(label, "%", of=used.get, factor=100))
+        columns.append(TableColumn(label, "%", of=used.get, factor=100))
     return ReportTable.of("compared_limits", "Used share of every limit", columns, titles)

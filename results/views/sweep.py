@@ -10,9 +10,17 @@ from expdesign.experiment.sweep_record import FAILED, SweepRecord, SweptDesign
 from expdesign.information.criteria import CRITERIA
 from results.figures.sweep import sweep_figure
 from results.notation import counted, duration, readable
-from results.report.content import Block, Fact, Level, StageReport, TextBlock, Verdict
-from results.report.folder import RunFolder
-from results.report.table import Column, ReportTable
+from results.views.folder import RunFolder
+from results.views.view import (
+    Block,
+    Fact,
+    Level,
+    ReportTable,
+    StageVerdict,
+    StageView,
+    TableColumn,
+    TextBlock,
+)
 
 _READ = (
     "Every design is a run folder of its own: expdesign run FOLDER/run.yaml --out FOLDER goes on "
@@ -21,7 +29,7 @@ _READ = (
 )
 
 
-def sweep_report(folder: RunFolder) -> StageReport:
+def sweep_report(folder: RunFolder) -> StageView:
     """Return what is to be said of the sweep in a folder."""
     record = folder.record(SweepRecord)
     blocks: tuple[Block, ...] = (
@@ -30,7 +38,7 @@ def sweep_report(folder: RunFolder) -> StageReport:
         _table(record, "sweep", _CAPTION, _promised(folder.configuration)),
         _table(record, "sweep_searches", "The searches, and where the designs are", _SEARCHED),
     )
-    return StageReport(_verdict(record), blocks, _facts(record), heading="Designs over a grid")
+    return StageView(_verdict(record), blocks, _facts(record), heading="Designs over a grid")
 
 
 _CAPTION = (
@@ -39,31 +47,33 @@ _CAPTION = (
 )
 
 
-def _promised(configuration: RunConfiguration) -> tuple[Column, ...]:
+def _promised(configuration: RunConfiguration) -> tuple[TableColumn, ...]:
     log_det = CRITERIA["d"].named(configuration.run.design.information)
     return (
-        Column("status", kind="outcome", of="status"),
-        Column(log_det, digits=5, of="log_det_information"),
-        Column("σ, median", "%", digits=3, of="median_rel_std_percent"),
-        Column("σ, worst", "%", digits=3, of="worst_rel_std_percent"),
-        Column("of", kind="parameter", of="worst_parameter"),
-        Column("measuring", "s", of="measuring_time"),
-        Column("search", "s", digits=3, of="cpu_seconds"),
-        Column("proved", of="certified"),
+        TableColumn("status", kind="outcome", of="status"),
+        TableColumn(log_det, digits=5, of="log_det_information"),
+        TableColumn("σ, median", "%", digits=3, of="median_rel_std_percent"),
+        TableColumn("σ, worst", "%", digits=3, of="worst_rel_std_percent"),
+        TableColumn("of", kind="parameter", of="worst_parameter"),
+        TableColumn("measuring", "s", of="measuring_time"),
+        TableColumn("search", "s", digits=3, of="cpu_seconds"),
+        TableColumn("proved", of="certified"),
     )
 
 
 _SEARCHED = (
-    Column("criterion value", digits=5, of="criterion_value"),
-    Column("period", "s", of="period"),
-    Column("iterations", of="iterations"),
-    Column("evaluations", of="evaluations"),
-    Column("folder", kind="text", of="folder"),
-    Column("reason", kind="text", of="reason"),
+    TableColumn("criterion value", digits=5, of="criterion_value"),
+    TableColumn("period", "s", of="period"),
+    TableColumn("iterations", of="iterations"),
+    TableColumn("evaluations", of="evaluations"),
+    TableColumn("folder", kind="text", of="folder"),
+    TableColumn("reason", kind="text", of="reason"),
 )
 
 
-def _table(record: SweepRecord, key: str, caption: str, columns: Iterable[Column]) -> ReportTable:
+def _table(
+    record: SweepRecord, key: str, caption: str, columns: Iterable[TableColumn]
+) -> ReportTable:
     """Return a table of the designs, the values of the grid in front."""
     points = {one.number: point for one, point in zip(record.designs, record.points, strict=True)}
 
@@ -71,13 +81,14 @@ def _table(record: SweepRecord, key: str, caption: str, columns: Iterable[Column
         return lambda one: value_text(points[one.number][path])
 
     front = (
-        Column(short_path(path), kind="text", of=value_at(path)) for path in record.summary.grid
+        TableColumn(short_path(path), kind="text", of=value_at(path))
+        for path in record.summary.grid
     )
-    every = (Column("design", of="number"), *front, *columns)
+    every = (TableColumn("design", of="number"), *front, *columns)
     return ReportTable.of(key, caption, every, record.designs, folded=key != "sweep")
 
 
-def _verdict(record: SweepRecord) -> Verdict:
+def _verdict(record: SweepRecord) -> StageVerdict:
     total, complete = len(record.designs), sum(one.complete for one in record.designs)
     sentence = f"{complete} of {counted(total, 'design')}"
     wrong = [
@@ -90,9 +101,9 @@ def _verdict(record: SweepRecord) -> Verdict:
         sentence += f" Failed: {'; '.join(wrong)}."
     if record.summary.interrupted:
         sentence += " The sweep was interrupted: the same command goes on from there."
-        return Verdict("Sweep", Level.BAD, "interrupted", sentence, "sweep")
+        return StageVerdict("Sweep", Level.BAD, "interrupted", sentence, "sweep")
     level, word = (Level.BAD, "incomplete") if wrong else (Level.GOOD, "complete")
-    return Verdict("Sweep", level, word, sentence, "sweep")
+    return StageVerdict("Sweep", level, word, sentence, "sweep")
 
 
 def _facts(record: SweepRecord) -> tuple[Fact, ...]:

@@ -1,10 +1,11 @@
-"""A table of a report: values with the way in which they are shown on a page and in LaTeX."""
+"""What a report says: verdicts, facts, figures, tables and the moving robot, section by section."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
@@ -13,12 +14,11 @@ from numpy.typing import NDArray
 from results.notation import readable
 
 Value = str | float | bool | None
-
 Kind = Literal["text", "number", "parameter", "outcome"]
 
 
 @dataclass(frozen=True)
-class Column:
+class TableColumn:
     """A column of a table.
 
     Of the kinds, ``"parameter"`` holds names that are set as formulas, ``"outcome"`` words that are
@@ -54,9 +54,9 @@ class Column:
         return self.factor * value if self.factor != 1 and isinstance(value, float) else value
 
 
-def text_columns(*titles: str) -> tuple[Column, ...]:
+def text_columns(*titles: str) -> tuple[TableColumn, ...]:
     """Return columns of text, of tuples."""
-    return tuple(Column(title, kind="text") for title in titles)
+    return tuple(TableColumn(title, kind="text") for title in titles)
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class ReportTable:
     kind: ClassVar[str] = "table"
     key: str
     caption: str
-    columns: tuple[Column, ...]
+    columns: tuple[TableColumn, ...]
     rows: tuple[tuple[Value, ...], ...]
     folded: bool = False
 
@@ -79,7 +79,7 @@ class ReportTable:
         cls,
         key: str,
         caption: str,
-        columns: Sequence[Column],
+        columns: Sequence[TableColumn],
         records: Iterable[Any] | None = None,
         *,
         folded: bool = False,
@@ -103,7 +103,7 @@ class ReportTable:
         return cls(key, caption, tuple(columns), tuple(rows), folded)
 
 
-def cell_text(column: Column, value: Value) -> str:
+def cell_text(column: TableColumn, value: Value) -> str:
     """Return what a cell shows: numbers with the column's digits, nothing for what is missing."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"
@@ -121,3 +121,140 @@ def sort_key(value: Value) -> str:
     if isinstance(value, bool):
         return str(int(value))
     return repr(value) if isinstance(value, float) else str(value)
+
+
+class Level(Enum):
+    """How something is to be taken."""
+
+    GOOD = "good"
+    CAUTION = "caution"
+    BAD = "bad"
+    NEUTRAL = "neutral"
+
+
+@dataclass(frozen=True)
+class StageVerdict:
+    """How a stage ended: in a word or two and in a sentence; `anchor` is the section with more."""
+
+    title: str
+    level: Level
+    word: str
+    sentence: str
+    anchor: str = ""
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A number, or a word, that matters: its name, value and what it means."""
+
+    name: str
+    value: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Facts side by side."""
+
+    kind: ClassVar[str] = "facts"
+    facts: tuple[Fact, ...]
+
+
+@dataclass(frozen=True)
+class FigureBlock:
+    """A figure by the name of its file.
+
+    The source is the SVG as a data URI: an image runs no scripts, and its ids are its own.
+    """
+
+    kind: ClassVar[str] = "figure"
+    key: str
+    caption: str
+    source: str
+
+
+@dataclass(frozen=True)
+class TextBlock:
+    """A paragraph of plain text; `level` colours it."""
+
+    kind: ClassVar[str] = "text"
+    text: str
+    level: Level = Level.NEUTRAL
+
+
+@dataclass(frozen=True)
+class ListingBlock:
+    """A text that is shown letter by letter, on request."""
+
+    kind: ClassVar[str] = "listing"
+    title: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Animation:
+    """The robot in motion; the data are what `view.js` draws: plain numbers, texts and lists."""
+
+    kind: ClassVar[str] = "view"
+    key: str
+    caption: str
+    data: dict[str, Any]
+
+
+Block = Facts | FigureBlock | ReportTable | TextBlock | ListingBlock | Animation
+
+
+@dataclass(frozen=True)
+class ReportSection:
+    """A part of the page with a heading."""
+
+    key: str
+    title: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True)
+class StageView:
+    """What a page says of one stage; the facts are its best numbers, for the summary.
+
+    The section has the verdict's anchor, and its title where there is no `heading`.
+    """
+
+    verdict: StageVerdict
+    blocks: tuple[Block, ...]
+    facts: tuple[Fact, ...] = ()
+    warnings: tuple[str, ...] = ()
+    heading: str = ""
+
+    @property
+    def section(self) -> ReportSection:
+        """The part of the page on this stage."""
+        return ReportSection(self.verdict.anchor, self.heading or self.verdict.title, self.blocks)
+
+
+@dataclass(frozen=True)
+class Page:
+    """A whole report."""
+
+    title: str
+    subtitle: str
+    description: str
+    verdicts: tuple[StageVerdict, ...]
+    facts: tuple[Fact, ...]
+    sections: tuple[ReportSection, ...]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """What all sections hold, in the order of the page."""
+        return tuple(block for section in self.sections for block in section.blocks)
+
+    @property
+    def tables(self) -> tuple[ReportTable, ...]:
+        """All tables, in the order of the page."""
+        return tuple(block for block in self.blocks if isinstance(block, ReportTable))
+
+    @property
+    def moves(self) -> bool:
+        """True when the page has a view that needs the plotting library."""
+        return any(isinstance(block, Animation) for block in self.blocks)

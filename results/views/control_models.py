@@ -8,12 +8,20 @@ from estimation.controlmodel import FOLDER
 from estimation.controlmodel.record import ControlModelFile
 from estimation.identification.identified_robot import FILE as IDENTIFIED
 from expdesign.runfolder.manifest import file_hash
-from results.report.content import Block, Level, Section, TextBlock
-from results.report.folder import RunFolder
-from results.report.table import Column, ReportTable, Value, text_columns
+from results.views.folder import RunFolder
+from results.views.view import (
+    Block,
+    Level,
+    ReportSection,
+    ReportTable,
+    TableColumn,
+    TextBlock,
+    Value,
+    text_columns,
+)
 
 
-def control_model_section(folder: RunFolder) -> Section | None:
+def control_model_section(folder: RunFolder) -> ReportSection | None:
     """Return the models that `expdesign model` wrote into a run folder; None without any."""
     places = sorted(folder.path.glob(f"{FOLDER}/*/{ControlModelFile.FILE}"))
     models = {f"{FOLDER}/{one.parent.name}": ControlModelFile.read(one) for one in places}
@@ -31,7 +39,7 @@ def control_model_section(folder: RunFolder) -> Section | None:
     if stated:
         # That of all formats, unless some are of an earlier estimate, which is said.
         blocks.append(_uncertainty_table(stated[0]))
-    return Section("model", "Control models", tuple(blocks))
+    return ReportSection("model", "Control models", tuple(blocks))
 
 
 def _origins(models: Mapping[str, ControlModelFile]) -> str:
@@ -48,8 +56,8 @@ def _tests_table(models: Mapping[str, ControlModelFile]) -> ReportTable:
     times = ("call, median", "99.9 % of calls", "longest call")
     columns = (
         *text_columns("folder", "format", "precision", "tested by"),
-        Column("forces off by", "N", digits=2),
-        *(Column(title, "µs", digits=3, factor=1e6) for title in times),
+        TableColumn("forces off by", "N", digits=2),
+        *(TableColumn(title, "µs", digits=3, factor=1e6) for title in times),
     )
     caption = (
         "What the self-tests showed on the machine that wrote the models: worst deviation from the "
@@ -60,11 +68,11 @@ def _tests_table(models: Mapping[str, ControlModelFile]) -> ReportTable:
 
 def _uncertainty_table(model: ControlModelFile) -> ReportTable:
     columns = (
-        Column("actuator", of="actuator"),
-        Column("σ, rms", "N", digits=3, of="rms"),
-        Column("σ, largest", "N", digits=3, of="largest"),
-        Column("random share, rms", "N", digits=3, of="rms_random"),
-        Column("largest force", "N", of="largest_force"),
+        TableColumn("actuator", of="actuator"),
+        TableColumn("σ, rms", "N", digits=3, of="rms"),
+        TableColumn("σ, largest", "N", digits=3, of="largest"),
+        TableColumn("random share, rms", "N", digits=3, of="rms_random"),
+        TableColumn("largest force", "N", of="largest_force"),
     )
     caption = (
         f"Standard deviation σ of the model's forces along {model.motion}, from the covariance of "

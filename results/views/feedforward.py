@@ -7,15 +7,23 @@ import numpy as np
 from estimation.feedforward.result import MEANINGS, FeedforwardFile, FeedforwardRecord
 from results.figures.feedforward import feedforward_figure
 from results.notation import percent, readable
-from results.report.content import Block, Fact, Level, StageReport, TextBlock, Verdict
-from results.report.folder import RunFolder
-from results.report.stages.estimate import NAMES
-from results.report.table import Column, ReportTable
+from results.views.estimate import NAMES
+from results.views.folder import RunFolder
+from results.views.view import (
+    Block,
+    Fact,
+    Level,
+    ReportTable,
+    StageVerdict,
+    StageView,
+    TableColumn,
+    TextBlock,
+)
 
 _DEGREES = float(np.degrees(1))
 
 
-def feedforward_report(folder: RunFolder) -> StageReport:
+def feedforward_report(folder: RunFolder) -> StageView:
     """Describe the comparison in a folder."""
     record = folder.record(FeedforwardRecord)
     summary = record.summary
@@ -50,9 +58,9 @@ def feedforward_report(folder: RunFolder) -> StageReport:
         f"÷ {readable(best.reduction, 3)}",
         f"struts' rms by feed-forward of the identified model, {summary.motion}",
     )
-    judged = Verdict("Feed-forward", level, word, sentence, "feedforward")
+    judged = StageVerdict("Feed-forward", level, word, sentence, "feedforward")
     heading = "What the identified model buys"
-    return StageReport(judged, tuple(blocks), (fact,), summary.warnings, heading)
+    return StageView(judged, tuple(blocks), (fact,), summary.warnings, heading)
 
 
 def _micro(length: float) -> str:
@@ -88,16 +96,16 @@ def _integration(summary: FeedforwardFile) -> str:
 
 def _cases(summary: FeedforwardFile) -> ReportTable:
     columns = (
-        Column("feed-forward", kind="text", of=lambda each: MEANINGS[each.case]),
-        Column("struts, rms", "µm", digits=3, of="rms_struts", factor=1e6),
-        Column("largest", "µm", digits=3, of="max_struts", factor=1e6),
-        Column("TCP, rms", "µm", digits=3, of="rms_position", factor=1e6),
-        Column("largest", "µm", digits=3, of="max_position", factor=1e6),
-        Column("turned, rms", "°", digits=3, of="rms_rotation", factor=_DEGREES),
-        Column("beside the true model's", "µm", digits=3, of="rms_from_true", factor=1e6),
-        Column("feedback, rms", "N", digits=3, of="rms_feedback"),
-        Column("at limit", "%", digits=2, of="limited", factor=100),
-        Column("times better", digits=3, of="reduction"),
+        TableColumn("feed-forward", kind="text", of=lambda each: MEANINGS[each.case]),
+        TableColumn("struts, rms", "µm", digits=3, of="rms_struts", factor=1e6),
+        TableColumn("largest", "µm", digits=3, of="max_struts", factor=1e6),
+        TableColumn("TCP, rms", "µm", digits=3, of="rms_position", factor=1e6),
+        TableColumn("largest", "µm", digits=3, of="max_position", factor=1e6),
+        TableColumn("turned, rms", "°", digits=3, of="rms_rotation", factor=_DEGREES),
+        TableColumn("beside the true model's", "µm", digits=3, of="rms_from_true", factor=1e6),
+        TableColumn("feedback, rms", "N", digits=3, of="rms_feedback"),
+        TableColumn("at limit", "%", digits=2, of="limited", factor=100),
+        TableColumn("times better", digits=3, of="reduction"),
     )
     caption = "How well the motion is followed with each feed-forward"
     return ReportTable.of("feedforward_cases", caption, columns, summary.cases)
@@ -105,11 +113,11 @@ def _cases(summary: FeedforwardFile) -> ReportTable:
 
 def _struts(record: FeedforwardRecord) -> ReportTable:
     columns = (
-        Column("feed-forward", kind="text", of="case"),
-        Column("strut", of="strut"),
-        Column("rms error", "µm", digits=3, of="rms", factor=1e6),
-        Column("largest", "µm", digits=3, of="max", factor=1e6),
-        Column("feedback, rms", "N", digits=3, of="rms_feedback"),
+        TableColumn("feed-forward", kind="text", of="case"),
+        TableColumn("strut", of="strut"),
+        TableColumn("rms error", "µm", digits=3, of="rms", factor=1e6),
+        TableColumn("largest", "µm", digits=3, of="max", factor=1e6),
+        TableColumn("feedback, rms", "N", digits=3, of="rms_feedback"),
     )
     caption = "The same strut by strut"
     return ReportTable.of("feedforward", caption, columns, record.rows, folded=True)
@@ -118,11 +126,11 @@ def _struts(record: FeedforwardRecord) -> ReportTable:
 def _controller(summary: FeedforwardFile) -> ReportTable:
     own = summary.controller
     columns = (
-        Column("strut", of=range(1, len(own.mass) + 1)),
-        Column("mass", "kg", digits=3, of=own.mass),
-        Column("k", "N/m", digits=3, of=own.stiffness),
-        Column("d", "N s/m", digits=3, of=own.damping),
-        Column("k_i", "N/(m s)", digits=3, of=own.integral),
+        TableColumn("strut", of=range(1, len(own.mass) + 1)),
+        TableColumn("mass", "kg", digits=3, of=own.mass),
+        TableColumn("k", "N/m", digits=3, of=own.stiffness),
+        TableColumn("d", "N s/m", digits=3, of=own.damping),
+        TableColumn("k_i", "N/(m s)", digits=3, of=own.integral),
     )
     caption = (
         f"The controller of each strut: {own.bandwidth:g} Hz, damping ratio "

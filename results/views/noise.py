@@ -14,23 +14,24 @@ from estimation.identification.record import EstimateRecord
 from estimation.twin.truth import Truth
 from results.figures.noise import NOISE_FIGURES, SPECTRUM_FIGURES
 from results.notation import readable
-from results.report.content import (
+from results.views.findings import failures, findings_table
+from results.views.folder import RunFolder
+from results.views.view import (
     Block,
     Fact,
     Facts,
     Level,
-    StageReport,
+    ReportTable,
+    StageVerdict,
+    StageView,
+    TableColumn,
     TextBlock,
-    Verdict,
 )
-from results.report.findings import failures, findings_table
-from results.report.folder import RunFolder
-from results.report.table import Column, ReportTable
 
 _MM = 1e3
 
 
-def experiment_report(folder: RunFolder) -> StageReport:
+def experiment_report(folder: RunFolder) -> StageView:
     """Describe the experiment in a folder."""
     truth = folder.record(Truth)
     experiment = truth.experiment
@@ -48,7 +49,7 @@ def experiment_report(folder: RunFolder) -> StageReport:
     level, word = Level.NEUTRAL, "simulated"
     if entry is not None and entry.status != "done":
         level, word = Level.BAD, entry.status
-    verdict = Verdict("Experiment", level, word, sentence, "experiment")
+    verdict = StageVerdict("Experiment", level, word, sentence, "experiment")
     facts = (Fact("samples", f"{experiment.samples}", f"simulated, {periods} periods"),)
     details = Facts(
         (
@@ -64,12 +65,12 @@ def experiment_report(folder: RunFolder) -> StageReport:
     )
     force, length = (np.sqrt(np.diag(c)) for c in (truth.force_covariance, truth.length_covariance))
     columns = (
-        Column("strut", of=range(1, len(force) + 1)),
-        Column("force noise σ", "N", of=force),
-        Column("length noise σ", "mm", of=length, factor=1e3),
+        TableColumn("strut", of=range(1, len(force) + 1)),
+        TableColumn("force noise σ", "N", of=force),
+        TableColumn("length noise σ", "mm", of=length, factor=1e3),
     )
     noise = ReportTable.of("true_noise", "True noise of one sample", columns)
-    return StageReport(verdict, (details, noise), facts)
+    return StageView(verdict, (details, noise), facts)
 
 
 def shows_noise(folder: RunFolder) -> bool:
@@ -88,7 +89,7 @@ def shows_noise(folder: RunFolder) -> bool:
     return len(recordings) > 1 or any(recording.source == own for recording in recordings)
 
 
-def noise_report(folder: RunFolder) -> StageReport:
+def noise_report(folder: RunFolder) -> StageView:
     """Describe the noise analysis in a folder."""
     noise = folder.record(NoiseFile)
     failed = [finding for finding in noise.findings if finding.outcome is FindingOutcome.FAILS]
@@ -124,7 +125,7 @@ def noise_report(folder: RunFolder) -> StageReport:
         blocks += folder.figures(*NOISE_FIGURES)
     blocks += folder.figures(*SPECTRUM_FIGURES)
     blocks.append(_covariance_table(noise))
-    return StageReport(Verdict("Noise", level, word, sentence, "noise"), tuple(blocks))
+    return StageView(StageVerdict("Noise", level, word, sentence, "noise"), tuple(blocks))
 
 
 def _taken(noise: NoiseFile) -> str:
@@ -160,12 +161,14 @@ def _channels_table(
     found = None if memory is None else memory.autocorrelation
     largest = None if found is None else found[range(len(std)), np.argmax(np.abs(found), axis=1)]
     columns = (
-        Column("strut", of=range(1, len(std) + 1)),
-        Column("σ", unit, of=std),
-        Column("skewness", digits=2, of=unknown if shape is None else shape.skewness),
-        Column("excess kurtosis", digits=2, of=unknown if shape is None else shape.kurtosis),
-        Column("outliers", of=unknown if shape is None else shape.outliers),
-        Column("largest autocorrelation", digits=2, of=unknown if largest is None else largest),
+        TableColumn("strut", of=range(1, len(std) + 1)),
+        TableColumn("σ", unit, of=std),
+        TableColumn("skewness", digits=2, of=unknown if shape is None else shape.skewness),
+        TableColumn("excess kurtosis", digits=2, of=unknown if shape is None else shape.kurtosis),
+        TableColumn("outliers", of=unknown if shape is None else shape.outliers),
+        TableColumn(
+            "largest autocorrelation", digits=2, of=unknown if largest is None else largest
+        ),
     )
     caption = f"Noise of one sample of the {what}s: size, shape and memory"
     return ReportTable.of(f"noise_{what}s", caption, columns)
@@ -174,12 +177,12 @@ def _channels_table(
 def _covariance_table(noise: NoiseFile) -> ReportTable:
     rows = map(astuple, covariance_rows(noise))
     columns = (
-        Column("quantity", kind="text"),
-        Column("row"),
-        Column("column"),
-        Column("covariance"),
-        Column("its standard error", digits=2),
-        Column("correlation", digits=3),
+        TableColumn("quantity", kind="text"),
+        TableColumn("row"),
+        TableColumn("column"),
+        TableColumn("covariance"),
+        TableColumn("its standard error", digits=2),
+        TableColumn("correlation", digits=3),
     )
     caption = "Covariances of forces, in N², and of lengths, in m², element by element"
     return ReportTable.of("noise_covariance", caption, columns, rows, folded=True)

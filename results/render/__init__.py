@@ -1,0 +1,1 @@
+"""Renderers of views: terminal, HTML, LaTeX, comparison."""

@@ -1,1 +1,0 @@
-"""Reports: one self-contained page per run folder, and one per comparison of several."""

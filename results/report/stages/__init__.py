@@ -1,1 +1,0 @@
-"""What a report says of each stage of a run."""

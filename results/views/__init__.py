@@ -1,0 +1,1 @@
+"""Views: the content that is shown of each stage's result."""
