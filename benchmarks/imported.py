@@ -15,16 +15,16 @@ import pandas as pd
 
 import expdesign
 from expdesign.configuration.yaml_file import read_yaml
-from expdesign.robotfile.importing import read_machine
-from expdesign.robotfile.writing import write_files
-from tests.robotfile.simulated import mjcf
+from expdesign.machines.importing import read_machine
+from expdesign.machines.writing import write_files
+from tests.machines.simulated import mjcf
 
 TITLE = "Machines from other programs' files"
 
 _LINUXCNC = Path(
     "/usr/share/doc/linuxcnc/examples/sample-configs/sim/axis/vismach/hexapod-sim/hexapod.ini"
 )
-_PI = Path(__file__).parents[1] / "tests/robotfile/machines/h811.yaml"
+_PI = Path(__file__).parents[1] / "tests/machines/machines/h811.yaml"
 _SEARCH = {"starts": 2, "search": "restarts", "seed": 0}
 
 

@@ -15,9 +15,9 @@ from expdesign.cli.output import JsonOption, messages, note, say, write_json
 if TYPE_CHECKING:
     from expdesign.configuration.document import Placed
     from expdesign.configuration.problem import Problem
-    from expdesign.robotfile.description import MachineDescription
-    from expdesign.robotfile.machine import Machine
-    from expdesign.robotfile.writing import WrittenFiles
+    from expdesign.machines.description import MachineDescription
+    from expdesign.machines.machine import Machine
+    from expdesign.machines.writing import WrittenFiles
 
 
 def _pair(text: str) -> list[str]:
@@ -96,10 +96,10 @@ def init(
     a question. A file that is there is never written over.
     """
     from expdesign.configuration import InputError
-    from expdesign.robotfile.description import described
-    from expdesign.robotfile.importing import read_machine
-    from expdesign.robotfile.machine import Machine
-    from expdesign.robotfile.writing import write_files
+    from expdesign.machines.description import machine_from_answers
+    from expdesign.machines.importing import read_machine
+    from expdesign.machines.machine import Machine
+    from expdesign.machines.writing import write_files
     from expdesign.stages.folder import refuse_unwritable
 
     folder = Path.cwd() if out is None else out.absolute()
@@ -111,7 +111,7 @@ def init(
         given = _answered(given, _known(known))
         told = _told({"name": name, **given})
     try:
-        files = write_files(described(told, known), folder)
+        files = write_files(machine_from_answers(told, known), folder)
     except InputError as error:
         # What comes from a file has the key that it would have had.
         options_of = given if sources else _OPTIONS
@@ -127,7 +127,7 @@ def _told(data: dict[str, Any]) -> Placed[MachineDescription]:
     from expdesign.configuration import InputError
     from expdesign.configuration.document import Placed, document_from_mapping
     from expdesign.configuration.section import validate
-    from expdesign.robotfile.description import MachineDescription
+    from expdesign.machines.description import MachineDescription
 
     document = document_from_mapping(data)
     found, problems = validate(MachineDescription, document.data, document)

@@ -9,11 +9,11 @@ import pytest
 from expdesign.configuration import load_run
 from expdesign.robot import robot_from
 from tests.docs.pages import ROOT
-from tests.robotfile import simulated
+from tests.machines import simulated
 
 INCH = 0.0254
 LINUXCNC = Path("/usr/share/doc/linuxcnc/examples/sample-configs/sim/axis/vismach/hexapod-sim")
-PI = ROOT / "tests/robotfile/machines/h811.yaml"
+PI = ROOT / "tests/machines/machines/h811.yaml"
 
 
 def _mujoco(folder):

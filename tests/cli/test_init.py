@@ -6,11 +6,11 @@ import pytest
 
 from expdesign.cli import init as command
 from expdesign.configuration import load_run
-from expdesign.robotfile.assumed import points
-from expdesign.robotfile.importing import read_machine
+from expdesign.machines.assumed import points
+from expdesign.machines.importing import read_machine
 from tests.docs.pages import ROOT
 
-MACHINES = ROOT / "tests/robotfile/machines"
+MACHINES = ROOT / "tests/machines/machines"
 
 TOLD = (
     *("--base-radius", "450 mm", "--base-half-angle", "8 deg"),

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_run
-from expdesign.robotfile.importing import read_machine
-from tests.robotfile import simulated
-from tests.robotfile.machines_of import FOLDER, lengths
+from expdesign.machines.importing import read_machine
+from tests.machines import simulated
+from tests.machines.machines_of import FOLDER, lengths
 
 
 @pytest.fixture(autouse=True)

@@ -6,8 +6,8 @@ import pytest
 from expdesign.configuration import ExportSection, load_run
 from expdesign.export.exporting import export_table
 from expdesign.export.genhexkins import setp_lines
+from expdesign.machines.importing import read_machine
 from expdesign.robot import load_robot, robot_from
-from expdesign.robotfile.importing import read_machine
 from tests.export.motions import task
 from tests.export.reading import gcode
 

@@ -43,9 +43,9 @@ from tests.fuzz.mutation import (
     places,
 )
 from tests.fuzz.oracle import CANARY, call, command, whole
+from tests.machines.machines_of import FOLDER as MACHINES
+from tests.machines.simulated import mjcf, sdf
 from tests.report.html import Page
-from tests.robotfile.machines_of import FOLDER as MACHINES
-from tests.robotfile.simulated import mjcf, sdf
 from tests.tiny_run import run_every_stage
 
 FREE = ("title", "description", "warnings", "message", "source", "sentence", "advice", "origin")

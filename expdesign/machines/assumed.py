@@ -1,0 +1,350 @@
+"""Default values for everything unknown about a machine, scaled by its size.
+
+They pass `expdesign check` and carry no information about the machine: each is marked as assumed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from constraints import Limit, limit_definitions
+from constraints.arrays import Array
+from expdesign.configuration import geometry as geo
+from expdesign.configuration.bodies import Bodies, Body
+from expdesign.configuration.document import Placed, document_from_mapping
+from expdesign.configuration.joint_ring import JointRing
+from expdesign.configuration.limits import (
+    CHARACTERISTIC_LENGTH,
+    LIFTED,
+    Limits,
+    resolve_limits,
+    shared_rows,
+)
+from expdesign.configuration.problem import InputError
+from expdesign.configuration.robot import resolve_robot
+from expdesign.configuration.robot_description import EARTH_GRAVITY, RobotDescription
+from expdesign.configuration.section import Section, validate
+from expdesign.machines.assumed_bodies import assumed_bodies, assumed_friction
+from expdesign.machines.machine import Machine, Points, round_digits
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.terms import rigid_platform, struts
+from expdesign.robot import LimitModel, Robot
+
+MASS = "moved_mass"
+"""Key of the moved mass in `Complete.assumed`."""
+
+_BASE = JointRing(radius=0.3, half_angle=math.radians(10), pairs="1-2")
+_PLATFORM = JointRing(radius=0.15, half_angle=math.radians(10), pairs="2-3")
+_HEIGHT = 1.2
+"""Height of the platform above the base, as a share of the base joints' radius."""
+_MASS = 10.0
+_LEAST_MASS, _LARGEST_MASS = 1e-6, 1e9
+_STRUT = {parameter.name for parameter in struts.TERM.parameters}
+_PLATFORM_BODY = {parameter.name for parameter in rigid_platform.SYMMETRIC.parameters}
+_STROKE = 0.2
+"""Share of the struts' length at home."""
+_POSITION = 0.25
+"""Travel from home along each axis, as a share of the stroke."""
+_ROTATION = math.radians(15)
+_JOINT = math.radians(20)
+_STEEPEST = math.radians(89)
+_SPEED = 0.5
+"""Strokes per second."""
+_SLOWEST = 5
+"""Ratio of the fastest to the slowest motion."""
+_ACCELERATION = 5.0
+"""Strokes per second squared."""
+_FORCE = 3.0
+"""Times the largest at home."""
+_CONDITION = 3.0
+_CLEARANCE = 0.5
+_FORCE_STD = 0.02
+"""Share of the largest force."""
+_LENGTH_STD = 5e-5
+"""Share of the struts' length at home."""
+
+
+class _Bounded(Section):
+    """Limits that are needed before there is a robot."""
+
+    limits: Limits
+
+
+@dataclass(frozen=True)
+class Complete:
+    """A machine whose files can be written: every value is known or assumed."""
+
+    machine: Machine
+    """The machine with limits, noise, bodies, and the parameters that bodies do not determine."""
+    assumed: frozenset[str]
+    """Keys of assumed values: of the robot file, of single limits and parameters,
+    ``position.y`` for a component, ``bodies.stator`` for a part, and `MASS`."""
+    general: bool
+    """Whether the platform needs the parameters of `platform: general`."""
+    lengths: Array
+    """(6,), of the struts at home, m."""
+    frequency: tuple[float, float]
+    """Slowest and fastest repetition of a motion, Hz: the fastest takes the full speed over half
+    of the stroke."""
+
+
+def complete_machine(machine: Machine) -> Complete:
+    """Fill in all unknown values.
+
+    Raises
+    ------
+    InputError
+        Only one of the two sets of joints is known, or geometry or mass cannot be used.
+    """
+    known, given = machine, dict(vars(machine))
+    document = document_from_mapping({"limits": machine.limits})
+    _, problems = validate(_Bounded, document.data, document)
+    if problems:
+        raise InputError(problems)
+    machine = _with_geometry(machine)
+    base, platform = points(machine.base_joints), points(machine.platform_joints)
+    home = geo.geometry_at(np.array(machine.home), base, platform)
+    lengths = home.lengths
+    general = _general(machine, platform)
+    mass, limits = machine.moved_mass, dict(machine.limits)
+    if mass is None:
+        mass = _mass(machine, lengths, limits, general)
+    if not _LEAST_MASS <= mass <= _LARGEST_MASS:
+        message = f"{mass:.3g} kg is not a plausible mass: the value is damaged or in another unit"
+        allowed = f"{_LEAST_MASS:g} kg to {_LARGEST_MASS:g} kg"
+        raise InputError(message, key="mass", allowed=allowed)
+    machine = _with_dynamics(machine, mass, lengths, limits)
+    robot = _robot(machine, general)
+    values = LimitModel.boundless(robot).at_home()
+    limits, open_limits = _merge(_limits(limits, values, robot), limits)
+    machine = replace(
+        machine,
+        moved_mass=mass,
+        limits=limits,
+        force_std=machine.force_std
+        or (round_digits(_FORCE_STD * _size(limits, "actuator_force"), 1),) * ACTUATORS,
+        length_std=machine.length_std
+        or (round_digits(_LENGTH_STD * float(np.mean(lengths)), 1),) * ACTUATORS,
+    )
+    keys = ("base_joints", "platform_joints", "home", "force_std", "length_std", MASS)
+    assumed = {key for key in keys if given[key] is None}
+    assumed |= open_limits | set(machine.parameters) - set(given["parameters"])
+    assumed |= {f"bodies.{part}" for part in _parts(machine) if part not in _parts(known)}
+    return Complete(machine, frozenset(assumed), general, lengths, _frequency(limits, lengths))
+
+
+def points(joints: JointRing | Points | None) -> Array:
+    """Return joints as points, (6, 3), m."""
+    return np.array(joints.points if isinstance(joints, JointRing) else joints, dtype=np.float64)
+
+
+def _with_geometry(machine: Machine) -> Machine:
+    base, platform = machine.base_joints, machine.platform_joints
+    if (base is None) != (platform is None):
+        there, lacking = ("base", "platform") if platform is None else ("platform", "base")
+        message = f"the joints of the {there} are given, those of the {lacking} are not"
+        raise InputError(message, key=f"{lacking}_joints", allowed="both, or neither")
+    base, platform = base or _BASE, platform or _PLATFORM
+    home = machine.home or (0.0, 0.0, _height(machine, points(base), points(platform)), 0, 0, 0)
+    return replace(machine, base_joints=base, platform_joints=platform, home=tuple(home))
+
+
+def _height(machine: Machine, base: Array, platform: Array) -> float:
+    """Return the height at which the struts are at mid-stroke.
+
+    Without a known stroke the height follows from the radius of the base.
+    """
+    radius = float(np.max(np.hypot(base[:, 0], base[:, 1])))
+    gap = float(np.mean(base[:, 2]) - np.mean(platform[:, 2]))
+    height = _HEIGHT * radius
+    if "strut_length" in machine.limits:
+        bounds = _bounds(machine.limits, "strut_length")
+        middle = float(np.mean((bounds.lower + bounds.upper) / 2))
+        across = float(np.mean(np.hypot(*(platform - base)[:, :2].T)))
+        if middle > across:
+            height = math.sqrt(middle**2 - across**2)
+    return round_digits(height + gap, 3) if height + gap else height
+
+
+def _bounds(limits: Mapping[str, Any], key: str) -> Limit:
+    """Return the bounds of a known limit."""
+    document = document_from_mapping({key: limits[key]})
+    return resolve_limits([Placed(document.data, document, ("limits",))])[0][key]
+
+
+def _size(limits: Mapping[str, Any], key: str) -> float:
+    """Return the largest magnitude that a limit admits in every strut, SI."""
+    bounds = _bounds(limits, key)
+    return float(np.min(np.maximum(np.abs(bounds.lower), np.abs(bounds.upper))))
+
+
+def _frequency(limits: Mapping[str, Any], lengths: Array) -> tuple[float, float]:
+    amplitude = _stroke(limits, float(np.mean(lengths))) / 4
+    fastest = round_digits(_size(limits, "strut_speed") / (2 * math.pi * amplitude), 1)
+    return round_digits(fastest / _SLOWEST, 2), fastest
+
+
+def _weight(mass: float, machine: Machine) -> float:
+    return mass * float(np.linalg.norm(machine.gravity or EARTH_GRAVITY)) / ACTUATORS or mass
+
+
+def _parts(machine: Machine) -> dict[str, tuple[Body, ...]]:
+    """Return the bodies of a machine by part; empty parts are left out."""
+    given = {} if machine.bodies is None else dict(machine.bodies)
+    return {part: bodies for part, bodies in given.items() if bodies}
+
+
+def _general(machine: Machine, platform: Array) -> bool:
+    """Return whether the platform needs its lateral moments."""
+    if machine.bodies is None or not {"platform", "payload"} & set(_parts(machine)):
+        return bool(geo.asymmetric_sums(platform))
+    return bool(machine.bodies.lateral(machine.bodies.parameters(platform)))
+
+
+def _with_dynamics(
+    machine: Machine, mass: float, lengths: Array, limits: Mapping[str, Any]
+) -> Machine:
+    """Add assumed bodies and friction where the machine has no values."""
+    strut = float(np.mean(lengths))
+    known = "strut_speed" in limits
+    speed = _size(limits, "strut_speed") if known else _SPEED * _stroke(limits, strut)
+    assumed = assumed_bodies(mass, strut, points(machine.platform_joints))
+    parts, given = _parts(machine), set(machine.parameters)
+    if not {"stator", "slider"} & set(parts) and not given >= _STRUT:
+        parts |= {part: (assumed[part],) for part in ("ring", "stator", "slider")}
+    if not {"platform", "payload"} & set(parts) and not given >= _PLATFORM_BODY:
+        parts["platform"] = (assumed["platform"],)
+    return replace(
+        machine,
+        bodies=Bodies(**parts) if parts else None,
+        parameters=assumed_friction(strut, _weight(mass, machine), speed)
+        | dict(machine.parameters),
+    )
+
+
+def _robot(machine: Machine, general: bool) -> Robot:
+    """Return the machine as a robot without limits."""
+    kind = "general" if general else "symmetric"
+    mapping = {
+        "name": machine.name,
+        "home": machine.home,
+        "gravity": machine.gravity or EARTH_GRAVITY,
+        "base_joints": points(machine.base_joints),
+        "platform_joints": points(machine.platform_joints),
+        "platform": kind,
+        "parameters": dict(machine.parameters),
+        "limits": {CHARACTERISTIC_LENGTH: _length(machine), "rotation": LIFTED},
+    }
+    for key in ("alpha_axes", "platform_joint_axes", "platform_cardan_axes", "drive", "bodies"):
+        if getattr(machine, key) is not None:
+            mapping[key] = getattr(machine, key)
+    if not general:
+        spare = rigid_platform.LATERAL
+        mapping["parameters"] = {k: v for k, v in machine.parameters.items() if k not in spare}
+    document = document_from_mapping(mapping)
+    description, problems = validate(RobotDescription, document.data, document)
+    if description is None:
+        raise InputError(problems)
+    return Robot(resolve_robot(Placed(description, document)))
+
+
+def _length(machine: Machine) -> float:
+    given = machine.limits.get(CHARACTERISTIC_LENGTH)
+    radius = geo.rms_radius(points(machine.platform_joints))
+    if radius == 0:
+        message, allowed = "all joints are at the TCP", "points around it"
+        raise InputError(message, key="platform_joints", allowed=allowed)
+    return round_digits(radius, 2) if given is None else given
+
+
+def _mass(machine: Machine, lengths: Array, limits: Mapping[str, Any], general: bool) -> float:
+    """Return a mass that the actuators can carry, if their force is known."""
+    if "p10" in machine.parameters:
+        return machine.parameters["p10"]
+    if "actuator_force" not in limits:
+        return _MASS
+    robot = _robot(_with_dynamics(machine, _MASS, lengths, limits), general)
+    at_home = float(np.max(np.abs(LimitModel.boundless(robot).at_home()["actuator_force"])))
+    if at_home == 0:
+        return _MASS
+    mass = _MASS * _size(limits, "actuator_force") / _FORCE / at_home
+    return max(round_digits(mass, 1), _LEAST_MASS)
+
+
+def _stroke(limits: Mapping[str, Any], strut: float) -> float:
+    if "strut_length" in limits:
+        bounds = _bounds(limits, "strut_length")
+        return float(np.min(bounds.upper - bounds.lower))
+    return _STROKE * strut
+
+
+def _limits(given: Mapping[str, Any], values: Mapping[str, Array], robot: Robot) -> dict[str, Any]:
+    """Return a bound for every limit, conservative around home."""
+    lengths = values["strut_length"]
+    strut = float(np.mean(lengths))
+    stroke = _stroke(given, strut)
+    centre = values["position"]
+    ways, turns = (limit_definitions()[key].components for key in ("position", "rotation"))
+    found: dict[str, Any] = {
+        "strut_length": [
+            round_digits(float(np.min(lengths)) - stroke / 2, 3),
+            round_digits(float(np.max(lengths)) + stroke / 2, 3),
+        ],
+        "strut_speed": round_digits(_SPEED * stroke, 1),
+        "strut_acceleration": round_digits(_ACCELERATION * stroke, 1),
+        "position": _about(ways, centre, round_digits(_POSITION * stroke, 2)),
+        "rotation": {
+            name: [-_degrees(_ROTATION - angle), _degrees(angle + _ROTATION)]
+            for name, angle in zip(turns, values["rotation"].tolist(), strict=True)
+        },
+        "tilt": _degrees(float(np.max(values["tilt"])) + _ROTATION),
+        "alpha": _spread(values["alpha"]),
+        "beta": _spread(values["beta"]),
+        "platform_joint_angle": _degrees(float(np.max(values["platform_joint_angle"])) + _JOINT),
+        "jacobian_condition": round_digits(_CONDITION * float(values["jacobian_condition"][0]), 2),
+        CHARACTERISTIC_LENGTH: robot.characteristic_length,
+    }
+    force = _FORCE * float(np.max(np.abs(values["actuator_force"])))
+    found["actuator_force"] = round_digits(force, 2) if force > 0 else 1.0
+    clearance = _CLEARANCE * _gap(values["strut_clearance"], robot)
+    if clearance > 0:
+        found["strut_clearance"] = round_digits(clearance, 1)
+    return found
+
+
+def _merge(assumed: Mapping[str, Any], given: Mapping[str, Any]) -> tuple[dict[str, Any], set[str]]:
+    """Return all limits and the keys of the assumed ones, single components included."""
+    merged, found = dict(assumed) | dict(given), {key for key in assumed if key not in given}
+    for key, value in given.items():
+        if isinstance(value, Mapping) and key in assumed:
+            merged[key] = {**assumed[key], **value}
+            found |= {f"{key}.{name}" for name in assumed[key] if name not in value}
+    return merged, found
+
+
+def _gap(distances: Array, robot: Robot) -> float:
+    """Return the smallest distance between struts without a common joint, m."""
+    clearance = limit_definitions()["strut_clearance"]
+    return float(np.min(distances[~shared_rows(clearance, robot.description.shared_joint_pairs)]))
+
+
+def _about(names: Sequence[str], middle: Array, travel: float) -> dict[str, list[float]]:
+    pairs = zip(names, middle.tolist(), strict=True)
+    return {
+        name: [round_digits(value - travel), round_digits(value + travel)] for name, value in pairs
+    }
+
+
+def _spread(angles: Array) -> list[float]:
+    low = max(float(np.min(angles)) - _JOINT, -_STEEPEST)
+    return [-_degrees(-low), _degrees(min(float(np.max(angles)) + _JOINT, _STEEPEST))]
+
+
+def _degrees(angle: float) -> float:
+    """Round an angle up to a whole number of degrees, rad."""
+    return math.radians(math.ceil(round(math.degrees(angle), 6)))

@@ -1,0 +1,154 @@
+"""Description of a machine before it has a robot file, and the formats that it is read from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from constraints.arrays import Array
+from expdesign.configuration.bodies import Bodies
+from expdesign.configuration.drive import Drive
+from expdesign.configuration.joint_ring import JointRing
+from expdesign.configuration.values.quantity import dimension_of
+
+Points = tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class Question:
+    """A value that the user has to look up or to confirm."""
+
+    key: str
+    """Key of the robot file above which it is written: ``home``, ``limits.strut_length``; empty
+    for a question about the machine as a whole."""
+    text: str
+    """A sentence."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A partly known hexapod, SI units and radians; None or a missing entry: unknown."""
+
+    name: str
+    """Name of the robot and of both files."""
+    source: str = ""
+    """Where the numbers come from, for the robot file's `description`."""
+    base_joints: JointRing | Points | None = None
+    """(6, 3), base frame, m."""
+    platform_joints: JointRing | Points | None = None
+    """(6, 3), platform frame, m."""
+    home: tuple[float, ...] | None = None
+    """(6,): x, y, z [m], phi, theta, psi [rad]."""
+    gravity: tuple[float, ...] | None = None
+    """(3,), base frame, m/s²."""
+    alpha_axes: Points | None = None
+    """(6, 3), first cardan axes, base frame."""
+    platform_joint_axes: Points | None = None
+    """(6, 3), platform frame."""
+    limits: Mapping[str, Any] = field(default_factory=dict)
+    """By key, as under `limits:` of a robot file: a number, a pair, six of these, or a mapping of
+    components."""
+    moved_mass: float | None = None
+    """Of the platform with everything on it, without the struts, kg."""
+    bodies: Bodies | None = None
+    """The known bodies."""
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    """Known nominal values by name; they override those of the bodies."""
+    platform_cardan_axes: Points | None = None
+    """(6, 3), platform frame, of joints that turn the screws."""
+    drive: Drive | None = None
+    force_std: tuple[float, ...] | None = None
+    """(6,), of one sample, N."""
+    length_std: tuple[float, ...] | None = None
+    """(6,), of one sample, m."""
+    questions: tuple[Question, ...] = ()
+    """Questions of the reader; those about unknown values are added when the file is written."""
+
+
+_DECIMALS = 12
+
+
+@dataclass(frozen=True)
+class MachineFormat:
+    """A file format of machine descriptions, declared in :mod:`expdesign.machines.readers`."""
+
+    title: str
+    """For messages and the documentation."""
+    extensions: tuple[str, ...]
+    """Lower case, with the dot."""
+    claims: Callable[[Path], bool]
+    """``claims(path)``: whether an existing file with one of the extensions has this format. A file
+    that cannot be read is claimed by no format that shares its extension."""
+    read: Callable[[str, tuple[Path, ...]], Machine]
+    """``read(name, files)``: the machine under the name of the future robot. Raises `InputError`
+    for files that cannot be used."""
+    most_files: int = 1
+    """Largest number of files that describe one machine together."""
+
+
+def rows(points: Array) -> Points:
+    """Return points (n, 3), m, as tuples, rounded to 1e-12 m: unit conversions leave less."""
+    return tuple(tuple(float(v) + 0.0 for v in row) for row in np.round(points, _DECIMALS))
+
+
+_WRITTEN_IN = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "rad": ("deg", math.degrees(1.0))}
+_DIGITS = (6, 9, 12, 15, 17)
+
+
+def format_quantity(value: float, unit: str) -> str:
+    """Return an SI value as YAML text that loads to the same number.
+
+    >>> format_quantity(0.15, "m"), format_quantity(0.0517, "1")
+    ('150 mm', '0.0517')
+    """
+    number = float(value)
+    if not math.isfinite(number):
+        return str(number)  # refused by the file's own check, with the key
+    if number == 0 or unit == "1":
+        return f"{number:g}" if number == 0 else _shortest(number)
+    dimension = dimension_of(unit)
+    symbol, factor = _WRITTEN_IN.get(unit, (unit, 1.0))
+    for digits in _DIGITS:
+        text = f"{number * factor:.{digits}g} {symbol}"
+        if dimension.parse(text) == number:
+            return text
+    return _shortest(number)
+
+
+def _shortest(number: float) -> str:
+    """Return all digits of a number; YAML needs a point before an exponent."""
+    text = repr(number)
+    if "e" in text and "." not in text:
+        return text.replace("e", ".0e")
+    return text.removesuffix(".0")
+
+
+def round_digits(value: float, digits: int = 12) -> float:
+    """Round a number to significant digits; the default removes rounding errors.
+
+    >>> round_digits(0.1 + 0.2)
+    0.3
+    """
+    return float(f"{value:.{digits}g}")
+
+
+def format_flow(value: Any, unit: str) -> str:
+    """Format numbers, or lists and mappings of them, as one line of YAML.
+
+    >>> format_flow([0.1, 0.2], "m")
+    '[100 mm, 200 mm]'
+    """
+    if isinstance(value, Mapping):
+        return (
+            "{"
+            + ", ".join(f"{key}: {format_flow(item, unit)}" for key, item in value.items())
+            + "}"
+        )
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(format_flow(item, unit) for item in value) + "]"
+    return value if isinstance(value, str) else format_quantity(value, unit)

@@ -1,0 +1,280 @@
+"""Bodies and joints of a simulator's model, as they stand where the model is written.
+
+Everything is in one frame, the world's; the mechanism may have closed loops.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from pydantic import ValidationError
+
+from constraints.arrays import Array
+from expdesign.configuration.bodies import Bodies, Body
+from expdesign.machines.machine import Question, round_digits
+from expdesign.machines.xml_document import Element
+from expdesign.mechanism.bodies import ENTRIES, RigidBody, together
+
+Kind = Literal["fixed", "rotation", "slide", "free"]
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A frame in another one."""
+
+    rotation: Array
+    """(3, 3), takes vectors of the frame into the other one."""
+    origin: Array
+    """(3,), m."""
+
+    def point(self, local: Array) -> Array:
+        """Return points of the frame, (3,) or (n, 3), in the other one."""
+        return self.origin + local @ self.rotation.T
+
+    def local(self, point: Array) -> Array:
+        """Return points of the other frame, (3,) or (n, 3), in this one."""
+        return (point - self.origin) @ self.rotation
+
+    def then(self, inner: Placement) -> Placement:
+        """Return where a frame is that is placed in this one."""
+        return Placement(self.rotation @ inner.rotation, self.point(inner.origin))
+
+
+WORLD = Placement(np.eye(3), np.zeros(3))
+NOTHING = together(())
+"""A body without mass."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid body."""
+
+    name: str
+    place: Placement
+    """In the world."""
+    mass: float | None = None
+    """kg; None: not stated."""
+    rigid: RigidBody | None = None
+    """In the world; None: not stated in full."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint between two links, given by their numbers."""
+
+    kind: Kind
+    bodies: tuple[int, int]
+    """The first of them carries the second where there is such an order."""
+    points: tuple[Array, Array]
+    """Where the joint is: a point of the first and one of the second body, in the world, (3,), m.
+    They differ where the model is written with a loop that is not closed."""
+    axes: Array
+    """(n, 3), unit vectors in the world: of a slide, one; of a rotation those it turns about, in
+    the order from the first body to the second; none: about any."""
+    source: Element
+    travel: tuple[float, float] | None = None
+    """Of a slide: its ends from where it stands, m; the second body moves along the axis."""
+    force: float | None = None
+    """Of a slide: the largest, N."""
+    speed: float | None = None
+    """Of a slide: the largest, m/s."""
+
+
+class Groups:
+    """Bodies that do not move against each other, under the number of one of them."""
+
+    def __init__(self, count: int, joints: Iterable[Joint]) -> None:
+        self._leader = list(range(count))
+        for joint in joints:
+            if joint.kind == "fixed":
+                first, second = (self.of(body) for body in joint.bodies)
+                self._leader[max(first, second)] = min(first, second)
+
+    def of(self, body: int) -> int:
+        """Return the group of a body."""
+        while self._leader[body] != body:
+            body = self._leader[body]
+        return body
+
+
+@dataclass(frozen=True)
+class PathStep:
+    """A joint on a path from one group to another, and the way it is gone through."""
+
+    joint: Joint
+    forward: bool
+    """From its first body to its second."""
+
+    @property
+    def near(self) -> Array:
+        """The joint's point on the body that the path comes from."""
+        return self.joint.points[0 if self.forward else 1]
+
+    @property
+    def far(self) -> Array:
+        """The joint's point on the body that the path goes to."""
+        return self.joint.points[1 if self.forward else 0]
+
+
+class Rotations:
+    """The groups as nodes of a graph whose edges are the joints that turn."""
+
+    def __init__(self, groups: Groups, joints: Sequence[Joint]) -> None:
+        self.edges: dict[int, list[tuple[int, PathStep]]] = {}
+        for joint in joints:
+            if joint.kind != "rotation":
+                continue
+            first, second = (groups.of(body) for body in joint.bodies)
+            self.edges.setdefault(first, []).append((second, PathStep(joint, True)))
+            self.edges.setdefault(second, []).append((first, PathStep(joint, False)))
+
+    def paths(self, start: int) -> dict[int, tuple[PathStep, ...]]:
+        """Return the shortest paths from a group to every one that is reached, itself included."""
+        found: dict[int, tuple[PathStep, ...]] = {start: ()}
+        waiting = [start]
+        for node in waiting:
+            for other, step in self.edges.get(node, []):
+                if other not in found:
+                    found[other] = (*found[node], step)
+                    waiting.append(other)
+        return found
+
+
+_ALIKE = 0.01
+"""Relative difference between struts from which a question is asked."""
+_ROUNDING = 1e-12
+"""Share of a body's largest numbers that is none."""
+
+
+@dataclass(frozen=True)
+class StrutParts:
+    """Groups of links of one strut, and its placement in the world."""
+
+    rings: tuple[int, ...]
+    stator: int
+    sliders: tuple[int, ...]
+    """With what the joints at the platform are made of."""
+    foot: Array
+    """(3,), A, m."""
+    head: Array
+    """(3,), B on the strut, m."""
+    first_axis: Array
+    """(3,), e_α, unit."""
+    along: Array
+    """(3,), u, unit."""
+
+
+def moved_bodies(
+    links: Sequence[Link],
+    groups: Groups,
+    struts: Sequence[StrutParts],
+    platform: tuple[int, Placement],
+    questions: list[Question],
+) -> Bodies | None:
+    """Return the bodies, those of a strut as the mean of all; None where none is stated in full.
+
+    Parameters
+    ----------
+    platform : group and its frame
+        Of the platform.
+    questions : list of Question
+        To which is added what the struts do not have in common.
+    """
+    parts: dict[str, tuple[Body, ...]] = {}
+    found = [_of_strut(links, groups, strut) for strut in struts]
+    known = [one for one in found if one is not None]
+    if len(known) == len(found):
+        for k, part in enumerate(("ring", "stator", "slider")):
+            each = [one[k] for one in known]
+            parts[part] = _robot_file_body(part, _mean(each), questions)
+            if parts[part] and _apart(each) > _ALIKE:
+                text = (
+                    f"The {part}s of the struts differ: the mean of the six stands here. Is it so?"
+                )
+                questions.append(Question("bodies", text))
+    group, place = platform
+    plate = _group(links, groups, (group,))
+    if plate is not None:
+        inverse = place.rotation.T
+        moved = plate.placed(inverse, -inverse @ place.origin)
+        parts["platform"] = _robot_file_body("platform", moved, questions)
+    parts = {part: bodies for part, bodies in parts.items() if bodies}
+    return Bodies(**parts) if parts else None
+
+
+def _of_strut(
+    links: Sequence[Link], groups: Groups, strut: StrutParts
+) -> tuple[RigidBody, RigidBody, RigidBody] | None:
+    """Return ring, stator and slider in their frames; None where one is not stated in full."""
+    second = np.cross(strut.along, strut.first_axis)
+    second = second / np.linalg.norm(second)
+    of_strut = np.stack([np.cross(second, strut.along), second, strut.along])
+    of_ring = np.stack([strut.first_axis, second, np.cross(strut.first_axis, second)])
+    found = [
+        None if (body := _group(links, groups, members)) is None else body.placed(axes, -axes @ at)
+        for members, axes, at in (
+            (strut.rings, of_ring, strut.foot),
+            ((strut.stator,), of_strut, strut.foot),
+            (strut.sliders, of_strut, strut.head),
+        )
+    ]
+    ring, stator, slider = found
+    if ring is None or stator is None or slider is None:
+        return None
+    return ring, stator, slider
+
+
+def _group(links: Sequence[Link], groups: Groups, members: Iterable[int]) -> RigidBody | None:
+    wanted = set(members)
+    found = [link.rigid for i, link in enumerate(links) if groups.of(i) in wanted]
+    known = [body for body in found if body is not None]
+    return together(known) if len(known) == len(found) else None
+
+
+def _mean(bodies: Sequence[RigidBody]) -> RigidBody:
+    whole, count = together(bodies), len(bodies)
+    return RigidBody(whole.mass / count, whole.moment / count, whole.inertia / count)
+
+
+def _apart(bodies: Sequence[RigidBody]) -> float:
+    """Return how much bodies differ from their mean, as a share of its mass and extent."""
+    mean = _mean(bodies)
+    if mean.mass == 0:
+        return 0.0
+    largest = float(np.max(np.abs(mean.inertia)))
+    sizes = {"mass": mean.mass, "moment": np.sqrt(mean.mass * largest), "inertia": largest}
+    return max(
+        float(np.max(np.abs(getattr(body, name) - getattr(mean, name)))) / size
+        for body in bodies
+        for name, size in sizes.items()
+        if size > 0
+    )
+
+
+def _robot_file_body(part: str, body: RigidBody, questions: list[Question]) -> tuple[Body, ...]:
+    """Return a body of the robot file, without rounding errors.
+
+    Empty for a body without mass, and for a physically impossible one, which becomes a question.
+    """
+    if body.mass <= 0:
+        return ()
+    centre, inertia = body.moment / body.mass, body.about_centre
+    size = max(float(np.max(np.abs(body.inertia))), _ROUNDING)
+    try:
+        found = Body(
+            mass=round_digits(body.mass),
+            centre=tuple(_clean(centre, np.sqrt(size / body.mass))),
+            inertia=tuple(_clean(inertia[tuple(np.transpose(ENTRIES))], size)),
+        )
+    except ValidationError:
+        text = f"No body has the mass and the inertia of the {part} in the model: left out."
+        questions.append(Question("bodies", text))
+        return ()
+    return (found,)
+
+
+def _clean(values: Array, size: float) -> list[float]:
+    return [round_digits(v) if abs(v) > _ROUNDING * size else 0.0 for v in values.tolist()]

@@ -1,0 +1,354 @@
+"""LinuxCNC's configuration of a hexapod: the INI file, and ``setp`` lines of genhexkins in HAL.
+
+The controlled point's pose is (x, y, z, a, b, c) with R = Rz(c) Ry(b) Rx(a) and degrees. A strut
+goes from ``base.N`` in the world to ``platform.N`` on the platform; `spindle-offset` and
+`tool-offset` are added to z of both. Source: LinuxCNC, genhexkins(9) and INI configuration.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from constraints.arrays import Array
+from expdesign.configuration.drive import Drive, Screw
+from expdesign.configuration.geometry import geometry_at
+from expdesign.configuration.problem import InputError
+from expdesign.configuration.text_file import read_text
+from expdesign.machines.linuxcnc_files import (
+    BUILT_IN_AXES,
+    BUILT_IN_JOINTS,
+    Entry,
+    IniFile,
+    Pins,
+    hand,
+    read_hal,
+    read_ini,
+)
+from expdesign.machines.machine import Machine, MachineFormat, Question, rows
+from expdesign.machines.writing import INERTIA
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.rotation import ANGLES, FIXED_AXES
+
+_LARGEST = 1024 * 1024
+_KINEMATICS = "genhexkins"
+_MOST_FILES = 20
+
+_MM = 1e-3
+_UNITS = {"mm": _MM, "metric": _MM, "in": 0.0254, "inch": 0.0254, "imperial": 0.0254}
+_DEGREES = ("degree", "deg")
+
+_KEYS = {"base-n": "alpha_axes", "platform-n": "platform_cardan_axes"}
+
+_RANGE = ("MIN_LIMIT", "MAX_LIMIT")
+_HALF_TURN = 180.0
+"""Degrees."""
+_FAR = 5.0
+"""A limit that is beyond so many times the machine's size limits nothing."""
+_HOMED = 1e-3
+"""Relative difference of a joint's HOME from the length at the home pose that is rounding."""
+
+
+def _read(name: str, files: tuple[Path, ...]) -> Machine:
+    inis = [path for path in files if path.suffix.lower() == ".ini"]
+    if len(inis) != 1:
+        message = "LinuxCNC's INI file is needed: it says the units"
+        if inis:
+            message = "two INI files are two machines"
+        raise InputError(message, files[0] if not inis else inis[1], allowed="one INI file")
+    ini = read_ini(inis[0], read_text(inis[0], _LARGEST, "LinuxCNC's INI file"))
+    kinematics = ini.entry("KINS", "KINEMATICS")
+    if kinematics is not None and kinematics.value.split()[:1] != [_KINEMATICS]:
+        raise kinematics.refusal("these kinematics are not read", _KINEMATICS)
+    named = [path for path in files if path not in inis] or _hal_files(ini)
+    pins = Pins({})
+    for path in named:
+        text = read_text(path, _LARGEST, "LinuxCNC's HAL file")
+        pins = pins.joined(read_hal(path, text, f"{_KINEMATICS}.", ini))
+    if not pins.values and kinematics is None:
+        message = f"neither '{_KINEMATICS}' in [KINS]KINEMATICS nor a line 'setp {_KINEMATICS}.…'"
+        raise InputError(message, ini.file, allowed="the configuration of a hexapod")
+    return _Hexapod(ini, pins).machine(name, (*inis, *named))
+
+
+def _hal_files(ini: IniFile) -> list[Path]:
+    """Return the existing HAL files that the INI file names."""
+    entries = [entry for entry in ini.entries("HAL", "HALFILE") if entry.value.endswith(".hal")]
+    paths = [ini.file.parent / entry.value for entry in entries if ":" not in entry.value]
+    return [path for path in paths if path.is_file()]
+
+
+class _Hexapod:
+    """Machine by the INI and HAL files together."""
+
+    def __init__(self, ini: IniFile, pins: Pins) -> None:
+        self.ini, self.pins = ini, pins
+        self.unit = self._unit()
+        self.questions: list[Question] = []
+
+    def machine(self, name: str, files: tuple[Path, ...]) -> Machine:
+        base, platform = self._joints("base"), self._joints("platform")
+        home = self._home()
+        size = float(
+            max(np.linalg.norm(base, axis=1).max(), np.linalg.norm(platform, axis=1).max())
+        )
+        if home is not None:
+            size = max(size, float(np.linalg.norm(home[:3])))
+            self._compare_homes(base, platform, home)
+        limits: dict[str, object] = {}
+        self._add_strut_limits(limits, size)
+        self._add_position(limits, size)
+        drive, axes, turning = self._drive(base, platform, home)
+        names = ", ".join(path.name for path in files)
+        return Machine(
+            name=name,
+            source=f"LinuxCNC, {_KINEMATICS}: {names}",
+            base_joints=rows(base),
+            platform_joints=rows(platform),
+            home=home,
+            alpha_axes=None if axes is None else rows(axes),
+            platform_cardan_axes=None if turning is None else rows(turning),
+            limits=limits,
+            drive=drive,
+            questions=tuple(self.questions),
+        )
+
+    def ask(self, key: str, text: str) -> None:
+        self.questions.append(Question(key, text))
+
+    def _unit(self) -> float:
+        entry = self.ini.entry("TRAJ", "LINEAR_UNITS")
+        allowed = f"{', '.join(_UNITS)}, or the number of units in a millimetre"
+        if entry is None:
+            message = "the unit of length is missing"
+            raise InputError(message, self.ini.file, key="[TRAJ]LINEAR_UNITS", allowed=allowed)
+        if (unit := _UNITS.get(entry.value.lower())) is not None:
+            return unit
+        try:
+            number = float(entry.value)
+        except ValueError:
+            number = math.nan
+        if not (math.isfinite(number) and number > 0):
+            raise entry.refusal(f"'{entry.value}' is no unit of length", allowed)
+        return _MM / number
+
+    def _joints(self, kind: str) -> Array:
+        """Return the joints on the base or the platform, (6, 3), m."""
+        built_in = np.column_stack([BUILT_IN_JOINTS[kind], np.zeros(ACTUATORS)])
+        joints = np.empty((ACTUATORS, 3))
+        missing = []
+        for j in range(ACTUATORS):
+            for k, letter in enumerate("xyz"):
+                pin = f"{kind}.{j}.{letter}"
+                value = self.pins.number(pin)
+                if value is None:
+                    missing.append(pin)
+                joints[j, k] = built_in[j, k] if value is None else value
+        if missing:
+            pins = ", ".join(missing[:3]) + (f" and {len(missing) - 3} more" if missing[3:] else "")
+            self.ask(
+                f"{kind}_joints",
+                f"No line sets {pins}: the values built into {_KINEMATICS} are used, as on the "
+                "machine.",
+            )
+        for offset in ("spindle-offset", "tool-offset"):
+            joints[:, 2] += self._offset(offset, ask=kind == "platform")
+        return joints * self.unit
+
+    def _offset(self, pin: str, ask: bool) -> float:
+        value = self.pins.number(pin)
+        if pin in self.pins.linked and ask:
+            self.ask(
+                "platform_joints",
+                f"{pin} follows a signal of the controller; here it is {value or 0:g}. Is it so on "
+                "the day of the experiment?",
+            )
+        elif value and ask:
+            self.ask(
+                "platform_joints",
+                f"{pin} = {value:g} is added to z of all joints, as {_KINEMATICS} does: the TCP is "
+                "where the controller has it.",
+            )
+        return value or 0.0
+
+    def _axes(self, kind: str, *, used: bool) -> Array | None:
+        """Return the axes of all joints, (6, 3); None where they are not all known.
+
+        What genhexkins has built in counts where it is `used`.
+        """
+        numbers = [self.pins.number(f"{kind}.{j}.{k}") for j in range(ACTUATORS) for k in "xyz"]
+        if not used and all(number is None for number in numbers):
+            return None
+        given = np.array([np.nan if number is None else number for number in numbers])
+        given = given.reshape(ACTUATORS, -1)
+        missing = np.isnan(given)
+        axes = np.where(missing, np.array(BUILT_IN_AXES[kind]) if used else 0.0, given)
+        key = _KEYS[kind]
+        if used and np.any(missing):
+            self.ask(
+                key,
+                f"{kind} is not set for every strut: what {_KINEMATICS} has built in stands here, "
+                "as on the machine.",
+            )
+        if not np.all(np.linalg.norm(axes, axis=1) > 0):
+            self.ask(key, f"{kind} is not set for every strut: left out.")
+            return None
+        return axes
+
+    def _drive(
+        self, base: Array, platform: Array, home: tuple[float, ...] | None
+    ) -> tuple[Drive | None, Array | None, Array | None]:
+        """Return the drive, the axes at the base, and those at the platform that turn screws."""
+        lead = self.pins.number("screw-lead")
+        lower = self._axes("base-n", used=bool(lead))
+        if not lead:
+            return None, lower, None
+        upper = self._axes("platform-n", used=True)
+        thread = None
+        if home is not None and lower is not None and upper is not None:
+            thread = hand(lead, lower, upper, geometry_at(np.array(home), base, platform))
+        corrected = f"{_KINEMATICS} corrects the lengths for the turn of the struts on their screws"
+        if thread is None:
+            upper = None
+            self.ask(
+                "drive",
+                f"{corrected}, with axes that have another sense in some struts than in others, or "
+                "at a home that is not known: left out. Which hand has the thread, and how do the "
+                "joints stand in the platform (platform_cardan_axes)?",
+            )
+        else:
+            self.ask(
+                "platform_cardan_axes",
+                f"{corrected}, and so does the model. With these axes its thread is {thread}-handed"
+                ": is that of the machine?",
+            )
+        self.ask("drive", INERTIA)
+        screw = Screw(lead=abs(lead) * self.unit, thread=thread or "right")
+        return Drive(screw=screw), lower, upper
+
+    def _home(self) -> tuple[float, ...] | None:
+        entry = self.ini.entry("TRAJ", "HOME")
+        if entry is None:
+            self.ask(
+                "home", "[TRAJ]HOME is missing: where is the platform when the axes are homed?"
+            )
+            return None
+        words = entry.value.split()
+        numbers = [entry.number(word) for word in words]
+        if not 0 < len(numbers) <= ACTUATORS:
+            raise entry.refusal(f"{len(numbers)} numbers are no pose", "x y z a b c")
+        pose = np.zeros(6)
+        pose[: len(numbers)] = numbers
+        angular = self.ini.entry("TRAJ", "ANGULAR_UNITS")
+        if np.any(pose[3:]) and angular is not None and angular.value.lower() not in _DEGREES:
+            raise angular.refusal(f"{_KINEMATICS} takes degrees", ", ".join(_DEGREES))
+        angles = Rotation.from_euler(FIXED_AXES, pose[3:], degrees=True).as_euler(ANGLES)
+        return tuple(np.concatenate([pose[:3] * self.unit, angles + 0.0]).tolist())
+
+    def _compare_homes(self, base: Array, platform: Array, home: tuple[float, ...]) -> None:
+        lengths = geometry_at(np.array(home), base, platform).lengths
+        entries = self._of_joints("HOME")
+        if any(entry is None for entry in entries):
+            return
+        homes = np.array([entry.number() for entry in entries if entry is not None]) * self.unit
+        apart = np.abs(homes - lengths)
+        if np.any(apart > _HOMED * lengths + abs(self.pins.number("screw-lead") or 0) * self.unit):
+            j = int(np.argmax(apart))
+            self.ask(
+                "home",
+                f"[JOINT_{j}]HOME is {homes[j] * 1e3:.6g} mm, at [TRAJ]HOME the strut has "
+                f"{lengths[j] * 1e3:.6g} mm. Which of the two is right?",
+            )
+
+    def _of_joints(self, key: str) -> list[Entry | None]:
+        return [self.ini.entry(f"JOINT_{j}", key) for j in range(ACTUATORS)]
+
+    def _add_strut_limits(self, limits: dict[str, object], size: float) -> None:
+        pairs = [self._range(f"JOINT_{j}", size, lowest=0.0) for j in range(ACTUATORS)]
+        real = [pair for pair in pairs if None not in pair]
+        if len(real) == ACTUATORS:
+            limits["strut_length"] = _one_or_all([tuple(v for v in pair) for pair in real])
+        else:
+            ends = [value for pair in pairs for value in pair if value is not None]
+            found = f"; it has {', '.join(f'{v * 1e3:g} mm' for v in sorted(set(ends)))}"
+            self.ask(
+                "limits.strut_length",
+                "MIN_LIMIT and MAX_LIMIT of the joints are missing or placeholders such as ±1000, "
+                f"which limit nothing{found if ends else ''}. What are the shortest and the "
+                "longest length between the joints?",
+            )
+        for key, limit in (
+            ("MAX_VELOCITY", "strut_speed"),
+            ("MAX_ACCELERATION", "strut_acceleration"),
+        ):
+            entries = self._of_joints(key)
+            values = []
+            for entry in entries:
+                if entry is None:
+                    continue
+                value = entry.number()
+                if value <= 0:
+                    raise entry.refusal(f"{value:g} is no limit", "more than zero")
+                values.append(value * self.unit)
+            if len(values) == ACTUATORS:
+                limits[limit] = _one_or_all(values)
+            else:
+                self.ask(f"limits.{limit}", f"{key} is not set for every joint.")
+
+    def _add_position(self, limits: dict[str, object], size: float) -> None:
+        position = {}
+        for letter in "XYZ":
+            low, high = self._range(f"AXIS_{letter}", size)
+            if low is not None and high is not None:
+                position[letter.lower()] = (low, high)
+        if position:
+            limits["position"] = position
+        elif "AXIS_X" in self.ini.sections:
+            self.ask(
+                "limits.position",
+                "The limits of the axes are missing or placeholders such as ±1000, which limit "
+                "nothing. How far may the platform go?",
+            )
+        angles = []
+        for letter in "ABC":
+            ends = [self.ini.entry(f"AXIS_{letter}", key) for key in _RANGE]
+            given = [end for end in ends if end is not None and abs(end.number()) < _HALF_TURN]
+            angles += [f"{end.key} = {end.number():g}" for end in given]
+        if angles:
+            self.ask(
+                "limits.rotation",
+                f"{', '.join(angles)}: LinuxCNC turns in another order than phi, theta, "
+                "psi. Which rotations may the platform make?",
+            )
+
+    def _range(
+        self, section: str, size: float, lowest: float = -math.inf
+    ) -> tuple[float | None, float | None]:
+        """Return the ends of a range in m; None for one that is missing or a placeholder."""
+        entries = [self.ini.entry(section, key) for key in _RANGE]
+        low, high = (None if e is None else e.number() * self.unit for e in entries)
+        if low is not None and high is not None:
+            if low >= high and entries[0] is not None:
+                raise entries[0].refusal("MIN_LIMIT is not below MAX_LIMIT", "a range")
+            if lowest == 0.0 and low == -high:
+                return None, None
+        if low is not None and (low <= lowest or abs(low) > _FAR * size):
+            low = None
+        if high is not None and abs(high) > _FAR * size:
+            high = None
+        return low, high
+
+
+def _one_or_all(values: Sequence[object]) -> object:
+    return values[0] if all(value == values[0] for value in values) else tuple(values)
+
+
+def _claims(path: Path) -> bool:
+    return path.suffix.lower() in FORMAT.extensions
+
+
+FORMAT = MachineFormat("LinuxCNC's INI and HAL", (".ini", ".hal"), _claims, _read, _MOST_FILES)

@@ -1,0 +1,155 @@
+"""A Stewart platform's variables in a MATLAB file.
+
+Two sets of names are known: ``pos_base`` with ``pos_top`` or ``body_pts``, and ``height``, of the
+MathWorks Stewart platform demonstration; and the struct ``stewart`` of stewart-simscape, with
+``platform_F.Fa``, ``platform_M.Mb`` and ``geometry.H``.
+
+SciPy's reader trusts the sizes that stand in a file: it runs in a process of its own, which hands
+over numbers as text.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from constraints.arrays import Array
+from expdesign.configuration.problem import InputError
+from expdesign.machines.machine import Machine, MachineFormat, Question, rows
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.workers.local import EndlessError, output_of
+
+_LARGEST = 64 * 1024 * 1024
+_MOST_NUMBERS = 64
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_USER_BLOCK = 512
+
+_NAMES = (
+    "pos_base with pos_top or body_pts (and height), or the struct stewart with platform_F.Fa, "
+    "platform_M.Mb and geometry.H"
+)
+_UNITS = Question(
+    "base_joints", "A MATLAB file has no units: its lengths are taken as metres. Are they?"
+)
+
+_PROGRAM = f"""
+import json
+import numpy as np
+from scipy.io import loadmat
+found = {{}}
+def collect(name, value, depth):
+    if isinstance(value, dict) and depth < 4:
+        for key, item in value.items():
+            collect(name + "." + str(key) if name else str(key), item, depth + 1)
+    elif not name.startswith("__"):
+        array = np.asarray(value)
+        if array.dtype.kind in "fiu" and 0 < array.size <= {_MOST_NUMBERS}:
+            found[name] = array.astype(float).tolist()
+collect("", loadmat(sys.argv[1], simplify_cells=True), 0)
+print(json.dumps(found))
+"""
+
+
+def _read(name: str, files: tuple[Path, ...]) -> Machine:
+    variables = _variables(files[0])
+    values = {key: np.array(value, dtype=float) for key, value in variables.items()}
+    source = f"MATLAB, {files[0].name}"
+    if "pos_base" in values:
+        return _mathworks(name, source, values, files[0])
+    if "stewart.platform_F.Fa" in values:
+        return _simscape(name, source, values, files[0])
+    names = ", ".join(sorted(variables)[:8]) or "no variable of numbers"
+    raise InputError(f"no joints of a Stewart platform; it has {names}", files[0], allowed=_NAMES)
+
+
+def _mathworks(name: str, source: str, values: dict[str, Array], file: Path) -> Machine:
+    base = _points(values, "pos_base", file)
+    questions = [_UNITS]
+    height = float(_number(values, "height", file)) if "height" in values else None
+    if "body_pts" in values and height is not None:
+        platform, home = _points(values, "body_pts", file), np.array([0, 0, height])
+    else:
+        top = _points(values, "pos_top", file)
+        home = top.mean(axis=0) if height is None else np.array([0, 0, height])
+        platform = top - home
+        if height is None:
+            text = "The file has no height: the TCP is put into the middle of the upper joints."
+            questions.append(Question("home", text))
+    mass = float(_number(values, "top_mass", file)) if "top_mass" in values else None
+    return Machine(
+        name=name,
+        source=source,
+        base_joints=rows(base),
+        platform_joints=rows(platform),
+        home=(*(float(value) for value in home), 0.0, 0.0, 0.0),
+        moved_mass=mass if mass is not None and mass > 0 else None,
+        questions=tuple(questions),
+    )
+
+
+def _simscape(name: str, source: str, values: dict[str, Array], file: Path) -> Machine:
+    height = _number(values, "stewart.geometry.H", file)
+    return Machine(
+        name=name,
+        source=source,
+        base_joints=rows(_points(values, "stewart.platform_F.Fa", file)),
+        platform_joints=rows(_points(values, "stewart.platform_M.Mb", file)),
+        home=(0.0, 0.0, float(height), 0.0, 0.0, 0.0),
+        questions=(_UNITS,),
+    )
+
+
+def _points(values: dict[str, Array], key: str, file: Path) -> Array:
+    """Return six points of a matrix that has them in rows or in columns, (6, 3)."""
+    value = _finite(values, key, file)
+    if value.shape == (3, ACTUATORS):
+        return value.T
+    if value.shape != (ACTUATORS, 3):
+        shape = " × ".join(str(size) for size in value.shape) or "one number"
+        raise InputError(f"this is {shape}", file, key=key, allowed="6 × 3 or 3 × 6")
+    return value
+
+
+def _number(values: dict[str, Array], key: str, file: Path) -> Array:
+    value = _finite(values, key, file)
+    if value.size != 1:
+        raise InputError(f"these are {value.size} numbers", file, key=key, allowed="one number")
+    return value.reshape(())
+
+
+def _finite(values: dict[str, Array], key: str, file: Path) -> Array:
+    if key not in values:
+        raise InputError("the variable is missing", file, key=key, allowed=_NAMES)
+    if not np.all(np.isfinite(values[key])):
+        raise InputError("not all of it are finite numbers", file, key=key)
+    return values[key]
+
+
+def _variables(path: Path) -> dict[str, Any]:
+    """Return the small arrays of numbers in a file, fields of structs as ``stewart.geometry.H``."""
+    with path.open("rb") as stream:
+        start = stream.read(_USER_BLOCK + len(_HDF5))
+    if _HDF5 in (start[: len(_HDF5)], start[_USER_BLOCK:]):
+        raise InputError("this is MATLAB's format 7.3", path, allowed="save(…, '-v7')")
+    if path.stat().st_size > _LARGEST:
+        most = f"{_LARGEST // 1024**2} MiB; save only the variables of the geometry"
+        raise InputError("the file is too large", path, allowed=most)
+    try:
+        found = output_of(_PROGRAM, path)
+    except EndlessError:
+        raise InputError("reading does not end: the file is damaged", path) from None
+    if found is None:
+        message = "the file is damaged, or not MATLAB's"
+        raise InputError(message, path, allowed="a MATLAB file up to version 7")
+    variables: dict[str, Any] = json.loads(found)
+    return variables
+
+
+def _claims(path: Path) -> bool:
+    return path.is_file()
+
+
+FORMAT = MachineFormat("a MATLAB file", (".mat",), _claims, _read)

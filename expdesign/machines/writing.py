@@ -1,0 +1,338 @@
+"""The two files of a machine, with comments and questions, written where neither of them is."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+import textwrap
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from constraints import limit_definitions
+from expdesign.configuration import InputError, load_run, quantity_text
+from expdesign.configuration.bodies import Body
+from expdesign.configuration.drive import Drive
+from expdesign.configuration.joint_ring import JointRing
+from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
+from expdesign.configuration.parameters import chosen_terms, default_terms
+from expdesign.configuration.writing import yaml_lines
+from expdesign.machines.assumed import MASS, Complete, complete_machine
+from expdesign.machines.machine import Machine, Points, format_flow, format_quantity
+from expdesign.mechanism.term import Parameter, parameters_of
+from expdesign.robot import robot_from
+from expdesign.runfolder.files import write_text
+
+_ANGLES = 3
+_WIDTH = 100
+_LATEX = ((r"\\sum", "Σ"), (r"\\,", " "), (r"[${}]", ""))
+
+
+@dataclass(frozen=True)
+class WrittenFiles:
+    """The written files."""
+
+    robot: Path
+    run: Path
+    assumed: tuple[str, ...]
+    """Keys of the robot file with assumed values, in alphabetical order; single parameters count
+    as `parameters`."""
+
+
+def file_names(name: str) -> tuple[str, str]:
+    """Return the names of robot file and run file of a machine."""
+    return f"{name}.yaml", f"{name}-run.yaml"
+
+
+def write_files(machine: Machine, folder: Path) -> WrittenFiles:
+    """Write robot file and run file of a machine; both pass `expdesign check`.
+
+    Parameters
+    ----------
+    machine : Machine
+        The known values. Unknown ones get a documented default and a comment that asks for them.
+    folder : Path
+        Made where it is missing.
+
+    Raises
+    ------
+    InputError
+        If one of the files is there already, or what is known does not fit together: with the
+        keys of the robot file.
+    """
+    places = [folder / name for name in file_names(machine.name)]
+    for place in places:
+        if place.exists() or place.is_symlink():
+            message = "the file is there already, and is not written over"
+            raise InputError(message, place, allowed="another name, or another folder")
+    complete = complete_machine(machine)
+    texts = robot_file(complete), run_file(complete)
+    with tempfile.TemporaryDirectory() as elsewhere:
+        trial = [Path(elsewhere) / place.name for place in places]
+        for place, text in zip(trial, texts, strict=True):
+            place.write_text(text, encoding="utf-8")
+        try:
+            robot_from(load_run(trial[1]).robot)
+        except InputError as error:
+            # The files are not there: what is wrong is what they were made from.
+            raise InputError(replace(p, file=None, line=None) for p in error.problems) from None
+    for place, text in zip(places, texts, strict=True):
+        write_text(place, text)
+    names = _parameter_names(complete)
+    assumed = complete.assumed - {MASS, CHARACTERISTIC_LENGTH}
+    keys = {"parameters" if key in names else key for key in assumed}
+    keys = {"bodies" if key.startswith("bodies.") else key for key in keys}
+    return WrittenFiles(places[0], places[1], tuple(sorted(keys)))
+
+
+def robot_file(complete: Complete) -> str:
+    """Return the text of the robot file."""
+    machine, assumed = complete.machine, set(complete.assumed)
+    units = {key: definition.unit for key, definition in limit_definitions().items()}
+    titles = {key: definition.title for key, definition in limit_definitions().items()}
+    units[CHARACTERISTIC_LENGTH] = "m"
+    titles[CHARACTERISTIC_LENGTH] = "scales rotations in condition numbers"
+    if machine.drive is None:
+        assumed.add("drive")
+    if machine.alpha_axes is None:
+        assumed.add("alpha_axes")
+    if not assumed.isdisjoint(_parameter_names(complete)):
+        assumed.add("parameters")
+    keys = {key.partition(".")[0] for key in assumed}
+    asked = {key: [QUESTIONS[key]] for key in keys if QUESTIONS.get(key)}
+    for question in machine.questions:
+        asked.setdefault(question.key.removeprefix("limits.").removeprefix("noise."), []).append(
+            question.text
+        )
+    shown: set[str] = set()
+
+    def questions(key: str, indent: int = 0) -> str:
+        shown.add(key)
+        return "".join(_question(text, indent) for text in asked.get(key, ()))
+
+    text = (
+        _environment()
+        .get_template("robot.yaml.j2")
+        .render(
+            machine=machine,
+            assumed=assumed,
+            asked=questions,
+            mark=lambda key: " # assumed" if key in assumed else "",
+            flow=format_flow,
+            general=complete.general,
+            description="".join(yaml_lines("description", machine.source, 0)),
+            home=_home(machine),
+            lengths=_lengths(complete),
+            joints=partial(_joints, complete),
+            directions=lambda key: _rows(key, getattr(machine, key), "1"),
+            drive=_drive(machine.drive),
+            mass=quantity_text(machine.moved_mass or 0.0, "kg"),
+            bodies=list(_body_lines(complete)),
+            parameters=list(_parameter_lines(complete)),
+            limits=[
+                {
+                    "key": key,
+                    "value": format_flow(machine.limits[key], units[key]),
+                    "title": titles[key] + _assumed_part(key, complete),
+                }
+                for key in titles
+                if key in machine.limits
+            ],
+        )
+    )
+    left = [f"{key}: {one}" for key in asked if key not in shown for one in asked[key]]
+    return text + "".join(["\n"] * bool(left) + [_question(one, 0) for one in left])
+
+
+def run_file(complete: Complete) -> str:
+    """Return the text of the run file."""
+    robot, run = file_names(complete.machine.name)
+    return (
+        _environment()
+        .get_template("run.yaml.j2")
+        .render(
+            machine=complete.machine,
+            robot_file=robot,
+            run_file=run,
+            frequency=[format_quantity(f, "Hz") for f in complete.frequency],
+        )
+    )
+
+
+@cache
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader("expdesign.machines", "templates"),
+        autoescape=False,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+
+
+def _line(text: str) -> str:
+    """Return a text as one line of a comment, without control characters."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
+
+
+def _question(text: str, indent: int) -> str:
+    margin = " " * indent
+    lines = textwrap.wrap(_line(text), _WIDTH - indent - 4, break_on_hyphens=False)
+    return "".join(f"{margin}# ? {line}\n" for line in lines)
+
+
+def _assumed_part(key: str, complete: Complete) -> str:
+    """Return the assumed part of a limit, to be appended to its title."""
+    if key in complete.assumed:
+        return "; assumed"
+    prefix = f"{key}."
+    parts = [one.removeprefix(prefix) for one in complete.assumed if one.startswith(prefix)]
+    return f"; {', '.join(sorted(parts))} assumed" if parts else ""
+
+
+def _home(machine: Machine) -> str:
+    pose = machine.home or ()
+    place, angles = pose[:_ANGLES], pose[_ANGLES:]
+    texts = [
+        *(format_quantity(v, "m") for v in place),
+        *(format_quantity(a, "rad") for a in angles),
+    ]
+    return f"[{', '.join(texts)}]"
+
+
+def _lengths(complete: Complete) -> str:
+    ends = [
+        quantity_text(1e3 * float(end), "mm", 4)
+        for end in (min(complete.lengths), max(complete.lengths))
+    ]
+    return ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
+
+
+def _drive(drive: Drive | None) -> str:
+    """Return the line of the drive: a comment where it is not known."""
+    if drive is None:
+        return (
+            "# drive: {screw: {lead: 5 mm, inertia: 6.3e-5}} # or gear; direct, where none is given"
+        )
+    kind = "screw" if drive.screw is not None else "gear"
+    if (geared := drive.geared) is None:
+        return "drive: direct"
+    units = {"lead": "m", "inertia": "kg m^2"}
+    entries = [
+        f"{key}: {format_quantity(value, units[key]) if key in units else value}"
+        for key, value in geared.model_dump(exclude_defaults=True).items()
+    ]
+    return f"drive: {{{kind}: {{{', '.join(entries)}}}}}"
+
+
+def _joints(complete: Complete, key: str) -> str:
+    """Return the lines of joints: a circle, or six points."""
+    joints = getattr(complete.machine, key)
+    if not isinstance(joints, JointRing):
+        return _rows(key, joints, "m", assumed=key in complete.assumed)
+    units = {"radius": "m", "half_angle": "rad", "rotation": "rad", "z": "m"}
+    given = joints.model_dump(exclude_defaults=True).items()
+    entries = (
+        f"{name}: {format_quantity(v, units[name]) if name in units else v}" for name, v in given
+    )
+    mark = " # assumed" if key in complete.assumed else ""
+    return f"{key}: {{{', '.join(entries)}}}{mark}"
+
+
+def _rows(key: str, rows: Points, unit: str, *, assumed: bool = False) -> str:
+    mark = " # assumed" if assumed else ""
+    return "\n".join([f"{key}:{mark}", *(f"  - {format_flow(tuple(row), unit)}" for row in rows)])
+
+
+def _parameters(complete: Complete) -> tuple[Parameter, ...]:
+    terms = chosen_terms(default_terms(), "general" if complete.general else "symmetric")
+    return parameters_of(terms)
+
+
+def _parameter_names(complete: Complete) -> tuple[str, ...]:
+    return tuple(parameter.name for parameter in _parameters(complete))
+
+
+def _body_lines(complete: Complete) -> Iterator[str]:
+    """Yield a line for each part, and for each body of one that has several."""
+    for part, bodies in dict(complete.machine.bodies or {}).items():
+        mark = " # assumed" if f"bodies.{part}" in complete.assumed else ""
+        if len(bodies) == 1:
+            yield f"{part}: {_body(bodies[0])}{mark}"
+        elif bodies:
+            yield f"{part}:{mark}"
+            yield from (f"  - {_body(body)}" for body in bodies)
+
+
+def _body(body: Body) -> str:
+    moments = body.inertia if any(body.inertia[3:]) else body.inertia[:3]
+    entries = [
+        f"mass: {format_quantity(body.mass, 'kg')}",
+        *([f"centre: {format_flow(body.centre, 'm')}"] if any(body.centre) else []),
+        *([f"inertia: {format_flow(moments, '1')}"] if any(moments) else []),
+    ]
+    return f"{{{', '.join(entries)}}}"
+
+
+def _parameter_lines(complete: Complete) -> Iterator[str]:
+    """Yield a line for each parameter; a common meaning is written once."""
+    last = ""
+    for one in _parameters(complete):
+        if one.name not in complete.machine.parameters:
+            continue
+        value = format_quantity(complete.machine.parameters[one.name], "1")
+        meaning = "" if one.meaning == last else f": {_plain(one.meaning)}"
+        last = one.meaning
+        mark = "; assumed" if one.name in complete.assumed else ""
+        yield f"{one.name}: {value} # {one.unit}{meaning}{mark}"
+
+
+def _plain(meaning: str) -> str:
+    """Return a parameter's meaning without the marks of its formula."""
+    for pattern, text in _LATEX:
+        meaning = re.sub(pattern, text, meaning)
+    return meaning
+
+
+INERTIA = "Which inertia have motor, coupling and screw about their axis, inertia: 6.3e-5 [kg m^2]?"
+"""Of a screw or gear."""
+QUESTIONS = {
+    "home": "How high is the TCP over the base's origin at home, and how does the platform stand "
+    "there? Drawing, or the controller's kinematic parameters. A platform that hangs has z < 0.",
+    "base_joints": "Where are the six joints at the base? Drawing or calibration sheet.",
+    "platform_joints": "Where are the six joints at the platform, from the TCP? A tool on the "
+    "platform moves the TCP, and with it all of them.",
+    "alpha_axes": "How are the universal joints mounted in the base?",
+    "drive": "What moves the struts: direct drives, screws or gears, of which lead and inertia?",
+    "moved_mass": "What is the mass of the platform with everything that it carries?",
+    "bodies": "What are masses, centres and inertias in the CAD model? Where marked assumed, the "
+    "bodies are a disc through the platform's joints, and in each strut two rods of 8 % and 4 % of "
+    "its mass and a ring.",
+    "parameters": "How much friction do drives and joints have? Where marked assumed, it is dry "
+    "friction of 5 % of the weight, and as much viscous friction at full speed.",
+    "force_std": "How noisy is the measured force of each strut, or motor current times force "
+    "constant? Record some seconds at rest: `expdesign noise` computes these lines from it.",
+    "length_std": "How noisy is the measured length of each strut? Resolution of the encoder.",
+    "strut_length": "Between which lengths may each strut move, from joint to joint? Stroke of the "
+    "drive, less the distance to its switches.",
+    "strut_speed": "How fast may a strut move? Data sheet of the drive, or the controller's limit.",
+    "strut_acceleration": "How fast may a strut accelerate? The controller's limit.",
+    "actuator_force": "Which force can a drive hold continuously? "
+    "Continuous force or current of its data sheet; behind a screw 2 pi torque / lead.",
+    "position": "Where may the TCP go without touching anything?",
+    "rotation": "How far may the platform rotate about each axis? Mind cables and hoses.",
+    "tilt": "How far may the platform lean?",
+    "alpha": "How far do the universal joints turn about their first axes? Zero at home.",
+    "beta": "How far do the universal joints turn about their second axes?",
+    "platform_joint_angle": "How far do the joints at the platform bend, from where they stand at "
+    "home? Data sheet of the joints.",
+    "jacobian_condition": "How close to a singular pose may it come?",
+    "strut_clearance": "How thick are the struts? Their diameter and some reserve: it is the "
+    "distance of their axes.",
+    CHARACTERISTIC_LENGTH: "",
+}
+"""Questions by key of the robot file; limits and noise by the key inside their section."""

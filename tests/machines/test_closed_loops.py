@@ -1,0 +1,272 @@
+"""Models of MuJoCo and Gazebo, whose loops are closed, as hexapods."""
+
+import re
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from expdesign.configuration import InputError
+from expdesign.machines.importing import read_machine
+from expdesign.machines.mjcf import Attributes, rigid_body
+from expdesign.machines.xml_document import read_xml
+from expdesign.robot import load_robot
+from tests.machines import simulated as bench
+from tests.machines.machines_of import asked, lengths
+from tests.multibody.machine import Bodies, Geometry
+from tests.multibody.machine import mjcf as machine_of_the_forces
+
+WRITTEN = {"mjcf": (bench.mjcf, ".xml"), "sdf": (bench.sdf, ".sdf")}
+
+
+def read(folder, content, suffix=".xml"):
+    file = folder / f"model{suffix}"
+    file.write_text(content)
+    return read_machine("model", [file])
+
+
+@pytest.fixture(scope="module")
+def machines(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("models")
+    return {title: read(folder, write(), suffix) for title, (write, suffix) in WRITTEN.items()}
+
+
+@pytest.mark.parametrize("title", WRITTEN)
+def test_joints_home_and_limits_are_those_that_were_written(title, machines):
+    machine = machines[title]
+    np.testing.assert_allclose(machine.base_joints, bench.BASE, atol=1e-12)
+    np.testing.assert_allclose(machine.platform_joints, bench.PLATFORM, atol=1e-12)
+    np.testing.assert_allclose(machine.home[:3], bench.POSITION, atol=1e-12)
+    np.testing.assert_allclose(np.degrees(machine.home[3:]), [4, -3, 6], atol=1e-12)
+    ends = bench.LENGTHS[:, None] + np.array(bench.STROKE)
+    np.testing.assert_allclose(machine.limits["strut_length"], ends, atol=1e-12)
+    assert machine.limits["actuator_force"] == bench.FORCE
+    first = [frame.as_matrix()[:, 0] for frame in bench.FRAMES]
+    if title == "sdf":
+        np.testing.assert_allclose(machine.alpha_axes, first, atol=1e-12)
+        assert machine.limits["strut_speed"] == 0.4
+        assert machine.moved_mass == bench.PLATE
+    else:
+        # The direction of z alone leaves x of strut 5 open.
+        others = np.delete(machine.alpha_axes, 4, 0)
+        np.testing.assert_allclose(others, first[:4] + first[5:], atol=1e-12)
+        assert machine.gravity == (0, 0, -9.8)
+        assert machine.moved_mass == bench.PLATE + bench.PAYLOAD
+
+
+def test_the_heaviest_body_is_the_platform_where_each_joint_has_a_body_of_its_own(tmp_path):
+    """As CAD programs write it: six lugs that are fixed to the plate."""
+    text = re.sub(
+        r'<site name="joint(.)" pos="([^"]*)"/>',
+        r'<body name="lug\1" pos="\2"><geom size="0.01" mass="0.1"/><site name="joint\1"/></body>',
+        bench.mjcf(),
+    )
+    text = re.sub(r'body1="upper(.)" body2="platform"', r'body1="upper\1" body2="lug\1"', text)
+    machine = read(tmp_path, text)
+    np.testing.assert_allclose(machine.platform_joints, bench.PLATFORM, atol=1e-12)
+    np.testing.assert_allclose(machine.home[:3], bench.POSITION, atol=1e-12)
+    assert machine.moved_mass == pytest.approx(bench.PLATE + bench.PAYLOAD + 6 * 0.1)
+
+
+def test_lengths_are_those_of_mujoco(machines):
+    model = mujoco.MjModel.from_xml_string(bench.mjcf())
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    first = [model.body(f"lower{j}").jntadr[0] for j in range(6)]
+    sites = [model.site(f"joint{j}").id for j in range(6)]
+    machine = machines["mjcf"]
+    np.testing.assert_allclose(machine.base_joints, data.xanchor[first], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(machine.alpha_axes, data.xaxis[first], rtol=0, atol=1e-12)
+    rng = np.random.default_rng(7)
+    for _ in range(1000):
+        position, angles = np.add([0, 0, 0.7], rng.uniform(-0.2, 0.2, 3)), rng.uniform(-0.5, 0.5, 3)
+        x, y, z, w = Rotation.from_euler("XYZ", angles).as_quat()
+        data.qpos[:7] = [*position, w, x, y, z]
+        mujoco.mj_kinematics(model, data)
+        expected = np.linalg.norm(data.site_xpos[sites] - data.xanchor[first], axis=1)
+        found = lengths(machine, [*position, *angles])
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+
+
+def test_the_bodies_that_forces_are_tested_with(tmp_path):
+    # The platform has three slides and three hinges, and its loops are open where it is written.
+    geometry = Geometry.of(load_robot("palida"))
+    machine = read(tmp_path, machine_of_the_forces(geometry, Bodies()))
+    np.testing.assert_allclose(machine.base_joints, geometry.base_joints, atol=1e-12)
+    np.testing.assert_allclose(machine.platform_joints, geometry.platform_joints, atol=1e-12)
+    assert machine.home is None
+    assert machine.moved_mass == Bodies().platform.mass
+    assert {"home", "limits.strut_length"} <= asked(machine)
+
+
+def test_bodies_are_those_that_forces_are_tested_with(tmp_path):
+    geometry = Geometry.of(load_robot("palida"))
+    machine = read(tmp_path, machine_of_the_forces(geometry, Bodies()))
+    made = machine.bodies.parameters(np.array(machine.platform_joints))
+    expected = Bodies().parameters(geometry.platform_joints)[:10]
+    np.testing.assert_allclose([made[f"p{k}"] for k in range(1, 11)], expected, rtol=1e-9)
+    assert "bodies" not in asked(machine)
+
+
+def test_struts_that_differ_have_their_mean_and_a_question(tmp_path):
+    geometry = Geometry.of(load_robot("palida"))
+    text = machine_of_the_forces(geometry, Bodies())
+    machine = read(tmp_path, text.replace('mass="9.0"', 'mass="9.6"', 1))
+    (stator,) = machine.bodies.stator
+    assert stator.mass == pytest.approx(9.1)
+    assert "bodies" in asked(machine)
+
+
+SHAPES = (
+    'type="box" size="0.1 0.2 0.3"',
+    'type="sphere" size="0.2"',
+    'type="cylinder" size="0.1 0.3"',
+    'type="capsule" size="0.1 0.3"',
+    'type="ellipsoid" size="0.1 0.2 0.3"',
+    'type="capsule" fromto="0.1 0 0 0.3 0.2 -0.4" size="0.05"',
+    'type="cylinder" fromto="0.1 0 0 0.1 0 -0.4" size="0.05"',
+)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        *(f'<geom mass="2" pos="0.1 0.2 0.3" euler="10 20 30" {shape}/>' for shape in SHAPES[:5]),
+        *(f'<geom mass="2" {shape}/><geom mass="1" size="0.2"/>' for shape in SHAPES[5:]),
+        f'<frame pos="0.1 0 0.2" euler="40 0 0"><geom mass="3" {SHAPES[0]}/></frame>',
+        '<inertial mass="2" pos="0.1 0 0" euler="10 20 30" diaginertia="0.1 0.2 0.25"/>',
+        '<inertial mass="2" pos="0.1 0 0" fullinertia="0.1 0.2 0.25 0.01 -0.02 0.03"/>',
+    ],
+)
+def test_masses_and_inertias_are_those_of_mujoco(content, tmp_path):
+    place = 'pos="0.3 -0.1 0.2" axisangle="1 2 3 50"'
+    text = f"<mujoco><worldbody><body name='b' {place}>{content}</body></worldbody></mujoco>"
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    file = tmp_path / "model.xml"
+    file.write_text(text)
+    root = read_xml(file, "mujoco")
+    attributes = Attributes.of(root)
+    element = root.first("worldbody").first("body")
+    body = rigid_body(element, attributes.place(element), attributes, None)
+    axes = data.ximat[1].reshape(3, 3)
+    assert body.mass == pytest.approx(model.body_mass[1])
+    np.testing.assert_allclose(body.moment / body.mass, data.xipos[1], atol=1e-12)
+    expected = axes @ np.diag(model.body_inertia[1]) @ axes.T
+    np.testing.assert_allclose(body.about_centre, expected, atol=1e-9)
+
+
+def test_links_of_gazebo_are_bodies(tmp_path):
+    """The stator's inertia is in a frame of its own, upside down; the plate's has products."""
+    own = (
+        "<inertial><pose>0 0 0.1 3.14159265358979312 0 0</pose><mass>2</mass>"
+        "<inertia><ixx>0.02</ixx><iyy>0.024</iyy><izz>0.005</izz></inertia></inertial>"
+    )
+    slider = (
+        "<inertial><pose>0 0 -0.05 0 0 0</pose><mass>1</mass>"
+        "<inertia><ixx>0.01</ixx><iyy>0.01</iyy><izz>0.001</izz></inertia></inertial>"
+    )
+    text = re.sub(r'(<link name="lower\d"><pose>[^<]*</pose>)', rf"\1{own}", bench.sdf())
+    upper = r'(<link name="upper\d"><pose relative_to="lower\d">[^<]*</pose>)'
+    text = re.sub(upper, rf"\1{slider}", text)
+    plate = "<inertia><ixx>0.2</ixx><iyy>0.2</iyy><izz>0.3</izz><ixy>0.01</ixy></inertia>"
+    mass = f"<mass>{bench.PLATE}</mass>"
+    text = text.replace(mass, mass + plate)
+    machine = read(tmp_path, text, ".sdf")
+    (stator,), (platform,) = machine.bodies.stator, machine.bodies.platform
+    np.testing.assert_allclose(stator.centre, [0, 0, 0.1], atol=1e-12)
+    np.testing.assert_allclose(stator.inertia, [0.02, 0.024, 0.005, 0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(platform.inertia, [0.2, 0.2, 0.3, 0.01, 0, 0], atol=1e-12)
+    # The sliders are written at the middle of struts of six lengths.
+    (slider,) = machine.bodies.slider
+    middle = -np.mean(bench.LENGTHS) / 2 - 0.05
+    assert slider.centre[2] == pytest.approx(middle)
+    assert not machine.bodies.ring
+    broken = read(tmp_path, text.replace("<izz>0.3<", "<izz>0.9<"), ".sdf")
+    assert not broken.bodies.platform
+    assert "bodies" in asked(broken)
+
+
+def test_a_cardan_joint_may_be_two_hinges_of_two_bodies_whose_axes_meet(tmp_path):
+    hinges = '<joint axis="1 0 0"/><joint axis="0 2 0"/>'
+    content = bench.mjcf()
+    apart = content.replace(hinges, '<joint axis="1 0 0" pos="0.2 0 0"/><joint axis="0 2 0"/>')
+    np.testing.assert_allclose(read(tmp_path, apart).base_joints, bench.BASE, atol=1e-12)
+    # Axes that nearly meet are asked about, others are no cardan joint.
+    near = content.replace(hinges, '<joint axis="1 0 0" pos="0 0.002 0"/><joint axis="0 2 0"/>')
+    off = content.replace(hinges, '<joint axis="1 0 0" pos="0 0 0.1"/><joint axis="0 2 0"/>')
+    assert "base_joints" not in asked(read(tmp_path, content))
+    near = near.replace('pos="0 0.002 0"', 'pos="0 0 0.002"')
+    assert "base_joints" in asked(read(tmp_path, near))
+    with pytest.raises(InputError):
+        read(tmp_path, off)
+
+
+@pytest.mark.parametrize(
+    ("title", "old", "new"),
+    [
+        ("mjcf", '<joint axis="0 2 0"/>', ""),
+        ("mjcf", 'type="slide"', 'type="hinge"'),
+        ("mjcf", 'axis="0 2 0"', 'axis="0 0 0"'),
+        ("mjcf", 'type="slide" axis="0 0 1"', 'type="slide" axis="0 1 1"'),
+        ("mjcf", 'body2="platform"', 'body2="plattform"'),
+        ("mjcf", 'site2="joint1"', 'site2="joint9"'),
+        ("mjcf", 'class="drive"/>', 'class="drives"/>'),
+        ("mjcf", 'size="0.1" mass="7.5"', 'size="0.1" mass="heavy"'),
+        ("mjcf", 'ref="0.5"', 'ref="nan"'),
+        ("mjcf", "<freejoint/>", '<freejoint/><include file="/etc/passwd"/>'),
+        ("mjcf", "<equality>", '<equality><weld body1="platform" body2="upper0"/>'),
+        ("mjcf", "mujoco", "sdf"),
+        ("sdf", "<parent>upper0</parent><child>platform", "<parent>upper0</parent><child>base"),
+        ("sdf", 'type="universal"', 'type="screw"'),
+        ("sdf", "<parent>base</parent>", "<parent>bass</parent>"),
+        ("sdf", 'relative_to="lower0"', 'relative_to="upper0"'),
+        ("sdf", "<xyz>1 0 0</xyz>", "<xyz>1 0</xyz>"),
+        ("sdf", "<lower>-0.11</lower>", "<lower>low</lower>"),
+        ("sdf", 'version="1.9"', ""),
+        ("sdf", '<link name="base"/>', '<link name="base"/><link name="base"/>'),
+        ("sdf", "<model", "<modell"),
+    ],
+)
+def test_what_is_no_hexapod_is_told_with_its_line(title, old, new, tmp_path):
+    write, suffix = WRITTEN[title]
+    content = write()
+    assert old in content
+    changed = content.replace(old, new)
+    if old == "<model":
+        changed = changed.replace("</model", "</modell")
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, changed, suffix)
+    assert caught.value.problems[0].file == tmp_path / f"model{suffix}"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "",
+        "<mujoco>",
+        bench.mjcf()[:2000],
+        '<!DOCTYPE m [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]><mujoco>&b;</mujoco>',
+        '<!DOCTYPE m SYSTEM "file:///etc/passwd"><mujoco/>',
+        "<mujoco><worldbody>" + "<body>" * 5000 + "</body>" * 5000 + "</worldbody></mujoco>",
+        "<mujoco>\0</mujoco>",
+        "<mujoco/>",
+    ],
+)
+def test_damaged_and_hostile_files_are_refused(content, tmp_path):
+    with pytest.raises(InputError):
+        read(tmp_path, content)
+
+
+def test_files_of_two_formats_and_unknown_ones_are_refused(tmp_path):
+    (tmp_path / "a.xml").write_text(bench.mjcf())
+    (tmp_path / "b.sdf").write_text(bench.sdf())
+    (tmp_path / "c.step").write_text("")
+    for files in (("a.xml", "b.sdf"), ("a.xml", "a.xml"), ("c.step",), ("none.xml",), ()):
+        with pytest.raises(InputError):
+            read_machine("m", [tmp_path / name for name in files])
+    with pytest.raises(InputError):
+        read_machine("m", [tmp_path])
