@@ -14,7 +14,7 @@ from typing import Any
 import pandas as pd
 
 import expdesign
-from expdesign.configuration.yaml_file import read_yaml
+from expdesign.configuration.document import read_yaml
 from expdesign.machines.importing import read_machine
 from expdesign.machines.writing import write_files
 from tests.machines.simulated import mjcf

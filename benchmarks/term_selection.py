@@ -28,7 +28,7 @@ from estimation.twin import Twin
 from estimation.validation.motions import motion_of_run
 from expdesign.configuration import RunConfiguration, load_run
 from expdesign.configuration.robot import load_robot_description
-from expdesign.configuration.sections.experiment import ValidationMotion
+from expdesign.configuration.sections.motions import ValidationMotion
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 

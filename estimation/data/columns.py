@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from expdesign.configuration import InputError, Problem, shown
-from expdesign.configuration.problem import nearest
+from expdesign.configuration.errors import nearest
 from expdesign.configuration.sections.data import CHANNELS
 
 OPTIONAL = frozenset({"period"})

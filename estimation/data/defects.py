@@ -19,7 +19,7 @@ from expdesign.configuration import (
     ResolvedRobot,
     shown,
 )
-from expdesign.configuration.values.quantity import LENGTH
+from expdesign.configuration.quantity import LENGTH
 
 _UNITS = ("m", "mm", "cm", "in", "ft", "µm", "dm", "km")
 """Units that are tried when the lengths do not fit, the likeliest first."""

@@ -15,8 +15,8 @@ from expdesign.configuration import (
     Problem,
     shown,
 )
+from expdesign.configuration.quantity import CURRENT, Dimension, unit_dimension
 from expdesign.configuration.sections.data import CHANNEL_UNITS
-from expdesign.configuration.values.quantity import CURRENT, Dimension, unit_dimension
 
 
 def in_si(

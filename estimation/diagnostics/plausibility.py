@@ -18,7 +18,7 @@ from constraints.arrays import Array
 from estimation.diagnostics.finding import Assumption, Finding, join_words
 from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate
-from expdesign.configuration.values.quantity import FORCE
+from expdesign.configuration.quantity import FORCE
 from expdesign.mechanism.term import Lump, Parameter, parameters_of
 from expdesign.mechanism.terms.rigid_platform import MASS
 from expdesign.robot import Robot

@@ -14,8 +14,8 @@ from scipy.optimize import lsq_linear
 from constraints.arrays import Array
 from estimation.estimators.prior_estimate import PriorEstimate, UnloadedMachine
 from expdesign.configuration import ComputationError, InputError
-from expdesign.configuration.robot_description import RobotDescription
-from expdesign.configuration.sections.data import EstimateSection
+from expdesign.configuration.robot import RobotDescription
+from expdesign.configuration.sections.estimate import EstimateSection
 from expdesign.experiment.combinations import (
     KnownCombination,
     identified_base,

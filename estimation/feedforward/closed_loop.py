@@ -13,7 +13,7 @@ from estimation.feedforward.forward_dynamics import ForwardDynamics
 from estimation.feedforward.result import CaseName
 from estimation.twin.disturbances import quantised
 from expdesign.configuration import ComputationError
-from expdesign.configuration.sections.feedforward import FeedforwardSection
+from expdesign.configuration.sections.motions import FeedforwardSection
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.progress import report_progress
 

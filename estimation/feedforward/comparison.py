@@ -31,7 +31,7 @@ from estimation.twin.disturbances import Repeated, force_factors, repetition_str
 from estimation.twin.noise import noise_sources
 from estimation.validation.motions import broken_limits, motion_name, motion_of_run
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
-from expdesign.configuration.sections.disturbances import Cogging
+from expdesign.configuration.sections.experiment import Cogging
 from expdesign.configuration.sizes import SAMPLES
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.rotation import ANGLES

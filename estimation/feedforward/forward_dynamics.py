@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration.sections.disturbances import Cogging
+from expdesign.configuration.sections.experiment import Cogging
 from expdesign.evaluation.batch import Graph
 from expdesign.evaluation.kernel import kernel
 from expdesign.mechanism.friction_sign import Friction

@@ -33,8 +33,8 @@ from estimation.identification.term_selection import Selection
 from estimation.uncertainty.consistency import consistent_estimate
 from estimation.uncertainty.intervals import identified_combinations, parameter_rows
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
-from expdesign.configuration.added_terms import with_added_terms
-from expdesign.configuration.robot_description import RobotDescription
+from expdesign.configuration.robot import RobotDescription
+from expdesign.configuration.run import with_added_terms
 from expdesign.progress import report_progress, track
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.deviation import Deviation, tolerated

@@ -17,7 +17,7 @@ from expdesign.configuration.identification import (
     IdentifiedDeviation,
     identified_name,
 )
-from expdesign.configuration.robot_description import RobotDescription
+from expdesign.configuration.robot import RobotDescription
 from expdesign.configuration.tolerances import Tolerances
 from expdesign.configuration.writing import robot_yaml
 from expdesign.mechanism.hexapod import ACTUATORS

@@ -15,7 +15,7 @@ from estimation.processing.noise_lines import NoiseLines
 from estimation.processing.whitening_filter import given_filter
 from estimation.uncertainty.intervals import correlation
 from expdesign.configuration import InputError, RunConfiguration
-from expdesign.configuration.sections.data import SpectrumOrigin
+from expdesign.configuration.sections.estimate import SpectrumOrigin
 from expdesign.noise.spectrum import NoiseSpectrum
 
 _STILL = 1e-12

@@ -14,7 +14,7 @@ from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.estimator_result import SystematicKeys
 from expdesign.configuration import InputError
 from expdesign.configuration.identification import machine_name
-from expdesign.configuration.sections.data import EstimateSection
+from expdesign.configuration.sections.estimate import EstimateSection
 from expdesign.robot import Robot
 from expdesign.robot.deviation import deviations, estimated_constants
 from expdesign.runfolder import copied

@@ -18,9 +18,9 @@ from estimation.identification.estimated_machine import (
 from estimation.selection.evidence import Evidence
 from estimation.selection.selection import Judge, SelectionRow, select
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
-from expdesign.configuration.added_terms import with_added_terms
 from expdesign.configuration.parameters import FurtherTerms, TermDescription
-from expdesign.configuration.sections.selection import DEFAULT_LEVEL, SelectionCriterion
+from expdesign.configuration.run import with_added_terms
+from expdesign.configuration.sections.estimate import DEFAULT_LEVEL, SelectionCriterion
 from expdesign.information.identifiable import listed
 from expdesign.robot import Robot, robot_from
 from expdesign.runfolder import described

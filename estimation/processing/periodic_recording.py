@@ -30,7 +30,7 @@ from estimation.processing.noise import (
 from estimation.processing.noise_lines import NoiseLines
 from estimation.processing.period import PeriodError, PeriodSource, whole_samples
 from estimation.processing.whitening_filter import WhiteningFilter, estimated_filter
-from expdesign.configuration.sections.data import SpectrumOrigin
+from expdesign.configuration.sections.estimate import SpectrumOrigin
 
 _REPEATED = 2
 

@@ -12,7 +12,7 @@ from enum import IntEnum
 import numpy as np
 
 from constraints.arrays import Array, Mask
-from expdesign.configuration.sections.disturbances import (
+from expdesign.configuration.sections.experiment import (
     Cogging,
     ForceConstantError,
     Hum,

@@ -8,7 +8,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
-from expdesign.configuration.sections.disturbances import ForceConstantError
+from expdesign.configuration.sections.experiment import ForceConstantError
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation, as_in_a_file, deviated, deviations, tolerated
 

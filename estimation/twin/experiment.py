@@ -39,8 +39,7 @@ from estimation.twin.truth import (
 )
 from expdesign.configuration import InputError, ResolvedRobot, RunConfiguration
 from expdesign.configuration.bodies import payload_parameters
-from expdesign.configuration.sections.disturbances import Lost
-from expdesign.configuration.sections.experiment import ExperimentSection
+from expdesign.configuration.sections.experiment import ExperimentSection, Lost
 from expdesign.export.table_file import TableFile
 from expdesign.recheck.limit_check import Motion
 from expdesign.robot import Robot, robot_from

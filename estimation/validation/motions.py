@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
-from expdesign.configuration.sections.experiment import BenchmarkMotion
+from expdesign.configuration.sections.motions import BenchmarkMotion
 from expdesign.configuration.sizes import SAMPLES
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.recheck.certificate import recheck

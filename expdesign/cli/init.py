@@ -14,7 +14,7 @@ from expdesign.cli.output import JsonOption, messages, note, say, write_json
 
 if TYPE_CHECKING:
     from expdesign.configuration.document import Placed
-    from expdesign.configuration.problem import Problem
+    from expdesign.configuration.errors import Problem
     from expdesign.machines.description import MachineDescription
     from expdesign.machines.machine import Machine
     from expdesign.machines.writing import WrittenFiles

@@ -72,7 +72,7 @@ def _speed(text: str) -> float:
     from pydantic_core import PydanticCustomError
 
     from expdesign.configuration import InputError
-    from expdesign.configuration.values.quantity import SPEED
+    from expdesign.configuration.quantity import SPEED
 
     allowed = 'zero and more, such as "2 mm/s"'
     try:

@@ -5,15 +5,14 @@ wrong. `values` are what may stand at a key, `sections` what may stand in a run 
 `run` are the two files; `loading` puts them together, `writing` writes the whole again.
 """
 
+from expdesign.configuration.errors import ComputationError, InputError, Problem, shown
 from expdesign.configuration.loading import ConfigurationLike, load_run
-from expdesign.configuration.problem import ComputationError, InputError, Problem, shown
+from expdesign.configuration.quantity import quantity_text
 from expdesign.configuration.robot import ResolvedRobot
 from expdesign.configuration.run import RunConfiguration, RunDescription
 from expdesign.configuration.sections.data import FORCE_CHANNELS, LENGTH_CHANNELS, DataSection
-from expdesign.configuration.sections.experiment import ValidationMotion
 from expdesign.configuration.sections.export import ExportSection
-from expdesign.configuration.values.force_tolerance import ForceTolerance
-from expdesign.configuration.values.quantity import quantity_text
+from expdesign.configuration.sections.motions import ForceTolerance, ValidationMotion
 from expdesign.configuration.writing import resolved_yaml
 
 __all__ = [

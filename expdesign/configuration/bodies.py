@@ -10,11 +10,11 @@ import scipy
 from pydantic import BeforeValidator, model_serializer, model_validator
 
 from constraints.arrays import Array
+from expdesign.configuration.errors import refusal, shown
+from expdesign.configuration.fields import Point, exactly, one_of
 from expdesign.configuration.geometry import VANISHING
-from expdesign.configuration.problem import refusal, shown
+from expdesign.configuration.quantity import Angle, Inertia, Mass, Positive
 from expdesign.configuration.section import Section
-from expdesign.configuration.values.quantity import Angle, Inertia, Mass, Positive
-from expdesign.configuration.values.scalars import Point, exactly, one_of
 from expdesign.mechanism.bodies import (
     RigidBody,
     inertia_of,

@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator
 
 from expdesign.configuration.document import Document
+from expdesign.configuration.errors import Problem, nearest
 from expdesign.configuration.noise import unsampled
 from expdesign.configuration.parameters import whose
-from expdesign.configuration.problem import Problem, nearest
 from expdesign.configuration.robot import ResolvedRobot
 from expdesign.configuration.run import RunDescription
 from expdesign.configuration.sizes import PERIOD_ROWS, oversized

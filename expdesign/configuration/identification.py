@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import model_validator
 
-from expdesign.configuration.problem import refusal
+from expdesign.configuration.errors import refusal
+from expdesign.configuration.fields import LONGEST_NAME, Text, at_least, one_of
+from expdesign.configuration.quantity import NotNegative, Number
 from expdesign.configuration.section import Section
-from expdesign.configuration.values.quantity import NotNegative, Number
-from expdesign.configuration.values.scalars import LONGEST_NAME, Text, at_least, one_of
 
 IDENTIFIED_ROBOT = "identified-robot.yaml"
 """The robot that an estimate found, in its run folder."""

@@ -10,20 +10,33 @@ from typing import Any, TypeVar
 import numpy as np
 
 from expdesign.configuration.consistency import folded_hum, inconsistencies, unselected
-from expdesign.configuration.document import Document, Placed, document_from_mapping
-from expdesign.configuration.finding import absolute, find_file
+from expdesign.configuration.document import (
+    Document,
+    Placed,
+    absolute,
+    document_from_mapping,
+    find_file,
+    read_yaml,
+)
+from expdesign.configuration.errors import InputError, Key, Problem
 from expdesign.configuration.grid import grid_points
 from expdesign.configuration.noise import NoiseDescription
 from expdesign.configuration.prior import identification_of, payload_problems, prior_machine
-from expdesign.configuration.problem import InputError, Key, Problem
-from expdesign.configuration.robot import ResolvedRobot, as_general, carrying, resolve_robot
-from expdesign.configuration.robot_description import RobotDescription, read_robot
+from expdesign.configuration.robot import (
+    ResolvedRobot,
+    RobotDescription,
+    as_general,
+    carrying,
+    read_robot,
+    resolve_robot,
+)
 from expdesign.configuration.run import RUN_FILE_KIND, RUN_FORMAT, RunConfiguration, RunDescription
 from expdesign.configuration.section import Section, validate
-from expdesign.configuration.sections.data import DataSection, EstimateSection
+from expdesign.configuration.sections.data import DataSection
 from expdesign.configuration.sections.design import DesignSection
-from expdesign.configuration.sections.experiment import ExperimentSection, ValidationMotion
-from expdesign.configuration.yaml_file import read_yaml
+from expdesign.configuration.sections.estimate import EstimateSection
+from expdesign.configuration.sections.experiment import ExperimentSection
+from expdesign.configuration.sections.motions import ValidationMotion
 from expdesign.library import robot_files, run_files
 
 S = TypeVar("S", bound=Section)

@@ -10,8 +10,9 @@ import numpy as np
 from pydantic import model_validator
 
 from constraints.arrays import Array
-from expdesign.configuration.document import Placed
-from expdesign.configuration.finding import absolute
+from expdesign.configuration.document import Placed, absolute
+from expdesign.configuration.errors import InputError, Problem, refusal
+from expdesign.configuration.fields import exactly, read_only
 from expdesign.configuration.noise_spectrum import (
     FROM_TEXT,
     SPECTRUM_FORMS,
@@ -19,9 +20,7 @@ from expdesign.configuration.noise_spectrum import (
     LengthSpectrum,
     resolved_spectrum,
 )
-from expdesign.configuration.problem import InputError, Problem, refusal
-from expdesign.configuration.section import LATER, Section
-from expdesign.configuration.values.quantity import (
+from expdesign.configuration.quantity import (
     Force,
     ForceVariance,
     Length,
@@ -29,7 +28,7 @@ from expdesign.configuration.values.quantity import (
     Number,
     Positive,
 )
-from expdesign.configuration.values.scalars import exactly, read_only
+from expdesign.configuration.section import LATER, Section
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.noise.spectrum import NoiseSpectrum
 

@@ -16,12 +16,10 @@ import numpy as np
 from pydantic import BeforeValidator, model_validator
 
 from constraints.arrays import Array
-from expdesign.configuration.document import Document
-from expdesign.configuration.finding import absolute
-from expdesign.configuration.problem import InputError, Key, refusal
-from expdesign.configuration.section import RESOLVED, Section, validate
-from expdesign.configuration.text_file import read_text
-from expdesign.configuration.values.quantity import (
+from expdesign.configuration.document import Document, absolute, read_text
+from expdesign.configuration.errors import InputError, Key, refusal
+from expdesign.configuration.fields import FilledText, at_least, exactly, per_strut
+from expdesign.configuration.quantity import (
     NUMBER,
     Force,
     Frequency,
@@ -31,7 +29,7 @@ from expdesign.configuration.values.quantity import (
     Positive,
     Share,
 )
-from expdesign.configuration.values.scalars import FilledText, at_least, exactly, per_strut
+from expdesign.configuration.section import RESOLVED, Section, validate
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 from expdesign.noise.autoregressive import Autoregressive, is_stable
 from expdesign.noise.band import Band

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from constraints import Limit, LimitDefinition, limit_definitions
 from expdesign.configuration.limits import LIFTED, row_labels, shared_rows
+from expdesign.configuration.quantity import quantity_text
 from expdesign.configuration.robot import ResolvedRobot
-from expdesign.configuration.values.quantity import quantity_text
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,12 +7,16 @@ from collections.abc import Iterator
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration.document import Document, Placed
-from expdesign.configuration.finding import absolute, find_file
+from expdesign.configuration.document import Document, Placed, absolute, find_file
+from expdesign.configuration.errors import InputError, Key, Problem
 from expdesign.configuration.identification import IDENTIFIED_ROBOT, Identification, machine_name
-from expdesign.configuration.problem import InputError, Key, Problem
-from expdesign.configuration.robot import ResolvedRobot, resolve_robot
-from expdesign.configuration.robot_description import RobotDescription, RobotSource, read_robot
+from expdesign.configuration.robot import (
+    ResolvedRobot,
+    RobotDescription,
+    RobotSource,
+    read_robot,
+    resolve_robot,
+)
 from expdesign.library import robot_files
 from expdesign.mechanism.terms import rigid_platform
 

@@ -3,35 +3,30 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from expdesign.configuration.errors import format_number, refusal, require
+from expdesign.configuration.fields import Distinct, FilledText, Name, Text, at_least, one_of, whole
 from expdesign.configuration.limits import Limits
 from expdesign.configuration.noise import NoiseDescription
-from expdesign.configuration.problem import format_number, refusal, require
-from expdesign.configuration.robot import ResolvedRobot
-from expdesign.configuration.robot_description import RobotSource
+from expdesign.configuration.parameters import TermDescription, chosen_terms
+from expdesign.configuration.robot import ResolvedRobot, RobotSource
 from expdesign.configuration.section import LATER, Section, file_kind
-from expdesign.configuration.sections.data import DataSection, EstimateSection, MonteCarloSection
+from expdesign.configuration.sections.data import DataSection
 from expdesign.configuration.sections.design import DesignSection, MotionSection, TrajectorySection
-from expdesign.configuration.sections.experiment import ExperimentSection, ValidationMotion
+from expdesign.configuration.sections.estimate import EstimateSection, MonteCarloSection
+from expdesign.configuration.sections.experiment import ExperimentSection
 from expdesign.configuration.sections.export import ExportSections
-from expdesign.configuration.sections.feedforward import FeedforwardSection
+from expdesign.configuration.sections.motions import FeedforwardSection, ValidationMotion
 from expdesign.configuration.sections.sweep import Sweep
 from expdesign.configuration.tolerances import Tolerances
-from expdesign.configuration.values.scalars import (
-    Distinct,
-    FilledText,
-    Name,
-    Text,
-    at_least,
-    one_of,
-    whole,
-)
+from expdesign.mechanism.catalogue import term_definitions
+from expdesign.mechanism.term import parameters_of
 
 RUN_FORMAT = 3
 """Number of the format of run files, one more whenever what stands in them changes its meaning.
@@ -39,7 +34,6 @@ RUN_FORMAT = 3
 2: a limit with a default that is not given is at its default, where it was not limited before.
 3: so is `attitude`, which nothing lifts.
 """
-
 _DEFAULT_WORKERS = 2
 _LARGEST_WORKERS = 256
 _ADDRESS = require(
@@ -47,7 +41,6 @@ _ADDRESS = require(
     "{shown} is not the address of a scheduler",
     "tcp://host:port of a Dask cluster",
 )
-
 FigureFormat = Literal["png", "svg", "pdf"]
 
 
@@ -147,16 +140,13 @@ class RunDescription(Section):
 
 RUN_FILE_KIND = file_kind("run file", RunDescription)
 """What a file is that describes a run."""
-
 _STAGE_FIELDS = {
     info.alias or name: name
     for name, info in RunDescription.model_fields.items()
     if _STAGE in info.metadata
 }
-
 STAGES = tuple(_STAGE_FIELDS)
 """Sections that name a stage of the run, in the order in which they are done."""
-
 
 _MEASURED_ON_THE_TWIN = ("experiment", "montecarlo")
 
@@ -207,3 +197,59 @@ class GridPoint:
     """Made of the values, and safe as that of a folder."""
     configuration: RunConfiguration
     """The run with these values and without the sweep."""
+
+
+def with_added_terms(
+    configuration: RunConfiguration, added: Sequence[TermDescription]
+) -> RunConfiguration:
+    """Return the run with further terms of its robot, their parameters at zero.
+
+    Those without signs of friction come before the first that has some: the load of the actuators
+    counts them for the others. Terms that it has already are left alone. What an earlier estimate
+    knew is dropped: it did not know of them.
+    """
+    present = [term.name for term in configuration.robot.terms]
+    lacking = [term for term in added if term.name not in present]
+    if not lacking:
+        return configuration
+    robot = _with_terms(configuration.robot, lacking)
+    run = configuration.run.model_copy(update={"robot": robot.description})
+    return replace(configuration, robot=robot, run=run)
+
+
+def _with_terms(robot: ResolvedRobot, added: Sequence[TermDescription]) -> ResolvedRobot:
+    about = robot.description
+    described = _in_order(about.terms, added)
+    turning = about.platform_cardan_axes is not None
+    terms = chosen_terms(described, about.platform, about.drive, turning=turning)
+
+    def known(values: Mapping[str, float]) -> dict[str, float]:
+        return {one.name: values.get(one.name, 0.0) for one in parameters_of(terms)}
+
+    stated = {"terms": described, "parameters": known(about.parameters), "identification": None}
+    return replace(
+        robot,
+        description=about.model_copy(update=stated),
+        terms=terms,
+        constants=tuple(c.value for term in described for c in term.constants.values()),
+        # Those of a payload are in these, and not in what the file states.
+        parameters=known(robot.parameters),
+    )
+
+
+def _in_order(
+    own: Sequence[TermDescription], added: Sequence[TermDescription]
+) -> tuple[TermDescription, ...]:
+    """Return terms with further ones where they belong."""
+    found = list(own)
+    for term in sorted(added, key=lambda one: bool(term_definitions()[one.name].rates)):
+        names = [one.name for one in found]
+        place = len(names)
+        if not term_definitions()[term.name].rates:
+            place = next(
+                (k for k, name in enumerate(names) if term_definitions()[name].rates), place
+            )
+        if (partner := term_definitions()[term.name].beside) in names:
+            place = max(place, names.index(partner) + 1)
+        found.insert(place, term)
+    return tuple(found)

@@ -10,10 +10,16 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
-from expdesign.configuration.document import Document
-from expdesign.configuration.problem import MOST_TOLD, Key, Problem, nearest, shown, untold
-from expdesign.configuration.wrong_value import wrong_value
-from expdesign.configuration.yaml_file import FileKind
+from expdesign.configuration.document import Document, FileKind
+from expdesign.configuration.errors import (
+    MOST_TOLD,
+    Key,
+    Problem,
+    nearest,
+    shown,
+    untold,
+    wrong_value,
+)
 
 
 class Section(BaseModel):

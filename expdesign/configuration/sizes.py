@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from expdesign.configuration.document import Document
-from expdesign.configuration.problem import Key, Problem
+from expdesign.configuration.errors import Key, Problem
 from expdesign.configuration.run import RunDescription
 from expdesign.mechanism.hexapod import COORDINATES
 

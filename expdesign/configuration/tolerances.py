@@ -10,9 +10,9 @@ import numpy as np
 from pydantic import BeforeValidator
 
 from expdesign.configuration.document import Placed
-from expdesign.configuration.problem import Problem, nearest, refusal, shown
-from expdesign.configuration.section import Section
-from expdesign.configuration.values.quantity import (
+from expdesign.configuration.errors import Problem, nearest, refusal, shown
+from expdesign.configuration.fields import by_key, each_read, exactly, known
+from expdesign.configuration.quantity import (
     LENGTH,
     SHARE,
     Angle,
@@ -23,7 +23,7 @@ from expdesign.configuration.values.quantity import (
     Share,
     dimension_of,
 )
-from expdesign.configuration.values.scalars import by_key, each_read, exactly, known
+from expdesign.configuration.section import Section
 from expdesign.mechanism.catalogue import term_definitions
 from expdesign.mechanism.hexapod import ACTUATORS
 

@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Iterator
 from typing import Any
 
-from expdesign.configuration.robot_description import RobotDescription
+from expdesign.configuration.robot import RobotDescription
 from expdesign.configuration.run import STAGES, RunConfiguration
 
 _HEADER = """\

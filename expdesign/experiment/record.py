@@ -10,12 +10,7 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration import (
-    InputError,
-    RunConfiguration,
-    load_run,
-    resolved_yaml,
-)
+from expdesign.configuration import InputError, RunConfiguration, load_run, resolved_yaml
 from expdesign.experiment.combinations import KnownCombination
 from expdesign.experiment.design_file import DesignFile, Start
 from expdesign.experiment.result import DesignResult

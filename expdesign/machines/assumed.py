@@ -17,7 +17,8 @@ from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
 from expdesign.configuration.bodies import Bodies, Body
 from expdesign.configuration.document import Placed, document_from_mapping
-from expdesign.configuration.joint_ring import JointRing
+from expdesign.configuration.errors import InputError
+from expdesign.configuration.geometry import JointRing
 from expdesign.configuration.limits import (
     CHARACTERISTIC_LENGTH,
     LIFTED,
@@ -25,9 +26,7 @@ from expdesign.configuration.limits import (
     resolve_limits,
     shared_rows,
 )
-from expdesign.configuration.problem import InputError
-from expdesign.configuration.robot import resolve_robot
-from expdesign.configuration.robot_description import EARTH_GRAVITY, RobotDescription
+from expdesign.configuration.robot import EARTH_GRAVITY, RobotDescription, resolve_robot
 from expdesign.configuration.section import Section, validate
 from expdesign.machines.assumed_bodies import assumed_bodies, assumed_friction
 from expdesign.machines.machine import Machine, Points, round_digits

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
-from expdesign.configuration.problem import InputError
+from expdesign.configuration.errors import InputError
 from expdesign.machines.machine import Machine, Question, rows
 from expdesign.machines.mechanism_graph import (
     Groups,

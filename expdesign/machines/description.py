@@ -10,11 +10,11 @@ import numpy as np
 
 from expdesign.configuration import geometry as geo
 from expdesign.configuration.document import Placed
-from expdesign.configuration.drive import DIRECT, Drive, Gear, Screw
-from expdesign.configuration.joint_ring import HalfAngle, JointRing, PairedStruts
-from expdesign.configuration.problem import InputError, Problem
-from expdesign.configuration.section import Section
-from expdesign.configuration.values.quantity import (
+from expdesign.configuration.errors import InputError, Problem
+from expdesign.configuration.fields import Ascending, Name, Pair, Point, exactly, one_of
+from expdesign.configuration.geometry import HalfAngle, JointRing, PairedStruts
+from expdesign.configuration.parameters import DIRECT, Drive, Gear, Screw
+from expdesign.configuration.quantity import (
     Acceleration,
     Force,
     Inertia,
@@ -25,7 +25,7 @@ from expdesign.configuration.values.quantity import (
     Speed,
     quantity_text,
 )
-from expdesign.configuration.values.scalars import Ascending, Name, Pair, Point, exactly, one_of
+from expdesign.configuration.section import Section
 from expdesign.machines.assumed import points
 from expdesign.machines.machine import Machine, Points, Question
 from expdesign.machines.writing import INERTIA

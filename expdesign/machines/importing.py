@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from constraints.plugins import declarations
+from expdesign.configuration.errors import InputError
 from expdesign.configuration.geometry import geometry_at
-from expdesign.configuration.problem import InputError
 from expdesign.machines import readers
 from expdesign.machines.assumed import points
 from expdesign.machines.machine import Machine, MachineFormat, Question

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration.drive import Thread
+from expdesign.configuration.errors import InputError, shown
 from expdesign.configuration.geometry import StrutGeometry
-from expdesign.configuration.problem import InputError, shown
+from expdesign.configuration.parameters import Thread
 
 _SECTION = re.compile(r"\[(\w+)\]\s*(?:[#;].*)?")
 _ASSIGNED = re.compile(r"(\w+)\s*=\s*(.*)")

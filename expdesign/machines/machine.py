@@ -12,9 +12,9 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration.bodies import Bodies
-from expdesign.configuration.drive import Drive
-from expdesign.configuration.joint_ring import JointRing
-from expdesign.configuration.values.quantity import dimension_of
+from expdesign.configuration.geometry import JointRing
+from expdesign.configuration.parameters import Drive
+from expdesign.configuration.quantity import dimension_of
 
 Points = tuple[tuple[float, ...], ...]
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
-from expdesign.configuration.problem import shown
+from expdesign.configuration.errors import shown
 from expdesign.machines.mechanism_graph import WORLD, Placement
 from expdesign.machines.xml_document import Element
 from expdesign.mechanism.bodies import RigidBody, inertia_of, together

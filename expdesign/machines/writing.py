@@ -15,10 +15,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from constraints import limit_definitions
 from expdesign.configuration import InputError, load_run, quantity_text
 from expdesign.configuration.bodies import Body
-from expdesign.configuration.drive import Drive
-from expdesign.configuration.joint_ring import JointRing
+from expdesign.configuration.geometry import JointRing
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
-from expdesign.configuration.parameters import chosen_terms, default_terms
+from expdesign.configuration.parameters import Drive, chosen_terms, default_terms
 from expdesign.configuration.writing import yaml_lines
 from expdesign.machines.assumed import MASS, Complete, complete_machine
 from expdesign.machines.machine import Machine, Points, format_flow, format_quantity

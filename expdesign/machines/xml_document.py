@@ -9,8 +9,8 @@ from xml.parsers import expat
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration.problem import InputError, shown
-from expdesign.configuration.text_file import read_text
+from expdesign.configuration.document import read_text
+from expdesign.configuration.errors import InputError, shown
 
 _LARGEST = 4 * 1024 * 1024
 _DEEPEST = 100

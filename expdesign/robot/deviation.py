@@ -13,10 +13,9 @@ from itertools import count
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration.robot import ResolvedRobot
-from expdesign.configuration.robot_description import RobotDescription
+from expdesign.configuration.fields import read_only
+from expdesign.configuration.robot import ResolvedRobot, RobotDescription
 from expdesign.configuration.tolerances import ForceConstantTolerance, Tolerances
-from expdesign.configuration.values.scalars import read_only
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 from expdesign.robot.robot import Robot
 

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, TypeAdapter
 
 from constraints.arrays import Array
 from expdesign.configuration import Problem, shown
-from expdesign.configuration.problem import refusal
+from expdesign.configuration.errors import refusal
 from expdesign.mechanism.hexapod import ACTUATORS, POSE, numbered
 
 Record = TypeVar("Record")

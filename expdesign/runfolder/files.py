@@ -25,7 +25,7 @@ from typing import Any
 import pandas as pd
 
 from expdesign.configuration import InputError, Problem
-from expdesign.configuration.text_file import read_text
+from expdesign.configuration.document import read_text
 
 FORMAT = "format"
 """The key of the format number in a JSON file."""

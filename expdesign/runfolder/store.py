@@ -25,8 +25,7 @@ from typing import Annotated, Any, ClassVar, Self, get_args, get_origin, get_typ
 from pydantic import ConfigDict, ValidationError
 
 from expdesign.configuration import InputError, Problem
-from expdesign.configuration.problem import MOST_TOLD, Key, key_path, untold
-from expdesign.configuration.wrong_value import wrong_value
+from expdesign.configuration.errors import MOST_TOLD, Key, key_path, untold, wrong_value
 from expdesign.runfolder.fields import Column, cached_by_type, checker, described
 from expdesign.runfolder.files import (
     FORMAT,

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, shown
-from expdesign.configuration.wrong_value import wrong_value
+from expdesign.configuration.errors import wrong_value
 from expdesign.runfolder.fields import Column, checker, field_columns
 from expdesign.runfolder.files import (
     FORMAT,

@@ -12,12 +12,7 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration import (
-    ComputationError,
-    ExportSection,
-    InputError,
-    RunConfiguration,
-)
+from expdesign.configuration import ComputationError, ExportSection, InputError, RunConfiguration
 from expdesign.experiment.setup import judged_parameters
 from expdesign.export.definition import Task
 from expdesign.export.exporting import (

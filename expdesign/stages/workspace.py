@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from expdesign.configuration import InputError, RunConfiguration
-from expdesign.configuration.added_terms import with_added_terms
 from expdesign.configuration.identification import machine_name
+from expdesign.configuration.run import with_added_terms
 from expdesign.runfolder.manifest import Manifest, file_hash
 from expdesign.stages.outcome import Outcome, Progress
 from expdesign.stages.table import STAGES

@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import InputError, load_run, resolved_yaml
-from expdesign.configuration.open_rows import (
-    defaults_in_words,
-    held_in_words,
-    open_rows,
-)
+from expdesign.configuration.open_rows import defaults_in_words, held_in_words, open_rows
 from expdesign.library import robot_files
 from expdesign.robot import robot_from
 from expdesign.stages.record import sections_text

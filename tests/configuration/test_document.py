@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from expdesign.configuration import load_run
-from expdesign.configuration.problem import InputError
-from expdesign.configuration.yaml_file import LARGEST_FILE, read_yaml
+from expdesign.configuration.document import LARGEST_FILE, read_yaml
+from expdesign.configuration.errors import InputError
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from expdesign.configuration import InputError
-from expdesign.configuration.joint_ring import JointRing
+from expdesign.configuration.geometry import JointRing
 from expdesign.configuration.robot import load_robot_description
 from expdesign.library import robot_files
 

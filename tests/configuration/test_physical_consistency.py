@@ -9,10 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import expdesign
-from expdesign.configuration.document import Document
-from expdesign.configuration.physical_consistency import roundings
+from expdesign.configuration.document import Document, read_yaml
+from expdesign.configuration.plausibility import roundings
 from expdesign.configuration.robot import load_robot_description
-from expdesign.configuration.yaml_file import read_yaml
 
 PALIDA = (Path(expdesign.__file__).parent / "library/robots/palida.yaml").read_text("utf-8")
 

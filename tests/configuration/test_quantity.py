@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic_core import PydanticCustomError
 
-from expdesign.configuration.values import quantity
-from expdesign.configuration.values.quantity import (
+from expdesign.configuration import quantity
+from expdesign.configuration.quantity import (
     ACCELERATION,
     ANGLE,
     DAMPING,

@@ -6,8 +6,7 @@ import pytest
 
 from expdesign.configuration import InputError
 from expdesign.configuration.document import Placed, document_from_mapping
-from expdesign.configuration.robot import load_robot_description, resolve_robot
-from expdesign.configuration.robot_description import RobotDescription
+from expdesign.configuration.robot import RobotDescription, load_robot_description, resolve_robot
 
 
 @pytest.fixture

@@ -6,13 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from expdesign.configuration import (
-    InputError,
-    Problem,
-    RunDescription,
-    load_run,
-    resolved_yaml,
-)
+from expdesign.configuration import InputError, Problem, RunDescription, load_run, resolved_yaml
 from expdesign.configuration.run import RUN_FORMAT
 from expdesign.library import robot_files, run_files
 

@@ -3,7 +3,7 @@ from importlib.resources import files
 import pytest
 
 from expdesign.configuration import load_run, resolved_yaml
-from expdesign.configuration.added_terms import with_added_terms
+from expdesign.configuration.run import with_added_terms
 
 IDENTIFIED = files("expdesign.library") / "identified" / "palida.yaml"
 BODY = {"mass": "5 kg", "centre": [0, 0, "50 mm"], "inertia": [0.02, 0.03, 0.025]}

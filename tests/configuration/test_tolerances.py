@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_run
-from expdesign.configuration.values.quantity import SHARE
+from expdesign.configuration.quantity import SHARE
 from expdesign.configuration.writing import resolved_yaml
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import deviations, tolerated

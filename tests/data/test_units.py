@@ -5,7 +5,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from expdesign.configuration.values.quantity import unit_dimension
+from expdesign.configuration.quantity import unit_dimension
 from tests.data.recordings import CHANNELS, write_csv
 
 SHARED = settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])

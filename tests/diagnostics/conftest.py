@@ -22,7 +22,7 @@ from estimation.kinematics.fourier_fit import fit_motion
 from estimation.kinematics.pointwise import pointwise_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, fold_recording
-from expdesign.configuration.sections.data import EstimateSection
+from expdesign.configuration.sections.estimate import EstimateSection
 from expdesign.robot import load_robot
 from expdesign.trajectory import FourierTrajectory
 

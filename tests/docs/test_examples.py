@@ -16,8 +16,7 @@ import expdesign
 from constraints import limit_definitions, limits
 from expdesign.cli.app import app
 from expdesign.configuration import RunDescription, load_run
-from expdesign.configuration.robot import load_robot_description
-from expdesign.configuration.robot_description import RobotDescription
+from expdesign.configuration.robot import RobotDescription, load_robot_description
 from expdesign.configuration.sections import design as design_section
 from expdesign.information.criteria import CRITERIA, spectral_cost
 from expdesign.robot import LimitModel, robot_from

@@ -22,15 +22,21 @@ from estimation.validation.validate import ValidationFile
 from expdesign.cli.app import app
 from expdesign.configuration import DataSection, ExportSection, RunDescription, load_run
 from expdesign.configuration.bodies import Body
-from expdesign.configuration.drive import Screw
-from expdesign.configuration.joint_ring import JointRing
+from expdesign.configuration.geometry import JointRing
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
-from expdesign.configuration.robot_description import RobotDescription
+from expdesign.configuration.parameters import Screw
+from expdesign.configuration.quantity import unit_dimension, unit_symbols
+from expdesign.configuration.robot import RobotDescription
 from expdesign.configuration.run import ReportSection
-from expdesign.configuration.sections.data import EstimateSection, MonteCarloSection
 from expdesign.configuration.sections.design import DesignSection, MotionSection, TrajectorySection
-from expdesign.configuration.sections.disturbances import (
+from expdesign.configuration.sections.estimate import (
+    EstimateSection,
+    MonteCarloSection,
+    SelectSection,
+)
+from expdesign.configuration.sections.experiment import (
     Cogging,
+    ExperimentSection,
     ForceConstantError,
     Hum,
     Lost,
@@ -38,12 +44,9 @@ from expdesign.configuration.sections.disturbances import (
     Quantisation,
     TrackingError,
 )
-from expdesign.configuration.sections.experiment import ExperimentSection, ValidationMotion
 from expdesign.configuration.sections.export import OFFERS
-from expdesign.configuration.sections.feedforward import FeedforwardSection
-from expdesign.configuration.sections.selection import SelectSection
+from expdesign.configuration.sections.motions import FeedforwardSection, ValidationMotion
 from expdesign.configuration.sections.sweep import MOST_DESIGNS, path_units
-from expdesign.configuration.values.quantity import unit_dimension, unit_symbols
 from expdesign.experiment.design_file import DesignFile
 from expdesign.experiment.record import DesignRecord
 from expdesign.experiment.sweep_record import SweepFile, sweep_table

@@ -10,7 +10,7 @@ from estimation.identification.identified_robot import FILE
 from estimation.identification.record import EstimateRecord
 from estimation.uncertainty.consistency import consistent_estimate
 from expdesign.configuration import InputError, load_run
-from expdesign.configuration.sections.data import EstimateSection
+from expdesign.configuration.sections.estimate import EstimateSection
 from expdesign.robot import load_robot, robot_from
 from tests.estimation.cases import made_up, measured, trajectory
 from tests.payload import PLACE, described, with_payload

@@ -27,7 +27,7 @@ from estimation.processing.smoothing import _neighbours, smoothed_spectrum
 from estimation.processing.whitening_filter import estimated_filter, given_filter
 from estimation.twin import Twin
 from estimation.uncertainty.intervals import interval_widths
-from expdesign.configuration.sections.data import EstimateSection
+from expdesign.configuration.sections.estimate import EstimateSection
 from expdesign.noise.fourier_lines import multiplicity
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 

@@ -13,7 +13,7 @@ from estimation.identification.identified_robot import FILE
 from estimation.identification.record import EstimateRecord
 from estimation.uncertainty.consistency import consistent_estimate, tightest
 from expdesign.configuration import load_run
-from expdesign.configuration.sections.data import EstimateSection
+from expdesign.configuration.sections.estimate import EstimateSection
 from expdesign.mechanism.nearest import Projection
 from expdesign.robot import load_robot
 from tests.estimation.cases import ROBOT, made_up, measured, run, trajectory

@@ -12,7 +12,7 @@ from estimation.identification.identified_robot import FILE
 from estimation.identification.record import EstimateRecord
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.identification import identified_name
-from expdesign.configuration.sections.data import EstimateSection
+from expdesign.configuration.sections.estimate import EstimateSection
 from expdesign.robot import load_robot
 from expdesign.robot.deviation import tolerated
 from tests.estimation.cases import measured, read_estimate, run, trajectory

@@ -17,8 +17,8 @@ from estimation.identification.term_selection import UNSETTLED, Selection
 from estimation.selection.evidence import Evidence, InformationShare
 from estimation.selection.selection import Judge, select, splits
 from expdesign.configuration import InputError, load_run
-from expdesign.configuration.added_terms import with_added_terms
 from expdesign.configuration.robot import load_robot_description
+from expdesign.configuration.run import with_added_terms
 from expdesign.mechanism.term import parameters_of
 from expdesign.robot import robot_from
 from tests.estimation import constants

@@ -13,7 +13,7 @@ from estimation.identification.saved import saved_estimate
 from estimation.validation.motions import benchmark_motion
 from estimation.validation.validate import validate
 from expdesign.configuration import InputError, load_run
-from expdesign.configuration.sections.experiment import ValidationMotion
+from expdesign.configuration.sections.motions import ValidationMotion
 from tests.estimation.cases import ROBOT, STEP, measured, read_estimate, run, trajectory
 
 MOTION = trajectory(seed=2)

@@ -12,8 +12,7 @@ from expdesign.cli import shown
 from expdesign.cli.app import app
 from expdesign.cli.terminal import SearchDisplay
 from expdesign.configuration import load_run, resolved_yaml
-from expdesign.configuration.robot import as_general
-from expdesign.configuration.robot_description import RobotDescription
+from expdesign.configuration.robot import RobotDescription, as_general
 from expdesign.experiment import DesignRecord
 from expdesign.experiment.setup import design_task
 from expdesign.information.criteria import CRITERIA

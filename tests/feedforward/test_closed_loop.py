@@ -6,7 +6,7 @@ import pytest
 from estimation.feedforward.closed_loop import Controller, Task, followed
 from estimation.feedforward.forward_dynamics import ForwardDynamics, Model
 from expdesign.configuration import ComputationError
-from expdesign.configuration.sections.feedforward import FeedforwardSection
+from expdesign.configuration.sections.motions import FeedforwardSection
 from tests.estimation.cases import ROBOT
 
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from expdesign.configuration import InputError, load_run
-from expdesign.configuration.joint_ring import JointRing
+from expdesign.configuration.geometry import JointRing
 from expdesign.configuration.robot import load_robot_description
 from expdesign.library import robot_files
 from expdesign.machines.machine import Machine, Question, format_quantity
@@ -211,7 +211,7 @@ def test_what_is_there_is_not_written_over(tmp_path, there):
 @given(value=st.floats(-1e6, 1e6), unit=st.sampled_from(["m", "rad", "N", "m/s", "m/s^2", "1"]))
 @settings(max_examples=60, deadline=None)
 def test_a_number_is_written_so_that_it_comes_back(value, unit):
-    from expdesign.configuration.values.quantity import dimension_of
+    from expdesign.configuration.quantity import dimension_of
     from tests.docs.pages import parse
 
     assert dimension_of(unit).parse(parse(format_quantity(value, unit))) == value

@@ -9,7 +9,7 @@ from matplotlib.patches import Rectangle
 
 from estimation.identification.term_selection import Selection
 from estimation.selection.selection import SelectionRow
-from expdesign.configuration.sections.selection import SelectSection
+from expdesign.configuration.sections.estimate import SelectSection
 from results.figures.parameters import selection_figure
 from results.style import house_style
 from results.views.parameter_blocks import selection_blocks

@@ -16,7 +16,7 @@ from estimation.identification import estimate
 from estimation.twin.disturbances import cogging_force
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.robot import load_robot_description
-from expdesign.configuration.sections.disturbances import Cogging
+from expdesign.configuration.sections.experiment import Cogging
 from expdesign.mechanism.catalogue import DEFAULT, term_definitions
 from expdesign.mechanism.friction_sign import Friction
 from expdesign.robot import load_robot, robot_from

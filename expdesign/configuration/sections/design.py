@@ -7,12 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
-from expdesign.configuration.parameters import ParameterName
-from expdesign.configuration.problem import refusal, require
-from expdesign.configuration.robot_description import RobotSource
-from expdesign.configuration.section import LATER, Section
-from expdesign.configuration.values.quantity import Duration, Frequency, Jerk, Positive, Speed
-from expdesign.configuration.values.scalars import (
+from expdesign.configuration.errors import refusal, require
+from expdesign.configuration.fields import (
     Ascending,
     Distinct,
     Pair,
@@ -23,6 +19,10 @@ from expdesign.configuration.values.scalars import (
     word_for_none,
     word_or,
 )
+from expdesign.configuration.parameters import ParameterName
+from expdesign.configuration.quantity import Duration, Frequency, Jerk, Positive, Speed
+from expdesign.configuration.robot import RobotSource
+from expdesign.configuration.section import LATER, Section
 from expdesign.mechanism.terms import rigid_platform
 
 _LARGEST_HARMONICS = 100

@@ -1,46 +1,147 @@
-"""`experiment:` and `validate:`: what is executed, on the machine or on its twin."""
+"""`experiment:`: the execution of the design and the disturbances of the twin."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated
 
 from pydantic import model_validator
 
 from expdesign.configuration.bodies import FixedBodies
-from expdesign.configuration.problem import refusal, require
-from expdesign.configuration.robot_description import RobotSource
-from expdesign.configuration.section import LATER, Section
-from expdesign.configuration.sections.disturbances import (
-    Cogging,
-    ForceConstantError,
-    Hum,
-    Lost,
-    Outliers,
-    Quantisation,
-    TrackingError,
-)
-from expdesign.configuration.values.force_tolerance import ToleranceOfForce
-from expdesign.configuration.values.quantity import (
-    Compliance,
-    Duration,
-    Frequency,
-    Length,
-    NotNegative,
-    Positive,
-    Share,
-    Speed,
-)
-from expdesign.configuration.values.scalars import (
-    Direction,
-    FilledText,
-    Pose,
+from expdesign.configuration.errors import refusal, require
+from expdesign.configuration.fields import (
+    Ascending,
+    Distinct,
+    Pair,
     Seed,
     Sized,
     at_least,
-    one_of,
     per_strut,
+    whole,
+    word_for_none,
 )
+from expdesign.configuration.quantity import (
+    Angle,
+    Compliance,
+    Duration,
+    Force,
+    Frequency,
+    Length,
+    NotNegative,
+    Number,
+    Positive,
+    Share,
+)
+from expdesign.configuration.robot import RobotSource
+from expdesign.configuration.section import LATER, Section
 from expdesign.mechanism.hexapod import ACTUATORS
+
+_Harmonic = Annotated[int, whole(1, 1000)]
+_SHARE = require(
+    lambda value: 0 <= value < 1, "{value:g} is not a share of the samples", "0 ≤ share < 1"
+)
+
+
+class TrackingError(Section):
+    """Periodic deviation of the executed from the designed motion, in other harmonics."""
+
+    position: Annotated[Length, NotNegative] = 0.001
+    """Root mean square of the deviation of x, y and z each, m."""
+    angle: Annotated[Angle, NotNegative] = 0.0
+    """The same of φ, θ and ψ, rad."""
+    harmonics: Annotated[tuple[_Harmonic, _Harmonic], Pair, Ascending] = (6, 15)
+    """First and last harmonic that it contains."""
+
+
+class Cogging(Section):
+    """A force periodic in the strut's length: amplitude · sin(2π length / pitch + phase).
+
+    One value for all struts, or one for each: amplitude in N, pitch in m, phase in rad.
+    """
+
+    amplitude: Annotated[tuple[Annotated[Force, NotNegative], ...], per_strut("amplitudes")]
+    pitch: Annotated[tuple[Annotated[Length, Positive], ...], per_strut("pitches")]
+    phase: Annotated[tuple[Angle, ...], per_strut("phases")] = (0.0,) * ACTUATORS
+
+
+class Quantisation(Section):
+    """Resolution of the measured strut lengths (m) and forces (N); 0 is none."""
+
+    length: Annotated[Length, NotNegative] = 0.0
+    force: Annotated[Force, NotNegative] = 0.0
+
+
+class Outliers(Section):
+    """Rare gross errors: the share of samples, and their size in the lengths (m) and forces (N)."""
+
+    share: Annotated[Number, _SHARE]
+    length: Annotated[Length, NotNegative] = 0.0
+    force: Annotated[Force, NotNegative] = 0.0
+
+
+_PART = require(
+    lambda value: 0 <= value < 0.5,  # noqa: PLR2004 - most of the recording is there
+    "{value:g} of the samples is no recording",
+    "0 ≤ share < 0.5",
+)
+_LARGEST_ROW = 10_000_000
+_MOST_ROWS = 10_000
+_NONE = (0.0,) * ACTUATORS
+_GAIN = require(
+    lambda value: value > -1, "{value:g} leaves nothing of the force", "a share above -1"
+)
+_Gains = Annotated[tuple[Annotated[Share, _GAIN], ...], per_strut("gains")]
+
+
+class ForceConstantError(Section):
+    """By which share forces are measured too large; the factors 1 + share are multiplied."""
+
+    common: Annotated[Share, _GAIN] = 0.0
+    """Of all actuators alike."""
+    each: _Gains = _NONE
+    """Of each actuator beyond it."""
+    drift: _Gains = _NONE
+    """What comes to it at the end of the experiment; linear in time."""
+
+
+class Hum(Section):
+    """A sinusoid in the measured forces that no motion makes: the mains, with its harmonics."""
+
+    frequency: Annotated[Frequency, Positive] = 50.0
+    amplitude: Annotated[tuple[Annotated[Force, NotNegative], ...], per_strut("amplitudes")]
+    """Of the fundamental, N: one value for all actuators, or one for each."""
+    phase: Annotated[tuple[Angle, ...] | None, *word_for_none("drawn", per_strut("phases"))] = None
+    """At the first sample, rad, of amplitude · sin(k (2π f t + phase)); None (``drawn`` in the
+    YAML): every repetition draws that of each actuator and harmonic."""
+    harmonics: Annotated[tuple[Annotated[Number, NotNegative], ...], at_least(1, "amplitudes")] = (
+        1.0,
+    )
+    """Amplitudes of harmonics 1, 2, … over `amplitude`."""
+
+
+class Lost(Section):
+    """Samples that are missing from the recording: the stamps of those that are there say so."""
+
+    share: Annotated[Share, _PART] | None = None
+    """Of the samples; every repetition draws its own."""
+    rows: (
+        Annotated[
+            tuple[Annotated[int, whole(1, _LARGEST_ROW)], ...],
+            at_least(1, "rows", _MOST_ROWS),
+            Distinct,
+        ]
+        | None
+    ) = None
+    """Numbers of samples, from 1: the same in every repetition."""
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Lost:
+        if (self.share is None) == (self.rows is None):
+            both = "both" if self.rows is not None else "neither"
+            raise refusal(
+                f"{both} of share and rows say which samples are lost", "share or rows", key="share"
+            )
+        return self
+
 
 _CLOCK = require(
     lambda value: abs(value) < 0.1,  # noqa: PLR2004 - no clock is that wrong
@@ -88,51 +189,3 @@ class ExperimentSection(Section):
     def step(self) -> float:
         """Time between two samples, s."""
         return 1 / self.sampling
-
-
-Computed = Literal["circle", "line", "spline"]
-Motion = Literal["circle", "line", "spline", "file"]
-Mirror = Literal["none", "xz", "yz"]
-
-
-class BenchmarkMotion(Section):
-    """A motion that is computed from a few numbers."""
-
-    motion: Annotated[str, one_of(Computed)]
-    mirror: Annotated[Mirror, one_of(Mirror)] = "none"
-    """Plane in which the motion is mirrored."""
-    periods: Sized = 10
-    radius: Annotated[Length, Positive] = 0.15
-    """Of the circle, m."""
-    speed: Annotated[Speed, Positive] = 1.0
-    """Of the TCP, m/s: on the circle, the largest on line and spline."""
-    normal: Direction = (0.0, -0.5, 0.8660254037844386)
-    """Of the circle's plane, base frame."""
-    poses: Annotated[tuple[Pose, ...], at_least(2, "poses")] | None = None
-    """Ends of the line, or points of the spline."""
-
-    @model_validator(mode="after")
-    def _motion_is_complete(self) -> Self:
-        if self.motion in ("line", "spline") and self.poses is None:
-            raise refusal(
-                f"motion '{self.motion}' has no poses",
-                "poses: a list of 2 or more poses",
-                key="poses",
-            )
-        return self
-
-
-class ValidationMotion(BenchmarkMotion):
-    """One motion for the comparison of measured and predicted forces."""
-
-    motion: Annotated[Motion, one_of(Motion)]
-    file: FilledText | None = None
-    """A recorded motion, relative to the run file."""
-    tolerance: Annotated[ToleranceOfForce, LATER] = None
-    """Root mean square of the prediction's error that is good enough, in N or of the range."""
-
-    @model_validator(mode="after")
-    def _recorded_motion_has_a_file(self) -> Self:
-        if self.motion == "file" and self.file is None:
-            raise refusal("motion 'file' names no file", "file: the recorded motion", key="file")
-        return self

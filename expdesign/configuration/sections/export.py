@@ -6,19 +6,13 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import AfterValidator, BeforeValidator, model_validator
 
-from expdesign.configuration.problem import refusal, require
-from expdesign.configuration.section import LATER, Section
-from expdesign.configuration.values.channels import Offsets, Order, Signs
-from expdesign.configuration.values.quantity import (
-    Duration,
-    Length,
-    Number,
-    Positive,
-    Share,
-)
-from expdesign.configuration.values.scalars import (
+from expdesign.configuration.errors import refusal, require
+from expdesign.configuration.fields import (
     Distinct,
     Name,
+    Offsets,
+    Order,
+    Signs,
     at_least,
     exactly,
     known,
@@ -26,6 +20,8 @@ from expdesign.configuration.values.scalars import (
     per_strut,
     whole,
 )
+from expdesign.configuration.quantity import Duration, Length, Number, Positive, Share
+from expdesign.configuration.section import LATER, Section
 from expdesign.mechanism.hexapod import ACTUATORS
 
 Space = Literal["strut", "pose"]

@@ -12,14 +12,13 @@ from pydantic import AfterValidator, BeforeValidator
 from pydantic.fields import FieldInfo
 
 from constraints import limit_definitions
-from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
-from expdesign.configuration.problem import nearest, refusal, shown
-from expdesign.configuration.reserve import RESERVE
+from expdesign.configuration.errors import nearest, refusal, shown
+from expdesign.configuration.fields import at_least, by_key
+from expdesign.configuration.limits import CHARACTERISTIC_LENGTH, RESERVE
+from expdesign.configuration.quantity import NUMBER, Dimension
 from expdesign.configuration.section import Section
 from expdesign.configuration.sections.design import DesignSection, TrajectorySection
 from expdesign.configuration.sections.experiment import ExperimentSection
-from expdesign.configuration.values.quantity import NUMBER, Dimension
-from expdesign.configuration.values.scalars import at_least, by_key
 
 MOST_DESIGNS = 200
 """Of one sweep: days of work, each a run folder."""

@@ -15,10 +15,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
-from expdesign.configuration.drive import Drive, Screw
+from expdesign.configuration.document import read_text
+from expdesign.configuration.errors import InputError
 from expdesign.configuration.geometry import geometry_at
-from expdesign.configuration.problem import InputError
-from expdesign.configuration.text_file import read_text
+from expdesign.configuration.parameters import Drive, Screw
 from expdesign.machines.linuxcnc_files import (
     BUILT_IN_AXES,
     BUILT_IN_JOINTS,

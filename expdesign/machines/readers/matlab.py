@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration.problem import InputError
+from expdesign.configuration.errors import InputError
 from expdesign.machines.machine import Machine, MachineFormat, Question, rows
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.workers.local import EndlessError, output_of

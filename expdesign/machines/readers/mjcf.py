@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration.problem import shown
-from expdesign.configuration.robot_description import EARTH_GRAVITY
+from expdesign.configuration.errors import shown
+from expdesign.configuration.robot import EARTH_GRAVITY
 from expdesign.machines.closed_loops import hexapod
 from expdesign.machines.machine import Machine, MachineFormat, Question
 from expdesign.machines.mechanism_graph import NOTHING, WORLD, Joint, Kind, Link, Placement

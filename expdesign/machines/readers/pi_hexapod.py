@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration.document import Document
-from expdesign.configuration.problem import InputError, Key, Problem, shown
-from expdesign.configuration.yaml_file import read_yaml
+from expdesign.configuration.document import Document, read_yaml
+from expdesign.configuration.errors import InputError, Key, Problem, shown
 from expdesign.machines.machine import Machine, MachineFormat, Question, rows
 from expdesign.mechanism.hexapod import ACTUATORS
 

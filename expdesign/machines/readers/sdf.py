@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
-from expdesign.configuration.problem import InputError, shown
+from expdesign.configuration.errors import InputError, shown
 from expdesign.machines.closed_loops import hexapod
 from expdesign.machines.machine import Machine, MachineFormat
 from expdesign.machines.mechanism_graph import NOTHING, WORLD, Joint, Kind, Link, Placement

@@ -19,7 +19,7 @@ from typing import Annotated
 import pint
 from pydantic import BeforeValidator
 
-from expdesign.configuration.problem import refusal, require, shown
+from expdesign.configuration.errors import refusal, require, shown
 
 _NUMBER = r"[+-]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][+-]?\d{1,3})?"
 _FACTOR = r"(?:[A-Za-zµμ]{1,12}|°)(?:(?:\^|\*\*)?-?[1-9])?"
@@ -31,7 +31,6 @@ _SHARE = re.compile(rf"\s*({_NUMBER})\s*(%|ppm)?\s*")
 _SHARES = {None: Fraction(1), "%": Fraction(1, 100), "ppm": Fraction(1, 1_000_000)}
 _LONGEST = 120
 _SUPERSCRIPTS = str.maketrans({"²": "2", "³": "3", "·": "*", "⋅": "*", "−": "-", "μ": "µ"})
-
 # The exact decimal expansion, so that "30 deg" is math.radians(30) to the last bit.
 _DEGREE = f"{Decimal(math.pi / 180):f}"
 _DEFINITIONS = (
@@ -73,7 +72,6 @@ _DEFINITIONS = (
     "ampere = [current] = A",
     "milliampere = 0.001 * ampere = mA",
 )
-
 _UNSIGNED = 2
 """Parts of a definition without a symbol: name and value."""
 
@@ -198,13 +196,11 @@ class ShareDimension(Dimension):
 
 
 SHARE = ShareDimension("a share", "1", "2 %")
-
 _DIMENSIONS = (
     *(LENGTH, ANGLE, SPEED, ACCELERATION, ANGULAR_SPEED, ANGULAR_ACCELERATION, FORCE, TORQUE),
     *(FREQUENCY, DURATION, MASS, FIRST_MOMENT, INERTIA, DAMPING, FORCE_VARIANCE, LENGTH_VARIANCE),
     *(FORCE_CONSTANT, CURRENT, JERK, COMPLIANCE),
 )
-
 _Dimensionality = tuple[tuple[str, Fraction], ...]
 
 
@@ -279,7 +275,6 @@ def unit_dimension(unit: str) -> Dimension | None:
 
 Positive = require(lambda value: value > 0, "{value:g} is not positive", "a value above 0")
 NotNegative = require(lambda value: value >= 0, "{value:g} is negative", "0 or more")
-
 Number = Annotated[float, BeforeValidator(NUMBER.parse)]
 Share = Annotated[float, BeforeValidator(SHARE.parse)]
 Length = Annotated[float, BeforeValidator(LENGTH.parse)]
@@ -296,7 +291,6 @@ ForceVariance = Annotated[float, BeforeValidator(FORCE_VARIANCE.parse)]
 LengthVariance = Annotated[float, BeforeValidator(LENGTH_VARIANCE.parse)]
 ForceConstant = Annotated[float, BeforeValidator(FORCE_CONSTANT.parse)]
 Compliance = Annotated[float, BeforeValidator(COMPLIANCE.parse)]
-
 _SHOWN_AS = {
     "rad": ("deg", math.degrees(1.0)),
     "rad/s": ("deg/s", math.degrees(1.0)),

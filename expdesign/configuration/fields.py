@@ -5,13 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from pydantic import (
     AfterValidator,
     BeforeValidator,
+    Discriminator,
     PlainSerializer,
+    Tag,
     ValidationError,
     ValidatorFunctionWrapHandler,
     WrapValidator,
@@ -19,8 +21,8 @@ from pydantic import (
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from constraints.arrays import Array
-from expdesign.configuration.problem import nearest, refusal, require, shown
-from expdesign.configuration.values.quantity import Angle, Length, Number
+from expdesign.configuration.errors import nearest, refusal, require, shown
+from expdesign.configuration.quantity import Angle, Force, Length, Number
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES, COORDINATES
 
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
@@ -50,7 +52,6 @@ def _text(value: object) -> str:
 
 Name = Annotated[str, BeforeValidator(_name)]
 """A name that is safe as a folder on every system."""
-
 Text = Annotated[str, BeforeValidator(_text)]
 FilledText = Annotated[Text, require(str.strip, "the text is empty", "a text")]
 
@@ -271,9 +272,7 @@ def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
 
 
 Ascending = AfterValidator(_ascending)
-
 Pair: BeforeValidator = exactly(_ENDS, "values [min, max]")
-
 
 Point = Annotated[tuple[Length, ...], exactly(3, "coordinates [x, y, z]")]
 Direction = Annotated[
@@ -293,3 +292,40 @@ def read_only(values: object) -> Array:
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array
+
+
+def _order(value: tuple[int, ...]) -> tuple[int, ...]:
+    if sorted(value) != list(range(1, ACTUATORS + 1)):
+        raise refusal(
+            f"{list(value)} is no order of the {ACTUATORS} struts",
+            f"the numbers 1 to {ACTUATORS}, each once: the strut on the first axis comes first",
+        )
+    return value
+
+
+def _sign(value: object) -> object:
+    if isinstance(value, bool) or value not in (1, -1):
+        raise refusal(f"{shown(value)} is not a sign", "1 or -1")
+    return value
+
+
+def _home_or_lengths(value: object) -> str:
+    return "(name)" if value == "home" else "(inline)"
+
+
+Order = Annotated[
+    tuple[Annotated[int, whole(1, ACTUATORS)], ...],
+    exactly(ACTUATORS, "numbers of struts"),
+    AfterValidator(_order),
+]
+"""Number of the strut on each axis."""
+Signs = Annotated[tuple[Annotated[int, BeforeValidator(_sign)], ...], per_strut("signs")]
+"""Of the struts by their number: 1 or −1."""
+Offsets = Annotated[
+    Annotated[Literal["home"], Tag("(name)")]
+    | Annotated[tuple[Length, ...], per_strut("offsets"), Tag("(inline)")],
+    Discriminator(_home_or_lengths),
+]
+"""Lengths, m, at which the axes of the struts read zero; ``"home"``: the lengths at home."""
+ForceOffsets = Annotated[tuple[Force, ...], per_strut("offsets")]
+"""Forces of the struts, N, at which their channels read zero."""

@@ -1,1 +1,0 @@
-"""Values in YAML files: quantities with units, names, numbers, choices and lists."""
