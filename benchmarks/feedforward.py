@@ -24,7 +24,7 @@ from constraints.arrays import Array
 from estimation import identification
 from estimation.feedforward.comparison import WIDTH, compare_feedforward
 from estimation.feedforward.forward_dynamics import ForwardDynamics, Model
-from estimation.feedforward.result import FeedforwardFile
+from estimation.feedforward.result import FeedforwardResult
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.saved import saved_estimate
 from estimation.twin import Twin
@@ -145,7 +145,7 @@ def _estimates(run: RunConfiguration, repetition: int) -> dict[str, Any]:
     return {name: saved_estimate(file, Path(), result.robot, name) for name in ESTIMATORS}
 
 
-def _loop_row(case: Case, estimator: str, found: list[FeedforwardFile]) -> Row:
+def _loop_row(case: Case, estimator: str, found: list[FeedforwardResult]) -> Row:
     def mean(name: str) -> str:
         sizes = [each.rms_struts for one in found for each in one.cases if each.case == name]
         return f"{1e6 * np.mean(sizes):.1f}" if sizes else "the true one"
@@ -202,7 +202,7 @@ def _energy(robot: Robot, pose: Array, rate: Array) -> Iterator[Row]:
     start = np.concatenate([pose, rate])[None]
     ends = {}
     for steps in (25, 50, 100):
-        state, advance = start, machine.stepping(0.1 / steps)
+        state, advance = start, machine.stepper(0.1 / steps)
         for _ in range(steps):
             state, _ = advance(state, np.zeros((1, 6)))
         ends[steps] = state[0]
@@ -247,7 +247,7 @@ def _driven(robot: Robot, geometry: Geometry, bodies: Bodies) -> Iterator[Row]:
     middle = motion.sample(motion.sample_times(steps) + step / 2)
     fed = robot.actuator_forces(*middle, known)
     machine = ForwardDynamics(Model(robot, values), 1e-3)
-    advance = machine.stepping(step)
+    advance = machine.stepper(step)
     before = struts.length[0] - step * struts.length_rate[0]
     state = np.concatenate([states.pose[0], states.rate[0]])[None]
     tracking = np.empty((2 * steps, 6))

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from estimation.diagnostics.noise_result import NoiseRecord
-from estimation.feedforward.result import FeedforwardRecord
+from estimation.feedforward.result import FeedforwardResult
 from estimation.identification.record import EstimateRecord
 from estimation.montecarlo.result import MonteCarloRecord
 from estimation.validation.validate import ValidationRecord
@@ -32,7 +32,7 @@ Drawn = (
     | NoiseRecord
     | EstimateRecord
     | ValidationRecord
-    | FeedforwardRecord
+    | FeedforwardResult
     | MonteCarloRecord
 )
 
@@ -44,7 +44,7 @@ _NOTES = {
 
 _ONLY: dict[type[Any], FigureDefinition[Any]] = {
     SweepRecord: sweep_figure,
-    FeedforwardRecord: feedforward_figure,
+    FeedforwardResult: feedforward_figure,
 }
 """Records with one figure."""
 
@@ -110,7 +110,7 @@ def _parts(record: Drawn) -> Iterator[tuple[Iterable[FigureDefinition[Any]], Any
     match record:
         case DesignRecord():
             yield DESIGN_FIGURES, record
-        case SweepRecord() | FeedforwardRecord():
+        case SweepRecord() | FeedforwardResult():
             yield [_ONLY[type(record)]], record
         case NoiseRecord():
             yield NOISE_FIGURES, record

@@ -249,8 +249,7 @@ class SystematicUncertainty:
     left: Array | None = None
     """(t, t), what θ̂ − θ moves by per unit of every entry: −1 on the diagonal of one that was not
     estimated, and what the data leave to the prior of one that was. No row of its own has an entry
-    that repeats another's name: the error of an earlier prior. None in an estimate that was saved
-    by an earlier version."""
+    that repeats another's name: the error of an earlier prior. None: it was not computed."""
 
     @property
     def scaled(self) -> Array:
@@ -264,7 +263,7 @@ class SystematicUncertainty:
     def joint_scaled(self) -> Array:
         """(m + t, t), the same of (p̂ − p, θ̂ − θ)."""
         if self.left is None:
-            raise ValueError("an earlier version did not save what is left of θ")
+            raise ValueError("the errors of the deviations were not computed (`left`)")
         return np.concatenate([self.response, self.left]) * self._tolerances
 
     @property

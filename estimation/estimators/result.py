@@ -58,7 +58,7 @@ class ParameterEstimate:
     motions, constants of terms as described; empty elsewhere."""
     covariance_joint: Array | None = None
     """(m + e, m + e), random share, of the parameters and of the e entries of θ that were estimated
-    with them, the first of `systematic`; None: none was, or an earlier version did not save it."""
+    with them, the first of `systematic`; None: none was."""
 
     def largest_colour_ratio(self) -> tuple[int, float, float]:
         """Return the parameter whose variance colour raises most, its ratio, and its p.
@@ -103,15 +103,10 @@ class ParameterEstimate:
         return np.concatenate([self.values, theta])
 
     @property
-    def joint(self) -> Array | None:
-        """(m + t, m + t), of the errors of (p̂, θ̂), all shares together.
-
-        None where an earlier version saved the estimate without it.
-        """
+    def joint(self) -> Array:
+        """(m + t, m + t), covariance of the errors of (p̂, θ̂), all shares together."""
         if self.systematic is None:
             return self.covariance
-        if self.systematic.left is None:
-            return None
         scaled, random = self.systematic.joint_scaled, self.joint_random
         return np.pad(random, (0, len(scaled) - len(random))) + scaled @ scaled.T
 
@@ -127,10 +122,10 @@ class ParameterEstimate:
             grown = np.diag(total) / np.diag(self.covariance)
         freedom = self.freedom * np.nan_to_num(grown, nan=1.0, posinf=np.inf) ** 2
         found = replace(self, covariance=total, freedom=freedom, systematic=systematic)
-        joint, count, own = found.joint, len(self.values), len(self.joint_random)
-        if joint is None or own == count:
+        count, own = len(self.values), len(self.joint_random)
+        if own == count:
             return found
-        estimated = np.sqrt(np.diag(joint)[count:own])
+        estimated = np.sqrt(np.diag(found.joint)[count:own])
         std = np.concatenate([estimated, systematic.std[own - count :]])
         return replace(found, systematic=replace(systematic, std=std))
 

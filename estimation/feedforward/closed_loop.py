@@ -1,4 +1,14 @@
-"""A machine that follows a motion under its controller, simulated several times side by side."""
+"""Closed loop of a machine and a position controller, simulated for several feed-forwards at once.
+
+The controller of each strut is a sampled PID with feed-forward. With the error e of the measured
+length, i(t) = ∫ e and ė by filtered differences,
+
+    Q = Q_ff + k e + d ė + k_i i,   k = m ω², d = 2 D m ω, k_i = k ω_i
+
+for the effective mass m of a strut with the others held, the natural frequency ω, the damping ratio
+D and the corner frequency ω_i of the integral action. It is the usual cascade of a position
+controller k/d around a speed controller with the gain d.
+"""
 
 from __future__ import annotations
 
@@ -18,28 +28,28 @@ from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.progress import report_progress
 
 _LOST = 1.0
-"""Error of a length, m, at which a machine has left its motion for good."""
-_TOLD = 500
-"""Samples between two words about how far it is."""
+"""Error of a length, m, that no controller recovers from."""
+_REPORT_EVERY = 500
+"""Samples between two reports of progress."""
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
-    """What is to be followed, at T samples of the controller."""
+class TrackingTask:
+    """The commanded motion and the sensors, at T samples of the controller."""
 
     lengths: Array
-    """(T, 6), wanted, m."""
+    """(T, 6), commanded, m."""
     noise: Array
     """(T, 6), of the measured lengths, m."""
     resolution: float
     """Step of the length sensors, m; 0: none."""
     gains: Array
-    """(T, 6), measured over true force: a drive that is commanded Q gives Q over its gain."""
+    """(T, 6), measured over true force: the command Q makes a force of Q over its gain."""
 
 
 @dataclass(frozen=True, eq=False)
-class Followed:
-    """What C machines did at T samples."""
+class FollowedMotion:
+    """Motion of C machines at T samples."""
 
     states: Array
     """(C, T, 12), pose and rate."""
@@ -48,27 +58,27 @@ class Followed:
     commands: Array
     """(C, T, 6), N."""
     limited: Mask
-    """(C, T, 6), whether a force was at its limit."""
+    """(C, T, 6), true where a force was at its limit."""
 
 
-def followed(
+def follow_motion(
     machine: ForwardDynamics,
     controller: Controller,
-    task: Task,
+    task: TrackingTask,
     feedforward: Mapping[CaseName, Array],
     start: Array,
     integral: Array,
     substeps: int,
-) -> Followed:
-    """Simulate the loop: the controller samples, its forces are held until the next sample.
+) -> FollowedMotion:
+    """Simulate the loop; the controller's forces are held from one sample to the next.
 
     Parameters
     ----------
     machine : ForwardDynamics
     controller : Controller
-    task : Task
+    task : TrackingTask
     feedforward : mapping of (T, 6) arrays
-        Forces that are added to the controller's, N, by the name of each of the C cases.
+        Forces added to the controller's, N, by the names of the C cases.
     start : (12,) array
         Pose and rate at the first sample.
     integral : (C, 6) array
@@ -79,19 +89,19 @@ def followed(
     Raises
     ------
     ComputationError
-        A machine leaves its motion, and in which case: the loop is unstable.
+        The loop of a case is unstable; the message names it.
     """
     given = np.array(list(feedforward.values()))
     cases, count, _ = given.shape
     states = np.empty((cases, count, len(start)))
     lengths, commands = (np.empty((cases, count, ACTUATORS)) for _ in range(2))
     limited = np.empty((cases, count, ACTUATORS), dtype=bool)
-    advanced = machine.stepping(controller.step / substeps)
+    advance = machine.stepper(controller.step / substeps)
     state = np.tile(start, (cases, 1))
     length = machine.model.robot.lengths_and_jacobian(state[:, :6])[0]
     kept = ControllerState(None, np.zeros((cases, ACTUATORS)), integral)
     for k in range(count):
-        if k % _TOLD == 0:
+        if k % _REPORT_EVERY == 0:
             report_progress("following the motion", k, count)
         states[:, k], lengths[:, k] = state, length
         measured = quantised(length + task.noise[k], task.resolution)
@@ -105,15 +115,15 @@ def followed(
                 f"the feed-forward {named}: its controller is unstable, or too weak for the limits "
                 "of its forces; try another feedforward.bandwidth"
             )
-        commands[:, k], limited[:, k], kept = controller.commanded(kept, error, given[:, k])
+        commands[:, k], limited[:, k], kept = controller.command(kept, error, given[:, k])
         forces = commands[:, k] / task.gains[k]
         for _ in range(substeps):
-            state, length = advanced(state, forces)
-    return Followed(states, lengths, commands, limited)
+            state, length = advance(state, forces)
+    return FollowedMotion(states, lengths, commands, limited)
 
 
 class ControllerState(NamedTuple):
-    """What a controller keeps from one sample to the next, (C, 6) each, of C machines."""
+    """State of the controllers of C machines, (C, 6) each."""
 
     error: Array | None
     """m; None before the first sample."""
@@ -136,17 +146,17 @@ class Controller:
     integral: Array
     """N/(m s)."""
     lag: float
-    """Of the filter: share of its last value that it keeps in a sample."""
+    """Coefficient of the filter: the share of its last output in the next one."""
     step: float
     """Between samples, s."""
     limit: tuple[Array, Array]
-    """Smallest and largest force, N; ±inf where none is stated."""
+    """Smallest and largest force, N; ±inf without a limit."""
 
     @classmethod
     def of(
         cls, section: FeedforwardSection, mass: Array, step: float, limit: tuple[Array, Array]
     ) -> Controller:
-        """Derive the gains from the masses of the struts, (6,), kg."""
+        """Compute the gains from the effective masses of the struts, (6,), kg."""
         frequency = 2 * np.pi * section.bandwidth
         stiffness = mass * frequency**2
         return cls(
@@ -159,12 +169,12 @@ class Controller:
             limit=limit,
         )
 
-    def commanded(
+    def command(
         self, state: ControllerState, error: Array, feedforward: Array
     ) -> tuple[Array, Mask, ControllerState]:
-        """Return forces (C, 6), N, whether each is at its limit, and what is kept.
+        """Return forces (C, 6), N, whether each is at its limit, and the next state.
 
-        The integral waits while a force is at its limit.
+        The integral is held while a force is at its limit (anti-windup).
 
         Parameters
         ----------

@@ -10,18 +10,22 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
-from constraints.arrays import Array
+from constraints.arrays import Array, Mask
 from estimation.estimators import PerturbedMachine
-from estimation.feedforward.closed_loop import Controller, Followed, Task, followed
+from estimation.feedforward.closed_loop import (
+    Controller,
+    FollowedMotion,
+    TrackingTask,
+    follow_motion,
+)
 from estimation.feedforward.forward_dynamics import ForwardDynamics, Model
 from estimation.feedforward.result import (
     MEANINGS,
-    CaseKeys,
     CaseName,
-    ControllerKeys,
-    FeedforwardFile,
-    FeedforwardRecord,
-    IntegrationKeys,
+    ControllerSettings,
+    FeedforwardCase,
+    FeedforwardResult,
+    IntegrationSettings,
     StrutRow,
     Tracking,
 )
@@ -39,7 +43,6 @@ from expdesign.mechanism.term import parameters_of
 from expdesign.progress import progress_prefix
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.deviation import Deviation
-from expdesign.runfolder import copied
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 
 WIDTH = 1e-3
@@ -55,8 +58,8 @@ def compare_feedforward(
     saved: SavedEstimate,
     design: FourierTrajectory | None,
     width: float = WIDTH,
-) -> FeedforwardRecord:
-    """Let the machine follow a motion with each feed-forward, as `feedforward:` of the run says.
+) -> FeedforwardResult:
+    """Simulate the machine on a motion with each feed-forward of the section `feedforward:`.
 
     Parameters
     ----------
@@ -91,38 +94,18 @@ def compare_feedforward(
             "identified": Model(machine.robot, saved.estimate.values),
             "true": truth.model,
         }
-        # What a controller commands is measured force; the models' forces are true ones.
+        # The commands of a controller are measured forces; the models' forces are true ones.
         gains: dict[CaseName, Array] = {"identified": machine.gains, "true": truth.gains}
         loop = _Loop(configuration, nominal, truth, motion, times, width)
         forces = _feedforwards(models, motion, times + step / 2, gains)
-        found, numbers = loop.compared(forces)
-    made = {case: _tracking(loop, found, place, last) for place, case in enumerate(forces)}
-    feedback = found.commands - np.array(list(forces.values()))
-    rows = [
-        StrutRow(case, j + 1, _rms(own[:, j]), _largest(own[:, j]), _rms(added[last:, j]))
-        for (case, one), added in zip(made.items(), feedback, strict=True)
-        for own in [one.struts]
-        for j in range(ACTUATORS)
-    ]
-    without = _rms(made["none"].struts)
-    cases = [
-        CaseKeys(
-            case=case,
-            rms_struts=_rms(one.struts),
-            max_struts=_largest(one.struts),
-            rms_position=_rms(one.position),
-            max_position=_largest(one.position),
-            rms_rotation=_rms(one.rotation),
-            max_rotation=_largest(one.rotation),
-            rms_from_true=_rms(one.struts - made["true"].struts),
-            rms_feedback=_rms(added[last:]),
-            limited=float(np.mean(limited[last:])),
-            reduction=without / _rms(one.struts),
-        )
-        for (case, one), added, limited in zip(made.items(), feedback, found.limited, strict=True)
-    ]
+        found, integration = loop.compare(forces)
+    tracking = {case: _tracking(loop, found, place, last) for place, case in enumerate(forces)}
+    added = found.commands - np.array(list(forces.values()))
+    feedback = dict(zip(forces, added[:, last:], strict=True))
+    controller = loop.controller
     broken = broken_limits(nominal, motion, name)
-    summary = FeedforwardFile(
+    doubt = f"the estimate that is fed forward is doubtful itself: {saved.doubt}"
+    return FeedforwardResult(
         name=configuration.run.name,
         robot=nominal.name,
         estimate=str(saved.path),
@@ -131,26 +114,38 @@ def compare_feedforward(
         motion=name,
         period=motion.period,
         periods=float(section.periods),
-        controller=copied(
-            ControllerKeys,
-            section,
-            loop.controller,
+        controller=ControllerSettings(
             sampling=1 / step,
+            bandwidth=section.bandwidth,
             damping_ratio=section.damping,
             integral_corner=section.integral,
+            filter=section.filter,
+            mass=controller.mass,
+            stiffness=controller.stiffness,
+            damping=controller.damping,
+            integral=controller.integral,
         ),
-        integration=numbers,
-        cases=tuple(cases),
+        integration=integration,
+        cases=tuple(
+            _case(case, tracking, feedback[case], limited[last:])
+            for case, limited in zip(forces, found.limited, strict=True)
+        ),
         seconds=time.perf_counter() - began,
-        warnings=(
-            *configuration.warnings,
-            *([truth.warning] if truth.warning else []),
-            *broken,
-            *_of_the_estimate(saved),
-        ),
+        warnings=(*configuration.warnings, *broken, *([doubt] if saved.doubt else [])),
         within_limits=not broken,
+        rows=tuple(
+            StrutRow(
+                case=case,
+                strut=j + 1,
+                rms=_rms(tracking[case].struts[:, j]),
+                max=_largest(tracking[case].struts[:, j]),
+                rms_feedback=_rms(feedback[case][:, j]),
+            )
+            for case in forces
+            for j in range(ACTUATORS)
+        ),
+        tracking=tuple(tracking.values()),
     )
-    return FeedforwardRecord(summary, tuple(rows), tuple(made.values()))
 
 
 def _refuse_long(configuration: RunConfiguration, motion: FourierTrajectory) -> None:
@@ -160,12 +155,6 @@ def _refuse_long(configuration: RunConfiguration, motion: FourierTrajectory) -> 
     if excess := SAMPLES.excess(count, f"{made}, {len(MEANINGS)} times"):
         key = "feedforward.periods"
         raise InputError(excess.message, configuration.file, key=key, allowed=excess.allowed)
-
-
-def _of_the_estimate(saved: SavedEstimate) -> tuple[str, ...]:
-    if not saved.doubt:
-        return ()
-    return (f"the estimate that is fed forward is doubtful itself: {saved.doubt}",)
 
 
 def _feedforwards(
@@ -193,7 +182,7 @@ def _feedforwards(
 
 
 class _Loop:
-    """The machine, its controller and what they are to follow."""
+    """Machine, controller and the commanded motion."""
 
     def __init__(
         self,
@@ -222,26 +211,26 @@ class _Loop:
         noise = noise_sources(configuration, count, 1 / step)[1]
         stream = repetition_stream(experiment.seed, FIRST_DRAW, Repeated.LENGTH_NOISE)
         resolution = experiment.quantisation
-        self.task = Task(
+        self.task = TrackingTask(
             lengths=struts.length,
             noise=noise.draws(stream),
             resolution=0.0 if resolution is None else resolution.length,
             gains=truth.gains,
         )
-        # The true machine with the struts as long, and as fast, as they should be.
+        # The true machine with the commanded lengths and speeds of the struts.
         robot = truth.model.robot
         pose = robot.forward_kinematics(struts.length[0], self.states.pose[0])
         rate = np.linalg.solve(robot.length_jacobian(pose), struts.length_rate[0])
         self.start = np.concatenate([pose, rate])
 
-    def compared(self, forces: dict[CaseName, Array]) -> tuple[Followed, IntegrationKeys]:
+    def compare(self, forces: dict[CaseName, Array]) -> tuple[FollowedMotion, IntegrationSettings]:
         """Simulate all cases, and once more with half the step and half the width."""
         step = self.controller.step
         poses = self.states.pose[:: max(1, len(self.states.pose) // _TRIED)]
         substeps = max(_FEWEST, int(np.ceil(step / self.machine.longest_step(poses))))
         finer = replace(self.machine, width=self.machine.width / 2)
         found, again = (
-            self._followed(machine, forces, count, words)
+            self._follow(machine, forces, count, words)
             for machine, count, words in (
                 (self.machine, substeps, "all feed-forwards"),
                 (finer, 2 * substeps, "the same in smaller steps"),
@@ -252,21 +241,21 @@ class _Loop:
             for one in (found, again)
         ]
         change = float(np.max(np.abs(sizes[1] - sizes[0])) / sizes[0][0])
-        return found, IntegrationKeys(step / substeps, self.machine.width, change)
+        return found, IntegrationSettings(step / substeps, self.machine.width, change)
 
-    def _followed(
+    def _follow(
         self, machine: ForwardDynamics, forces: dict[CaseName, Array], substeps: int, words: str
-    ) -> Followed:
-        # As it is after many periods: the integral bears what the feed-forward lacks on average.
+    ) -> FollowedMotion:
+        # As after many periods: the integral compensates the mean error of the feed-forward.
         lacking = [np.mean(forces["true"] - given, axis=0) for given in forces.values()]
         integral = np.array(lacking) * (self.controller.integral > 0)
         with progress_prefix(words):
-            return followed(
+            return follow_motion(
                 machine, self.controller, self.task, forces, self.start, integral, substeps
             )
 
 
-def _tracking(loop: _Loop, found: Followed, place: int, last: int) -> Tracking:
+def _tracking(loop: _Loop, found: FollowedMotion, place: int, last: int) -> Tracking:
     """Return the errors of one case over the last period."""
     wanted, reached = loop.states.pose[last:], found.states[place, last:, :COORDINATES]
     turned = [Rotation.from_euler(ANGLES, pose[:, 3:]) for pose in (wanted, reached)]
@@ -276,6 +265,26 @@ def _tracking(loop: _Loop, found: Followed, place: int, last: int) -> Tracking:
         position=np.linalg.norm((wanted - reached)[:, :3], axis=1),
         rotation=(turned[0].inv() * turned[1]).magnitude(),
         forces=found.commands[place, last:],
+    )
+
+
+def _case(
+    case: CaseName, tracking: dict[CaseName, Tracking], feedback: Array, limited: Mask
+) -> FeedforwardCase:
+    """Return the tracking errors of one case; feedback and limits of the last period are (T, 6)."""
+    own = tracking[case]
+    return FeedforwardCase(
+        case=case,
+        rms_struts=_rms(own.struts),
+        max_struts=_largest(own.struts),
+        rms_position=_rms(own.position),
+        max_position=_largest(own.position),
+        rms_rotation=_rms(own.rotation),
+        max_rotation=_largest(own.rotation),
+        rms_from_true=_rms(own.struts - tracking["true"].struts),
+        rms_feedback=_rms(feedback),
+        limited=float(np.mean(limited)),
+        reduction=_rms(tracking["none"].struts) / _rms(own.struts),
     )
 
 
@@ -289,34 +298,31 @@ def _largest(values: Array) -> float:
 
 _MOST_DRAWS = 10_000
 FIRST_DRAW = 200_001
-"""Number of the repetition whose noise the loop has: no experiment and no validation has it."""
+"""Number of the repetition of the loop's noise; no experiment and no validation uses it."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrueMachine:
-    """What the controllers drive."""
+    """The machine in the loop."""
 
     kind: Literal["twin", "drawn"]
     model: Model
     cogging: Cogging | None
     gains: Array
     """(T, 6), measured over true force."""
-    warning: str = ""
-    """What was not drawn, in words."""
 
 
 def true_machine(
     configuration: RunConfiguration, saved: SavedEstimate, machine: PerturbedMachine, times: Array
 ) -> TrueMachine:
-    """Return the digital twin or, where the recording is of a real machine, one that is drawn.
+    """Return the digital twin or, for recordings of a real machine, a random one.
 
-    Of a real machine nobody knows the true parameters. They are drawn from the estimate's normal
-    distribution, and again until none is beyond its bound: what is simulated then shows what the
-    estimate's uncertainty costs, and nothing of what the model does not know.
+    The true parameters of a real machine are unknown. They are drawn from the estimate's normal
+    distribution, and again until all are within their bounds: the simulation shows the cost of the
+    estimate's uncertainty, and nothing of the model's own errors.
 
-    Parameters and what is not known exactly, θ (constants of terms, geometry, gains), are drawn
-    together: errors of the one make up for those of the other in the forces. An estimate that an
-    earlier version saved does not say how they go together: of it p is drawn alone.
+    Parameters and deviations θ (constants of terms, geometry, gains) are drawn together: their
+    errors compensate each other in the forces.
 
     Parameters
     ----------
@@ -340,14 +346,12 @@ def true_machine(
     estimate, bounds = saved.estimate, parameters_of(machine.robot.terms)
     values, covariance = estimate.values, estimate.joint
     chosen: tuple[Deviation, ...] = ()
-    if covariance is None:
-        covariance = estimate.covariance
-    elif estimate.systematic is not None:
+    if estimate.systematic is not None:
         values, chosen = estimate.joint_values, estimate.systematic.deviations
     endless = np.full(len(chosen), np.inf)
     lower = np.array([one.lower for one in bounds] + [one.lower for one in chosen])
     upper = np.concatenate([[one.upper for one in bounds], endless])
-    # A parameter that the estimate itself has beyond its bound stays where it is.
+    # A parameter whose estimate is beyond its bound may stay there.
     within = (values >= lower) & (values <= upper)
     rng = np.random.default_rng(np.random.SeedSequence(section.seed, spawn_key=(FIRST_DRAW,)))
     # In standard deviations: units differ by orders, and rounding must not. A covariance with zeros
@@ -365,14 +369,7 @@ def true_machine(
             "parameters within their bounds: the estimate is too uncertain to be simulated"
         )
     values, theta = np.split(drawn[int(np.argmax(kept))], [len(bounds)])
-    warning = ""
     if chosen:
         machine = PerturbedMachine.of(robot_from(configuration.robot), chosen, theta)
-    elif estimate.joint is None:
-        warning = (
-            f"{saved.path}: `systematic.left` is missing, an earlier version wrote it. Parameters "
-            "of the machine that moves are drawn alone, without what was estimated with them or "
-            "has tolerances, and the errors with the identified model are too large. Estimate again"
-        )
     gains = np.tile(machine.gains, (len(times), 1))
-    return TrueMachine("drawn", Model(machine.robot, values), None, gains, warning)
+    return TrueMachine("drawn", Model(machine.robot, values), None, gains)

@@ -1,7 +1,7 @@
-"""The motion that forces make: the forward dynamics of a hexapod, step by step.
+"""Forward dynamics of a hexapod: the motion due to given forces, step by step.
 
-The model of everything else, solved for λ̈: M(λ) λ̈ + h(λ, λ̇) = Q. Dry friction has tanh(v/w) in
-place of its sign. A strut that stands then creeps, slower than w, where a real one sticks.
+The inverse dynamics solved for λ̈: M(λ) λ̈ + h(λ, λ̇) = Q. The sign of dry friction is smoothed to
+tanh(v/w): a strut at rest creeps more slowly than w, where a real one sticks.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ class Model:
     values: Array
 
     def forces(self, states: PoseSamples) -> Array:
-        """Return the forces that a motion needs, (N, 6), N: the inverse dynamics."""
+        """Return the forces of a motion, (N, 6), N, by the inverse dynamics."""
         return self.robot.actuator_forces(*states, self.values)
 
 
 class _Symbols:
-    """Inputs of the kernels, and the acceleration of them."""
+    """Inputs of the kernels, and the acceleration as their expression."""
 
     def __init__(self, graph: HexapodGraph) -> None:
         self.state = ca.vertcat(graph.pose, graph.rate)
@@ -111,7 +111,7 @@ class ForwardDynamics:
         return np.linalg.inv(self.model.robot.length_jacobian(pose) @ by_force)
 
     def longest_step(self, poses: Array) -> float:
-        """Return a step that is stable at all of the poses (N, 6), s.
+        """Return a stable step for all of the poses (N, 6), s.
 
         Smoothed friction is fastest at standstill, where its slope is largest.
         """
@@ -120,18 +120,18 @@ class ForwardDynamics:
         fastest = float(np.max(np.abs(np.linalg.eigvals(by_rate))))
         return _REACH / fastest if fastest > 0 else np.inf
 
-    def stepping(self, step: float) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """Return what advances states (N, 12) by a step, s, under forces (N, 6) that are held.
+    def stepper(self, step: float) -> Callable[[Array, Array], tuple[Array, Array]]:
+        """Return a function that advances states (N, 12) by a step, s, at constant forces (N, 6).
 
-        It returns the states and the lengths (N, 6) at them.
+        The function returns the new states and their lengths (N, 6).
         """
         kernel, fixed = _step_kernel(self.model.robot.terms), [*self._fixed, np.array([step])]
 
-        def advanced(states: Array, forces: Array) -> tuple[Array, Array]:
+        def advance(states: Array, forces: Array) -> tuple[Array, Array]:
             after, lengths = kernel(states, forces, *fixed)
             return after, lengths
 
-        return advanced
+        return advance
 
     def _slopes(self, states: Array, forces: Array) -> list[Array]:
         return _acceleration_kernel(self.model.robot.terms)(states, forces, *self._fixed)

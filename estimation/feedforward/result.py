@@ -1,31 +1,25 @@
-"""A comparison of feed-forwards as its run folder keeps it: `feedforward.json` and tables."""
+"""The result of the stage `feedforward`: tracking errors of every feed-forward."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal
 
 from constraints.arrays import Array
 from expdesign.configuration import Problem
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import (
-    ArrayTable,
     Column,
-    Contents,
-    FolderRecord,
     Numbers,
     OpenNumber,
-    RowKeys,
-    RowTable,
     RunFile,
+    StageResult,
+    Table,
     described,
     sized,
     strutwise,
 )
-
-_WRITTEN_BY = "`expdesign run` of a file with `feedforward:`"
 
 CaseName = Literal["none", "gravity", "nominal", "identified", "true"]
 
@@ -36,13 +30,13 @@ MEANINGS: dict[CaseName, str] = {
     "identified": "forces of the identified model",
     "true": "forces of the true model",
 }
-"""What is fed forward, in the order in which cases are listed."""
+"""Meanings of the feed-forwards, in the order of the cases."""
 
 _Struts = Annotated[Numbers, sized(ACTUATORS)]
 
 
 @dataclass(frozen=True, eq=False)
-class ControllerKeys:
+class ControllerSettings:
     """The controller of every strut, the same in all cases."""
 
     sampling: Annotated[float, described("Hz", "samples per second; forces are held between")]
@@ -57,8 +51,8 @@ class ControllerKeys:
 
 
 @dataclass(frozen=True)
-class IntegrationKeys:
-    """How the machine's motion was computed."""
+class IntegrationSettings:
+    """Settings of the numerical integration."""
 
     step: Annotated[float, described("s", "of the Runge-Kutta method")]
     width: Annotated[
@@ -75,8 +69,8 @@ class IntegrationKeys:
 
 
 @dataclass(frozen=True)
-class CaseKeys:
-    """How well the motion is followed with one feed-forward."""
+class FeedforwardCase:
+    """Tracking errors of the platform with one feed-forward."""
 
     case: Annotated[CaseName, described("", "what is fed forward")]
     rms_struts: Annotated[float, described("m", "rms error of all struts")]
@@ -96,56 +90,9 @@ class CaseKeys:
     ]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class FeedforwardFile(RunFile):
-    """`feedforward.json`."""
-
-    FILE: ClassVar[str] = "feedforward.json"
-    WRITTEN_BY: ClassVar[str] = _WRITTEN_BY
-    estimate: Annotated[str, described("", "the `estimate.json` that is fed forward")]
-    estimator: Annotated[str, described("", "ls, gm or ml")]
-    machine: Annotated[
-        Literal["twin", "drawn"],
-        described("", "what moves: the twin, or a machine drawn from the estimate's covariance"),
-    ]
-    motion: Annotated[str, described("", "which motion is followed")]
-    period: Annotated[float, described("s", "its duration")]
-    periods: Annotated[float, described("1", "number that was simulated; the last is judged")]
-    controller: Annotated[ControllerKeys, described("", "gains, and what they come from")]
-    integration: Annotated[IntegrationKeys, described("", "steps of the simulation")]
-    cases: Annotated[tuple[CaseKeys, ...], described("", "feed-forward by feed-forward")]
-    seconds: Annotated[float, described("s", "how long it took")]
-    warnings: Annotated[tuple[str, ...], described("", "in words")]
-    within_limits: Annotated[
-        bool, described("", "the motion keeps every limit of the robot, which could make it")
-    ] = True
-
-    def contradictions(self) -> Iterator[Problem]:
-        """Yield cases without which nothing can be compared."""
-        missing = {"none", "identified", "true"} - {each.case for each in self.cases}
-        if missing:
-            yield Problem(
-                f"the cases {', '.join(sorted(missing))} are missing",
-                key="cases",
-                allowed=", ".join(MEANINGS),
-            )
-
-    def case(self, name: CaseName) -> CaseKeys:
-        """Return one of the cases."""
-        return next(each for each in self.cases if each.case == name)
-
-    @property
-    def left(self) -> float:
-        """What the identified model's errors cost, over the error without feed-forward.
-
-        Noise is the same in all cases and not in this number.
-        """
-        return self.case("identified").rms_from_true / self.case("none").rms_struts
-
-
 @dataclass(frozen=True)
 class StrutRow:
-    """How well one strut follows with one feed-forward."""
+    """Tracking errors of one strut with one feed-forward."""
 
     case: Annotated[str, described("", "what is fed forward")]
     strut: Annotated[int, described("1", "strut")]
@@ -156,7 +103,7 @@ class StrutRow:
 
 @dataclass(frozen=True, eq=False)
 class Tracking:
-    """Errors over the period that is judged, wanted minus reached."""
+    """Errors over the last period, commanded minus reached."""
 
     time: Annotated[Array, Column("t", "s", "time from the start of the period")]
     struts: Annotated[Array, strutwise("e", "m", "error")]
@@ -167,38 +114,74 @@ class Tracking:
     forces: Annotated[Array, strutwise("Q", "N", "commanded force")]
 
 
-TRACKING = ArrayTable("tables/tracking.csv", _WRITTEN_BY, Tracking)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FeedforwardResult(RunFile, StageResult):
+    """Tracking errors of one machine under one controller, feed-forward by feed-forward."""
 
-
-@dataclass(frozen=True, eq=False)
-class FeedforwardRecord(FolderRecord):
-    """A comparison, from memory or from its run folder: what figures and reports are made from."""
-
-    TABLES: ClassVar = {
-        "rows": RowTable(
-            "tables/feedforward.csv", _WRITTEN_BY, StrutRow, rows_of=("case", "strut")
-        ),
-    }
-    summary: FeedforwardFile
-    rows: tuple[StrutRow, ...]
-    tracking: tuple[Tracking, ...]
+    FILE: ClassVar[str] = "feedforward.json"
+    WRITTEN_BY: ClassVar[str] = "`expdesign run` of a file with `feedforward:`"
+    estimate: Annotated[str, described("", "the `estimate.json` that is fed forward")]
+    estimator: Annotated[str, described("", "ls, gm or ml")]
+    machine: Annotated[
+        Literal["twin", "drawn"],
+        described("", "what moves: the twin, or a machine drawn from the estimate's covariance"),
+    ]
+    motion: Annotated[str, described("", "which motion is followed")]
+    period: Annotated[float, described("s", "its duration")]
+    periods: Annotated[float, described("1", "number that was simulated; the last is judged")]
+    controller: Annotated[ControllerSettings, described("", "gains, and what they come from")]
+    integration: Annotated[IntegrationSettings, described("", "steps of the simulation")]
+    cases: Annotated[tuple[FeedforwardCase, ...], described("", "feed-forward by feed-forward")]
+    seconds: Annotated[float, described("s", "how long it took")]
+    warnings: Annotated[tuple[str, ...], described("", "in words")]
+    within_limits: Annotated[
+        bool, described("", "the motion keeps every limit of the robot, which could make it")
+    ]
+    rows: Annotated[
+        tuple[StrutRow, ...],
+        Table("tables/feedforward.csv", rows_of=("case", "strut"), as_in=("case_names", "struts")),
+    ]
+    tracking: Annotated[tuple[Tracking, ...], Table("tables/tracking.csv", numbered="numbers")]
     """Case by case."""
 
-    @classmethod
-    def read(cls, folder: Path) -> Self:
-        """Read it from a run folder."""
-        found = cls.fields_in(folder)
-        numbers = range(1, len(found["summary"].cases) + 1)
-        return cls(**found, tracking=tuple(TRACKING.numbered(n).read(folder) for n in numbers))
+    @property
+    def numbers(self) -> range:
+        """Numbers of the cases in the names of their tables."""
+        return range(1, len(self.cases) + 1)
 
-    @classmethod
-    def row_keys(cls, found: Mapping[str, Any]) -> RowKeys:
-        """Return the cases, and of each the struts."""
-        cases = [each.case for each in found["summary"].cases]
-        return {"rows": [(case, strut) for case in cases for strut in range(1, ACTUATORS + 1)]}
+    @property
+    def case_names(self) -> tuple[CaseName, ...]:
+        """Names of the cases."""
+        return tuple(each.case for each in self.cases)
 
-    def contents(self) -> Contents:
-        """Yield the tables, those of each case after the others."""
-        yield from super().contents()
-        for number, tracking in enumerate(self.tracking, start=1):
-            yield TRACKING.numbered(number), tracking
+    @property
+    def struts(self) -> range:
+        """Numbers of the struts."""
+        return range(1, ACTUATORS + 1)
+
+    @property
+    def summary(self) -> FeedforwardResult:
+        """The result itself."""
+        return self
+
+    def contradictions(self) -> Iterator[Problem]:
+        """Yield the cases that a comparison needs and that are missing."""
+        missing = {"none", "identified", "true"} - set(self.case_names)
+        if missing:
+            yield Problem(
+                f"the cases {', '.join(sorted(missing))} are missing",
+                key="cases",
+                allowed=", ".join(MEANINGS),
+            )
+
+    def case(self, name: CaseName) -> FeedforwardCase:
+        """Return one of the cases."""
+        return next(each for each in self.cases if each.case == name)
+
+    @property
+    def left(self) -> float:
+        """Tracking error due to the errors of the identified model, over that without feed-forward.
+
+        Noise is the same in all cases and not part of this number.
+        """
+        return self.case("identified").rms_from_true / self.case("none").rms_struts

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimation.feedforward.result import MEANINGS, CaseName, FeedforwardRecord
+from estimation.feedforward.result import MEANINGS, CaseName, FeedforwardResult
 from expdesign.mechanism.hexapod import ACTUATORS
 from results.figures.drawing import figure_definition, named_places, plain_decades
 from results.notation import handy_unit
@@ -30,7 +30,7 @@ _COLOURS: dict[CaseName, str] = {
     "feed-forward. Above: distance of the TCP from its place; below: rms error of each strut.",
     height=5.0,
 )
-def feedforward_figure(figure: Figure, record: FeedforwardRecord) -> None:
+def feedforward_figure(figure: Figure, record: FeedforwardResult) -> None:
     """Draw the TCP's error over time, and the rms errors of the struts."""
     from matplotlib.lines import Line2D
 

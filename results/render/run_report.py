@@ -53,7 +53,7 @@ _DRAWN = {
     "montecarlo": ("estimation.montecarlo.result:MonteCarloRecord", "montecarlo_bias"),
     "estimate": ("estimation.identification.record:EstimateRecord", "estimates"),
     "validate": ("estimation.validation.validate:ValidationRecord", "prediction_1"),
-    "feedforward": ("estimation.feedforward.result:FeedforwardRecord", "feedforward"),
+    "feedforward": ("estimation.feedforward.result:FeedforwardResult", "feedforward"),
     "sweep": ("expdesign.experiment.sweep_record:SweepRecord", "sweep"),
 }
 """What a stage leaves, and a figure of it: where that is missing, all of them are drawn."""

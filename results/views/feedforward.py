@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimation.feedforward.result import MEANINGS, FeedforwardFile, FeedforwardRecord
+from estimation.feedforward.result import MEANINGS, FeedforwardResult
 from results.figures.feedforward import feedforward_figure
 from results.notation import percent, readable
 from results.views.estimate import NAMES
@@ -25,7 +25,7 @@ _DEGREES = float(np.degrees(1))
 
 def feedforward_report(folder: RunFolder) -> StageView:
     """Describe the comparison in a folder."""
-    record = folder.record(FeedforwardRecord)
+    record = folder.record(FeedforwardResult)
     summary = record.summary
     best, without = summary.case("identified"), summary.case("none")
     good = best.reduction > 1
@@ -67,7 +67,7 @@ def _micro(length: float) -> str:
     return f"{readable(1e6 * length, 3)} µm"
 
 
-def _machine(summary: FeedforwardFile) -> str:
+def _machine(summary: FeedforwardResult) -> str:
     who = "The digital twin, with the noise of its lengths in the loop,"
     if summary.machine == "drawn":
         who = (
@@ -85,7 +85,7 @@ def _machine(summary: FeedforwardFile) -> str:
     )
 
 
-def _integration(summary: FeedforwardFile) -> str:
+def _integration(summary: FeedforwardResult) -> str:
     numbers = summary.integration
     return (
         f"Simulated in steps of {readable(1e3 * numbers.step, 3)} ms, with the sign of dry "
@@ -94,7 +94,7 @@ def _integration(summary: FeedforwardFile) -> str:
     )
 
 
-def _cases(summary: FeedforwardFile) -> ReportTable:
+def _cases(summary: FeedforwardResult) -> ReportTable:
     columns = (
         TableColumn("feed-forward", kind="text", of=lambda each: MEANINGS[each.case]),
         TableColumn("struts, rms", "µm", digits=3, of="rms_struts", factor=1e6),
@@ -111,7 +111,7 @@ def _cases(summary: FeedforwardFile) -> ReportTable:
     return ReportTable.of("feedforward_cases", caption, columns, summary.cases)
 
 
-def _struts(record: FeedforwardRecord) -> ReportTable:
+def _struts(record: FeedforwardResult) -> ReportTable:
     columns = (
         TableColumn("feed-forward", kind="text", of="case"),
         TableColumn("strut", of="strut"),
@@ -123,7 +123,7 @@ def _struts(record: FeedforwardRecord) -> ReportTable:
     return ReportTable.of("feedforward", caption, columns, record.rows, folded=True)
 
 
-def _controller(summary: FeedforwardFile) -> ReportTable:
+def _controller(summary: FeedforwardResult) -> ReportTable:
     own = summary.controller
     columns = (
         TableColumn("strut", of=range(1, len(own.mass) + 1)),

@@ -13,7 +13,7 @@ from typer.main import get_command
 from constraints import limit_definitions
 from estimation.data.reading import file_formats
 from estimation.diagnostics.noise_result import NoiseFile
-from estimation.feedforward.result import FeedforwardFile
+from estimation.feedforward.result import FeedforwardResult
 from estimation.identification.estimate_file import EstimateFile
 from estimation.montecarlo.result import MonteCarloFile, MonteCarloRecord, repetition_table
 from estimation.twin import Twin
@@ -322,7 +322,7 @@ def test_columns_of_the_tables():
         EstimateFile,
         NoiseFile,
         ValidationFile,
-        FeedforwardFile,
+        FeedforwardResult,
         MonteCarloFile,
         ExportsRecord,
         SweepFile,

@@ -133,20 +133,6 @@ def test_a_machine_is_drawn_with_constants_geometry_and_gains(written):
     assert np.einsum("nij,jk,nik->", regressor, own, regressor) > 3 * size
 
 
-def test_a_folder_of_an_earlier_version_is_read_and_says_what_it_lacks(written, tmp_path):
-    folder = shutil.copytree(written[1], tmp_path / "old")
-    path = folder / "estimate.json"
-    data = json.loads(path.read_text())
-    for entry in data["estimators"].values():
-        del entry["covariance_joint"], entry["systematic"]["left"]
-    path.write_text(json.dumps(data))
-    saved, machine, found = _drawn(folder, 1)
-    assert saved.estimate.joint is None
-    assert "systematic.left" in found.warning
-    assert found.model.robot.description.constants == machine.robot.description.constants
-    assert np.any(found.model.values != saved.estimate.values)
-
-
 def test_files_with_a_joint_covariance_of_another_size_are_refused(written, tmp_path):
     folder = shutil.copytree(written[1], tmp_path / "wrong")
     path = folder / "estimate.json"

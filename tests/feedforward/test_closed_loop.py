@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimation.feedforward.closed_loop import Controller, Task, followed
+from estimation.feedforward.closed_loop import Controller, TrackingTask, follow_motion
 from estimation.feedforward.forward_dynamics import ForwardDynamics, Model
 from expdesign.configuration import ComputationError
 from expdesign.configuration.sections.motions import FeedforwardSection
@@ -19,8 +19,8 @@ def test_the_feed_forward_under_which_the_machine_is_lost_is_named():
     still, ones = np.zeros((count, 6)), np.ones((count, 6))
     weight = ROBOT.actuator_forces(ROBOT.home[None], still[:1], still[:1])
     given = {"none": still, "gravity": weight * ones, "identified": 1e5 * ones}
-    task = Task(lengths * ones, still, 0.0, ones)
+    task = TrackingTask(lengths * ones, still, 0.0, ones)
     start = np.concatenate([ROBOT.home, np.zeros(6)])
     with pytest.raises(ComputationError) as caught:
-        followed(machine, law, task, given, start, np.zeros((3, 6)), 5)
+        follow_motion(machine, law, task, given, start, np.zeros((3, 6)), 5)
     assert [case for case in given if case in caught.value.message] == ["identified"]

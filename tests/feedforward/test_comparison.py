@@ -8,7 +8,7 @@ import pytest
 
 from estimation.estimators import PerturbedMachine, SystematicUncertainty
 from estimation.feedforward.comparison import compare_feedforward, true_machine
-from estimation.feedforward.result import FeedforwardRecord
+from estimation.feedforward.result import FeedforwardResult
 from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
 from expdesign.configuration import ComputationError, InputError, load_run
@@ -55,7 +55,7 @@ def record(saved, heavier):
 
 
 def test_the_better_the_model_the_smaller_the_error(record):
-    summary = record.summary
+    summary = record
     none, nominal, identified, true = (
         summary.case(name) for name in ("none", "nominal", "identified", "true")
     )
@@ -70,7 +70,7 @@ def test_the_better_the_model_the_smaller_the_error(record):
 
 
 def test_numbers_are_those_of_the_errors(record):
-    summary = record.summary
+    summary = record
     for each, tracking in zip(summary.cases, record.tracking, strict=True):
         assert each.rms_struts == pytest.approx(np.sqrt(np.mean(tracking.struts**2)))
         assert each.max_struts == np.abs(tracking.struts).max()
@@ -87,24 +87,22 @@ def test_without_noise_the_true_model_leaves_what_sampling_leaves(saved):
     for step in (0.005, 0.0025):
         config = case(noise=silent, trajectory={"controller_period": step})
         record = compare_feedforward(config, saved, None)
-        sizes.append(record.summary.case("true").rms_struts)
-        assert {each.case for each in record.summary.cases}.isdisjoint({"nominal"})
+        sizes.append(record.case("true").rms_struts)
+        assert {each.case for each in record.cases}.isdisjoint({"nominal"})
     assert sizes[0] < 20e-6
     assert sizes[1] < sizes[0] / 2
 
 
 def test_a_record_survives_its_folder(record, tmp_path):
     record.write(tmp_path)
-    again = FeedforwardRecord.read(tmp_path)
+    again = FeedforwardResult.read(tmp_path)
     assert again.rows == record.rows
-    assert json.dumps(again.summary.as_data(), default=list) == json.dumps(
-        record.summary.as_data(), default=list
-    )
+    assert json.dumps(again.as_data(), default=list) == json.dumps(record.as_data(), default=list)
     for one, other in zip(again.tracking, record.tracking, strict=True):
         np.testing.assert_array_equal(one.struts, other.struts)
     (tmp_path / "tables" / "tracking_2.csv").unlink()
     with pytest.raises(InputError, match="tracking_2"):
-        FeedforwardRecord.read(tmp_path)
+        FeedforwardResult.read(tmp_path)
 
 
 def test_cases_that_are_missing_are_told(record, tmp_path):
@@ -114,7 +112,7 @@ def test_cases_that_are_missing_are_told(record, tmp_path):
     data["cases"] = [each for each in data["cases"] if each["case"] != "true"]
     path.write_text(json.dumps(data))
     with pytest.raises(InputError, match="true"):
-        FeedforwardRecord.read(tmp_path)
+        FeedforwardResult.read(tmp_path)
 
 
 def test_of_a_real_machine_one_is_drawn(saved):
@@ -146,10 +144,10 @@ def test_force_constants_and_cogging_act_in_the_loop(saved):
     wrong = {"force_constant": {"common": "10 %"}}
     record = compare_feedforward(case(experiment=wrong), saved, None)
     # The true model's forces are those that the drives have to be told.
-    assert record.summary.case("true").reduction > record.summary.case("nominal").reduction
+    assert record.case("true").reduction > record.case("nominal").reduction
     cogging = {"amplitude": 30, "pitch": "30 mm"}
     disturbed = compare_feedforward(case(experiment={"cogging": cogging}), saved, None)
-    assert disturbed.summary.case("true").rms_struts > 2 * record.summary.case("true").rms_struts
+    assert disturbed.case("true").rms_struts > 2 * record.case("true").rms_struts
 
 
 @pytest.fixture(scope="module")
@@ -157,9 +155,8 @@ def read_wrongly(saved):
     """An estimate that knows all parameters, and the force constants of a machine with others."""
     robot = robot_from(run(tolerances={"force_constant": {"each": "5 %"}}).robot)
     chosen, zeros = tolerated(robot), np.zeros((len(robot.parameters), len(READ)))
-    found = SystematicUncertainty(
-        chosen, zeros, np.array(READ), np.zeros(len(READ)), estimated=True
-    )
+    std, left = np.zeros(len(READ)), np.zeros((len(READ), len(READ)))
+    found = SystematicUncertainty(chosen, zeros, np.array(READ), std, estimated=True, left=left)
     known = replace(saved.estimate, values=robot.parameters, systematic=found)
     return replace(saved, estimate=known)
 
@@ -169,7 +166,7 @@ def test_forces_are_fed_forward_in_the_units_that_the_estimate_found(read_wrongl
     wrong = {"force_constant": {"each": READ}}
     tolerances = {"force_constant": {"each": "5 %"}}
     config = case(experiment=wrong, tolerances=tolerances)
-    summary = compare_feedforward(config, read_wrongly, None).summary
+    summary = compare_feedforward(config, read_wrongly, None)
     assert summary.case("nominal").rms_from_true > 20e-6
     assert summary.case("identified").rms_from_true < 1e-9
 

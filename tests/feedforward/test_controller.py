@@ -20,7 +20,7 @@ def moved(law, duration, disturbance=0.0, start=1e-3):
     place, speed, kept, found = np.full(6, start), np.zeros(6), STILL, []
     for _ in range(round(duration / law.step)):
         found.append(place)
-        forces, _, kept = law.commanded(kept, -place[None], np.zeros((1, 6)))
+        forces, _, kept = law.command(kept, -place[None], np.zeros((1, 6)))
         pushed = (forces[0] + disturbance) / MASSES
         place = place + law.step * speed + law.step**2 / 2 * pushed
         speed = speed + law.step * pushed
@@ -52,7 +52,7 @@ def test_only_the_integral_action_bears_a_lasting_force():
 def test_a_force_at_its_limit_is_told_and_the_integral_waits():
     law = controller(limit=(np.full(6, -5.0), np.full(6, 5.0)))
     error = np.array([[1e-6, 1.0, -1.0, 0.0, 1e-6, 1e-6]])
-    forces, limited, kept = law.commanded(STILL, error, np.zeros((1, 6)))
+    forces, limited, kept = law.command(STILL, error, np.zeros((1, 6)))
     np.testing.assert_array_equal(limited, [[False, True, True, False, False, False]])
     np.testing.assert_array_equal(forces[0, 1:3], [5, -5])
     np.testing.assert_array_equal(kept.integral[0, 1:3], 0)
@@ -60,5 +60,5 @@ def test_a_force_at_its_limit_is_told_and_the_integral_waits():
 
 
 def test_feed_forward_passes_as_it_is():
-    forces, _, _ = controller().commanded(STILL, np.zeros((1, 6)), np.arange(6.0)[None])
+    forces, _, _ = controller().command(STILL, np.zeros((1, 6)), np.arange(6.0)[None])
     np.testing.assert_array_equal(forces[0], np.arange(6))

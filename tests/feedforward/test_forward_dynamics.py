@@ -107,7 +107,7 @@ def test_masses_of_the_struts_are_those_of_the_energy():
 
 def fall(robot, values, start, steps, duration=0.1, forces=0.0, width=1e-3):
     """Return the states at all steps of a motion under constant forces, (steps + 1, 12)."""
-    advance = ForwardDynamics(Model(robot, values), width).stepping(duration / steps)
+    advance = ForwardDynamics(Model(robot, values), width).stepper(duration / steps)
     states = [start[None]]
     for _ in range(steps):
         states.append(advance(states[-1], np.full((1, 6), forces))[0])
@@ -164,7 +164,7 @@ def test_the_longest_step_is_stable_and_a_few_of_them_are_not():
     ends = []
     for factor in (1.0, 3.0):
         state = at_rest[None] + np.r_[np.zeros(6), np.full(6, 1e-8)]
-        advance = machine.stepping(factor * longest)
+        advance = machine.stepper(factor * longest)
         for _ in range(60):
             state, _ = advance(state, holding)
         ends.append(np.abs(state[0, 6:]).max())
@@ -174,7 +174,7 @@ def test_the_longest_step_is_stable_and_a_few_of_them_are_not():
 
 def test_one_of_many_is_as_one_alone():
     robot = robot_of("palida")
-    advance = ForwardDynamics(Model(robot, robot.parameters), 1e-3).stepping(2e-4)
+    advance = ForwardDynamics(Model(robot, robot.parameters), 1e-3).stepper(2e-4)
     states = START + 0.01 * np.random.default_rng(1).normal(size=(3, 12))
     forces = np.random.default_rng(2).normal(size=(3, 6)) * 20
     together, lengths = advance(states, forces)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.feedforward.result import MEANINGS, FeedforwardRecord
+from estimation.feedforward.result import MEANINGS, FeedforwardResult
 from expdesign.cli.app import app
 from expdesign.cli.errors import run
 from expdesign.configuration import load_run
@@ -36,25 +36,25 @@ def folder(tiny, tiny_result, tmp_path_factory):
 def test_a_run_compares_and_reports(folder):
     stages = agrees_with_the_table(folder)
     assert {"design", "experiment", "estimate", "feedforward", "report"} == stages
-    record = FeedforwardRecord.read(folder)
-    assert record.summary.machine == "twin"
-    assert record.summary.case("identified").reduction > 1
+    record = FeedforwardResult.read(folder)
+    assert record.machine == "twin"
+    assert record.case("identified").reduction > 1
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert 'id="feedforward"' in page
     for name in ("feedforward_cases", "feedforward_controller"):
         assert f'id="table-{name}"' in page
-    for each in record.summary.cases:
+    for each in record.cases:
         assert MEANINGS[each.case] in page
 
 
 def test_a_motion_that_the_robot_cannot_make_is_no_good_news(folder):
     """What a model buys there no machine will see."""
-    record, configuration = FeedforwardRecord.read(folder), load_run(folder / "run.yaml")
+    record, configuration = FeedforwardResult.read(folder), load_run(folder / "run.yaml")
     levels = []
     for kept in (True, False):
-        made = replace(record, summary=replace(record.summary, within_limits=kept))
+        made = replace(record, within_limits=kept)
         with blank_figures():
-            place = RunFolder(folder, {}, configuration, None, {FeedforwardRecord: made})
+            place = RunFolder(folder, {}, configuration, None, {FeedforwardResult: made})
             levels.append(feedforward_report(place).verdict.level)
     assert levels == [Level.GOOD, Level.CAUTION]
 
@@ -79,14 +79,14 @@ def test_what_is_done_is_kept_until_its_section_changes(folder, capsys):
 
 
 def test_the_figure_shows_every_case(folder):
-    record = FeedforwardRecord.read(folder)
+    record = FeedforwardResult.read(folder)
     with house_style():
         figure = feedforward_figure.draw(record)
     above, below = figure.axes
-    assert len(above.lines) == len(below.lines) == len(record.summary.cases)
+    assert len(above.lines) == len(below.lines) == len(record.cases)
     shown = above.lines[0].get_ydata()
     factor = shown / record.tracking[0].position
     np.testing.assert_allclose(factor, factor[0])
     assert np.isclose(factor[0], (1, 1e3, 1e6), rtol=1e-9).any()
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert texts == [MEANINGS[each.case] for each in record.summary.cases]
+    assert texts == [MEANINGS[each.case] for each in record.cases]

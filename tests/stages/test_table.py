@@ -7,7 +7,7 @@ from fnmatch import fnmatch
 import pytest
 
 from estimation.diagnostics.noise_result import NoiseRecord
-from estimation.feedforward.result import FeedforwardRecord
+from estimation.feedforward.result import FeedforwardResult
 from estimation.identification.record import EstimateRecord
 from estimation.montecarlo.result import MonteCarloRecord
 from estimation.validation.validate import ValidationRecord
@@ -28,7 +28,7 @@ RECORDS = {
     "montecarlo": MonteCarloRecord,
     "estimate": EstimateRecord,
     "validate": ValidationRecord,
-    "feedforward": FeedforwardRecord,
+    "feedforward": FeedforwardResult,
     "sweep": SweepRecord,
 }
 
