@@ -52,7 +52,7 @@ def rows() -> Iterator[dict[str, Any]]:
             "left out": ", ".join(left_out) or "–",
             "status": result.status,
             "log det F": f"{result.log_det_information:.3f}",
-            "shrunk to": f"{result.search.finished.shrink:.5f}",
+            "shrunk to": f"{result.solver.finish['shrink']:.5f}",
             **_proved("design", result.check),
             **_proved("rest to rest", check),
             "ways, CPU time": f"{planned - began:.1f} s",

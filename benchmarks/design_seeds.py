@@ -31,7 +31,7 @@ def rows(seeds: range = range(10)) -> Iterator[dict[str, Any]]:
         motion = result.trajectory.sample(result.trajectory.sample_times(GRID))
         states = np.concatenate([motion.pose, motion.rate, motion.acceleration], axis=1)
         worst = float(np.max(LimitModel.of(result.robot).violations(states)))
-        starts = result.search.starts
+        starts = result.solver.starts
         yield {
             "seed": seed,
             "log det F": round(result.log_det_information, 3),
@@ -41,7 +41,7 @@ def rows(seeds: range = range(10)) -> Iterator[dict[str, Any]]:
             "worst violation": f"{worst:.1e}",
             "converged starts": f"{sum(s.converged for s in starts)}/{len(starts)}",
             "seconds": round(seconds),
-            "CPU seconds": round(result.search.cpu_seconds),
+            "CPU seconds": round(result.solver.cpu_seconds),
             "all processes GiB": round(memory[-1], 2),
         }
 

@@ -66,7 +66,7 @@ def rows() -> Iterator[Row]:
     result = expdesign.design(mapping)
     yield _row(
         "the design keeps every limit and its search ended",
-        f"{result.status}, {result.seconds:.0f} s",
+        f"{result.status}, {result.solver.seconds:.0f} s",
         result.status == "converged",
     )
     run, robot, design = load_run(mapping), result.robot, result.trajectory

@@ -11,8 +11,8 @@ from estimation.feedforward.result import FeedforwardResult
 from estimation.identification.record import EstimateRecord
 from estimation.montecarlo.result import MonteCarloRecord
 from estimation.validation.validate import ValidationRecord
-from expdesign.experiment import DesignRecord
-from expdesign.experiment.sweep_record import SweepRecord
+from expdesign.experiment import DesignResult
+from expdesign.experiment.sweep import SweepResult
 from expdesign.export.record import ExportsRecord
 from expdesign.robot import Robot
 from results.figures.design import DESIGN_FIGURES
@@ -27,8 +27,8 @@ from results.figures.residuals import DIAGNOSTIC_FIGURES, prediction_figure
 from results.figures.sweep import sweep_figure
 
 Drawn = (
-    DesignRecord
-    | SweepRecord
+    DesignResult
+    | SweepResult
     | NoiseRecord
     | EstimateRecord
     | ValidationRecord
@@ -43,7 +43,7 @@ _NOTES = {
 """What the figures of a design say that did not come to a good end, by its status."""
 
 _ONLY: dict[type[Any], FigureDefinition[Any]] = {
-    SweepRecord: sweep_figure,
+    SweepResult: sweep_figure,
     FeedforwardResult: feedforward_figure,
 }
 """Records with one figure."""
@@ -58,8 +58,8 @@ def record_figures(
     only the parameters of an estimate are shown. Those of a design that was interrupted or breaks
     a limit say so. The same record gives the same bytes.
     """
-    note = _NOTES.get(record.summary.status, "") if isinstance(record, DesignRecord) else ""
-    if isinstance(record, SweepRecord) and record.summary.interrupted:
+    note = _NOTES.get(record.status, "") if isinstance(record, DesignResult) else ""
+    if isinstance(record, SweepResult) and record.interrupted:
         note = "interrupted: designs are missing or not complete"
     return tuple(
         path
@@ -69,11 +69,11 @@ def record_figures(
 
 
 def design_figures(
-    record: DesignRecord, folder: Path, formats: Collection[str] | None = None
+    record: DesignResult, folder: Path, formats: Collection[str] | None = None
 ) -> tuple[Path, ...]:
     """Draw the figures of a design into ``figures/`` of its run folder; return the files.
 
-    The record is ``DesignRecord.of(result)`` or ``DesignRecord.read(folder)``; the formats, of
+    The record is ``result`` or ``DesignResult.read(folder)``; the formats, of
     "png", "svg" and "pdf", are those that `report.figures` of its run names by default.
     """
     wanted = record.configuration.run.report.figures if formats is None else formats
@@ -88,7 +88,7 @@ def machine_drawing(
 
 
 def whole_motion_figure(
-    record: DesignRecord, exports: ExportsRecord, folder: Path, formats: Collection[str]
+    record: DesignResult, exports: ExportsRecord, folder: Path, formats: Collection[str]
 ) -> tuple[Path, ...]:
     """Draw the motion of the controller tables, from rest to rest, into ``figures/``.
 
@@ -98,7 +98,7 @@ def whole_motion_figure(
     if ways is None:
         return ()
     try:
-        motion = ways.motion(record.summary.trajectory, record.robot.home)
+        motion = ways.motion(record.trajectory, record.robot.home)
     except ValueError:
         return ()
     whole = WholeMotion.of(record.configuration, motion)
@@ -108,9 +108,9 @@ def whole_motion_figure(
 def _parts(record: Drawn) -> Iterator[tuple[Iterable[FigureDefinition[Any]], Any]]:
     """Yield the figures of a record, each lot with what it is drawn from."""
     match record:
-        case DesignRecord():
+        case DesignResult():
             yield DESIGN_FIGURES, record
-        case SweepRecord() | FeedforwardResult():
+        case SweepResult() | FeedforwardResult():
             yield [_ONLY[type(record)]], record
         case NoiseRecord():
             yield NOISE_FIGURES, record

@@ -38,12 +38,12 @@ def design(outcome: Outcome) -> None:
     if not criterion.invariant:
         log_det = CRITERIA["d"].named(section.information)
         value += f" ({scaling}), {log_det} = {result.log_det_information:.7g}"
-    hop = result.search.best.index - section.starts
+    hop = result.solver.best_start - section.starts
     say(
-        f"{result.configuration.run.name}: {result.status} in {result.seconds:.0f} s. {value} over "
+        f"{result.name}: {result.status} in {result.solver.seconds:.0f} s. {value} over "
         f"{result.samples} samples of one period of {result.trajectory.period:.4f} s, from start "
-        f"{result.search.best.index}{f', hop {hop}' if hop > 0 else ''}. The search: "
-        f"{result.search.ended}."
+        f"{result.solver.best_start}{f', hop {hop}' if hop > 0 else ''}. The search: "
+        f"{result.solver.ended}."
     )
     if section.prior is not None:
         say(f"{OF_A_CHANGE}.")

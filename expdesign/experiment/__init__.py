@@ -1,7 +1,6 @@
 """The experiment as a whole: from a configuration to a design and its run folder."""
 
 from expdesign.experiment.design import design
-from expdesign.experiment.record import DesignRecord
 from expdesign.experiment.result import DesignResult, PredictedPrecision
 
-__all__ = ["DesignRecord", "DesignResult", "PredictedPrecision", "design"]
+__all__ = ["DesignResult", "PredictedPrecision", "design"]

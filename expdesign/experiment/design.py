@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from functools import partial
 
 import numpy as np
@@ -15,7 +14,19 @@ from expdesign.experiment.combinations import (
     identified_base,
     known_combinations,
 )
-from expdesign.experiment.result import DesignResult, PredictedPrecision, imprecise, whole
+from expdesign.experiment.result import (
+    DesignResult,
+    PredictedPrecision,
+    PredictedStd,
+    imprecise,
+    parameter_precisions,
+    scaled_eigenvalues,
+)
+from expdesign.experiment.search_statistics import (
+    search_iterations,
+    search_statistics,
+    search_status,
+)
 from expdesign.experiment.setup import design_task, probe_motion
 from expdesign.experiment.systematic import systematic_std
 from expdesign.information.fisher import (
@@ -26,6 +37,7 @@ from expdesign.information.fisher import (
     weak_directions,
 )
 from expdesign.information.identifiable import BaseParameters, root_of
+from expdesign.motion.sampled import SampledMotion
 from expdesign.progress import report_progress, track
 from expdesign.recheck.excitable import structural_base
 from expdesign.recheck.information import Evaluator
@@ -34,11 +46,12 @@ from expdesign.robot import Robot
 from expdesign.solver.finish import FARTHEST
 from expdesign.solver.jobs import DesignTask
 from expdesign.solver.search import NoDesignError, search
-from expdesign.trajectory import FourierTrajectory
+from expdesign.trajectory import FourierTrajectory, fourier_keys
 from expdesign.workers import Monitor
 
 _PROBES = 3
 _FEWEST_PERIODS = 2
+_WHOLE = 1e-6
 _HOPELESS = 1e-2
 """A random feasible motion whose weakest direction is this factor below what counts as excited
 will not be optimised into an exciting one: the limits themselves are too tight."""
@@ -63,7 +76,6 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         No motion keeps the limits.
     """
     configuration = load_run(config)
-    began = time.perf_counter()
     if all(limit.is_default for limit in configuration.robot.limits.values()):
         raise InputError(
             "neither robot nor run limit anything: there is no best motion",
@@ -92,21 +104,9 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     information = evaluator.information(trajectory, samples)
     whole_information, total = experiment_information(evaluator, trajectory, configuration)
     periods = configuration.run.experiment.periods
-    experiment = precision(evaluator, whole_information, total, periods)
-    return DesignResult(
-        configuration=configuration,
-        robot=evaluator.robot,
-        trajectory=trajectory,
-        samples=samples,
-        samples_per_period=trajectory.period / task.plan.controller_period,
-        parameter_names=evaluator.names,
-        information=information,
-        log_det_information=evaluator.log_det(information),
-        criterion_value=evaluator.value(information),
+    predicted = PredictedStd(
         per_period=precision(evaluator, information, samples, 1),
-        experiment=experiment,
-        base_parameters=identified_combinations(configuration, evaluator, whole_information),
-        hum=task.plan.hum.distances(trajectory.omega),
+        experiment=precision(evaluator, whole_information, total, periods),
         systematic=systematic_std(
             evaluator.robot,
             trajectory,
@@ -116,15 +116,41 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
             _length_covariance(configuration),
             evaluator.prior,
         ),
-        check=found.finished.check,
-        search=found,
-        seconds=time.perf_counter() - began,
+    )
+    robot, section = evaluator.robot, configuration.run.design
+    steps = trajectory.period / task.plan.controller_period
+    status, status_text = search_status(found)
+    return DesignResult(
+        **fourier_keys(trajectory),
+        configuration=configuration,
+        name=configuration.run.name,
+        robot_name=robot.name,
+        criterion=section.criterion,
+        scaling=section.scaling,
+        parameter_names=evaluator.names,
+        controller_period=configuration.run.trajectory.controller_period,
+        samples_per_period=whole(steps) or steps,
+        samples=samples,
+        log_det_information=evaluator.log_det(information),
+        criterion_value=evaluator.value(information),
+        predicted_std=predicted,
+        status=status,
+        status_text=status_text,
+        solver=search_statistics(found, section.criterion),
+        base_parameters=identified_combinations(configuration, evaluator, whole_information),
+        hum=task.plan.hum.distances(trajectory.omega),
         warnings=(
             *configuration.warnings,
-            *_unlimited(evaluator.robot, trajectory),
+            *_unlimited(robot, trajectory),
             *_warnings(configuration, trajectory, task),
-            *imprecise(evaluator.robot, experiment),
+            *imprecise(robot, predicted.experiment),
         ),
+        motion=SampledMotion.of(robot, trajectory, trajectory.sample_times(round(steps))),
+        checks=found.finished.check.limits,
+        parameters=tuple(parameter_precisions(robot, predicted)),
+        iterations=tuple(search_iterations(found)),
+        eigenvalues=tuple(scaled_eigenvalues(information, robot.scales[evaluator.columns])),
+        information=information,
     )
 
 
@@ -213,6 +239,11 @@ def _no_way_around(configuration: RunConfiguration, task: DesignTask) -> str:
         f"No whole number of controller steps within {100 * FARTHEST:g} % of the best period keeps "
         "away from every hum: measure more periods, or let the controller's step be shorter"
     )
+
+
+def whole(value: float) -> int | None:
+    """Return a value as an integer where it is one but for rounding, else None."""
+    return round(value) if abs(value - round(value)) < _WHOLE else None
 
 
 def precision(

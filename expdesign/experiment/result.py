@@ -1,29 +1,38 @@
-"""The result of a design: the trajectory, its check, and how the search went."""
+"""The result of a design: the trajectory with its limits, its precision and its search."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from pydantic import BeforeValidator, PlainSerializer
 
 from constraints.arrays import Array
-from expdesign.configuration import RunConfiguration
+from expdesign.configuration import Problem
 from expdesign.experiment.combinations import KnownCombination
+from expdesign.experiment.search_statistics import Iteration, SearchStatistics, StartSummary
+from expdesign.information.fisher import ScaledInformation
 from expdesign.information.identifiable import IDENTIFIABLE
-from expdesign.recheck.limit_check import Recheck
-from expdesign.robot import Robot
+from expdesign.mechanism.catalogue import parameter_unit
+from expdesign.motion.sampled import SampledMotion
+from expdesign.recheck.limit_check import LimitCheck, Recheck
+from expdesign.robot import Robot, robot_from
+from expdesign.runfolder import (
+    Matrix,
+    OpenNumber,
+    StageResult,
+    StoredConfiguration,
+    Table,
+    described,
+)
 from expdesign.solver.finish import HumDistance
-from expdesign.solver.jobs import status_text
-from expdesign.solver.search import SearchResult
-from expdesign.trajectory import FourierTrajectory
+from expdesign.trajectory import FourierKeys
 
 _LARGE = 100.0
-_WHOLE = 1e-6
-
-
-def whole(value: float) -> int | None:
-    """Return a value as a whole number where it is one but for rounding, else None."""
-    return round(value) if abs(value - round(value)) < _WHOLE else None
 
 
 @dataclass(frozen=True)
@@ -38,8 +47,289 @@ class PredictedPrecision:
     std: dict[str, float]
 
 
+def _precision_keys(precision: PredictedPrecision) -> dict[str, float]:
+    return {"samples": precision.samples, "periods": precision.periods, **precision.std}
+
+
+def _precision_data(keys: object) -> object:
+    if not isinstance(keys, dict) or "samples" not in keys or "periods" not in keys:
+        return keys
+    std = {name: value for name, value in keys.items() if name not in {"samples", "periods"}}
+    return {"samples": keys["samples"], "periods": keys["periods"], "std": std}
+
+
+# In the file the parameters are keys like samples and periods.
+_Precision = Annotated[
+    PredictedPrecision, BeforeValidator(_precision_data), PlainSerializer(_precision_keys)
+]
+
+
+@dataclass(frozen=True)
+class PredictedStd:
+    """The predicted standard deviations of a design."""
+
+    per_period: _Precision
+    experiment: _Precision
+    systematic: dict[str, float] = field(default_factory=dict)
+    """Standard deviation of each parameter that the robot's tolerances make, SI, whatever the
+    number of periods; empty without tolerances."""
+
+
+@dataclass(frozen=True)
+class ParameterPrecision:
+    """Nominal value and predicted standard deviations of a judged parameter."""
+
+    name: Annotated[str, described("", "name", name="parameter")]
+    unit: Annotated[str, described("", "SI unit of nominal value and standard deviations")]
+    nominal: Annotated[OpenNumber, described("see unit", "nominal value")]
+    std_per_period: Annotated[
+        OpenNumber, described("see unit", "predicted standard deviation, one period")
+    ]
+    std_experiment: Annotated[
+        OpenNumber, described("see unit", "predicted standard deviation, whole experiment")
+    ]
+    rel_std_percent_per_period: Annotated[
+        OpenNumber, described("%", "of the nominal value; empty where that is 0")
+    ]
+    rel_std_percent_experiment: Annotated[
+        OpenNumber, described("%", "of the nominal value; empty where that is 0")
+    ]
+    std_systematic: Annotated[
+        OpenNumber,
+        described("see unit", "share of the robot's tolerances, in both; empty without them"),
+    ] = np.nan
+
+
+@dataclass(frozen=True)
+class Eigenvalue:
+    """An eigenvalue of the information of one period."""
+
+    index: Annotated[int, described("1", "from the smallest")]
+    unit_diagonal: Annotated[
+        OpenNumber, described("1", "of F scaled to unit diagonal", name="eigenvalue")
+    ]
+    nominal: Annotated[
+        OpenNumber,
+        described(
+            "1", "of F with each parameter in units of its nominal value", name="eigenvalue_nominal"
+        ),
+    ]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DesignResult(FourierKeys, StageResult):
+    """A designed trajectory with its limits, its precision and the statistics of its search.
+
+    The trajectory is judged by the `parameter_names`, k of them, over the `samples` of one period.
+    """
+
+    FILE: ClassVar[str] = "design.json"
+    WRITTEN_BY: ClassVar[str] = "`expdesign design`"
+
+    configuration: StoredConfiguration
+    units: Annotated[str, described("", "of all values: SI and radians")] = "SI and radians"
+    name: Annotated[str, described("", "name of the run")]
+    robot_name: Annotated[str, described("", "name of the robot", name="robot")]
+    criterion: Annotated[str, described("", "what was optimised: d, a, e or condition")]
+    scaling: Annotated[str, described("", "of the parameters in the criterion: si or nominal")]
+    parameter_names: Annotated[
+        tuple[str, ...], described("", "the parameters that are judged", name="parameters")
+    ]
+    controller_period: Annotated[float | None, described("s", "step of the controller")]
+    samples_per_period: Annotated[
+        int | float,
+        described("1", "controller steps of one period, whole unless the frequency was fixed"),
+    ]
+    samples: Annotated[int, described("1", "samples of one period in the information")]
+    log_det_information: Annotated[
+        OpenNumber,
+        described(
+            "",
+            "log det F of the judged parameters, with design.prior log det S of their change: "
+            "unsmoothed model, full Σ, SI",
+        ),
+    ]
+    criterion_value: Annotated[
+        OpenNumber,
+        described(
+            "", "log det, trace of the inverse, smallest eigenvalue or condition number of F or S"
+        ),
+    ]
+    predicted_std: Annotated[
+        PredictedStd,
+        described(
+            "SI",
+            "per_period and experiment: samples, periods and the standard deviation of each "
+            "parameter that noise makes; systematic: the one that the robot's tolerances make, "
+            "empty without them",
+        ),
+    ]
+    status: Annotated[str, described("", "converged, not converged, interrupted or limits broken")]
+    status_text: Annotated[
+        str, described("", "how the last stage of the best start ended, in words")
+    ]
+    solver: Annotated[
+        SearchStatistics,
+        described(
+            "",
+            "name, iterations, evaluations, seconds of all starts, cpu_seconds (of the processors, "
+            "without building the problem), best_start, ended (why it went no further), finish "
+            "(shrink, record), starts: of each the columns of tables/starts.csv, seconds and "
+            "stages",
+        ),
+    ]
+    base_parameters: Annotated[
+        tuple[KnownCombination, ...],
+        described("", "combinations that the experiment identifies; of each the table's columns"),
+        Table("tables/design_combinations.csv"),
+    ]
+    hum: Annotated[
+        tuple[HumDistance, ...],
+        described(
+            "",
+            "hums of the noise: frequency [Hz], the multiple of the motion's frequency next to "
+            "it, distance [Hz], and the same in lines of the record (1 or more keeps away)",
+        ),
+    ] = ()
+    warnings: Annotated[tuple[str, ...], described("", "in words")]
+
+    motion: Annotated[SampledMotion, Table("trajectory.csv")]
+    """One period at the controller's rate, its end left out."""
+    checks: Annotated[
+        tuple[LimitCheck, ...], Table("tables/limits.csv", rows_of=("key",), as_in=("limits",))
+    ]
+    parameters: Annotated[
+        tuple[ParameterPrecision, ...],
+        Table("tables/parameters.csv", rows_of=("name",), as_in=("parameter_names",)),
+    ]
+    iterations: Annotated[tuple[Iteration, ...], Table("tables/convergence.csv")]
+    eigenvalues: Annotated[
+        tuple[Eigenvalue, ...],
+        Table("tables/eigenvalues.csv", rows_of=("index",), as_in=("eigenvalue_numbers",)),
+    ]
+    information: Annotated[
+        Array,
+        Matrix(
+            "tables/information.csv",
+            "SI",
+            "F of one period: column of this parameter",
+            names="parameter_names",
+            row="row of F; the other columns are its columns, SI units",
+        ),
+    ]
+    """F of one period by the unsmoothed model with the full Σ, (k, k), SI."""
+
+    @property
+    def frequency_hz(self) -> Annotated[float, described("Hz", "base frequency")]:
+        """Base frequency, Hz."""
+        return self.trajectory.frequency
+
+    @property
+    def period(self) -> Annotated[float, described("s", "of the motion")]:
+        """Period of the motion, s."""
+        return self.trajectory.period
+
+    @property
+    def limits(
+        self,
+    ) -> Annotated[
+        dict[str, dict[str, Any]],
+        described(
+            "",
+            "for each limit: worst value, bound, unit, row, strut, time, violation, origin, "
+            "certified (kept at every instant, proved), method, stated (the bound before the "
+            "reserve), reserve (share of the range), proved excess, cells of time that it took, "
+            "time that stayed open [s]",
+        ),
+    ]:
+        """The columns of `checks` and how they were found, by limit."""
+        method, found = self.check.method, {}
+        for check in self.checks:
+            columns = asdict(check)
+            del columns["key"], columns["title"]
+            found[check.key] = {
+                **columns,
+                "strut": check.strut,
+                "certified": check.certified,
+                "method": method,
+            }
+        return found
+
+    @property
+    def starts(self) -> Annotated[tuple[StartSummary, ...], Table("tables/starts.csv")]:
+        """The starts and hops of the search, in their order."""
+        return self.solver.starts
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The robot that the trajectory was designed for."""
+        return robot_from(self.configuration.robot)
+
+    @property
+    def check(self) -> Recheck:
+        """All limits over one period."""
+        return Recheck(self.checks)
+
+    @property
+    def per_period(self) -> PredictedPrecision:
+        """Predicted precision of one period."""
+        return self.predicted_std.per_period
+
+    @property
+    def experiment(self) -> PredictedPrecision:
+        """Predicted precision of the whole experiment."""
+        return self.predicted_std.experiment
+
+    @property
+    def systematic(self) -> dict[str, float]:
+        """Standard deviations that the robot's tolerances make, by parameter, SI."""
+        return self.predicted_std.systematic
+
+    @property
+    def passed(self) -> bool:
+        """Whether every limit is kept and the search was completed."""
+        return self.status in {"converged", "not converged"}
+
+    @property
+    def eigenvalue_numbers(self) -> range:
+        """Numbers of the eigenvalues, from 1."""
+        return range(1, len(self.parameter_names) + 1)
+
+    def contradictions(self) -> Iterator[Problem]:
+        """Yield times that do not increase."""
+        if not self.motion.increases:
+            message, allowed = "the times do not increase", "at least two increasing times"
+            yield Problem(message, Path("trajectory.csv"), key="column t", allowed=allowed)
+
+
+def parameter_precisions(robot: Robot, predicted: PredictedStd) -> Iterator[ParameterPrecision]:
+    """Yield nominal value and predicted standard deviations of every judged parameter."""
+    nominal = robot.description.parameters
+    for name, one_period in predicted.per_period.std.items():
+        experiment = predicted.experiment.std[name]
+        size = abs(nominal[name]) or np.nan
+        yield ParameterPrecision(
+            name,
+            parameter_unit(name),
+            nominal[name],
+            one_period,
+            experiment,
+            100 * one_period / size,
+            100 * experiment / size,
+            predicted.systematic.get(name, np.nan),
+        )
+
+
+def scaled_eigenvalues(information: Array, scales: Array) -> Iterator[Eigenvalue]:
+    """Yield the eigenvalues of F, (k, k), scaled to unit diagonal and by the parameters' scales."""
+    by_nominal = np.linalg.eigvalsh(information * np.multiply.outer(scales, scales))
+    values = ScaledInformation.of(information).eigenvalues()
+    for number, pair in enumerate(zip(values, by_nominal, strict=True), start=1):
+        yield Eigenvalue(number, *map(float, pair))
+
+
 def imprecise(robot: Robot, precision: PredictedPrecision) -> tuple[str, ...]:
-    """Return a warning that names what the whole experiment does not identify, or nothing."""
+    """Return a warning that names the parameters the experiment does not identify, or nothing."""
     scales = dict(zip(robot.parameter_names, robot.scales, strict=True))
     share = {name: std / float(scales[name]) for name, std in precision.std.items()}
     weak = [f"{n} ({_percent(value)})" for n, value in share.items() if not value <= IDENTIFIABLE]
@@ -56,59 +346,3 @@ def _percent(share: float) -> str:
     if not np.isfinite(share):
         return "without bound"
     return f"{100 * share:.2g} %" if share > _LARGE else f"{100 * share:.0f} %"
-
-
-@dataclass(frozen=True)
-class DesignResult:
-    """A designed trajectory with everything that is reported about it.
-
-    It is judged by the `parameter_names` and over the `samples` of one period.
-    """
-
-    configuration: RunConfiguration
-    robot: Robot
-    trajectory: FourierTrajectory
-    samples: int
-    samples_per_period: float
-    """Controller steps; whole unless the frequency was fixed otherwise."""
-    parameter_names: tuple[str, ...]
-    information: Array
-    """(k, k) F of one period by the unsmoothed model with the full Σ, SI."""
-    log_det_information: float
-    criterion_value: float
-    per_period: PredictedPrecision
-    experiment: PredictedPrecision
-    systematic: dict[str, float]
-    """Standard deviation that the robot's tolerances make of each parameter, SI, however many
-    periods are measured; empty without tolerances."""
-    check: Recheck
-    search: SearchResult
-    seconds: float
-    warnings: tuple[str, ...]
-    base_parameters: tuple[KnownCombination, ...] = ()
-    """The combinations that the whole experiment identifies."""
-    hum: tuple[HumDistance, ...] = ()
-    """Hums of the noise, and how far the motion's frequency keeps away from each."""
-
-    @property
-    def status(self) -> str:
-        """``"limits broken"``, ``"interrupted"``, ``"converged"`` or ``"not converged"``."""
-        if not self.check.passed:
-            return "limits broken"
-        if self.search.interrupted:
-            return "interrupted"
-        record = self.search.finished.record
-        finished = record is None or record.converged
-        return "converged" if self.search.best.converged and finished else "not converged"
-
-    @property
-    def status_text(self) -> str:
-        """How the best start and its finish ended, in words."""
-        record = self.search.finished.record
-        finish = "not solved again" if record is None else status_text(record.status)
-        return f"start: {self.search.best.status}; finish: {finish}"
-
-    @property
-    def passed(self) -> bool:
-        """True when every limit is kept and the search came to its end."""
-        return self.status in {"converged", "not converged"}

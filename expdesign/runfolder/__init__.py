@@ -1,6 +1,7 @@
 """Run folders: results stored from the annotations of their fields, and the manifest of stages."""
 
 from expdesign.runfolder.fields import (
+    JSON_ONLY,
     MAY_BE_EMPTY,
     Column,
     Covariance,
@@ -26,6 +27,7 @@ from expdesign.runfolder.store import (
 from expdesign.runfolder.tables import ArrayTable, CsvFile, MatrixTable, RowTable, describe_tables
 
 __all__ = [
+    "JSON_ONLY",
     "MAY_BE_EMPTY",
     "ArrayTable",
     "Column",

@@ -58,8 +58,16 @@ RATE_COLUMNS = _derived("d", "s", "rate")
 ACCELERATION_COLUMNS = _derived("dd", "s^2", "second time derivative")
 
 
+class _JsonOnly:
+    """Mark of a key of a JSON file that is no column of a table."""
+
+
+JSON_ONLY = _JsonOnly()
+"""Mark of a field of a row that is a key where rows are in a JSON file, and no column."""
+
+
 def field_columns(record: type[Any]) -> Iterator[tuple[str, tuple[Column, ...]]]:
-    """Yield every field of a frozen dataclass with what it is called and means in its file.
+    """Yield every field of a frozen dataclass with its columns: names, units and meanings.
 
     Raises
     ------
@@ -69,7 +77,10 @@ def field_columns(record: type[Any]) -> Iterator[tuple[str, tuple[Column, ...]]]
     hints = get_type_hints(record, include_extras=True)
     for name in (field.name for field in fields(record)):
         found: list[Column] = []
-        for entry in getattr(hints[name], "__metadata__", ()):
+        marks = getattr(hints[name], "__metadata__", ())
+        if JSON_ONLY in marks:
+            continue
+        for entry in marks:
             if isinstance(entry, Column):
                 found.append(replace(entry, name=entry.name or name))
             elif isinstance(entry, tuple):

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from expdesign.configuration import quantity_text
-from expdesign.experiment import DesignRecord, DesignResult, design
+from expdesign.experiment import DesignResult, design
 from expdesign.information.fisher import SingularInformationError
 from expdesign.information.identifiable import listed
 from expdesign.interruption import interruptible
@@ -32,14 +32,13 @@ def outcome_of(result: DesignResult, work: Workspace) -> Outcome:
     """Return what becomes of a design that was made."""
     return Outcome(
         result=result,
-        record=DesignRecord.of(result),
+        record=result,
         summary={
             "design_status": result.status,
             "log_det_information": result.log_det_information,
             "criterion": result.configuration.run.design.criterion,
             "criterion_value": result.criterion_value,
             "worst_violation": result.check.worst,
-            "seconds": result.seconds,
             "warnings": list(result.warnings),
         },
         status="done" if result.passed else result.status,

@@ -9,15 +9,16 @@ from typing import NamedTuple
 
 from expdesign.configuration import ComputationError
 from expdesign.configuration.run import GridPoint
-from expdesign.experiment import DesignRecord
-from expdesign.experiment.design_file import DesignFile
-from expdesign.experiment.several import design_folder, designed
-from expdesign.experiment.sweep_record import (
+from expdesign.experiment import DesignResult
+from expdesign.experiment.sweep import (
     FAILED,
     INTERRUPTED,
     NOT_BEGUN,
-    SweepRecord,
+    SweepResult,
     SweptDesign,
+    design_folder,
+    design_point,
+    sweep_result,
 )
 from expdesign.interruption import interruptible
 from expdesign.stages.design import outcome_of, searched
@@ -42,9 +43,9 @@ def perform(work: Workspace) -> Outcome:
         designs = list(_designs(work, Monitor(stop, advanced=advanced)))
         if stop() and not any(one.made for one in designs):
             raise StoppedError("interrupted before the first design was done")
-        record = SweepRecord.of(configuration, designs)
+        record = sweep_result(configuration, designs)
         files = [*record.write(work.folder), *_drawn(record, work)]
-    files += [work.folder / one.folder / DesignFile.FILE for one in designs if one.made]
+    files += [work.folder / one.folder / DesignResult.FILE for one in designs if one.made]
     status, message = _end(record)
     return Outcome(
         result=record,
@@ -52,9 +53,9 @@ def perform(work: Workspace) -> Outcome:
         files=tuple(files),
         summary={
             "designs": len(designs),
-            "made": record.summary.made,
+            "made": record.made,
             "failed": sum(one.wrong for one in designs),
-            "interrupted": record.summary.interrupted,
+            "interrupted": record.interrupted,
             "points": [
                 {"values": dict(point.values), "folder": one.folder, "status": one.status}
                 for point, one in zip(configuration.grid, designs, strict=True)
@@ -82,9 +83,7 @@ def _designs(work: Workspace, monitor: Monitor) -> Iterator[SweptDesign]:
         if end.without:
             yield SweptDesign.missing(number, point, end.without, end.reason)
         else:
-            parameters = DesignRecord.TABLES["parameters"].read(place.folder)
-            summary = DesignFile.read(place.folder)
-            yield SweptDesign.of(number, point, summary, parameters, end.reason)
+            yield SweptDesign.of(number, point, DesignResult.read(place.folder), end.reason)
         monitor.advanced(number, len(points))
 
 
@@ -111,7 +110,7 @@ def _designed(_built: None, monitor: Monitor, point: GridPoint, folder: Path) ->
     """Make the design of a point and its run folder, in the process of the job."""
     work, began = _workspace(point, folder), time.perf_counter()
     try:
-        result = searched(lambda: designed(point.configuration, monitor))
+        result = searched(lambda: design_point(point.configuration, monitor))
     except StoppedError as error:
         return _End(INTERRUPTED, error.message)
     except ComputationError as error:
@@ -121,18 +120,18 @@ def _designed(_built: None, monitor: Monitor, point: GridPoint, folder: Path) ->
     return _End("", outcome.failure)
 
 
-def _drawn(record: SweepRecord, work: Workspace) -> tuple[Path, ...]:
+def _drawn(record: SweepResult, work: Workspace) -> tuple[Path, ...]:
     # The library that draws takes a second to load.
     from results import record_figures
 
     return record_figures(record, work.folder, work.configuration.run.report.figures)
 
 
-def _end(record: SweepRecord) -> tuple[str, str]:
+def _end(record: SweepResult) -> tuple[str, str]:
     """Return how a sweep ended, as the manifest has it, and one line about it."""
-    total, failed = record.summary.points, sum(one.wrong for one in record.designs)
+    total, failed = record.point_count, sum(one.wrong for one in record.designs)
     complete = sum(one.complete for one in record.designs)
-    if record.summary.interrupted:
+    if record.interrupted:
         return "interrupted", f"interrupted after {complete} of {total} designs"
     if not failed:
         return "done", f"{total} designs"
@@ -148,8 +147,6 @@ def _end(record: SweepRecord) -> tuple[str, str]:
     )
 
 
-def _how_to_go_on(record: SweepRecord, folder: Path) -> str:
+def _how_to_go_on(record: SweepResult, folder: Path) -> str:
     what = f"What there is stands in {short(folder)}"
-    return (
-        f"{what}, and the same command goes on from there" if record.summary.interrupted else what
-    )
+    return f"{what}, and the same command goes on from there" if record.interrupted else what

@@ -17,7 +17,7 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.configuration import ResolvedRobot
 from expdesign.configuration.noise_spectrum import ForceSpectrum
-from expdesign.experiment import DesignRecord
+from expdesign.experiment import DesignResult
 from expdesign.information.fisher import (
     SingularInformationError,
     log_det,
@@ -36,22 +36,22 @@ class ComparedDesign:
     """One design and its name in the comparison."""
 
     label: str
-    record: DesignRecord
+    record: DesignResult
 
     @property
     def names(self) -> tuple[str, ...]:
         """The parameters that it judges."""
-        return self.record.summary.parameters
+        return self.record.parameter_names
 
     @property
     def information(self) -> Array:
         """F of one sample on average, SI, (m, m)."""
-        return self.record.information / self.record.summary.samples
+        return self.record.information / self.record.samples
 
     @property
     def period(self) -> float:
         """Period, s."""
-        return self.record.summary.trajectory.period
+        return self.record.trajectory.period
 
     @property
     def nominal(self) -> Array:
@@ -64,7 +64,7 @@ class ComparedDesign:
         They are those of the design's own experiment, which `tables/parameters.csv` states, by
         the square root of the samples.
         """
-        own = self.record.summary.predicted_std.experiment.samples
+        own = self.record.predicted_std.experiment.samples
         std = np.array([parameter.std_experiment for parameter in self.record.parameters])
         return np.asarray(std * np.sqrt(own / samples), dtype=np.float64)
 
@@ -98,7 +98,7 @@ class DesignComparison:
     @property
     def samples(self) -> int:
         """Samples that the criteria are stated for: those of the first design's period."""
-        return self.designs[0].record.summary.samples
+        return self.designs[0].record.samples
 
     @property
     def sampling(self) -> float:
@@ -108,7 +108,7 @@ class DesignComparison:
     @property
     def experiment_samples(self) -> int:
         """Samples of the common experiment: the first design's."""
-        return self.designs[0].record.summary.predicted_std.experiment.samples
+        return self.designs[0].record.predicted_std.experiment.samples
 
     @property
     def same_nominal(self) -> bool:

@@ -10,7 +10,7 @@ from pathlib import Path
 from estimation.identification.record import EstimateRecord
 from estimation.montecarlo.result import MonteCarloRecord
 from expdesign.configuration import InputError, Problem
-from expdesign.experiment import DesignRecord
+from expdesign.experiment import DesignResult
 from expdesign.experiment.sensitivity import limit_sensitivity
 from expdesign.progress import report_progress, track
 from expdesign.runfolder.files import write_text
@@ -119,7 +119,7 @@ def _page(
         return {label: folder for label, folder in folders.items() if folder.has(stage)}
 
     designs = tuple(
-        ComparedDesign(label, folder.record(DesignRecord))
+        ComparedDesign(label, folder.record(DesignResult))
         for label, folder in holding("design").items()
     )
     if designs:
@@ -132,7 +132,7 @@ def _page(
         if with_sensitivity:
             costs = {
                 design.label: limit_sensitivity(
-                    design.record.configuration, design.record.summary.trajectory
+                    design.record.configuration, design.record.trajectory
                 )
                 for design in track("what each limit costs", designs)
             }

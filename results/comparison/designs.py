@@ -56,7 +56,7 @@ def designs_report(
             )
             blocks.append(TextBlock(text, Level.CAUTION))
     # No column of a table: tables are the same bytes whenever the same seeds were used.
-    seconds = {design.label: design.record.summary.solver.seconds for design in designs}
+    seconds = {design.label: design.record.solver.seconds for design in designs}
     each = ", ".join(f"{label}: {duration(value)}" for label, value in seconds.items())
     facts.append(Fact("search", duration(sum(seconds.values())), each))
     verdict = StageVerdict("Designs", Level.NEUTRAL, "compared", sentence, "designs")
@@ -215,7 +215,7 @@ def precision_series(comparison: DesignComparison) -> ParameterSeries:
 def _effort_table(comparison: DesignComparison) -> ReportTable:
     """Return the measuring time that each design needs, one row per design."""
     designs, periods = comparison.designs, _periods_needed(comparison)
-    summaries = [design.record.summary for design in designs]
+    summaries = [design.record for design in designs]
     hopeless = _hopeless(comparison)
     efforts = [
         _effort(design, np.where(hopeless, np.nan, periods[design.label])) for design in designs

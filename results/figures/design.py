@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.experiment import DesignRecord
-from expdesign.experiment.record import Iteration
+from expdesign.experiment import DesignResult
+from expdesign.experiment.search_statistics import Iteration
 from expdesign.information.criteria import CRITERIA
 from expdesign.recheck.limit_check import REACHED, TOLERANCE, LimitCheck
 from expdesign.solver.events import STAGE_TITLES
@@ -54,7 +54,7 @@ _LOOK: dict[str, dict[str, Any]] = {
     "place and time.",
     height=1.0,
 )
-def limits_used_figure(figure: Figure, record: DesignRecord) -> None:
+def limits_used_figure(figure: Figure, record: DesignResult) -> None:
     """Draw one bar per limit, the fullest on top, with the worst moment beside it."""
     figure.set_figheight(0.9 + 0.27 * max(len(record.checks), 2))
     share = np.array([100 * check.used for check in record.checks])
@@ -122,7 +122,7 @@ _MANY = 4
     "condition number.",
     height=2.9,
 )
-def eigenvalues_figure(figure: Figure, record: DesignRecord) -> None:
+def eigenvalues_figure(figure: Figure, record: DesignResult) -> None:
     """Draw one panel per scaling, eigenvalues ascending over their index."""
     panels = {
         "Columns scaled to unit length": [value.unit_diagonal for value in record.eigenvalues],
@@ -234,13 +234,13 @@ def traces(iterations: Sequence[Iteration]) -> tuple[Trace, ...]:
     "limit over the iterations of all starts.",
     height=4.4,
 )
-def convergence_figure(figure: Figure, record: DesignRecord) -> None:
+def convergence_figure(figure: Figure, record: DesignResult) -> None:
     """Draw all starts, the one that the design came from in front."""
     from matplotlib.lines import Line2D
 
     found = traces(record.iterations)
     objective, violation = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    roles = [_role(trace, record.summary.solver.best_start) for trace in found]
+    roles = [_role(trace, record.solver.best_start) for trace in found]
     # One that cannot get within its limits may take far longer than all others.
     kept = [trace for trace in found if trace.violation[-1] <= _KEPT] or found
     longest = max((float(trace.iteration[-1]) for trace in kept), default=1.0)
@@ -269,8 +269,8 @@ def convergence_figure(figure: Figure, record: DesignRecord) -> None:
     figure.align_ylabels()
 
 
-def _iteration_label(record: DesignRecord, found: Sequence[Trace]) -> str:
-    criterion = CRITERIA.get(record.summary.criterion)
+def _iteration_label(record: DesignResult, found: Sequence[Trace]) -> str:
+    criterion = CRITERIA.get(record.criterion)
     stages = {stage for trace in found for stage in trace.stages}
     if not found or "blunt" in stages or criterion is None or not criterion.flat:
         return "Iteration of the start"
@@ -317,9 +317,9 @@ def _mark_stages(axes: Axes, trace: Trace, longest: float) -> None:
         )
 
 
-def _objective_axis(axes: Axes, record: DesignRecord, found: Sequence[Trace]) -> list[Line2D]:
+def _objective_axis(axes: Axes, record: DesignResult, found: Sequence[Trace]) -> list[Line2D]:
     """Name the axis, scale it to what matters; draw and return the written design's value."""
-    summary = record.summary
+    summary = record
     criterion = CRITERIA.get(summary.criterion)
     information = record.configuration.run.design.information
     title = summary.criterion if criterion is None else criterion.named(information)

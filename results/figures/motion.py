@@ -11,7 +11,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
-from expdesign.experiment import DesignRecord
+from expdesign.experiment import DesignResult
 from expdesign.mechanism.hexapod import COORDINATE_NAMES
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.sampled import SampledMotion
@@ -50,7 +50,7 @@ _VIEWS = ((0.01, 0.01, 0.47, 0.86), (0.52, 0.01, 0.47, 0.86))
     "these are far (right). Scales are equal within each view.",
     height=3.9,
 )
-def path_figure(figure: Figure, record: DesignRecord) -> None:
+def path_figure(figure: Figure, record: DesignResult) -> None:
     """Draw both views, each with one scale for its three axes."""
     from matplotlib.lines import Line2D
 
@@ -80,7 +80,7 @@ def path_figure(figure: Figure, record: DesignRecord) -> None:
     figure.legend(handles=handles, loc="upper center", ncols=len(handles))
 
 
-def _draw_robot(axes: Any, record: DesignRecord) -> None:
+def _draw_robot(axes: Any, record: DesignResult) -> None:
     robot = record.configuration.robot
     base, joints = robot.base_joints, robot.struts_at(robot.home).joints
     path = closed(record.motion.pose[:, :3])
@@ -94,7 +94,7 @@ def _draw_robot(axes: Any, record: DesignRecord) -> None:
     axes.plot(*home[:, None], color=INK, marker="+", markersize=7, linestyle="none")
 
 
-def _draw_path(axes: Any, record: DesignRecord) -> None:
+def _draw_path(axes: Any, record: DesignResult) -> None:
     path, home = closed(record.motion.pose[:, :3]), record.robot.home[:3]
     corners = _workspace(record)
     if corners is None:
@@ -116,7 +116,7 @@ def _draw_path(axes: Any, record: DesignRecord) -> None:
     axes.plot(*marked.T, color=INK, marker="+", markersize=7, linestyle="none")
 
 
-def _workspace(record: DesignRecord) -> Array | None:
+def _workspace(record: DesignResult) -> Array | None:
     """Return the eight corners that the position may reach, SI.
 
     None when it is not bounded, or by so much that the path would be a dot within.
@@ -195,7 +195,7 @@ BETA = StrutQuantity("Second cardan angle", r"Cardan angle $\beta$", "rad", "bet
     "struts over one period. What the limits forbid is hatched.",
     height=5.4,
 )
-def struts_figure(figure: Figure, record: DesignRecord) -> None:
+def struts_figure(figure: Figure, record: DesignResult) -> None:
     """Draw four panels over one period; the forces are those of the nominal parameters."""
     panels = figure.subplots(2, 2, sharex=True)
     _draw_period(record, panels, (LENGTH, SPEED, ACCELERATION, FORCE))
@@ -207,12 +207,12 @@ def struts_figure(figure: Figure, record: DesignRecord) -> None:
     "Cardan angles of the six struts over one period. What the limits forbid is hatched.",
     height=2.9,
 )
-def cardan_angles_figure(figure: Figure, record: DesignRecord) -> None:
+def cardan_angles_figure(figure: Figure, record: DesignResult) -> None:
     """Draw α and β of all struts over one period."""
     _draw_period(record, figure.subplots(1, 2, sharex=True, squeeze=False), (ALPHA, BETA))
 
 
-def _draw_period(record: DesignRecord, panels: Any, quantities: Sequence[StrutQuantity]) -> None:
+def _draw_period(record: DesignResult, panels: Any, quantities: Sequence[StrutQuantity]) -> None:
     """Draw one quantity into each panel over one period; name the struts above all."""
     for axes, quantity in zip(panels.flat, quantities, strict=True):
         _limited_panel(axes, quantity, record)
@@ -272,7 +272,7 @@ def _name_segments(axes: Axes, record: WholeMotion, names: tuple[str, ...]) -> N
         )
 
 
-def _limited_panel(axes: Axes, quantity: StrutQuantity, record: DesignRecord | WholeMotion) -> None:
+def _limited_panel(axes: Axes, quantity: StrutQuantity, record: DesignResult | WholeMotion) -> None:
     """Draw the curves, shade what the limit forbids and write the bounds into the shade.
 
     Where bounds differ from strut to strut, the shade begins at the widest, and each strut's own
@@ -364,7 +364,7 @@ _PANELS = (
     "the home pose (above) and rotation angles of the platform (below).",
     height=4.4,
 )
-def excitation_figure(figure: Figure, record: DesignRecord) -> None:
+def excitation_figure(figure: Figure, record: DesignResult) -> None:
     """Draw x, y, z from home and φ, θ, ψ, as Fig. 2 of the paper does."""
     panels = figure.subplots(2, 1, sharex=True)
     time = record.motion.time

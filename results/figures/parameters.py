@@ -11,7 +11,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.identification.record import EstimateRecord
 from estimation.selection.selection import SelectionRow
-from expdesign.experiment import DesignRecord
+from expdesign.experiment import DesignResult
 from expdesign.information.identifiable import IDENTIFIABLE
 from results.figures.drawing import (
     correlation_image,
@@ -43,17 +43,16 @@ _WIDTH = 0.38
     "one period of the design and over the whole experiment.",
     height=3.3,
 )
-def precision_figure(figure: Figure, record: DesignRecord) -> None:
+def precision_figure(figure: Figure, record: DesignResult) -> None:
     """Draw two bars per parameter, one period and the whole experiment, on a logarithmic axis."""
-    parameters, summary = record.parameters, record.summary
-    experiment = summary.predicted_std.experiment
+    parameters, experiment = record.parameters, record.experiment
     periods = experiment.periods
     whole = f"experiment ({periods:g} period{'s' * (periods != 1)}"
     percents = np.array(
         [(p.rel_std_percent_per_period, p.rel_std_percent_experiment) for p in parameters]
     )
     series = (
-        (f"one period ({_count(summary.samples)} samples)", SECOND, -_WIDTH / 2),
+        (f"one period ({_count(record.samples)} samples)", SECOND, -_WIDTH / 2),
         (f"{whole}, {_count(experiment.samples)} samples)", EMPHASIS, _WIDTH / 2),
     )
     axes = figure.subplots()

@@ -10,7 +10,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration.grid import value_text
-from expdesign.experiment.sweep_record import SweepRecord, point_label
+from expdesign.experiment.sweep import SweepResult, point_label
 from results.figures.drawing import (
     centred_text,
     figure_definition,
@@ -52,7 +52,7 @@ _PRECISIONS = {
     "other one beats in both. Numbers are those of the table.",
     height=5.2,
 )
-def sweep_figure(figure: Figure, record: SweepRecord) -> None:
+def sweep_figure(figure: Figure, record: SweepResult) -> None:
     """Draw precision over measuring time and over the processor time of the search."""
     panels = figure.subplots(len(_PRECISIONS), len(_COSTS), sharex="col", sharey="row")
     looks = _looks(record)
@@ -73,7 +73,7 @@ def sweep_figure(figure: Figure, record: SweepRecord) -> None:
         label_points(axes, points[shown], names, colours)
 
 
-def _draw(axes: Axes, record: SweepRecord, cost: str, precision: str, looks: _Looks) -> None:
+def _draw(axes: Axes, record: SweepResult, cost: str, precision: str, looks: _Looks) -> None:
     """Draw the designs of one panel."""
     points, shown = _points(record, cost, precision)
     if not shown:
@@ -96,7 +96,7 @@ def _draw(axes: Axes, record: SweepRecord, cost: str, precision: str, looks: _Lo
             getattr(axes, f"{way}axis").set_major_formatter(plain_ticks())
 
 
-def _points(record: SweepRecord, cost: str, precision: str) -> tuple[Array, list[int]]:
+def _points(record: SweepResult, cost: str, precision: str) -> tuple[Array, list[int]]:
     """Return cost and precision of every design, (K, 2), and which designs have both."""
     points = np.array([(getattr(one, cost), getattr(one, precision)) for one in record.designs])
     return points, np.flatnonzero(np.all(np.isfinite(points), axis=1)).tolist()
@@ -110,7 +110,7 @@ class _Looks(NamedTuple):
     legend: list[Line2D]
 
 
-def _looks(record: SweepRecord) -> _Looks:
+def _looks(record: SweepResult) -> _Looks:
     """Return how designs are told apart.
 
     Colours are the values of one key, where there are two or more with several values: of those
@@ -118,7 +118,7 @@ def _looks(record: SweepRecord) -> _Looks:
     """
     from matplotlib.lines import Line2D
 
-    grid, others, legend = record.summary.grid, record.varied, []
+    grid, others, legend = record.grid, record.varied, []
     colours = [BLUE] * len(record.designs)
     path = min(others, key=lambda one: len(grid[one]))
     if len(others) > 1 and len(grid[path]) <= len(PALETTE):

@@ -49,12 +49,12 @@ LATEX_TABLES = (
 """Tables that are written as LaTeX too."""
 
 _DRAWN = {
-    "design": ("expdesign.experiment:DesignRecord", "excitation"),
+    "design": ("expdesign.experiment:DesignResult", "excitation"),
     "montecarlo": ("estimation.montecarlo.result:MonteCarloRecord", "montecarlo_bias"),
     "estimate": ("estimation.identification.record:EstimateRecord", "estimates"),
     "validate": ("estimation.validation.validate:ValidationRecord", "prediction_1"),
     "feedforward": ("estimation.feedforward.result:FeedforwardResult", "feedforward"),
-    "sweep": ("expdesign.experiment.sweep_record:SweepRecord", "sweep"),
+    "sweep": ("expdesign.experiment.sweep:SweepResult", "sweep"),
 }
 """What a stage leaves, and a figure of it: where that is missing, all of them are drawn."""
 
@@ -78,7 +78,7 @@ def write_report(
         Whose `report` section counts; the folder's `run.yaml` by default, which the stage that
         wrote last has left.
     records : iterable
-        What is in memory of the folder, such as a `DesignRecord`; it is not read again.
+        What is in memory of the folder, such as a `DesignResult`; it is not read again.
 
     Raises
     ------
@@ -201,10 +201,10 @@ def _missing_figures(folder: RunFolder) -> list[Path]:
             drawn += record_figures(record, folder.path, formats)
     if folder.has("design") and folder.has("export"):
         # Always: a table that was exported by hand may be of another motion than the figure.
-        from expdesign.experiment import DesignRecord
+        from expdesign.experiment import DesignResult
         from expdesign.export.record import ExportsRecord
         from results.saving import whole_motion_figure
 
-        design, exports = folder.record(DesignRecord), folder.record(ExportsRecord)
+        design, exports = folder.record(DesignResult), folder.record(ExportsRecord)
         drawn += whole_motion_figure(design, exports, folder.path, formats)
     return drawn

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from expdesign.configuration.open_rows import held_in_words
-from expdesign.experiment import DesignRecord
+from expdesign.experiment import DesignResult
 from expdesign.experiment.sensitivity import LimitSensitivity
 from expdesign.information.criteria import CRITERIA, OF_A_CHANGE
 from expdesign.information.identifiable import IDENTIFIABLE
@@ -44,7 +44,7 @@ _SCALINGS = {"si": "SI units", "nominal": "nominal scaling"}
 
 def design_report(folder: RunFolder) -> StageView:
     """Return what is to be said of the design in a folder."""
-    record = folder.record(DesignRecord)
+    record = folder.record(DesignResult)
     sensitivity = design_sensitivity(record)
     cost = None if sensitivity is None else costliest_fact(sensitivity)
     blocks: tuple[Block, ...] = (
@@ -55,17 +55,15 @@ def design_report(folder: RunFolder) -> StageView:
         *_gains(sensitivity),
         *folder.figures(*DESIGN_FIGURES[:5]),
         parameters_table(record),
-        *combination_blocks(
-            "design_combinations", record.base_parameters, record.summary.parameters
-        ),
+        *combination_blocks("design_combinations", record.base_parameters, record.parameter_names),
         *folder.figures(*DESIGN_FIGURES[5:7]),
         _starts_table(record),
         *folder.figures(*DESIGN_FIGURES[7:]),
     )
-    return StageView(_verdict(record), blocks, _facts(record), record.summary.warnings)
+    return StageView(_verdict(record), blocks, _facts(record), record.warnings)
 
 
-def limits_table(record: DesignRecord) -> ReportTable:
+def limits_table(record: DesignResult) -> ReportTable:
     """Return the worst moment of every limit."""
 
     def unit(check: LimitCheck) -> DisplayUnit:
@@ -104,14 +102,14 @@ def limits_table(record: DesignRecord) -> ReportTable:
     return ReportTable.of("limits", f"{caption}{''.join(held)}", columns, record.checks)
 
 
-def _sampled(record: DesignRecord) -> bool:
+def _sampled(record: DesignResult) -> bool:
     """Return whether the limits were only looked at on a grid, as earlier versions did."""
     return all(np.isnan(check.proved) for check in record.checks)
 
 
-def parameters_table(record: DesignRecord) -> ReportTable:
+def parameters_table(record: DesignResult) -> ReportTable:
     """Return nominal parameters with their predicted standard deviations."""
-    shared = record.summary.predicted_std.systematic
+    shared = record.predicted_std.systematic
     columns = (
         TableColumn("parameter", kind="parameter", of="name"),
         TableColumn("unit", kind="text", of="unit"),
@@ -122,9 +120,9 @@ def parameters_table(record: DesignRecord) -> ReportTable:
         TableColumn("σ, experiment", "%", digits=3, of="rel_std_percent_experiment"),
         *([TableColumn("σ, tolerances", digits=3, of="std_systematic")] if shared else []),
     )
-    experiment = record.summary.predicted_std.experiment
+    experiment = record.predicted_std.experiment
     caption = (
-        f"Nominal parameters and predicted standard deviations σ: over {record.summary.samples} "
+        f"Nominal parameters and predicted standard deviations σ: over {record.samples} "
         f"samples of one period, and over {readable(experiment.periods)} periods with "
         f"{experiment.samples} samples; percent of the nominal value"
         f"{_TOLERANCES if shared else ''}"
@@ -137,7 +135,7 @@ _TOLERANCES = (
 )
 
 
-def _starts_table(record: DesignRecord) -> ReportTable:
+def _starts_table(record: DesignResult) -> ReportTable:
     columns = (
         TableColumn("start", of="index"),
         TableColumn("kind", kind="text", of="kind"),
@@ -147,12 +145,12 @@ def _starts_table(record: DesignRecord) -> ReportTable:
         TableColumn("how it ended", kind="text", of="status"),
         TableColumn("best", kind="text", of="best"),
     )
-    starts = record.summary.solver.starts
+    starts = record.solver.starts
     return ReportTable.of("starts", "All starts of the search", columns, starts, folded=True)
 
 
-def _verdict(record: DesignRecord) -> StageVerdict:
-    summary = record.summary
+def _verdict(record: DesignResult) -> StageVerdict:
+    summary = record
     level = _LEVELS.get(summary.status, Level.NEUTRAL)
     held = [check.title for check in record.checks if check.used >= REACHED]
     sentence = (
@@ -179,8 +177,8 @@ def _verdict(record: DesignRecord) -> StageVerdict:
     return StageVerdict("Design", level, summary.status, sentence, "design")
 
 
-def _facts(record: DesignRecord) -> tuple[Fact, ...]:
-    summary = record.summary
+def _facts(record: DesignResult) -> tuple[Fact, ...]:
+    summary = record
     criterion = CRITERIA.get(summary.criterion)
     information = record.configuration.run.design.information
     percents = np.array([parameter.rel_std_percent_experiment for parameter in record.parameters])
@@ -207,8 +205,8 @@ def _facts(record: DesignRecord) -> tuple[Fact, ...]:
     return tuple(facts)
 
 
-def _details(record: DesignRecord) -> tuple[Fact, ...]:
-    summary, solver = record.summary, record.summary.solver
+def _details(record: DesignResult) -> tuple[Fact, ...]:
+    summary, solver = record, record.solver
     facts = [
         Fact("base frequency", f"{readable(summary.omega / (2 * np.pi))} Hz"),
         Fact(
@@ -225,9 +223,9 @@ def _details(record: DesignRecord) -> tuple[Fact, ...]:
     return tuple(facts)
 
 
-def _reserve(record: DesignRecord, sensitivity: LimitSensitivity | None) -> tuple[Block, ...]:
+def _reserve(record: DesignResult, sensitivity: LimitSensitivity | None) -> tuple[Block, ...]:
     reserves = {limit.key: limit.reserve for limit in record.robot.limits}
-    text = reserve_in_words(sensitivity, reserves, record.summary.criterion)
+    text = reserve_in_words(sensitivity, reserves, record.criterion)
     return (TextBlock(text),) if text else ()
 
 

@@ -84,7 +84,7 @@ class RunFolder:
         return self.path / self.stages[stage].file
 
     def record(self, kind: type[Record]) -> Record:
-        """Return what the folder holds of a kind, ``folder.record(DesignRecord)``; read once.
+        """Return what the folder holds of a kind, ``folder.record(DesignResult)``; read once.
 
         Raises
         ------

@@ -8,7 +8,7 @@ import numpy as np
 
 from constraints import limit_definitions
 from expdesign.configuration import InputError
-from expdesign.experiment import DesignRecord
+from expdesign.experiment import DesignResult
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity, sensitivity_at_design
 from expdesign.experiment.setup import design_task
 from expdesign.information.criteria import CRITERIA
@@ -30,12 +30,12 @@ _SAME = 1e-6
 """Relative difference up to which a number computed again is the same."""
 
 
-def design_sensitivity(record: DesignRecord) -> LimitSensitivity | None:
+def design_sensitivity(record: DesignResult) -> LimitSensitivity | None:
     """Return about what every limit costs the design of a folder.
 
     None where `run.yaml` is no longer of this design: stages that came later leave their own.
     """
-    summary, run = record.summary, record.configuration.run
+    summary, run = record, record.configuration.run
     if (summary.criterion, summary.scaling, summary.harmonics, summary.samples) != (
         run.design.criterion,
         run.design.scaling,
@@ -120,7 +120,7 @@ def gains_table(found: Mapping[str, LimitSensitivity], where: str) -> ReportTabl
     return ReportTable.of("limit_gains", caption, columns, [*keys, _REST])
 
 
-def _same_limits(record: DesignRecord) -> bool:
+def _same_limits(record: DesignResult) -> bool:
     checked = {check.key: check.bound for check in record.checks}
     limits = {limit.key: (*limit.lower, *limit.upper) for limit in record.robot.limits}
     return checked.keys() == limits.keys() and all(
@@ -129,8 +129,8 @@ def _same_limits(record: DesignRecord) -> bool:
     )
 
 
-def _same_criterion(record: DesignRecord, evaluator: Evaluator) -> bool:
-    summary = record.summary
+def _same_criterion(record: DesignResult, evaluator: Evaluator) -> bool:
+    summary = record
     information = evaluator.information(summary.trajectory, summary.samples)
     return bool(
         np.isclose(evaluator.log_det(information), summary.log_det_information, rtol=_SAME, atol=0)

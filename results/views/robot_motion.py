@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from expdesign.experiment import DesignRecord
+from expdesign.experiment import DesignResult
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.recheck.limit_check import REACHED, reached
 from expdesign.robot import LimitModel, Robot
@@ -64,7 +64,7 @@ def robot_view(folder: RunFolder) -> Animation | None:
 
 def _motion(folder: RunFolder) -> _Motion | None:
     if folder.has("design"):
-        one = folder.record(DesignRecord).motion
+        one = folder.record(DesignResult).motion
         states = np.concatenate([one.pose, one.pose_rate, one.pose_acceleration], axis=1)
         what, model = "The designed trajectory", "at the nominal parameters"
         return _Motion(what, model, one.time, states, one.force)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 
 from expdesign.configuration import RunConfiguration
 from expdesign.configuration.grid import short_path, value_text
-from expdesign.experiment.sweep_record import FAILED, SweepRecord, SweptDesign
+from expdesign.experiment.sweep import FAILED, SweepResult, SweptDesign
 from expdesign.information.criteria import CRITERIA
 from results.figures.sweep import sweep_figure
 from results.notation import counted, duration, readable
@@ -31,7 +31,7 @@ _READ = (
 
 def sweep_report(folder: RunFolder) -> StageView:
     """Return what is to be said of the sweep in a folder."""
-    record = folder.record(SweepRecord)
+    record = folder.record(SweepResult)
     blocks: tuple[Block, ...] = (
         TextBlock(_READ),
         *folder.figures(sweep_figure),
@@ -72,7 +72,7 @@ _SEARCHED = (
 
 
 def _table(
-    record: SweepRecord, key: str, caption: str, columns: Iterable[TableColumn]
+    record: SweepResult, key: str, caption: str, columns: Iterable[TableColumn]
 ) -> ReportTable:
     """Return a table of the designs, the values of the grid in front."""
     points = {one.number: point for one, point in zip(record.designs, record.points, strict=True)}
@@ -80,15 +80,12 @@ def _table(
     def value_at(path: str) -> Callable[[SweptDesign], str]:
         return lambda one: value_text(points[one.number][path])
 
-    front = (
-        TableColumn(short_path(path), kind="text", of=value_at(path))
-        for path in record.summary.grid
-    )
+    front = (TableColumn(short_path(path), kind="text", of=value_at(path)) for path in record.grid)
     every = (TableColumn("design", of="number"), *front, *columns)
     return ReportTable.of(key, caption, every, record.designs, folded=key != "sweep")
 
 
-def _verdict(record: SweepRecord) -> StageVerdict:
+def _verdict(record: SweepResult) -> StageVerdict:
     total, complete = len(record.designs), sum(one.complete for one in record.designs)
     sentence = f"{complete} of {counted(total, 'design')}"
     wrong = [
@@ -96,17 +93,17 @@ def _verdict(record: SweepRecord) -> StageVerdict:
         for label, one in zip(record.labels, record.designs, strict=True)
         if one.wrong
     ]
-    sentence += f" over {', '.join(record.summary.grid)}."
+    sentence += f" over {', '.join(record.grid)}."
     if wrong:
         sentence += f" Failed: {'; '.join(wrong)}."
-    if record.summary.interrupted:
+    if record.interrupted:
         sentence += " The sweep was interrupted: the same command goes on from there."
         return StageVerdict("Sweep", Level.BAD, "interrupted", sentence, "sweep")
     level, word = (Level.BAD, "incomplete") if wrong else (Level.GOOD, "complete")
     return StageVerdict("Sweep", level, word, sentence, "sweep")
 
 
-def _facts(record: SweepRecord) -> tuple[Fact, ...]:
+def _facts(record: SweepResult) -> tuple[Fact, ...]:
     best = record.most_precise
     if best is None:
         return ()

@@ -12,8 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from expdesign.experiment import DesignRecord
-
 MEGABYTE = 2**20
 
 
@@ -41,7 +39,7 @@ def run_file(tiny, tmp_path):
 def folder(tiny_result, tmp_path):
     """Return a run folder that holds a design."""
     out = tmp_path / "out"
-    DesignRecord.of(tiny_result).write(out)
+    tiny_result.write(out)
     return out
 
 

@@ -13,7 +13,7 @@ import expdesign as package
 from expdesign.cli.app import app
 from expdesign.cli.errors import run as command
 from expdesign.configuration import load_run, resolved_yaml
-from expdesign.experiment.sweep_record import SweepRecord
+from expdesign.experiment.sweep import SweepResult
 from expdesign.runfolder.manifest import Manifest
 from tests.blank_figures import blank_figures
 from tests.stages.test_table import agrees_with_the_table
@@ -121,8 +121,8 @@ def test_every_folder_is_that_of_a_run_with_its_values(half_failed, mapping):
 
 def test_the_record_is_read_as_it_was_written(half_failed, tmp_path):
     folder = half_failed / "out"
-    record = SweepRecord.read(folder)
-    assert (record.summary.points, record.summary.made, record.summary.interrupted) == (4, 2, False)
+    record = SweepResult.read(folder)
+    assert (record.point_count, record.made, record.interrupted) == (4, 2, False)
     assert record.labels[1] == "harmonics 1, strut_speed.scale 1e-09"
     assert record.most_precise is min(
         record.designs[::2], key=lambda one: one.median_rel_std_percent
@@ -134,7 +134,7 @@ def test_the_record_is_read_as_it_was_written(half_failed, tmp_path):
         b"\n".join((folder / "tables" / "sweep.csv").read_bytes().splitlines()[:-1])
     )
     with pytest.raises(package.InputError, match="3 rows"):
-        SweepRecord.read(tmp_path)
+        SweepResult.read(tmp_path)
 
 
 def test_the_report_shows_all_of_it(half_failed):
@@ -208,7 +208,7 @@ def test_ctrl_c_keeps_what_is_done(expdesign, mapping, tmp_path, cheap_finish):
     status, out, _ = expdesign("run", written(tmp_path, run), "--out", folder, "--json")
     assert (status, json.loads(out)["stages"]["sweep"]["interrupted"]) == (0, False)
     assert (folder / "designs" / "seed-0" / "design.json").read_bytes() == kept
-    assert all(one.complete for one in SweepRecord.read(folder).designs)
+    assert all(one.complete for one in SweepResult.read(folder).designs)
 
 
 class Hasty(package.Progress):
@@ -235,7 +235,7 @@ def test_a_design_under_way_is_marked_and_made_again(mapping, tmp_path, cheap_fi
         package.run(run, out=folder, progress=Hasty())
     assert [row["status"] for row in rows(folder)][1:] == ["interrupted", "not begun"]
     package.run(run, out=folder)
-    assert all(one.complete for one in SweepRecord.read(folder).designs)
+    assert all(one.complete for one in SweepResult.read(folder).designs)
 
 
 def test_check_says_how_many_designs_there_are(expdesign, mapping, tmp_path):

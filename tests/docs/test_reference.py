@@ -47,9 +47,8 @@ from expdesign.configuration.sections.experiment import (
 from expdesign.configuration.sections.export import OFFERS
 from expdesign.configuration.sections.motions import FeedforwardSection, ValidationMotion
 from expdesign.configuration.sections.sweep import MOST_DESIGNS, path_units
-from expdesign.experiment.design_file import DesignFile
-from expdesign.experiment.record import DesignRecord
-from expdesign.experiment.sweep_record import SweepFile, sweep_table
+from expdesign.experiment import DesignResult
+from expdesign.experiment.sweep import SweepResult, sweep_table
 from expdesign.export.formats import table_formats
 from expdesign.export.record import ExportsRecord
 from expdesign.information.criteria import CRITERIA
@@ -58,7 +57,8 @@ from expdesign.mechanism.catalogue import DEFAULT, term_definitions, terms_named
 from expdesign.mechanism.graph import HexapodGraph
 from expdesign.mechanism.term import ALPHA_RATE, BETA_RATE, STRUT_SPEED, parameters_of
 from expdesign.recheck.limit_check import TOLERANCE, grid_points
-from expdesign.runfolder.fields import field_columns
+from expdesign.runfolder.documentation import result_tables
+from expdesign.runfolder.store import json_keys
 from expdesign.stages.table import STAGES
 from expdesign.trajectory import FourierTrajectory
 from results.figures.design import DESIGN_FIGURES
@@ -280,7 +280,7 @@ def test_robots_and_runs_that_ship():
 @pytest.mark.parametrize(
     ("file", "columns"),
     [
-        ("trajectory.csv", DesignRecord.TABLES["motion"].columns),
+        ("trajectory.csv", result_tables(DesignResult)[1].columns),
         ("measurement.csv", MEASUREMENT.columns),
     ],
 )
@@ -309,15 +309,15 @@ def test_sections_of_the_truth():
 
 def test_columns_of_the_tables():
     rows = {codes(row[0])[0]: codes(row[1]) for row in table(RUN_FOLDER, "## tables")}
-    motion, *others = DesignRecord.TABLES.values()
-    assert motion.file == "trajectory.csv"
-    assert rows == {Path(table.file).stem: list(table.names) for table in others}
+    tables = {Path(one.file).stem: list(one.names) for one in result_tables(DesignResult)}
+    del tables["trajectory"]
+    assert rows == tables
 
 
 @pytest.mark.parametrize(
     "kind",
     [
-        DesignFile,
+        DesignResult,
         Truth,
         EstimateFile,
         NoiseFile,
@@ -325,16 +325,14 @@ def test_columns_of_the_tables():
         FeedforwardResult,
         MonteCarloFile,
         ExportsRecord,
-        SweepFile,
+        SweepResult,
     ],
 )
 def test_keys_of_json_files(kind):
-    level = "###" if kind in (MonteCarloFile, SweepFile) else "##"
+    level = "###" if kind in (MonteCarloFile, SweepResult) else "##"
     heading = f"{level} {kind.FILE}"
     keys = [key for row in table(RUN_FOLDER, heading) for key in codes(row[0])]
-    assert sorted(keys) == sorted(
-        ["format", *(column.name for _, (column,) in field_columns(kind))]
-    )
+    assert sorted(keys) == sorted(["format", *json_keys(kind)])
 
 
 def test_formats_of_measured_data():

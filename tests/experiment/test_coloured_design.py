@@ -7,7 +7,7 @@ import pytest
 
 import expdesign
 from expdesign.configuration import load_run
-from expdesign.experiment import DesignRecord
+from expdesign.experiment import DesignResult
 from expdesign.experiment.design import _warnings
 from expdesign.experiment.setup import design_task
 from tests.experiment.test_design import regressors_of, std_of
@@ -42,8 +42,8 @@ def test_the_frequency_keeps_away_from_the_hum(coloured, tmp_path):
     assert one.lines == pytest.approx(3 * abs(turns - round(turns)), abs=1e-6)
     assert one.lines >= 1 - 1e-9
     assert not any("hum" in warning for warning in coloured.warnings)
-    DesignRecord.of(coloured).write(tmp_path)
-    assert DesignRecord.read(tmp_path).summary.hum == coloured.hum
+    coloured.write(tmp_path)
+    assert DesignResult.read(tmp_path).hum == coloured.hum
 
 
 def test_a_fixed_frequency_at_a_hum_is_a_warning(tiny, coloured):

@@ -7,7 +7,6 @@ import pytest
 
 import expdesign
 from expdesign.configuration import load_run
-from expdesign.experiment import DesignRecord
 from expdesign.experiment.setup import design_task
 from expdesign.information.fisher import SingularInformationError
 from expdesign.solver.feasibility import InfeasibleLimitsError, random_start
@@ -109,19 +108,18 @@ def test_what_is_not_limited_is_told_with_what_the_motion_does_there(tiny_result
 
 
 def test_status_and_statistics(tiny_result):
-    search = tiny_result.search
+    search = tiny_result.solver
     assert tiny_result.status in {"converged", "not converged"}
     assert tiny_result.passed
-    assert not search.interrupted
     assert len(search.starts) == 1
-    assert search.best in search.starts
+    assert [start.best for start in search.starts] == [True]
     for start in search.starts:
         assert start.kind == "random"
         assert start.status
-        assert start.iterations == sum(stage.iterations for stage in start.stages) > 0
-        assert all(stage.evaluations["grad_f"] > 0 for stage in start.stages)
+        assert start.iterations == sum(stage["iterations"] for stage in start.stages) > 0
+        assert all(stage["evaluations"]["grad_f"] > 0 for stage in start.stages)
         assert start.seconds > 0
-    assert 0 < search.seconds <= tiny_result.seconds
+    assert search.seconds > 0
 
 
 # --- frequency ------------------------------------------------------------------------------------
@@ -138,7 +136,7 @@ def test_a_fixed_frequency_is_kept_and_warned_about(tiny, cheap_finish):
     for frequency in (1 / 2.71, 1 / 2.70):
         assert f"{frequency:.9g} Hz" in warning
     # Rows at about the controller's rate, a whole number of them over exactly one period.
-    times = DesignRecord.of(result).motion.time
+    times = result.motion.time
     np.testing.assert_allclose(times, result.trajectory.period * np.arange(270) / 270, rtol=1e-12)
     assert_limits_kept(result)
     # 100 Hz and 3 periods of no whole number of samples: their last one ends before the end.
@@ -356,10 +354,9 @@ class StopsAt:
 
 def test_an_interrupted_search_keeps_the_best_so_far(tiny, cheap_finish):
     result = expdesign.design(tiny(design={"starts": 3}), StopsAt("waiting"))
-    assert result.search.interrupted
     assert result.status == "interrupted"
     assert not result.passed
-    assert len(result.search.starts) == 1
+    assert len(result.solver.starts) == 1
     assert_limits_kept(result)
 
 
@@ -370,5 +367,5 @@ def test_a_search_that_is_stopped_before_it_began_has_no_design(tiny):
 
 def test_a_search_whose_time_is_over_has_a_result(tiny, cheap_finish):
     result = expdesign.design(tiny(design={"starts": 500, "max_seconds": "0.2 s"}))
-    assert 1 <= len(result.search.starts) < 500
+    assert 1 <= len(result.solver.starts) < 500
     assert result.check.passed

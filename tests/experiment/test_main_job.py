@@ -30,7 +30,7 @@ def test_main_job_reaches_what_is_known():
     assert (result.trajectory.harmonics, result.samples) == (5, 200)
     efficiency = np.exp((result.log_det_information - BEST_KNOWN) / len(result.parameter_names))
     assert efficiency >= 0.85
-    for start in result.search.starts:
+    for start in result.solver.starts:
         assert start.converged or start.status
     assert_limits_kept(result)
 

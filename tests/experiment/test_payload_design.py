@@ -13,7 +13,7 @@ from expdesign.cli.app import app
 from expdesign.cli.terminal import SearchDisplay
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.configuration.robot import RobotDescription, as_general
-from expdesign.experiment import DesignRecord
+from expdesign.experiment import DesignResult
 from expdesign.experiment.setup import design_task
 from expdesign.information.criteria import CRITERIA
 from expdesign.solver.events import SearchEvent
@@ -121,7 +121,7 @@ def test_what_is_judged_has_one_name_wherever_it_is_told(result, tmp_path, capsy
     run = result.configuration
     shown.design(Outcome(result=result, folder=tmp_path))
     said = capsys.readouterr().out
-    DesignRecord.of(result).write(tmp_path)
+    result.write(tmp_path)
     (tmp_path / "run.yaml").write_text(resolved_yaml(run), encoding="utf-8")
     status = CliRunner().invoke(app, ["report", str(tmp_path)])
     assert status.exit_code == 0, status.output
@@ -132,5 +132,5 @@ def test_what_is_judged_has_one_name_wherever_it_is_told(result, tmp_path, capsy
         assert "log det S" in text
         assert "log det F" not in text
     assert "trace of S⁻¹ 5" in display._console.file.getvalue()
-    figure = convergence_figure.draw(DesignRecord.read(tmp_path))
+    figure = convergence_figure.draw(DesignResult.read(tmp_path))
     assert figure.axes[0].get_ylabel().startswith("log det S")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import expdesign
-from expdesign.experiment import DesignRecord
+from expdesign.experiment import DesignResult
 from expdesign.motion.limits import check_motion
 from expdesign.motion.planning import executable_motion
 from tests.experiment.off_the_grids import TOLERANCE, excess
@@ -81,8 +81,7 @@ def test_the_whole_motion_keeps_them(result):
 
 
 def test_tables_state_bound_reserve_and_what_was_planned_with(result, tmp_path):
-    record = DesignRecord.of(result)
-    record.write(tmp_path)
+    result.write(tmp_path)
     with (tmp_path / "tables/limits.csv").open(encoding="utf-8") as stream:
         rows = {row["limit"]: row for row in csv.DictReader(stream)}
     document = json.loads((tmp_path / "design.json").read_text(encoding="utf-8"))["limits"]
@@ -96,8 +95,8 @@ def test_tables_state_bound_reserve_and_what_was_planned_with(result, tmp_path):
     for key, half in (("strut_speed", 2.0), ("attitude", LARGEST)):
         assert abs(float(rows[key]["stated"])) == pytest.approx(half)
         assert abs(float(rows[key]["bound"])) == pytest.approx(half * (1 - 2 * SHARES[key]))
-    found = DesignRecord.read(tmp_path).checks
-    np.testing.assert_equal(*([astuple(check) for check in one] for one in (found, record.checks)))
+    found = DesignResult.read(tmp_path).checks
+    np.testing.assert_equal(*([astuple(check) for check in one] for one in (found, result.checks)))
 
 
 def test_quantities_are_those_of_the_recheck(result):

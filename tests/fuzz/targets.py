@@ -23,7 +23,7 @@ from estimation.twin.truth import Truth
 from estimation.validation.validate import ValidationRecord
 from expdesign.configuration import DataSection, ExportSection, InputError, load_run, resolved_yaml
 from expdesign.configuration.robot import load_robot_description
-from expdesign.experiment import DesignRecord
+from expdesign.experiment import DesignResult
 from expdesign.export.definition import TableError
 from expdesign.export.exporting import file_name, settled
 from expdesign.export.record import ExportsRecord
@@ -52,7 +52,7 @@ FREE = ("title", "description", "warnings", "message", "source", "sentence", "ad
 """Keys of records whose texts come from outside, in part."""
 
 SECRETS = ("secret.yaml", "secret.json", "secret.csv", "secret")
-RECORDS = (DesignRecord, EstimateRecord, ValidationRecord, MonteCarloRecord, Truth, Manifest)
+RECORDS = (DesignResult, EstimateRecord, ValidationRecord, MonteCarloRecord, Truth, Manifest)
 EXPORTS = (
     *({"format": name} for name in ("csv", "pvt-csv", "xps-pvt", "pmac-pvt", "linuxcnc-gcode")),
     *({"format": name} for name in ("linuxcnc-strut", "pi-wave", "mat")),

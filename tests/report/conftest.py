@@ -4,7 +4,6 @@ import pytest
 from typer.testing import CliRunner
 
 from expdesign.cli.app import app
-from expdesign.experiment import DesignRecord
 from tests.tiny_run import run_every_stage
 
 HOSTILE = '<script>alert("x")</script> & "\'</style>'
@@ -15,7 +14,7 @@ def whole(tiny_result, made_once):
     """Return a run folder with every stage, made by the command line from a small design."""
 
     def make(place):
-        design = DesignRecord.of(tiny_result)
+        design = tiny_result
         run_every_stage(place / "tiny", title=HOSTILE, design=design)
 
     return made_once("report", make) / "tiny"

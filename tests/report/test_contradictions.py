@@ -11,12 +11,12 @@ from estimation.validation.validate import ValidationRecord
 from expdesign.cli.app import app
 from expdesign.cli.errors import run
 from expdesign.configuration import InputError
-from expdesign.experiment import DesignRecord
+from expdesign.experiment import DesignResult
 
 TABLES = (
-    (DesignRecord, "tables/limits.csv", "limit"),
-    (DesignRecord, "tables/parameters.csv", "parameter"),
-    (DesignRecord, "tables/eigenvalues.csv", "index"),
+    (DesignResult, "tables/limits.csv", "limit"),
+    (DesignResult, "tables/parameters.csv", "parameter"),
+    (DesignResult, "tables/eigenvalues.csv", "index"),
     (EstimateRecord, "estimates.csv", "parameter"),
     (MonteCarloRecord, "tables/montecarlo.csv", "parameter"),
     (ValidationRecord, "tables/validation.csv", "actuator"),
@@ -191,10 +191,3 @@ def test_a_folder_of_an_earlier_version_is_refused_in_one_sentence(folder, capsy
     path.write_text(json.dumps(data), encoding="utf-8")
     assert run(app, ["report", str(folder)]) == 2
     assert "made by an earlier version; run it again" in " ".join(capsys.readouterr().err.split())
-
-
-@pytest.mark.parametrize(("key", "value"), [("strut", "one"), ("time", "soon"), ("method", None)])
-def test_a_wrong_value_of_a_limit_is_told_by_its_key(key, value, folder):
-    _change(folder / "design.json", "limits", "tilt", key, to=lambda _: value)
-    problem = _problem(DesignRecord, folder)
-    assert (problem.file, problem.key) == (folder / "design.json", f"limits.tilt.{key}")

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from expdesign.experiment import DesignRecord
+from expdesign.experiment import DesignResult
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity
 from expdesign.stages.report import reported_stages
 from results.views import design
@@ -37,7 +37,7 @@ def change(path, edit):
 
 
 def test_the_design_is_recognised(whole):
-    record = DesignRecord.read(whole)
+    record = DesignResult.read(whole)
     found = design_sensitivity(record)
     assert set(found.gains) == {limit.key for limit in record.robot.limits} | {FREQUENCY}
     assert all(gain >= 0 for gain in found.gains.values())
@@ -45,7 +45,7 @@ def test_the_design_is_recognised(whole):
 
 
 def test_gains_are_shown_near_an_optimum_only(whole, monkeypatch):
-    record = DesignRecord.read(whole)
+    record = DesignResult.read(whole)
     found = design_sensitivity(record)
     monkeypatch.setattr(
         design, "design_sensitivity", lambda _: replace(found, unexplained=EXPLAINED)
@@ -75,14 +75,14 @@ def test_a_configuration_of_something_else_is_not_used(folder, pattern, other):
     text, count = re.subn(pattern, other, run.read_text(encoding="utf-8"), count=1)
     assert count == 1
     run.write_text(text, encoding="utf-8")
-    assert design_sensitivity(DesignRecord.read(folder)) is None
+    assert design_sensitivity(DesignResult.read(folder)) is None
     assert gains(folder) == []
 
 
 @pytest.mark.parametrize("other", [{"criterion": "a"}, {"log_det_information": None}])
 def test_a_design_by_another_criterion_or_of_none_has_no_costs(folder, other):
     change(folder / "design.json", lambda document: document.update(other))
-    assert design_sensitivity(DesignRecord.read(folder)) is None
+    assert design_sensitivity(DesignResult.read(folder)) is None
 
 
 def test_what_a_reserve_costs_is_told_in_words():

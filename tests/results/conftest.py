@@ -8,13 +8,12 @@ import pytest
 
 from constraints import limit_definitions
 from expdesign.configuration import load_run
-from expdesign.experiment import DesignRecord, PredictedPrecision
-from expdesign.experiment.design_file import DesignFile, PredictedStd, SolverRecord, WorstMoment
-from expdesign.experiment.record import Eigenvalue, Iteration, ParameterPrecision
+from expdesign.experiment import DesignResult, PredictedPrecision
+from expdesign.experiment.result import Eigenvalue, ParameterPrecision, PredictedStd
+from expdesign.experiment.search_statistics import Iteration, SearchStatistics
 from expdesign.motion.sampled import SampledMotion
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.robot import robot_from
-from expdesign.runfolder import copied
 from expdesign.trajectory import FourierTrajectory, fourier_keys
 
 TILT = np.deg2rad(20)
@@ -66,10 +65,9 @@ class FakeRun:
             )
         )
         times = self.trajectory.period * np.arange(STEPS) / STEPS
-        return DesignRecord(
+        return DesignResult(
             configuration=configuration,
-            robot=robot,
-            summary=self._summary(robot),
+            **self._keys(robot),
             motion=SampledMotion.of(robot, self.trajectory, times),
             checks=CHECKS,
             parameters=parameters,
@@ -89,18 +87,16 @@ class FakeRun:
         table = self.table(name)
         return np.array([[float(cell or "nan") for cell in table[c]] for c in columns]).T
 
-    def _summary(self, robot):
+    def _keys(self, robot):
         std = dict.fromkeys(robot.parameter_names, 0.1)
-        return DesignFile(
+        return dict(
             **fourier_keys(self.trajectory),
             units="SI and radians",
             name="fake",
-            robot="palida",
+            robot_name="palida",
             criterion="d",
             scaling="si",
-            parameters=robot.parameter_names,
-            frequency_hz=self.trajectory.frequency,
-            period=self.trajectory.period,
+            parameter_names=robot.parameter_names,
             controller_period=None,
             samples_per_period=STEPS,
             samples=50,
@@ -111,8 +107,10 @@ class FakeRun:
             ),
             status="converged",
             status_text="",
-            solver=SolverRecord("", 60, {}, 1.0, best_start=1, finish={}, starts=()),
-            limits={check.key: copied(WorstMoment, check, method="sampled") for check in CHECKS},
+            solver=SearchStatistics(
+                "", 60, {}, 1.0, 1, finish={}, starts=(), ended="", cpu_seconds=1.0
+            ),
+            base_parameters=(),
             warnings=("made up",),
         )
 

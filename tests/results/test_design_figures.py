@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import results
-from expdesign.experiment import DesignRecord
+from expdesign.experiment import DesignResult
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.solver.events import STAGE_TITLES
 from expdesign.trajectory import FourierTrajectory
@@ -29,7 +29,7 @@ COUNTS = {"Parameter", "Index of the eigenvalue", "Iteration of the start"}
 
 
 def draw(run, key):
-    record = DesignRecord.read(run.folder)
+    record = DesignResult.read(run.folder)
     definition = next(d for d in DESIGN_FIGURES if d.key == key)
     with house_style():
         return definition.draw(record)
@@ -50,7 +50,7 @@ def labels(axes):
 
 
 def test_files_are_complete(run):
-    paths = design_figures(DesignRecord.read(run.folder), run.folder)
+    paths = design_figures(DesignResult.read(run.folder), run.folder)
     folder = run.folder / "figures"
     assert set(paths) == {folder / f"{key}.{end}" for key in KEYS for end in ("png", "svg")}
     assert set(folder.iterdir()) == set(paths)
@@ -67,14 +67,14 @@ def test_files_are_complete(run):
 @pytest.mark.parametrize("key", sorted(KEYS))
 def test_nothing_is_cut_off_in_the_file(run, key, tmp_path):
     chosen = [d for d in DESIGN_FIGURES if d.key == key]
-    path, _ = save_figures(chosen, DesignRecord.read(run.folder), tmp_path)
+    path, _ = save_figures(chosen, DesignResult.read(run.folder), tmp_path)
     picture = mpl.image.imread(path)[..., :3]
     for edge in (picture[:3], picture[-3:], picture[:, :3], picture[:, -3:]):
         assert np.all(edge == 1.0)
 
 
 def test_same_folder_gives_the_same_bytes_under_any_settings(run, tmp_path):
-    record = DesignRecord.read(run.folder)
+    record = DesignResult.read(run.folder)
     chosen = [d for d in DESIGN_FIGURES if d.key in ("cardan_angles", "path")]
     first = save_figures(chosen, record, tmp_path / "first")
     with mpl.rc_context({"lines.linewidth": 9.0, "font.size": 20.0, "svg.fonttype": "none"}):
@@ -248,13 +248,13 @@ def home_joints(record):
 
 
 def test_home_joints_are_where_the_inverse_kinematics_says(run):
-    record = DesignRecord.read(run.folder)
+    record = DesignResult.read(run.folder)
     lengths = np.linalg.norm(home_joints(record) - record.robot.description.base_joints, axis=1)
     np.testing.assert_allclose(lengths, record.robot.inverse_kinematics(record.robot.home))
 
 
 def test_robot_is_drawn_at_home(run):
-    record = DesignRecord.read(run.folder)
+    record = DesignResult.read(run.folder)
     robot = draw(run, "path").axes[0]
     found = [np.column_stack(line.get_data_3d()) for line in robot.get_lines()]
     base, joints = record.robot.description.base_joints, home_joints(record)
@@ -375,7 +375,7 @@ def test_figures_of_a_design_without_a_good_end_say_so(run, monkeypatch, status,
         drawn.append(figure)
 
     monkeypatch.setattr("results.saving.DESIGN_FIGURES", (replace(excitation_figure, fill=fill),))
-    design_figures(DesignRecord.read(run.folder), run.folder)
+    design_figures(DesignResult.read(run.folder), run.folder)
     assert says in drawn[0].get_supxlabel()
     with house_style():
         drawn[0].canvas.draw()

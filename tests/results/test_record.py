@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import InputError
-from expdesign.experiment import DesignRecord
-from expdesign.experiment.record import Iteration
+from expdesign.experiment import DesignResult
+from expdesign.experiment.search_statistics import Iteration
 from expdesign.runfolder import MissingFileError
 from results.figures.design import traces
 
@@ -30,12 +30,12 @@ def edit_json(path, **changes):
 
 
 def test_record_holds_what_the_files_say(run):
-    record = DesignRecord.read(run.folder)
+    record = DesignResult.read(run.folder)
     assert record.robot.name == "palida"
-    assert record.summary.criterion_value == 97.25
-    assert record.summary.solver.best_start == 1
-    assert record.summary.warnings == ("made up",)
-    np.testing.assert_array_equal(record.summary.mu, run.trajectory.mu)
+    assert record.criterion_value == 97.25
+    assert record.solver.best_start == 1
+    assert record.warnings == ("made up",)
+    np.testing.assert_array_equal(record.mu, run.trajectory.mu)
     np.testing.assert_array_equal(record.motion.time, run.numbers("trajectory.csv", "t")[:, 0])
     np.testing.assert_array_equal(
         record.motion.force, run.numbers("trajectory.csv", *(f"Q{j}" for j in range(1, 7)))
@@ -52,7 +52,7 @@ def test_record_holds_what_the_files_say(run):
 def test_a_missing_file_is_named(run, name):
     (run.folder / name).unlink()
     with pytest.raises(MissingFileError, match="expdesign design") as caught:
-        DesignRecord.read(run.folder)
+        DesignResult.read(run.folder)
     assert caught.value.path == run.folder / name
 
 
@@ -61,7 +61,7 @@ def test_a_missing_file_is_named(run, name):
 def test_file_that_is_no_such_table(run, name, content):
     (run.folder / name).write_bytes(content)
     with pytest.raises(InputError) as caught:
-        DesignRecord.read(run.folder)
+        DesignResult.read(run.folder)
     assert {problem.file for problem in caught.value.problems} == {run.folder / name}
 
 
@@ -71,7 +71,7 @@ def test_cell_that_is_no_number_is_told_with_its_line(run):
     lines[3] = "3,many,1"
     path.write_text("\n".join(lines))
     with pytest.raises(InputError, match=r"csv:4: column eigenvalue: .*many"):
-        DesignRecord.read(run.folder)
+        DesignResult.read(run.folder)
 
 
 @pytest.mark.parametrize("cell", ["", "nan", "inf"])
@@ -81,7 +81,7 @@ def test_motion_must_be_finite(run, cell):
     lines[2] = ",".join([*lines[2].split(",")[:-1], cell])
     path.write_text("\n".join(lines))
     with pytest.raises(InputError, match="csv:3: column Q6"):
-        DesignRecord.read(run.folder)
+        DesignResult.read(run.folder)
 
 
 def test_time_must_increase(run):
@@ -89,12 +89,12 @@ def test_time_must_increase(run):
     lines = path.read_text().splitlines()
     path.write_text("\n".join([*lines, lines[1]]))
     with pytest.raises(InputError, match="do not increase"):
-        DesignRecord.read(run.folder)
+        DesignResult.read(run.folder)
 
 
 def test_singular_design_has_no_value(run):
     edit_json(run.folder / "design.json", log_det_information=None, criterion_value=None)
-    summary = DesignRecord.read(run.folder).summary
+    summary = DesignResult.read(run.folder)
     assert np.isnan(summary.criterion_value)
     assert np.isnan(summary.log_det_information)
 
@@ -102,13 +102,13 @@ def test_singular_design_has_no_value(run):
 def test_wrong_run_file_is_a_configuration_error(run):
     edit(run.folder / "run.yaml", lambda text: text.replace("trajectory:", "trajectorie:"))
     with pytest.raises(InputError, match="trajector"):
-        DesignRecord.read(run.folder)
+        DesignResult.read(run.folder)
 
 
 def test_parameters_that_are_not_those_of_the_information(run):
     edit(run.folder / "tables/information.csv", lambda text: text.replace("p1,", "p99,"))
     with pytest.raises(InputError, match=r"information\.csv"):
-        DesignRecord.read(run.folder)
+        DesignResult.read(run.folder)
 
 
 def test_iterations_are_put_in_their_order():
@@ -123,18 +123,18 @@ def test_iterations_are_put_in_their_order():
 
 def test_what_is_written_is_read(tiny_result, tmp_path):
     """The record of a result and that of its folder are the same, to the last digit."""
-    made = DesignRecord.of(tiny_result)
+    made = tiny_result
     made.write(tmp_path / "first")
-    found = DesignRecord.read(tmp_path / "first")
+    found = DesignResult.read(tmp_path / "first")
     found.write(tmp_path / "second")
-    # Of a motion that is only sampled nothing is proved: NaN, which is not equal to itself.
-    np.testing.assert_equal(*([astuple(check) for check in one.checks] for one in (found, made)))
-    assert found.parameters == made.parameters
-    assert found.summary.solver == made.summary.solver
-    assert found.summary.predicted_std == made.summary.predicted_std
-    np.testing.assert_array_equal(
-        found.summary.trajectory.vector(), made.summary.trajectory.vector()
-    )
+    # NaN, of what is not proved or has no tolerance, is not equal to itself.
+    for rows in ("checks", "parameters"):
+        np.testing.assert_equal(
+            *([astuple(row) for row in getattr(one, rows)] for one in (found, made))
+        )
+    assert found.solver == made.solver
+    assert found.predicted_std == made.predicted_std
+    np.testing.assert_array_equal(found.trajectory.vector(), made.trajectory.vector())
     np.testing.assert_array_equal(found.motion.force, made.motion.force)
     np.testing.assert_array_equal(found.information, made.information)
     for path in (tmp_path / "first").rglob("*"):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from expdesign.configuration import load_run
-from expdesign.experiment.sweep_record import SweepRecord, SweptDesign
+from expdesign.experiment.sweep import SweptDesign, sweep_result
 from results.figures.sweep import _unbeaten, sweep_figure
 from results.style import PALETTE, house_style
 
@@ -31,7 +31,7 @@ def record_of(monkeypatch):
                 fields = vars(one) | drawn | {"folder": "x", "certified": certified}
                 one = type(one)(**fields | {"status": "converged"})
             designs.append(one)
-        return SweepRecord.of(configuration, designs)
+        return sweep_result(configuration, designs)
 
     return make
 

@@ -371,10 +371,11 @@ def test_a_start_goes_on_where_its_rough_search_ended(task, one_start):
     assert refined.seconds >= rough.seconds
 
 
-def test_starts_and_hops_in_other_processes_are_the_same(build, tiny_result):
+def test_starts_and_hops_in_other_processes_are_the_same(build):
     make = build(design={"max_iterations": 2})
     first = rough_job(make(), Monitor(), 7)
-    jobs = [Job(hop_job, (6, tiny_result.search.best)), Job(refined_job, (first,))]
+    best = refined_job(make(), Monitor(), first)
+    jobs = [Job(hop_job, (6, best)), Job(refined_job, (first,))]
     one, two = (list(run_jobs(make, jobs, workers, Monitor())) for workers in (1, 2))
     for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a.variables, b.variables)

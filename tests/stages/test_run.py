@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import expdesign
 from expdesign.cli.app import app
-from expdesign.experiment import DesignRecord
+from expdesign.experiment import DesignResult
 from expdesign.runfolder.manifest import Manifest
 from expdesign.stages import run as orchestration
 from tests.stages.test_table import agrees_with_the_table
@@ -125,7 +125,7 @@ def test_a_design_of_this_run_is_reported_from_memory(run_of, tmp_path, monkeypa
 
     monkeypatch.setattr("expdesign.stages.report.write_report", write_report)
     expdesign.run(run_of(report={}), out=tmp_path / "out")
-    assert any(isinstance(record, DesignRecord) for record in given)
+    assert any(isinstance(record, DesignResult) for record in given)
 
 
 def test_a_warning_of_the_robot_is_told_once_in_a_folder(run_of, tmp_path):

@@ -14,8 +14,8 @@ from estimation.validation.validate import ValidationRecord
 from expdesign.cli import shown
 from expdesign.configuration import RunDescription, load_run
 from expdesign.configuration.run import STAGES as NAMED
-from expdesign.experiment import DesignRecord
-from expdesign.experiment.sweep_record import SweepRecord
+from expdesign.experiment import DesignResult
+from expdesign.experiment.sweep import SweepResult
 from expdesign.runfolder.manifest import Manifest
 from expdesign.stages.record import stage_inputs
 from expdesign.stages.report import reported_stages
@@ -23,13 +23,13 @@ from expdesign.stages.table import STAGES, loaded, stages_without_design
 from expdesign.stages.workspace import Workspace
 
 RECORDS = {
-    "design": DesignRecord,
+    "design": DesignResult,
     "noise": NoiseRecord,
     "montecarlo": MonteCarloRecord,
     "estimate": EstimateRecord,
     "validate": ValidationRecord,
     "feedforward": FeedforwardResult,
-    "sweep": SweepRecord,
+    "sweep": SweepResult,
 }
 
 NEEDS = {"design", "recording", "estimate", "folder"}

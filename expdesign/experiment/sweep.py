@@ -1,36 +1,39 @@
-"""`sweep.json` and its table: the designs of a grid, what each promises and what it cost."""
+"""The result of a sweep: the designs of a grid with their precision and their computing time."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, make_dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, make_dataclass, replace
 from functools import cache
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from pydantic import AfterValidator
 
-from expdesign.configuration import InputError, RunConfiguration
+from expdesign.configuration import RunConfiguration, shown
 from expdesign.configuration.grid import resolved_cell, short_path, value_text
 from expdesign.configuration.run import GridPoint
 from expdesign.configuration.sections.sweep import path_units
-from expdesign.experiment.design_file import DesignFile
-from expdesign.experiment.record import ParameterPrecision
-from expdesign.experiment.several import FOLDER
-from expdesign.runfolder import Contents, FolderRecord, OpenNumber, RowTable, RunFile, described
+from expdesign.experiment.design import design
+from expdesign.experiment.result import DesignResult
+from expdesign.runfolder import OpenNumber, RowTable, StageResult, Table, described
+from expdesign.workers import Monitor
 
-_WRITER = "`expdesign run` of a run with `sweep:`"
+FOLDER = "designs"
+"""Folder of the designs' run folders, in that of the run."""
+
 _VALUE = "value_"
 
 FAILED, NOT_BEGUN, INTERRUPTED, BROKEN = "failed", "not begun", "interrupted", "limits broken"
-"""Of the statuses of a row, those of no success."""
+"""The statuses of a row that is no complete design."""
 
 
 @dataclass(frozen=True)
 class SweptDesign:
-    """A design of a sweep; in its row the values of the grid stand before it."""
+    """A design of a sweep; the values of the grid precede it in its row."""
 
     number: Annotated[int, described("1", "of the design, from 1, in the order of the grid")]
     folder: Annotated[str, described("", "run folder of the design; empty where there is none")]
@@ -82,37 +85,36 @@ class SweptDesign:
         cls,
         number: int,
         point: GridPoint,
-        summary: DesignFile,
-        parameters: Sequence[ParameterPrecision],
+        result: DesignResult,
         reason: str,
     ) -> SweptDesign:
-        """Describe the design of a point by what its folder holds."""
-        percents = {p.name: p.rel_std_percent_experiment for p in parameters}
+        """Return the row of the design of a point."""
+        percents = {p.name: p.rel_std_percent_experiment for p in result.parameters}
         known = {name: value for name, value in percents.items() if np.isfinite(value)}
         worst = max(known, key=lambda name: known[name], default="")
         return _row_type(tuple(point.values))(
             **_values(point),
             number=number,
             folder=f"{FOLDER}/{point.name}",
-            status=summary.status,
-            certified=all(limit.certified for limit in summary.limits.values()),
-            criterion=summary.criterion,
-            criterion_value=summary.criterion_value,
-            log_det_information=summary.log_det_information,
+            status=result.status,
+            certified=result.check.certified,
+            criterion=result.criterion,
+            criterion_value=result.criterion_value,
+            log_det_information=result.log_det_information,
             median_rel_std_percent=float(np.median(list(known.values()))) if known else math.nan,
             worst_rel_std_percent=known.get(worst, math.nan),
             worst_parameter=worst,
-            period=summary.period,
-            measuring_time=summary.period * summary.predicted_std.experiment.periods,
-            cpu_seconds=summary.solver.cpu_seconds,
-            iterations=summary.solver.iterations,
-            evaluations=sum(summary.solver.evaluations.values()),
+            period=result.period,
+            measuring_time=result.period * result.experiment.periods,
+            cpu_seconds=result.solver.cpu_seconds,
+            iterations=result.solver.iterations,
+            evaluations=sum(result.solver.evaluations.values()),
             reason=reason,
         )
 
     @classmethod
     def missing(cls, number: int, point: GridPoint, status: str, reason: str) -> SweptDesign:
-        """Describe a point that has no design."""
+        """Return the row of a point without a design."""
         criterion = point.configuration.run.design.criterion
         return _row_type(tuple(point.values))(
             **_values(point),
@@ -144,78 +146,87 @@ def _row_type(paths: tuple[str, ...]) -> type[Any]:
 
 def sweep_table(paths: Iterable[str]) -> RowTable[SweptDesign]:
     """Return the table of a grid with these key paths, a column each."""
-    return RowTable("tables/sweep.csv", _WRITER, _row_type(tuple(paths)), some=True)
+    row = _row_type(tuple(paths))
+    return RowTable("tables/sweep.csv", SweepResult.WRITTEN_BY, row, some=True, rows_of=("number",))
+
+
+def _sweep_table(result: SweepResult) -> RowTable[SweptDesign]:
+    return sweep_table(result.grid)
+
+
+def _key_path(path: str) -> str:
+    if path not in path_units():
+        raise ValueError(f"{shown(path)} is not a key path of a sweep")
+    return path
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class SweepFile(RunFile):
-    """`sweep.json`: the grid, and how much of it is there."""
+class SweepResult(StageResult):
+    """The designs of a sweep in the order of its grid."""
 
     FILE: ClassVar[str] = "sweep.json"
-    WRITTEN_BY: ClassVar[str] = _WRITER
+    WRITTEN_BY: ClassVar[str] = "`expdesign run` of a run with `sweep:`"
+
+    units: Annotated[str, described("", "of all values")] = "SI and radians"
+    name: Annotated[str, described("", "name of the run")]
+    robot_name: Annotated[str, described("", "name of the robot", name="robot")]
     grid: Annotated[
-        dict[str, tuple[Any, ...]],
+        dict[Annotated[str, AfterValidator(_key_path)], tuple[Any, ...]],
         described("", "by key path its values, as the run file states them"),
     ]
-    points: Annotated[int, described("1", "of the grid: the rows of tables/sweep.csv")]
-    made: Annotated[int, described("1", "those that have a design, complete or not")]
-    interrupted: Annotated[bool, described("", "whether designs are missing or not complete")]
+    designs: Annotated[
+        tuple[SweptDesign, ...],
+        Table(
+            "tables/sweep.csv",
+            rows_of=("number",),
+            as_in=("numbers",),
+            some=True,
+            form=_sweep_table,
+        ),
+    ]
 
+    @property
+    def point_count(
+        self,
+    ) -> Annotated[
+        int,
+        described(
+            "1",
+            "of the grid: the rows of tables/sweep.csv; the last path's values change first",
+            name="points",
+        ),
+    ]:
+        """Number of points of the grid."""
+        return len(self.designs)
 
-@dataclass(frozen=True, eq=False)
-class SweepRecord(FolderRecord):
-    """What a run folder holds of a sweep: its designs in the order of the grid."""
+    @property
+    def made(self) -> Annotated[int, described("1", "those that have a design, complete or not")]:
+        """Number of points that have a design, complete or not."""
+        return sum(one.made for one in self.designs)
 
-    summary: SweepFile
-    designs: tuple[SweptDesign, ...]
+    @property
+    def interrupted(
+        self,
+    ) -> Annotated[bool, described("", "whether designs are missing or not complete")]:
+        """Whether designs are missing or not complete."""
+        return any(one.status in (INTERRUPTED, NOT_BEGUN) for one in self.designs)
 
-    @classmethod
-    def of(cls, configuration: RunConfiguration, designs: Sequence[SweptDesign]) -> SweepRecord:
-        """Return the record of a sweep that came to these designs."""
-        ends = {one.status for one in designs}
-        summary = SweepFile(
-            name=configuration.run.name,
-            robot=configuration.robot.name,
-            grid=dict(configuration.run.sweep or {}),
-            points=len(designs),
-            made=sum(one.made for one in designs),
-            interrupted=bool(ends & {INTERRUPTED, NOT_BEGUN}),
-        )
-        return cls(summary, tuple(designs))
-
-    @classmethod
-    def read(cls, folder: Path) -> Self:
-        """Read it from a run folder."""
-        found = cls.fields_in(folder)
-        summary: SweepFile = found["summary"]
-        if unknown := set(summary.grid) - set(path_units()):
-            message = f"{', '.join(sorted(unknown))} is no key path of a sweep"
-            raise InputError(message, folder / SweepFile.FILE, key="grid")
-        table = sweep_table(summary.grid)
-        designs = table.read(folder)
-        if len(designs) != summary.points or len(list(cls(summary, designs).labels)) != len(
-            designs
-        ):
-            message = f"the table has {len(designs)} rows"
-            allowed = f"one for every point of the grid in {SweepFile.FILE}"
-            raise InputError(message, folder / table.file, allowed=allowed)
-        return cls(summary, designs)
-
-    def contents(self) -> Contents:
-        """Yield the table of the designs."""
-        yield sweep_table(self.summary.grid), self.designs
+    @property
+    def numbers(self) -> range:
+        """Numbers of the points of the grid, from 1."""
+        return range(1, len(self.points) + 1)
 
     @property
     def points(self) -> tuple[dict[str, Any], ...]:
         """The values of every design by key path, as the run file states them."""
-        grid = self.summary.grid
-        return tuple(dict(zip(grid, each, strict=True)) for each in product(*grid.values()))
+        every = product(*self.grid.values())
+        return tuple(dict(zip(self.grid, values, strict=True)) for values in every)
 
     @property
     def varied(self) -> tuple[str, ...]:
         """The key paths by which designs differ; all where there is but one design."""
-        grid = self.summary.grid
-        return tuple(path for path, values in grid.items() if len(values) > 1) or tuple(grid)
+        several = tuple(path for path, values in self.grid.items() if len(values) > 1)
+        return several or tuple(self.grid)
 
     @property
     def most_precise(self) -> SweptDesign | None:
@@ -230,6 +241,32 @@ class SweepRecord(FolderRecord):
         return tuple(point_label(point, self.varied) for point in self.points)
 
 
+def sweep_result(configuration: RunConfiguration, designs: Iterable[SweptDesign]) -> SweepResult:
+    """Return the result of a sweep with these designs."""
+    return SweepResult(
+        name=configuration.run.name,
+        robot_name=configuration.robot.name,
+        grid=dict(configuration.run.sweep or {}),
+        designs=tuple(designs),
+    )
+
+
 def point_label(point: Mapping[str, Any], paths: Iterable[str]) -> str:
     """Return the values of a point at these key paths, in words."""
     return ", ".join(f"{short_path(path)} {value_text(point[path])}" for path in paths)
+
+
+def design_folder(folder: Path, name: str) -> Path:
+    """Return the run folder of one of the designs of the run in `folder`."""
+    return folder / FOLDER / name
+
+
+def design_point(configuration: RunConfiguration, monitor: Monitor) -> DesignResult:
+    """Design a point of the grid with the errors of `design`, in this process or on a cluster.
+
+    Where the run states a scheduler the search of every design uses the whole cluster.
+    """
+    if configuration.run.scheduler is None:
+        alone = configuration.run.model_copy(update={"workers": 1})
+        configuration = replace(configuration, run=alone)
+    return design(configuration, monitor)
