@@ -129,7 +129,7 @@ def cheaper():
     def context():
         recheck, jobs = (
             importlib.import_module(f"expdesign.{name}")
-            for name in ("recheck.fine_grid", "solver.jobs")
+            for name in ("recheck.limit_check", "solver.jobs")
         )
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(recheck, "LEAST_POINTS", 400)
