@@ -25,7 +25,7 @@ from estimation.identification.estimate import (
 )
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
-from estimation.twin.drawn_machine import drawn_machine
+from estimation.twin.machine import drawn_machine
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration import RunConfiguration
 from expdesign.robot import Robot, robot_from

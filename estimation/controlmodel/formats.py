@@ -11,7 +11,7 @@ import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 from estimation.controlmodel.compiler import (
     SelfTest,
@@ -20,13 +20,14 @@ from estimation.controlmodel.compiler import (
     find_compiler,
     run_self_test,
 )
+from estimation.controlmodel.functions import REASONS, blocks
 from estimation.controlmodel.instructions import NUMPY, C
-from estimation.controlmodel.model import ControlModel
+from estimation.controlmodel.model import WRITTEN_BY, ActuatorUncertainty, ControlModel, Origin
 from estimation.controlmodel.rendering import context, rendered
-from estimation.controlmodel.signals import REASONS, blocks
 from estimation.controlmodel.vectors import VECTORS
 from expdesign.configuration import ComputationError
 from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.runfolder import JsonFile, described
 
 _EARLIEST = (1980, 1, 1, 0, 0, 0)
 """The time in an archive: the same model makes the same bytes."""
@@ -190,3 +191,30 @@ def _zipped(files: Mapping[str, bytes]) -> bytes:
             entry.external_attr = 0o644 << 16
             archive.writestr(entry, content)
     return stream.getvalue()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ControlModelFile(JsonFile):
+    """`model.json` in the folder of one format."""
+
+    FILE: ClassVar[str] = "model.json"
+    WRITTEN_BY: ClassVar[str] = WRITTEN_BY
+    units: Annotated[str, described("", "of all values")] = "SI and radians"
+    model_format: Annotated[str, described("", "c, python, fmu or simulink")]
+    title: Annotated[str, described("", "the format in words")]
+    robot: Annotated[str, described("", "name of the robot")]
+    prefix: Annotated[str, described("", "with which the names in the files begin")]
+    origin: Annotated[Origin, described("", "where the numbers come from")]
+    sign_width: Annotated[
+        float, described("m/s", "width of the sign of dry friction; 0: the exact one")
+    ]
+    files: Annotated[dict[str, str], described("", "SHA-256 by name")]
+    tests: Annotated[
+        tuple[SelfTest, ...], described("", "self-tests that were run here; empty: none")
+    ]
+    untested: Annotated[str, described("", "why none was run; empty when one was")]
+    uncertainty: Annotated[
+        tuple[ActuatorUncertainty, ...],
+        described("", "of the forces along the motion, by actuator; empty: not known"),
+    ]
+    motion: Annotated[str, described("", "that the uncertainty is stated on; empty: none")]

@@ -8,19 +8,28 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from expdesign.configuration import InputError, Problem, shown
+from constraints.arrays import Array
+from estimation.data.table import RawTable
+from expdesign.configuration import (
+    FORCE_CHANNELS,
+    LENGTH_CHANNELS,
+    DataSection,
+    InputError,
+    Problem,
+    shown,
+)
 from expdesign.configuration.errors import nearest
-from expdesign.configuration.sections.data import CHANNELS
+from expdesign.configuration.quantity import CURRENT, Dimension, unit_dimension
+from expdesign.configuration.sections.data import CHANNEL_UNITS, CHANNELS
 
 OPTIONAL = frozenset({"period"})
 """Channels that a file need not have."""
-
 _WITH_UNIT = re.compile(r"(.*?\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 _MOST_SHOWN = 30
 
 
 @dataclass(frozen=True)
-class Column:
+class RecordedColumn:
     """A column as the file names it.
 
     `text` is its full name, as messages show it and `data.columns` may give it, `name` the same
@@ -55,25 +64,27 @@ def label(text: str) -> str:
     return shown(text).removeprefix("'").removesuffix("'")
 
 
-def header_column(text: str, place: Any) -> Column:
+def header_column(text: str, place: Any) -> RecordedColumn:
     """Read a header such as ``q1 [mm]`` or ``q1 (mm)``; brackets around digits are no unit."""
     text = text.strip()
     match = _WITH_UNIT.fullmatch(text)
     if match is None:
-        return Column(text, place)
+        return RecordedColumn(text, place)
     unit = (match.group(2) if match.group(2) is not None else match.group(3)).strip()
     if unit[:1].isdigit():
-        return Column(text, place)
-    return Column(text, place, name=match.group(1), unit=None if unit in ("", "-") else unit)
+        return RecordedColumn(text, place)
+    return RecordedColumn(
+        text, place, name=match.group(1), unit=None if unit in ("", "-") else unit
+    )
 
 
 def pick(
-    columns: Sequence[Column],
+    columns: Sequence[RecordedColumn],
     names: Mapping[str, str],
     file: Path,
     line: int | None = None,
     optional: Collection[str] = OPTIONAL,
-) -> dict[str, Column]:
+) -> dict[str, RecordedColumn]:
     """Return the column of every channel.
 
     A name is the full one, the one without its unit, or the one without its struct or group when
@@ -96,7 +107,7 @@ def pick(
         would be two channels at once.
     """
     place = Problem("", file, line)
-    found: dict[str, Column] = {}
+    found: dict[str, RecordedColumn] = {}
     missing: dict[str, str] = {}
     problems: list[Problem] = []
     for channel in CHANNELS:
@@ -120,13 +131,15 @@ def _default_names(channel: str) -> tuple[str, ...]:
     return (channel, f"{channel[0]}(:,{channel[1]})") if len(channel) == 2 else (channel,)  # noqa: PLR2004 - q1…Q6
 
 
-def _called(name: str, columns: Sequence[Column]) -> Sequence[Column]:
+def _called(name: str, columns: Sequence[RecordedColumn]) -> Sequence[RecordedColumn]:
     """Return the columns of a name, in the most exact of its spellings that any has."""
     levels = ([c for c in columns if c.spellings[level] == name] for level in range(3))
     return next((level for level in levels if level), [])
 
 
-def _ambiguous(channel: str, name: str, matches: Sequence[Column], place: Problem) -> Problem:
+def _ambiguous(
+    channel: str, name: str, matches: Sequence[RecordedColumn], place: Problem
+) -> Problem:
     texts = list(dict.fromkeys(column.label for column in matches))
     if len(texts) == 1:
         message = f"{len(matches)} columns have the name of {channel}"
@@ -136,7 +149,11 @@ def _ambiguous(channel: str, name: str, matches: Sequence[Column], place: Proble
 
 
 def _missing(
-    channel: str, name: str, columns: Sequence[Column], free: Sequence[Column], place: Problem
+    channel: str,
+    name: str,
+    columns: Sequence[RecordedColumn],
+    free: Sequence[RecordedColumn],
+    place: Problem,
 ) -> Problem:
     if not columns:
         return replace(place, message=f"no column for {channel}: the file has none", key=name)
@@ -152,7 +169,7 @@ def _missing(
     return replace(place, message=message, key=name, allowed=allowed, nearest=meant)
 
 
-def _shared(found: Mapping[str, Column], place: Problem) -> Iterator[Problem]:
+def _shared(found: Mapping[str, RecordedColumn], place: Problem) -> Iterator[Problem]:
     seen: dict[Any, str] = {}
     for channel, column in found.items():
         if column.place in seen:
@@ -167,3 +184,144 @@ def _one_of(channel: str, texts: Sequence[str]) -> str:
     more = len(texts) - _MOST_SHOWN
     listed = f"{some} and {more} more" if more > 0 else some
     return f"data.columns: {{{channel}: …}} with one of {listed}"
+
+
+def in_si(
+    table: RawTable, section: DataSection, home: Array | None = None
+) -> tuple[RawTable, tuple[str, ...]]:
+    """Return the table in s, m and N by the struts' channels, and warnings.
+
+    A column's unit is that of the file, else that of `section.units` for the channel or its
+    group, else SI. Currents are multiplied by the force constants. Then a length or force is
+    sign · channel + offset, and what stands in the file as q1 is the length of the first strut of
+    `section.order`.
+
+    Parameters
+    ----------
+    home : (6,), optional
+        Lengths at home, m: for offsets that are called so.
+
+    Raises
+    ------
+    InputError
+        The file names a unit that is unknown, of another quantity, or not that of
+        `section.units`; currents without force constants, or these without currents.
+    """
+    values = dict(table.values)
+    problems: list[Problem] = []
+    warnings: list[str] = []
+    currents = False
+    for channel in (name for name in table.values if name != "period"):
+        try:
+            factor, dimension, found = _factor(channel, channel, table, section)
+        except InputError as error:
+            problems += error.problems
+            continue
+        warnings += found
+        if dimension is CURRENT:
+            currents = True
+            if section.force_constants is None:
+                message = f"{channel} is a current, but no force constants are given"
+                allowed = "data.force_constants: one value or six, in N/A"
+                problems.append(table.header_problem(message, channel, allowed))
+                continue
+            factor *= section.force_constants[_strut(channel, section)]
+        if factor != 1:
+            values[channel] = values[channel] * factor
+    if section.force_constants is not None and not currents and not problems:
+        message = "data.force_constants are given, but no channel is a current"
+        allowed = "data.units: {Q: A} if the file holds currents, or no data.force_constants"
+        problems.append(table.header_problem(message, FORCE_CHANNELS[0], allowed))
+    if problems:
+        raise InputError(problems)
+    table = replace(table, values=values)
+    return _by_strut(_signed(table, section, home), section), tuple(warnings)
+
+
+def _signed(table: RawTable, section: DataSection, home: Array | None) -> RawTable:
+    """Return sign · channel + offset of lengths and forces."""
+    offsets = {"q": section.length_offsets, "Q": section.force_offsets}
+    if offsets["q"] == "home":
+        if home is None:
+            raise ValueError("offsets at home need the lengths there")
+        offsets["q"] = tuple(home.tolist())
+    values = dict(table.values)
+    for channel in (*LENGTH_CHANNELS, *FORCE_CHANNELS):
+        strut, group = _strut(channel, section), channel[0]
+        sign, offset = section.channel_signs(group)[strut], float(offsets[group][strut])
+        if sign != 1:
+            values[channel] = -values[channel]
+        if offset != 0:
+            values[channel] = values[channel] + offset
+    return replace(table, values=values)
+
+
+def _by_strut(table: RawTable, section: DataSection) -> RawTable:
+    """Return the table with the channels of the struts where those of the file stood."""
+    names = {
+        channel: f"{channel[0]}{_strut(channel, section) + 1}"
+        for channel in (*LENGTH_CHANNELS, *FORCE_CHANNELS)
+    }
+    if all(channel == name for channel, name in names.items()):
+        return table
+    return replace(
+        table,
+        # Columns in their usual order, whatever that of the struts.
+        values={name: table.values[_in_file(name, section)] for name in table.values},
+        columns={
+            name: table.columns.get(file := _in_file(name, section), RecordedColumn(file))
+            for name in table.values
+        },
+        texts={(names.get(name, name), row): text for (name, row), text in table.texts.items()},
+    )
+
+
+def _strut(channel: str, section: DataSection) -> int:
+    """Return the strut, from zero, that a length or force of the file is of."""
+    return section.channel_order(channel[0])[int(channel[1]) - 1] - 1
+
+
+def _in_file(channel: str, section: DataSection) -> str:
+    """Return what the channel of a strut is called in the file."""
+    if channel not in LENGTH_CHANNELS and channel not in FORCE_CHANNELS:
+        return channel
+    return f"{channel[0]}{section.channel_order(channel[0]).index(int(channel[1])) + 1}"
+
+
+def unit_factor(channel: str, table: RawTable, section: DataSection) -> float:
+    """Return what one unit of a strut's length is in SI, for a table that `in_si` took."""
+    return _factor(_in_file(channel, section), channel, table, section)[0]
+
+
+def _factor(
+    channel: str, place: str, table: RawTable, section: DataSection
+) -> tuple[float, Dimension | None, list[str]]:
+    """Return what a column's unit is in SI and of which quantity, None without one; warnings.
+
+    `channel` is that of the file, `place` where it stands in the table.
+    """
+    stated = section.units.get(channel, section.units.get(channel[0]))
+    given = table.columns[place].unit if place in table.columns else None
+    stated_dimension = None if stated is None else unit_dimension(stated)
+    factor = 1.0 if stated_dimension is None else stated_dimension.parse(f"1 {stated}")
+    if given is None:
+        return factor, stated_dimension, []
+
+    def refused(message: str, allowed: str) -> InputError:
+        return InputError(table.header_problem(message, place, allowed))
+
+    _, admitted = CHANNEL_UNITS[channel[0]]
+    found = unit_dimension(given)
+    if found is None:
+        message = f"the file's unit {shown(given)} is not known"
+        if stated is None:
+            raise refused(message, f"a known unit, or data.units: {{{channel}: …}}")
+        return factor, stated_dimension, [f"{channel}: {message}, '{stated}' used"]
+    if found not in admitted:
+        message = f"the file's unit {shown(given)} is that of {found.name}"
+        raise refused(message, " or ".join(dimension.name for dimension in admitted))
+    given_factor = found.parse(f"1 {given}")
+    if stated is not None and (found, given_factor) != (stated_dimension, factor):
+        message = f"the file says that {channel} is in {shown(given)}, data.units says '{stated}'"
+        raise refused(message, "the same unit, or none in data.units")
+    return given_factor, found, []

@@ -11,17 +11,17 @@ import numpy as np
 
 from constraints.plugins import declarations
 from estimation.data import readers
-from estimation.data.defects import (
+from estimation.data.columns import in_si
+from estimation.data.formats import FileFormat
+from estimation.data.measurement import Measurement
+from estimation.data.table import (
+    RawTable,
     refuse_cells,
     refuse_few_rows,
     refuse_implausible_lengths,
     refuse_periods,
 )
-from estimation.data.formats import FileFormat
-from estimation.data.measurement import Measurement
-from estimation.data.table import RawTable
 from estimation.data.timebase import lost_samples, time_base
-from estimation.data.units import in_si
 from expdesign.configuration import (
     FORCE_CHANNELS,
     LENGTH_CHANNELS,

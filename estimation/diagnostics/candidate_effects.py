@@ -17,7 +17,7 @@ from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.estimators.experiment import Experiment, regressors_along, regressors_at
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.deviation import deviation_forces, deviation_lengths
+from estimation.measurement_model.prediction import deviation_forces, deviation_lengths
 from expdesign.mechanism.catalogue import term_definitions
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term, parameters_of

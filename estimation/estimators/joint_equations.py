@@ -26,11 +26,15 @@ from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.priors import ParameterPriors
 from estimation.kinematics.fourier_fit import length_equations
-from estimation.kinematics.friction_signs import expected_signs, signs_along
+from estimation.kinematics.pointwise import expected_signs, signs_along
 from estimation.measurement_model import HarmonicMotion, predict_lengths
-from estimation.measurement_model.deviation import deviation_lengths, predict_deviating_forces
 from estimation.measurement_model.normal_equations import Filter, NormalEquations, Rows
-from estimation.measurement_model.prediction import chunks, force_columns
+from estimation.measurement_model.prediction import (
+    chunks,
+    deviation_lengths,
+    force_columns,
+    predict_deviating_forces,
+)
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation, deviated

@@ -2,7 +2,7 @@
 
 Minimises ½(‖D δ‖² + ‖S η‖²) plus the prior's part over (p, ξ) by Levenberg–Marquardt with analytic
 derivatives of the shared graph, from the Gauss–Markov estimate. The friction signs are the expected
-ones along the present motion (`estimation.kinematics.friction_signs`): they follow ξ from step to
+ones along the present motion (`estimation.kinematics.pointwise`): they follow ξ from step to
 step and are held in the derivatives.
 """
 

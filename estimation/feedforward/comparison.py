@@ -31,8 +31,7 @@ from estimation.feedforward.result import (
 )
 from estimation.identification.estimated_machine import estimated_machine
 from estimation.identification.saved import SavedEstimate
-from estimation.twin.disturbances import Repeated, force_factors, repetition_stream
-from estimation.twin.noise import noise_sources
+from estimation.twin.disturbances import Repeated, force_factors, noise_sources, repetition_stream
 from estimation.validation.motions import broken_limits, motion_name, motion_of_run
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
 from expdesign.configuration.sections.experiment import Cogging

@@ -28,7 +28,7 @@ from estimation.estimators import Experiment, ParameterPriors
 from estimation.estimators.experiment import RefinedMotion
 from estimation.estimators.joint_equations import force_equations
 from estimation.kinematics.fourier_fit import length_equations, most_harmonics
-from estimation.kinematics.friction_signs import rate_spread
+from estimation.kinematics.pointwise import rate_spread
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import NormalEquations
 from expdesign.information.fisher import ScaledInformation

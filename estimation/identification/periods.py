@@ -10,7 +10,6 @@ from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import PeriodicRecording, fold_recording
-from estimation.processing.begin_of_motion import moves_from
 from estimation.processing.period import (
     PeriodError,
     PeriodSource,
@@ -19,7 +18,7 @@ from estimation.processing.period import (
     omega_from_data,
     refined_omega,
 )
-from estimation.processing.rest import at_rest, omega_at_rest, resolution_only
+from estimation.processing.standstill import at_rest, moves_from, omega_at_rest, resolution_only
 from expdesign.configuration import InputError, RunConfiguration
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory

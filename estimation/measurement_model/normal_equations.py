@@ -16,7 +16,7 @@ import numpy as np
 import scipy.linalg as sla
 
 from constraints.arrays import Array
-from estimation.measurement_model.motion_columns import MotionColumns
+from estimation.measurement_model.motion import MotionColumns
 from expdesign.information.fisher import whitening
 
 Rows = tuple[Array, Array | MotionColumns, Array]

@@ -31,7 +31,7 @@ from estimation.processing import (
     fold_recording,
 )
 from estimation.twin import Twin
-from estimation.twin.noise import NoiseSource
+from estimation.twin.disturbances import NoiseSource
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration import ComputationError, RunConfiguration
 from expdesign.mechanism.hexapod import ACTUATORS

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array, Mask
 from estimation.data.measurement import Measurement
-from estimation.processing.begin_of_motion import moves_from
 from estimation.processing.noise import (
     FEWEST_PERIODS,
     NoiseEstimate,
@@ -27,9 +26,9 @@ from estimation.processing.noise import (
     series_harmonics,
     series_weights,
 )
-from estimation.processing.noise_lines import NoiseLines
 from estimation.processing.period import PeriodError, PeriodSource, whole_samples
-from estimation.processing.whitening_filter import WhiteningFilter, estimated_filter
+from estimation.processing.standstill import moves_from
+from estimation.processing.whitening import NoiseLines, WhiteningFilter, estimated_filter
 from expdesign.configuration.sections.estimate import SpectrumOrigin
 
 _REPEATED = 2

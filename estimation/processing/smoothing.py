@@ -19,7 +19,7 @@ import scipy.linalg as sla
 from scipy.special import fdtrc
 
 from constraints.arrays import Array, ComplexArray, Mask
-from estimation.processing.noise_lines import NoiseLines
+from estimation.processing.whitening import NoiseLines
 from expdesign.noise.fourier_lines import multiplicity
 
 _ORDERS = (0, 1, 2, 4, 8)

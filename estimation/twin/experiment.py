@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from constraints.arrays import Array, Mask
 from estimation.data.measurement import Measurement
 from estimation.twin.disturbances import (
+    NoiseSource,
     Repeated,
     Shared,
     cogging_force,
@@ -22,12 +24,11 @@ from estimation.twin.disturbances import (
     hum_force,
     kept_samples,
     length_drift,
+    noise_sources,
     quantised,
     repetition_stream,
 )
 from estimation.twin.machine import Machine
-from estimation.twin.noise import NoiseSource, noise_sources
-from estimation.twin.sampling import SampleGrid
 from estimation.twin.table_motion import TableMotion, refuse_short_window, window_error
 from estimation.twin.truth import (
     DisturbanceKeys,
@@ -40,6 +41,7 @@ from estimation.twin.truth import (
 from expdesign.configuration import InputError, ResolvedRobot, RunConfiguration
 from expdesign.configuration.bodies import payload_parameters
 from expdesign.configuration.sections.experiment import ExperimentSection, Lost
+from expdesign.configuration.sizes import SAMPLES
 from expdesign.export.table_file import TableFile
 from expdesign.recheck.limit_check import Motion
 from expdesign.robot import Robot, robot_from
@@ -253,3 +255,83 @@ def without_samples(measurement: Measurement, kept: Mask) -> Measurement:
         period=None if period is None else period[kept],
         lost=int(places[-1] - places[0] + 1 - len(places)),
     )
+
+
+_ROUNDING = 1e-12
+_WHOLE = 1e-6
+"""Samples by which the last period may be off for all to count as whole and alike."""
+MOST_SAMPLES = SAMPLES.most
+"""Rows of one measurement: more than an hour at 1 kHz."""
+
+
+@dataclass(frozen=True)
+class SampleGrid:
+    """Samples i / sampling, i = 0, 1, …, as many as whole steps fit into all periods; Hz and s.
+
+    `count` is their number T; `per_period` that of one period when it is a whole number, so that
+    every period is measured at the same phases, else None.
+    """
+
+    sampling: float
+    period: float
+    periods: int
+    count: int
+    per_period: int | None
+
+    @classmethod
+    def of(
+        cls, period: float, experiment: ExperimentSection, file: Path | None = None
+    ) -> SampleGrid:
+        """Return the samples of an experiment; `file` is named in messages.
+
+        Raises
+        ------
+        InputError
+            There is no sample, or there are too many to be held in memory.
+        """
+        steps = period * experiment.sampling
+        nearest = round(steps)
+        alike = nearest >= 1 and abs(steps - nearest) * experiment.periods < _WHOLE
+        exact = experiment.periods * (nearest if alike else steps)
+        made = f"{experiment.periods} periods of {period:.6g} s at {experiment.sampling:g} Hz"
+        if exact * (1 + _ROUNDING) < 1:
+            message = f"{made} are {exact:.4g} samples"
+            raise InputError(message, file, key="experiment.sampling", allowed="1 sample or more")
+        if excess := SAMPLES.excess(int(exact * (1 + _ROUNDING)), made):
+            key = "experiment.periods"
+            raise InputError(excess.message, file, key=key, allowed=excess.allowed)
+        # Every sample before the end of the last period, the one at its beginning included.
+        count = int(np.ceil(exact * (1 - _ROUNDING)))
+        return cls(
+            experiment.sampling, period, experiment.periods, count, nearest if alike else None
+        )
+
+    @property
+    def duration(self) -> float:
+        """Of all periods, s."""
+        return self.periods * self.period
+
+    @property
+    def times(self) -> Array:
+        """(T,) s."""
+        return np.arange(self.count) / self.sampling
+
+    @property
+    def distinct_times(self) -> Array:
+        """(D,) times of the samples at which the motion differs, s: one period when all agree."""
+        return np.arange(self.per_period or self.count) / self.sampling
+
+    def repeated(self, values: Array) -> Array:
+        """Return (T, …) values of all samples from the (D, …) of the distinct ones."""
+        if self.per_period is None:
+            return values
+        return np.tile(values, (self.periods, *(1,) * (values.ndim - 1)))
+
+    @property
+    def period_numbers(self) -> NDArray[np.int64]:
+        """(T,) the period that each sample belongs to, from 1."""
+        samples = np.arange(self.count)
+        if self.per_period is not None:
+            return samples // self.per_period + 1
+        steps = self.period * self.sampling
+        return np.floor(samples / steps * (1 + _ROUNDING)).astype(np.int64) + 1

@@ -10,7 +10,7 @@ import typer
 from expdesign.cli.output import JsonOption, results, say, write_json
 
 if TYPE_CHECKING:
-    from estimation.controlmodel.record import ControlModelFile
+    from estimation.controlmodel.formats import ControlModelFile
 
 _WIDTH = "--smoothing"
 

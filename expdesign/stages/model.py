@@ -9,12 +9,12 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.controlmodel import FOLDER
-from estimation.controlmodel.formats import FORMATS
-from estimation.controlmodel.model import ControlModel, Origin
-from estimation.controlmodel.record import ControlModelFile
-from estimation.controlmodel.uncertainty import (
+from estimation.controlmodel.formats import FORMATS, ControlModelFile
+from estimation.controlmodel.model import (
     UNCERTAINTY,
+    ControlModel,
     ForceUncertainty,
+    Origin,
     by_actuator,
     force_uncertainty,
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from estimation.controlmodel import FOLDER
-from estimation.controlmodel.record import ControlModelFile
+from estimation.controlmodel.formats import ControlModelFile
 from estimation.identification.identified_robot import FILE as IDENTIFIED
 from expdesign.runfolder.manifest import file_hash
 from results.views.folder import RunFolder

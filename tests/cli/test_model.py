@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from ruamel.yaml import YAML
 
-from estimation.controlmodel.record import ControlModelFile
+from estimation.controlmodel.formats import ControlModelFile
 from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
 from expdesign.cli.app import app

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from estimation.data.columns import Column, header_column, pick
+from estimation.data.columns import RecordedColumn, header_column, pick
 from expdesign.configuration import InputError
 from tests.data.recordings import CHANNELS
 
@@ -110,9 +110,9 @@ def test_one_column_cannot_be_two_channels():
 
 
 def test_names_in_groups_are_enough_when_unique():
-    columns = [Column(f"rec.{c}", c, short=c) for c in CHANNELS]
+    columns = [RecordedColumn(f"rec.{c}", c, short=c) for c in CHANNELS]
     assert pick(columns, {}, FILE)["q4"].text == "rec.q4"
-    problems = _problems([*columns, Column("set.q4", "other", short="q4")], {})
+    problems = _problems([*columns, RecordedColumn("set.q4", "other", short="q4")], {})
     assert "'rec.q4', 'set.q4'" in problems[0].allowed
 
 

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from estimation.data import text_lines
 from estimation.data.readers import delimited
 from expdesign.configuration import DataSection
 from tests.data.recordings import CHANNELS, recording, write_csv
@@ -198,7 +197,7 @@ def test_the_section_of_a_resolved_run_reads_the_same(tmp_path, rec, read):
 @pytest.fixture
 def small_blocks(monkeypatch):
     """Let a block have few lines."""
-    monkeypatch.setattr(text_lines, "BLOCK", 500)
+    monkeypatch.setattr(delimited, "BLOCK", 500)
 
 
 def _cells(text, changes):
@@ -246,7 +245,7 @@ def test_rows_are_those_of_pythons_csv_wherever_blocks_end(notes, plain, block, 
     path = tmp_path / "m.csv"
     path.write_text(text)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(text_lines, "BLOCK", block)
+        patch.setattr(delimited, "BLOCK", block)
         found = delimited.read(path, DataSection())
     reader, rows, begins = csv.reader(io.StringIO(text)), [], []
     next(reader)
@@ -308,8 +307,8 @@ def test_blank_lines_count_only_before_text(tmp_path, rec, small_blocks, refused
 
 
 def test_a_line_without_end_is_refused(tmp_path, rec, monkeypatch, refused):
-    monkeypatch.setattr(text_lines, "BLOCK", 500)
-    monkeypatch.setattr(text_lines, "LONGEST_LINE", 1000)
+    monkeypatch.setattr(delimited, "BLOCK", 500)
+    monkeypatch.setattr(delimited, "LONGEST_LINE", 1000)
     lines = _text(rec).splitlines()
     lines[6] += " " * 1000
     path = tmp_path / "m.csv"

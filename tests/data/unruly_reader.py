@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from estimation.data.columns import Column
+from estimation.data.columns import RecordedColumn
 from estimation.data.formats import FileFormat
 from estimation.data.table import RawTable
 
@@ -25,7 +25,7 @@ def read(path, section):
         case "chat":
             print("a library that prints")  # noqa: T201 - that is the point
             os.write(1, b"and writes")
-    return RawTable(path, {"t": np.arange(3.0)}, {"t": Column("t", "t")})
+    return RawTable(path, {"t": np.arange(3.0)}, {"t": RecordedColumn("t", "t")})
 
 
 FORMAT = FileFormat(title="unruly", extensions=(), read=read, may_crash=True)

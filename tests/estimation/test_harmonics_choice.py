@@ -12,7 +12,7 @@ from estimation.identification import estimate, prepare_experiment
 from estimation.identification.recording import prepare_recording
 from estimation.measurement_model import HarmonicMotion
 from estimation.twin import Twin
-from estimation.twin.drawn_machine import drawn_machine
+from estimation.twin.machine import drawn_machine
 from expdesign.robot import robot_from
 from expdesign.trajectory import TrajectoryFile
 from tests.estimation.cases import ROBOT, measured, run, trajectory

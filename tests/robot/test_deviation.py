@@ -7,8 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.deviation import deviation_forces, deviation_lengths
-from estimation.measurement_model.prediction import predict_forces, predict_lengths
+from estimation.measurement_model.prediction import (
+    deviation_forces,
+    deviation_lengths,
+    predict_forces,
+    predict_lengths,
+)
 from expdesign.mechanism.term import STRUT_SPEED, Columns, Constant, Parameter, Term
 from expdesign.robot import Robot, load_robot
 from expdesign.robot.deviation import deviated, deviations, tilt_axes

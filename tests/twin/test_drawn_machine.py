@@ -5,11 +5,11 @@ import pickle
 import numpy as np
 import pytest
 
-from estimation.kinematics.friction_signs import expected_signs
+from estimation.kinematics.pointwise import expected_signs
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.deviation import deviation_forces, deviation_lengths
+from estimation.measurement_model.prediction import deviation_forces, deviation_lengths
 from estimation.twin import Twin
-from estimation.twin.drawn_machine import drawn_machine
+from estimation.twin.machine import drawn_machine
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.robot import Robot
 from tests.twin.examples import motion

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from estimation.twin.noise import noise_covariances, noise_draws
+from estimation.twin.disturbances import noise_covariances, noise_draws
 from expdesign.configuration import InputError, load_run
 from tests.twin.examples import configuration
 

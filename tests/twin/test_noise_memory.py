@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from estimation.twin import Twin
-from estimation.twin.noise import NoiseSource, noise_draws
+from estimation.twin.disturbances import NoiseSource, noise_draws
 from expdesign.configuration import load_run
 from expdesign.noise.autoregressive import Autoregressive
 from expdesign.noise.band import Band

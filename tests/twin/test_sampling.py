@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimation.twin.sampling import MOST_SAMPLES, SampleGrid
+from estimation.twin.experiment import MOST_SAMPLES, SampleGrid
 from expdesign.configuration import InputError
 from expdesign.configuration.sections.experiment import ExperimentSection
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.io import loadmat
 
 from constraints.arrays import Array
-from estimation.data.columns import Column, pick
+from estimation.data.columns import RecordedColumn, pick
 from estimation.data.formats import FileFormat
 from estimation.data.table import NUMERIC, RawTable, refuse_long
 from expdesign.configuration import DataSection
@@ -41,7 +41,7 @@ def read_matlab(path: Path, section: DataSection) -> RawTable:
 
     A Simulink "structure with time" has its signals under their labels too.
     """
-    columns: list[Column] = []
+    columns: list[RecordedColumn] = []
     arrays: dict[str, NDArray[Any]] = {}
     for variable, value in loadmat(path, simplify_cells=True).items():
         if not variable.startswith("__"):
@@ -60,7 +60,7 @@ def read_hdf5(path: Path, section: DataSection, separator: str = "/") -> RawTabl
     """
     h5py = import_module("h5py")
     with h5py.File(path, "r") as file:
-        columns: list[Column] = []
+        columns: list[RecordedColumn] = []
 
         def visit(name: str, item: Any) -> None:
             # MATLAB's own folders begin with #; links out of the file are not visited.
@@ -79,7 +79,7 @@ def read_hdf5(path: Path, section: DataSection, separator: str = "/") -> RawTabl
         return RawTable(path, _loaded(picked, load), picked)
 
 
-def _dataset_columns(dataset: Any, separator: str) -> Iterator[Column]:
+def _dataset_columns(dataset: Any, separator: str) -> Iterator[RecordedColumn]:
     path = dataset.name.strip("/")
     name, short = path.replace("/", separator), path.rpartition("/")[2]
     if dataset.dtype.names is not None:
@@ -117,7 +117,7 @@ def _numeric(value: Any, name: str, short: str) -> Iterator[tuple[str, str, NDAr
 
 def _array_columns(
     name: str, short: str, shape: tuple[int, ...], place: Any, unit: str | None = None
-) -> Iterator[Column]:
+) -> Iterator[RecordedColumn]:
     """Yield the columns of an array: a vector is one, a matrix ``m`` has ``m(:,1)``, ``m(:,2)`` ….
 
     Axes of length one do not count; the longer axis of a matrix is time. Scalars and arrays of
@@ -125,19 +125,23 @@ def _array_columns(
     """
     long = [size for size in shape if size != 1]
     if len(long) == 1:
-        yield Column(name, (place, None, long[0]), short=short, unit=unit)
+        yield RecordedColumn(name, (place, None, long[0]), short=short, unit=unit)
     elif len(long) == 2 and min(long) <= _MOST_COLUMNS:  # noqa: PLR2004 - a matrix
         for k in range(min(long)):
             end = f"(:,{k + 1})"
-            yield Column(f"{name}{end}", (place, k, max(long)), short=f"{short}{end}", unit=unit)
+            yield RecordedColumn(
+                f"{name}{end}", (place, k, max(long)), short=f"{short}{end}", unit=unit
+            )
 
 
-def _refuse_long(picked: Mapping[str, Column], path: Path) -> None:
+def _refuse_long(picked: Mapping[str, RecordedColumn], path: Path) -> None:
     for column in picked.values():
         refuse_long(column.place[-1], path)
 
 
-def _loaded(picked: Mapping[str, Column], load: Callable[[Any], NDArray[Any]]) -> dict[str, Array]:
+def _loaded(
+    picked: Mapping[str, RecordedColumn], load: Callable[[Any], NDArray[Any]]
+) -> dict[str, Array]:
     """Return the numbers of the columns that were picked; each array is loaded once.
 
     Those that are too long are refused before: compressed they may be few bytes.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.data.columns import OPTIONAL, Column, pick
+from estimation.data.columns import OPTIONAL, RecordedColumn, pick
 from estimation.data.formats import FileFormat
 from estimation.data.table import NUMERIC, RawTable, refuse_long
 from expdesign.configuration import DataSection, InputError, Problem
@@ -50,7 +50,7 @@ def _table(file: Any, path: Path, section: DataSection) -> RawTable:
     values: dict[str, Array] = {}
     texts: dict[tuple[str, int], str] = {}
     if "t" not in signals:
-        columns["t"] = Column(_MASTER, _MASTER, unit="s")
+        columns["t"] = RecordedColumn(_MASTER, _MASTER, unit="s")
         values["t"] = np.asarray(next(iter(signals.values())).timestamps, dtype=np.float64)
     for channel, signal in signals.items():
         samples = signal.samples
@@ -66,15 +66,15 @@ def _table(file: Any, path: Path, section: DataSection) -> RawTable:
     return RawTable(path, values, columns, texts=texts)
 
 
-def _columns(file: Any) -> Iterator[Column]:
+def _columns(file: Any) -> Iterator[RecordedColumn]:
     for name, places in file.channels_db.items():
         for group, index in dict.fromkeys(places):
             text = name if len(places) == 1 else f"{group}/{name}"
-            yield Column(text, (group, index), name=name)
+            yield RecordedColumn(text, (group, index), name=name)
 
 
 def _refuse_other_times(
-    signals: Mapping[str, Any], columns: Mapping[str, Column], path: Path
+    signals: Mapping[str, Any], columns: Mapping[str, RecordedColumn], path: Path
 ) -> None:
     first, *others = signals
     times = signals[first].timestamps

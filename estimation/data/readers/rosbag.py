@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from estimation.data.columns import Column, pick
+from estimation.data.columns import RecordedColumn, pick
 from estimation.data.formats import FileFormat
 from estimation.data.table import RawTable, refuse, refuse_long
 from expdesign.configuration import (
@@ -60,7 +60,7 @@ def read(path: Path, section: DataSection) -> RawTable:
         return _table(bag, topics[topic], picked, path)
 
 
-def _columns(bag: Any, topics: Mapping[str, list[Any]]) -> Iterator[Column]:
+def _columns(bag: Any, topics: Mapping[str, list[Any]]) -> Iterator[RecordedColumn]:
     """Yield the columns of every joint that the first message of a topic names."""
     for topic, connections in topics.items():
         prefix = f"{topic}:" if len(topics) > 1 else ""
@@ -68,15 +68,15 @@ def _columns(bag: Any, topics: Mapping[str, list[Any]]) -> Iterator[Column]:
         if first is None:
             continue
         for name in (_STAMP, _LOG_TIME):
-            yield Column(f"{prefix}{name}", (topic, name), short=name, unit="s")
+            yield RecordedColumn(f"{prefix}{name}", (topic, name), short=name, unit="s")
         message = bag.deserialize(first[2], _MESSAGE)
         for joint in message.name:
             for kind in _FIELDS:
                 short = f"{joint}.{kind}"
-                yield Column(f"{prefix}{short}", (topic, joint, kind), short=short)
+                yield RecordedColumn(f"{prefix}{short}", (topic, joint, kind), short=short)
 
 
-def _joint_names(given: Mapping[str, str], columns: list[Column]) -> dict[str, str]:
+def _joint_names(given: Mapping[str, str], columns: list[RecordedColumn]) -> dict[str, str]:
     """Return the names of the columns for names that may be those of joints."""
     known = {spelling for column in columns for spelling in column.spellings}
     names = {channel: given[channel] for channel in ("t", "period") if channel in given}
@@ -90,13 +90,13 @@ def _joint_names(given: Mapping[str, str], columns: list[Column]) -> dict[str, s
     return names
 
 
-def _topic(name: str, columns: list[Column]) -> str:
+def _topic(name: str, columns: list[RecordedColumn]) -> str:
     """Return the prefix of a column's topic, empty when there is one topic."""
     matches = [column for column in columns if name in column.spellings]
     return matches[0].text.removesuffix(matches[0].short) if matches else ""
 
 
-def _one_topic(picked: Mapping[str, Column], path: Path) -> str:
+def _one_topic(picked: Mapping[str, RecordedColumn], path: Path) -> str:
     topics = {column.place[0]: column for column in picked.values()}
     if len(topics) > 1:
         some = " and ".join(f"'{column.label}'" for column in topics.values())
@@ -104,7 +104,9 @@ def _one_topic(picked: Mapping[str, Column], path: Path) -> str:
     return next(iter(topics))
 
 
-def _table(bag: Any, connections: list[Any], picked: Mapping[str, Column], path: Path) -> RawTable:
+def _table(
+    bag: Any, connections: list[Any], picked: Mapping[str, RecordedColumn], path: Path
+) -> RawTable:
     joints = {channel: c.place[1:] for channel, c in picked.items() if channel != "t"}
     by_log_time = picked["t"].place[1] == _LOG_TIME
     stamps: list[int] = []
