@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.data.table import NUMERIC, RawTable, refuse_cells, refuse_periods
+from estimation.data.channels import refuse_cells, refuse_periods
+from estimation.data.table import NUMERIC, RawTable
 from estimation.data.timebase import lost_samples, time_base
 from expdesign.configuration import FORCE_CHANNELS, LENGTH_CHANNELS, DataSection, InputError
 from expdesign.mechanism.hexapod import ACTUATORS

@@ -11,16 +11,16 @@ import numpy as np
 
 from constraints.plugins import declarations
 from estimation.data import readers
-from estimation.data.columns import in_si
-from estimation.data.formats import FileFormat
-from estimation.data.measurement import Measurement
-from estimation.data.table import (
-    RawTable,
+from estimation.data.channels import (
+    in_si,
     refuse_cells,
     refuse_few_rows,
     refuse_implausible_lengths,
     refuse_periods,
 )
+from estimation.data.formats import FileFormat
+from estimation.data.measurement import Measurement
+from estimation.data.table import RawTable
 from estimation.data.timebase import lost_samples, time_base
 from expdesign.configuration import (
     FORCE_CHANNELS,
