@@ -13,7 +13,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 
 from constraints.arrays import Array
 from estimation.controlmodel.instructions import Language, Lines, lines
-from estimation.controlmodel.model import DOUBLE, SINGLE, ControlModel, by_actuator
+from estimation.controlmodel.model import DOUBLE, SINGLE, ControlModel
+from estimation.controlmodel.uncertainty import by_actuator
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.term import parameters_of
 

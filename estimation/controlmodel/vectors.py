@@ -10,7 +10,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.controlmodel.functions import sliding_speeds
-from estimation.controlmodel.model import WRITTEN_BY
+from estimation.controlmodel.uncertainty import WRITTEN_BY
 from expdesign.evaluation.batch import BatchFunction
 from expdesign.mechanism.friction_sign import Friction
 from expdesign.mechanism.hexapod import COORDINATES

@@ -34,7 +34,7 @@ from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.measurement_model.normal_equations import NormalEquations, whitened
 from estimation.processing import NoiseEstimate, NoiseModel
-from estimation.processing.whitening import WhiteningFilter
+from estimation.processing.whitening_filter import WhiteningFilter
 from expdesign.information.fisher import ScaledInformation, whitening
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.noise.fourier_lines import lines_of, multiplicity

@@ -15,8 +15,7 @@ import scipy
 from constraints.arrays import Array, ComplexArray
 from estimation.processing import Channels
 from estimation.processing.hum import HumSearch, find_hum
-from estimation.processing.smoothing import smoothed_spectrum
-from estimation.processing.whitening import NoiseLines
+from estimation.processing.smoothing import NoiseLines, smoothed_spectrum
 from expdesign.configuration.noise_spectrum import COHERENCIES, FREQUENCY, PAIRS
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import Column, strutwise

@@ -27,7 +27,8 @@ from constraints.arrays import Array
 from estimation.diagnostics.significance import NOISE, ChannelTest, OfEach, below_level, no_numbers
 from estimation.processing import NoiseModel, PeriodicRecording
 from estimation.processing.noise import NORMAL_MEDIAN
-from estimation.processing.whitening import WhiteningFilter, contrasts
+from estimation.processing.smoothing import contrasts
+from estimation.processing.whitening_filter import WhiteningFilter
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import OpenNumber, OpenNumbers, WholeNumbers, described, sized
 

@@ -11,7 +11,8 @@ from constraints.arrays import Array
 from estimation.identification.periods import UnsuitableDataError
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodicRecording
 from estimation.processing.noise import ENOUGH_FREEDOM
-from estimation.processing.whitening import NoiseLines, given_filter
+from estimation.processing.smoothing import NoiseLines
+from estimation.processing.whitening_filter import given_filter
 from estimation.uncertainty.intervals import correlation
 from expdesign.configuration import InputError, RunConfiguration
 from expdesign.configuration.sections.estimate import SpectrumOrigin

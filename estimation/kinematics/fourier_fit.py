@@ -27,7 +27,7 @@ from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import NormalEquations, Rows, whitened
 from estimation.measurement_model.prediction import chunks, length_columns
 from estimation.processing import PeriodicRecording
-from estimation.processing.whitening import WhiteningFilter
+from estimation.processing.whitening_filter import WhiteningFilter
 from expdesign.configuration import ComputationError
 from expdesign.information.fisher import whitening
 from expdesign.robot import ForwardKinematicsError, Robot

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.processing.whitening import NoiseLines, WhiteningFilter
+from estimation.processing.smoothing import NoiseLines
+from estimation.processing.whitening_filter import WhiteningFilter
 
 NORMAL_MEDIAN = 0.6745
 """Median of |x| for a standard normal x: turns a median absolute deviation into a std."""

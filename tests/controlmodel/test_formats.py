@@ -15,8 +15,7 @@ from fmpy.validation import validate_fmu
 
 from estimation.controlmodel import formats
 from estimation.controlmodel.compiler import FLAGS
-from estimation.controlmodel.formats import FORMATS
-from estimation.controlmodel.functions import OUTPUTS
+from estimation.controlmodel.formats import FORMATS, OUTPUTS
 from estimation.controlmodel.vectors import random_states
 from expdesign.configuration import ComputationError
 from expdesign.mechanism.hexapod import POSE

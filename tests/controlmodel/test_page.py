@@ -1,7 +1,6 @@
 """The page on control models names every format and every function."""
 
-from estimation.controlmodel.formats import FORMATS
-from estimation.controlmodel.functions import OUTPUTS, blocks
+from estimation.controlmodel.formats import FORMATS, OUTPUTS, blocks
 from tests.docs.pages import ROOT, codes, table
 
 PAGE = ROOT / "docs/control-model.md"

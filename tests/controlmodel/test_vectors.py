@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimation.controlmodel.functions import model_functions
+from estimation.controlmodel.model import model_functions
 from estimation.controlmodel.vectors import random_states, vectors_of
 from expdesign.robot import LimitModel
 
