@@ -138,8 +138,8 @@ def test_a_narrow_band_has_its_variance_in_a_short_record():
 def test_draws_do_not_depend_on_what_is_kept(monkeypatch):
     noise = source(SPECTRA["autoregressive"], 300)
     kept = noise.draws(np.random.default_rng(7))
-    monkeypatch.setattr("estimation.twin.noise._MOST_KEPT", 0)
-    monkeypatch.setattr("estimation.twin.noise._BLOCK", 64)
+    monkeypatch.setattr("estimation.twin.disturbances._MOST_KEPT", 0)
+    monkeypatch.setattr("estimation.twin.disturbances._BLOCK", 64)
     again = source(SPECTRA["autoregressive"], 300).draws(np.random.default_rng(7))
     np.testing.assert_allclose(again, kept, atol=1e-12)
 
