@@ -10,8 +10,12 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.controlmodel import FOLDER
 from estimation.controlmodel.formats import FORMATS, ControlModelFile
-from estimation.controlmodel.model import ControlModel, ForceUncertainty, Origin
-from estimation.controlmodel.uncertainty import UNCERTAINTY, by_actuator, force_uncertainty
+from estimation.controlmodel.uncertainty import (
+    UNCERTAINTY,
+    ForceUncertainty,
+    by_actuator,
+    force_uncertainty,
+)
 from estimation.controlmodel.vectors import VECTORS
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.identified_robot import FILE as IDENTIFIED
