@@ -10,6 +10,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.controlmodel import FOLDER
 from estimation.controlmodel.formats import FORMATS, ControlModelFile
+from estimation.controlmodel.model import ControlModel, Origin
 from estimation.controlmodel.uncertainty import (
     UNCERTAINTY,
     ForceUncertainty,
