@@ -25,7 +25,7 @@ from benchmarks.studies import (
 from estimation.estimators import covariance_ml_less_gm
 from estimation.identification.estimate import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
-from estimation.montecarlo.statistics import PooledStatistics
+from estimation.montecarlo.result import PooledStatistics
 from estimation.twin import Twin
 from estimation.uncertainty.differences import difference_test
 from expdesign.robot import robot_from

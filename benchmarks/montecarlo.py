@@ -33,7 +33,7 @@ from benchmarks.studies import (
 from estimation.identification.estimate import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.montecarlo import run_study
-from estimation.montecarlo.result import MonteCarloRecord, StatisticsRow
+from estimation.montecarlo.result import MonteCarloResult, StatisticsRow
 from estimation.twin import Twin
 from expdesign.configuration import load_run
 from expdesign.robot import robot_from
@@ -121,7 +121,7 @@ def central(repetitions: int) -> Iterator[Row]:
             name, _, count = text.get_text().partition(" ")
             text.set_text(f"{labels[name]} {count}")
 
-    studies = (MonteCarloRecord.read(study_folder(name)) for name in ("central", "central-ml"))
+    studies = (MonteCarloResult.read(study_folder(name)) for name in ("central", "central-ml"))
     statistics = [row for study in studies for row in study.rows]
     figure = replace(bias_figure, key="montecarlo_central", fill=labelled)
     for path in save_figures([figure], statistics, ROOT / "docs" / "figures"):

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from estimation.montecarlo import Study, run_study
-from estimation.montecarlo.result import MonteCarloRecord
-from estimation.montecarlo.statistics import ParameterStatistics, PooledStatistics
+from estimation.montecarlo import MonteCarloResult, run_study
+from estimation.montecarlo.result import PooledStatistics, StatisticsRow
 from estimation.montecarlo.study import NAME as JOURNAL
 from estimation.twin import Twin
 from expdesign.configuration import RunConfiguration, load_run
@@ -79,7 +78,7 @@ def equivalent_run(
 
 def palida_study(
     name: str, repetitions: int, estimators: tuple[str, ...], **sections: dict[str, Any]
-) -> Study:
+) -> MonteCarloResult:
     """Run a study of PaLiDA, or go on with one that was stopped."""
     run = load_run(
         {
@@ -92,31 +91,28 @@ def palida_study(
     )
     folder = study_folder(name)
     study = run_study(run, palida_design(), folder / JOURNAL)
-    record = MonteCarloRecord.of(study)
-    record.write(folder)
-    record_figures(record, folder)
+    study.write(folder)
+    record_figures(study, folder)
     return study
 
 
-def identified_in(study: Study, estimator: str) -> dict[str, ParameterStatistics]:
+def identified_in(study: MonteCarloResult, estimator: str) -> dict[str, StatisticsRow]:
     """Return the statistics of the parameters that are identified."""
-    names = {study.knowledge.names[k] for k in study.identified}
-    return {k: one for k, one in study.statistics(estimator).items() if k in names}
+    return {k: one for k, one in study.statistics(estimator).items() if one.identified}
 
 
-def pooled_over(study: Study, estimator: str) -> PooledStatistics:
+def pooled_over(study: MonteCarloResult, estimator: str) -> PooledStatistics:
     """Return the statistics of all parameters together."""
-    pooled = study.pooled(estimator)
+    pooled = study.estimators[estimator].pooled
     if pooled is None:
         raise RuntimeError(f"{estimator} came to no estimate")
     return pooled
 
 
-def all_there(study: Study) -> Iterator[Row]:
+def all_there(study: MonteCarloResult) -> Iterator[Row]:
     """Yield whether every repetition has an estimate."""
-    for name in study.estimators:
-        stuck = sum(not outcome.converged for _, outcome in study.estimated(name))
-        failed = len(study.failures(name))
+    for name, found in study.estimators.items():
+        stuck, failed = len(found.not_converged), len(found.failures)
         yield claim_row(
             f"{name}: every repetition has an estimate that converged",
             f"{len(study.repetitions)} repetitions, {failed} failed, {stuck} not converged",
@@ -124,7 +120,7 @@ def all_there(study: Study) -> Iterator[Row]:
         )
 
 
-def unbiased(study: Study, estimator: str) -> Row:
+def unbiased(study: MonteCarloResult, estimator: str) -> Row:
     """Return whether no parameter has a clear bias."""
     found = identified_in(study, estimator)
     worst = max(found, key=lambda parameter: abs(found[parameter].bias_t))

@@ -9,7 +9,7 @@ from typing import Any
 from estimation.diagnostics.noise_result import NoiseRecord
 from estimation.feedforward.result import FeedforwardResult
 from estimation.identification.record import EstimateRecord
-from estimation.montecarlo.result import MonteCarloRecord
+from estimation.montecarlo.result import MonteCarloResult
 from estimation.validation.validate import ValidationRecord
 from expdesign.experiment import DesignResult
 from expdesign.experiment.sweep import SweepResult
@@ -33,7 +33,7 @@ Drawn = (
     | EstimateRecord
     | ValidationRecord
     | FeedforwardResult
-    | MonteCarloRecord
+    | MonteCarloResult
 )
 
 _NOTES = {
@@ -125,5 +125,5 @@ def _parts(record: Drawn) -> Iterator[tuple[Iterable[FigureDefinition[Any]], Any
         case ValidationRecord():
             for number, motion in enumerate(record.motions, start=1):
                 yield [prediction_figure.ending(f"_{number}")], motion
-        case MonteCarloRecord():
+        case MonteCarloResult():
             yield STUDY_FIGURES, record.rows

@@ -1,5 +1,6 @@
-"""Monte-Carlo study: the estimators on many simulated experiments, against truth and bound."""
+"""Monte-Carlo study of the estimators on simulated experiments, against truth and bound."""
 
-from estimation.montecarlo.study import Study, run_study
+from estimation.montecarlo.result import MonteCarloResult
+from estimation.montecarlo.study import run_study
 
-__all__ = ["Study", "run_study"]
+__all__ = ["MonteCarloResult", "run_study"]

@@ -1,4 +1,4 @@
-"""One repetition: an experiment measured on the twin, and what every estimator makes of it."""
+"""One repetition of a study: an experiment on the twin and the estimates from its recording."""
 
 from __future__ import annotations
 
@@ -40,15 +40,15 @@ from expdesign.runfolder import Numbers, described
 from expdesign.trajectory import FourierTrajectory
 
 NUMERICAL_FAILURES = (ComputationError, ArithmeticError, np.linalg.LinAlgError)
-"""What noise can do to an estimate: no pose, no motion, a singular information matrix."""
+"""Failures due to noise: no pose, no motion, a singular information matrix."""
 
 FAILURES = (*NUMERICAL_FAILURES, UnsuitableDataError)
-"""What noise can do to one recording and not to the next."""
+"""Failures of one recording that the next one need not have."""
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
-    """What one estimator found in one repetition."""
+class RepetitionEstimate:
+    """Estimate of one estimator in one repetition."""
 
     values: Annotated[Numbers | None, described("SI", "(m,) estimates; null when it failed")] = None
     std: Annotated[Numbers | None, described("SI", "(m,) as stated; null when it failed")] = None
@@ -62,7 +62,7 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class Repetition:
-    """What is kept of one repetition: a line of the journal."""
+    """Estimates of one repetition: a line of the journal."""
 
     __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True)
 
@@ -74,16 +74,16 @@ class Repetition:
         Freedom,
         described("1", "degrees of freedom behind the noise covariance; null when given"),
     ]
-    outcomes: Annotated[dict[str, Outcome], described("", "by estimator")]
+    outcomes: Annotated[dict[str, RepetitionEstimate], described("", "by estimator")]
 
 
 @dataclass(frozen=True, eq=False)
 class Workbench:
-    """Everything that repetitions share; built once per process."""
+    """Twin and model that all repetitions share; built once per process."""
 
     configuration: RunConfiguration
     robot: Robot
-    knowledge: ParameterPriors
+    priors: ParameterPriors
     design: FourierTrajectory
     twin: Twin
 
@@ -97,14 +97,14 @@ class Workbench:
             The run cannot be simulated, or fixes every parameter.
         """
         robot = robot_from(configuration.robot)
-        knowledge = parameter_priors(configuration, robot)
+        priors = parameter_priors(configuration, robot)
         twin = Twin.of(configuration, design, configuration.run.montecarlo.seed)
-        return cls(configuration, robot, knowledge, design, twin)
+        return cls(configuration, robot, priors, design, twin)
 
     def repeat(self, number: int) -> Repetition:
-        """Measure and estimate; what depends on `number` is the noise alone.
+        """Simulate and estimate a repetition; only the noise depends on its number.
 
-        A repetition that cannot be estimated comes back with the reason. Bad input raises.
+        A failed estimate states its reason in the result. Invalid input raises.
         """
         wanted = self.configuration.run.montecarlo.estimators
         try:
@@ -112,7 +112,7 @@ class Workbench:
                 self.configuration, self.robot, self.twin.measurement(number), self.design
             )
         except FAILURES as error:
-            failed = Outcome(error=_reason(error))
+            failed = RepetitionEstimate(error=_reason(error))
             return Repetition(number, None, np.inf, dict.fromkeys(wanted, failed))
         return Repetition(
             number,
@@ -155,15 +155,17 @@ class Workbench:
         robot = self.robot.with_load_at(values)
         spread = np.zeros((record.samples, robot.graph.signs.numel()))
         experiment = Experiment.along(robot, record, noise, known, spread)
-        return cramer_rao_covariance(robot, [experiment], [motion], self.knowledge, values)
+        return cramer_rao_covariance(robot, [experiment], [motion], self.priors, values)
 
-    def _outcomes(self, experiment: Experiment, wanted: tuple[str, ...]) -> dict[str, Outcome]:
+    def _outcomes(
+        self, experiment: Experiment, wanted: tuple[str, ...]
+    ) -> dict[str, RepetitionEstimate]:
         try:
-            robot, experiments = linearise_at_load(self.robot, [experiment], self.knowledge)
-            found = run_estimators(robot, experiments, self.knowledge, wanted)
+            robot, experiments = linearise_at_load(self.robot, [experiment], self.priors)
+            found = run_estimators(robot, experiments, self.priors, wanted)
         except NUMERICAL_FAILURES as error:
             if len(wanted) == 1:
-                return {wanted[0]: Outcome(error=_reason(error))}
+                return {wanted[0]: RepetitionEstimate(error=_reason(error))}
             # One by one, to keep those that did not fail.
             return {name: self._outcomes(experiment, (name,))[name] for name in wanted}
         return {name: _outcome(found[name]) for name in wanted}
@@ -176,10 +178,12 @@ def _known_noise(source: NoiseSource, record: PeriodicRecording) -> NoiseEstimat
     return with_stated_spectrum(plain, source.spectrum, record)
 
 
-def _outcome(estimate: ParameterEstimate) -> Outcome:
+def _outcome(estimate: ParameterEstimate) -> RepetitionEstimate:
     if not (np.all(np.isfinite(estimate.values)) and np.all(np.isfinite(estimate.std))):
-        return Outcome(error="the estimate is not finite", iterations=estimate.iterations)
-    return Outcome(
+        return RepetitionEstimate(
+            error="the estimate is not finite", iterations=estimate.iterations
+        )
+    return RepetitionEstimate(
         estimate.values,
         estimate.std,
         interval_widths(estimate.freedom),

@@ -1,136 +1,119 @@
-"""A study as its run folder keeps it. Values are SI; the same study gives the same bytes."""
+"""The result of a Monte-Carlo study: bias, spread, RMSE and coverage against truth and bound.
+
+K repetitions are independent of each other; the parameters of one repetition are not. Statistics
+over several parameters are therefore first averaged within each repetition, and their uncertainty
+comes from the scatter of these averages between repetitions.
+"""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import pandas as pd
+import scipy
 
-from estimation.montecarlo.repetition import Repetition
-from estimation.montecarlo.statistics import ParameterStatistics, PooledStatistics
-from estimation.montecarlo.study import Study
+from constraints.arrays import Array
+from estimation.montecarlo.repetition import Repetition, RepetitionEstimate
+from estimation.uncertainty.intervals import LEVEL
 from expdesign.configuration import Problem
-from expdesign.configuration.section import unstated
-from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder import (
     Column,
-    Contents,
     CsvFile,
-    FolderRecord,
     Numbers,
-    RowKeys,
-    RowTable,
+    OpenNumber,
+    Place,
     RunFile,
+    StageResult,
+    Table,
     described,
 )
 from expdesign.runfolder.fields import unknown_names, wrong_covariance
 
-_WRITTEN_BY = "`expdesign montecarlo`"
+_LOW, _HIGH = "lower end of its 95 % interval", "upper end of its 95 % interval"
 
 
 @dataclass(frozen=True)
-class FailureKeys:
-    """A repetition in which an estimator failed."""
+class ParameterStatistics:
+    """One parameter of one estimator over all repetitions, SI."""
+
+    bias: Annotated[OpenNumber, described("see unit", "mean error")]
+    bias_std_error: Annotated[OpenNumber, described("see unit", "standard error of the bias")]
+    bias_t: Annotated[OpenNumber, described("1", "bias in standard errors")]
+    spread: Annotated[OpenNumber, described("see unit", "standard deviation of the estimates")]
+    rmse: Annotated[OpenNumber, described("see unit", "root mean square of the errors")]
+    bound: Annotated[
+        OpenNumber,
+        described("see unit", "Cramér–Rao bound at the truth, as a standard deviation"),
+    ]
+    reported_std: Annotated[
+        OpenNumber,
+        described("see unit", "root mean square of the standard deviations stated"),
+    ]
+    reported_over_spread: Annotated[
+        OpenNumber, described("1", "the stated over the true standard deviation")
+    ]
+    rmse_over_bound: Annotated[
+        OpenNumber, described("1", "1 for an estimator that cannot be improved")
+    ]
+    rmse_over_bound_low: Annotated[OpenNumber, described("1", _LOW)]
+    rmse_over_bound_high: Annotated[OpenNumber, described("1", _HIGH)]
+    coverage: Annotated[
+        OpenNumber, described("1", "share of the stated 95 % intervals that hold the truth")
+    ]
+    coverage_low: Annotated[OpenNumber, described("1", _LOW)]
+    coverage_high: Annotated[OpenNumber, described("1", _HIGH)]
+    largest_error: Annotated[OpenNumber, described("1", "in any repetition, in units of the RMSE")]
+
+
+@dataclass(frozen=True)
+class PooledStatistics:
+    """Several parameters of one estimator together."""
+
+    rmse_over_bound: Annotated[OpenNumber, described("1", "root mean square over the parameters")]
+    rmse_over_bound_std_error: Annotated[OpenNumber, described("1", "its standard error")]
+    rmse_over_bound_low: Annotated[OpenNumber, described("1", _LOW)]
+    rmse_over_bound_high: Annotated[OpenNumber, described("1", _HIGH)]
+    coverage: Annotated[OpenNumber, described("1", "mean over the parameters")]
+    coverage_std_error: Annotated[OpenNumber, described("1", "its standard error")]
+    coverage_low: Annotated[OpenNumber, described("1", _LOW)]
+    coverage_high: Annotated[OpenNumber, described("1", _HIGH)]
+    largest_bias_t: Annotated[OpenNumber, described("1", "of all parameters, without its sign")]
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A repetition without an estimate."""
 
     repetition: Annotated[int, described("1", "number of the repetition")]
     reason: Annotated[str, described("", "in words")]
 
 
 @dataclass(frozen=True)
-class EstimatorKeys:
+class EstimatorStatistics:
     """One estimator over all repetitions."""
 
     estimates: Annotated[int, described("1", "repetitions in which there is an estimate")]
     not_converged: Annotated[tuple[int, ...], described("1", "numbers of repetitions")]
-    failures: Annotated[tuple[FailureKeys, ...], described("", "repetitions without an estimate")]
+    failures: Annotated[tuple[Failure, ...], described("", "repetitions without an estimate")]
     iterations: Annotated[dict[str, int], described("1", "how often each number of them")]
     pooled: Annotated[PooledStatistics | None, described("", "all identified parameters together")]
 
-    @classmethod
-    def of(cls, study: Study, estimator: str) -> Self:
-        """Count one estimator's outcomes."""
-        found = study.estimated(estimator)
-        return cls(
-            estimates=len(found),
-            not_converged=tuple(r.number for r, outcome in found if not outcome.converged),
-            failures=tuple(FailureKeys(*failure) for failure in study.failures(estimator)),
-            iterations=_counts(outcome.iterations for _, outcome in found),
-            pooled=study.pooled(estimator),
-        )
-
 
 @dataclass(frozen=True)
-class CountKeys:
-    """How many repetitions there are."""
+class RepetitionCounts:
+    """Numbers of repetitions."""
 
     wanted: Annotated[int, described("1", "repetitions asked for")]
     done: Annotated[int, described("1", "repetitions that were done")]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class MonteCarloFile(RunFile):
-    """`montecarlo.json`."""
-
-    FILE: ClassVar[str] = "montecarlo.json"
-    WRITTEN_BY: ClassVar[str] = _WRITTEN_BY
-    repetitions: Annotated[CountKeys, described("1", "wanted and done")]
-    interrupted: Annotated[bool, described("", "some are missing")]
-    estimators: Annotated[dict[str, EstimatorKeys], described("", "of each estimator")]
-    parameters: Annotated[tuple[str, ...], described("", "names of those estimated")]
-    identified: Annotated[tuple[str, ...], described("", "names of those that are pooled")]
-    truth: Annotated[dict[str, float], described("SI", "true values")]
-    bound_covariance: Annotated[
-        Numbers, described("SI", "Cramér–Rao bound, all parameters; zero for fixed ones")
-    ]
-    harmonics: Annotated[dict[str, int], described("1", "how often each number was fitted")]
-    settings: Annotated[
-        dict[str, Any],
-        described("", "`seed`, `experiment`, `samples`, `samples_per_period`, `estimate`"),
-    ]
-
-    def contradictions(self) -> Iterator[Problem]:
-        """Yield what is not of these parameters."""
-        names, count = self.parameters, len(self.truth)
-        yield from unknown_names("parameters", names, self.truth, "truth")
-        yield from unknown_names("identified", self.identified, names, "parameters")
-        yield from wrong_covariance("bound_covariance", self.bound_covariance, count, "truth")
-
-    @classmethod
-    def of(cls, study: Study) -> Self:
-        """Describe a study."""
-        names = study.knowledge.names
-        run, truth = study.configuration.run, study.truth
-        return cls(
-            name=run.name,
-            robot=study.robot.name,
-            repetitions=CountKeys(study.wanted, len(study.repetitions)),
-            interrupted=study.interrupted,
-            estimators={name: EstimatorKeys.of(study, name) for name in study.estimators},
-            parameters=tuple(names[k] for k in study.free),
-            identified=tuple(names[k] for k in study.identified),
-            truth=dict(zip(names, truth.values_of(names).tolist(), strict=True)),
-            bound_covariance=study.bound,
-            harmonics=_counts(repetition.harmonics for repetition in study.repetitions),
-            settings={
-                "seed": run.montecarlo.seed,
-                "experiment": run.experiment.model_dump(
-                    mode="json", exclude=unstated(run.experiment)
-                ),
-                "samples": truth.experiment.samples,
-                "samples_per_period": truth.experiment.samples_per_period,
-                "estimate": run.estimate.model_dump(mode="json", exclude={"estimators"}),
-            },
-        )
-
-
 @dataclass(frozen=True)
 class _Subject:
-    """Which estimator and parameter a row is about."""
+    """Estimator and parameter of a row."""
 
     estimator: Annotated[str, described("", "ls, gm or ml")]
     parameter: Annotated[str, described("", "name")]
@@ -142,12 +125,12 @@ class _Subject:
 
 @dataclass(frozen=True)
 class StatisticsRow(ParameterStatistics, _Subject):
-    """One parameter of one estimator over all repetitions: a row of `tables/montecarlo.csv`."""
+    """Statistics of one parameter of one estimator: a row of `tables/montecarlo.csv`."""
 
 
 @dataclass(frozen=True)
-class RepetitionTable(CsvFile[Iterable[Repetition], None]):
-    """One row per repetition and estimator, those that failed included."""
+class RepetitionTable(CsvFile[tuple[Repetition, ...], None]):
+    """A table of all repetitions and estimators, failures included, with columns by parameter."""
 
     parameters: tuple[str, ...]
 
@@ -169,11 +152,11 @@ class RepetitionTable(CsvFile[Iterable[Repetition], None]):
             ),
         )
 
-    def write(self, folder: Path, content: Iterable[Repetition]) -> list[Path]:
+    def write(self, folder: Path, content: tuple[Repetition, ...]) -> list[Path]:
         """Write the rows."""
         return self.write_frame(folder, self.frame(content))
 
-    def frame(self, repetitions: Iterable[Repetition]) -> pd.DataFrame:
+    def frame(self, repetitions: tuple[Repetition, ...]) -> pd.DataFrame:
         """Return the rows."""
         blank = np.full(len(self.parameters), np.nan)
         rows = [
@@ -194,70 +177,209 @@ class RepetitionTable(CsvFile[Iterable[Repetition], None]):
         return pd.DataFrame(rows, columns=list(self.names)).astype({"harmonics": "Int64"})
 
 
-def repetition_table(parameters: Iterable[str]) -> RepetitionTable:
-    """Return `tables/montecarlo_repetitions.csv` for these parameters."""
-    return RepetitionTable("tables/montecarlo_repetitions.csv", _WRITTEN_BY, tuple(parameters))
+class _WrittenRepetitions(Place):
+    """The table of all repetitions, which is not read: the statistics follow from it."""
+
+    FILE = "tables/montecarlo_repetitions.csv"
+
+    def read(self, result: Any, kind: Any, folder: Path) -> tuple[Repetition, ...]:
+        """Return no repetitions."""
+        del result, kind, folder
+        return ()
+
+    def write(self, result: Any, kind: Any, value: Any, folder: Path) -> Iterator[Path]:
+        """Write the table."""
+        del kind
+        names = tuple(result.truth)
+        yield from RepetitionTable(self.FILE, result.WRITTEN_BY, names).write(folder, value)
+
+    def tables(self, kind: Any, written_by: str) -> Iterator[CsvFile[Any, Any]]:
+        """Yield the table with a placeholder for the parameters."""
+        del kind
+        yield RepetitionTable(self.FILE, written_by, ("<parameter>",))
 
 
-@dataclass(frozen=True, eq=False)
-class MonteCarloRecord(FolderRecord):
-    """A study, from memory or from its run folder: what figures and reports are made from.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MonteCarloResult(RunFile, StageResult):
+    """Statistics of the estimators over many simulated experiments, SI."""
 
-    The repetitions are not read again.
-    """
-
-    TABLES: ClassVar = {
-        "rows": RowTable(
+    FILE: ClassVar[str] = "montecarlo.json"
+    WRITTEN_BY: ClassVar[str] = "`expdesign montecarlo`"
+    counts: Annotated[RepetitionCounts, described("1", "wanted and done", name="repetitions")]
+    estimators: Annotated[dict[str, EstimatorStatistics], described("", "of each estimator")]
+    parameters: Annotated[tuple[str, ...], described("", "names of those estimated")]
+    identified: Annotated[tuple[str, ...], described("", "names of those that are pooled")]
+    truth: Annotated[dict[str, float], described("SI", "true values")]
+    bound_covariance: Annotated[
+        Numbers, described("SI", "Cramér–Rao bound, all parameters; zero for fixed ones")
+    ]
+    harmonics: Annotated[dict[str, int], described("1", "how often each number was fitted")]
+    settings: Annotated[
+        dict[str, Any],
+        described("", "`seed`, `experiment`, `samples`, `samples_per_period`, `estimate`"),
+    ]
+    repetitions: Annotated[tuple[Repetition, ...], _WrittenRepetitions()] = ()
+    """Empty in a result that was read."""
+    rows: Annotated[
+        tuple[StatisticsRow, ...],
+        Table(
             "tables/montecarlo.csv",
-            _WRITTEN_BY,
-            StatisticsRow,
             some=True,
             rows_of=("estimator", "parameter", "estimates"),
+            as_in=("subjects",),
+        ),
+    ]
+
+    @property
+    def interrupted(self) -> Annotated[bool, described("", "some are missing")]:
+        """True when repetitions are missing."""
+        return self.counts.done < self.counts.wanted
+
+    @property
+    def subjects(self) -> tuple[tuple[str, str, int], ...]:
+        """Estimator, parameter and number of estimates of every row of statistics."""
+        return tuple(
+            (estimator, name, entry.estimates)
+            for estimator, entry in self.estimators.items()
+            if entry.estimates
+            for name in self.parameters
         )
-    }
-    summary: MonteCarloFile
-    rows: tuple[StatisticsRow, ...]
-    repetitions: tuple[Repetition, ...] = ()
 
-    @classmethod
-    def of(cls, study: Study) -> Self:
-        """Take it from a study."""
-        summary = MonteCarloFile.of(study)
-        rows = tuple(
-            StatisticsRow(
-                estimator=estimator,
-                parameter=name,
-                unit=parameter_unit(name),
-                truth=summary.truth[name],
-                identified=name in summary.identified,
-                estimates=summary.estimators[estimator].estimates,
-                **asdict(found),
-            )
-            for estimator in study.estimators
-            for name, found in study.statistics(estimator).items()
-        )
-        return cls(summary, rows, study.repetitions)
+    @property
+    def summary(self) -> MonteCarloResult:
+        """The result itself."""
+        return self
 
-    @classmethod
-    def row_keys(cls, found: Mapping[str, Any]) -> RowKeys:
-        """Return the estimators with estimates, of each the parameters, and how many there are."""
-        summary: MonteCarloFile = found["summary"]
-        return {
-            "rows": [
-                (estimator, name, entry.estimates)
-                for estimator, entry in summary.estimators.items()
-                if entry.estimates
-                for name in summary.parameters
-            ]
-        }
+    @property
+    def bound_std(self) -> Array:
+        """(m,) smallest standard deviations of an unbiased estimator, SI."""
+        return np.sqrt(np.diag(self.bound_covariance))
 
-    def contents(self) -> Contents:
-        """Yield the tables, the repetitions first."""
-        yield repetition_table(self.summary.truth), self.repetitions
-        yield from super().contents()
+    def statistics(self, estimator: str) -> dict[str, StatisticsRow]:
+        """Return the statistics of every free parameter; none without an estimate."""
+        return {row.parameter: row for row in self.rows if row.estimator == estimator}
+
+    def estimated(self, estimator: str) -> tuple[tuple[Repetition, RepetitionEstimate], ...]:
+        """Return the repetitions with an estimate of an estimator."""
+        pairs = ((r, r.outcomes[estimator]) for r in self.repetitions)
+        return tuple((r, outcome) for r, outcome in pairs if not outcome.error)
+
+    def contradictions(self) -> Iterator[Problem]:
+        """Yield names and shapes that differ from those of the parameters."""
+        names, count = self.parameters, len(self.truth)
+        yield from unknown_names("parameters", names, self.truth, "truth")
+        yield from unknown_names("identified", self.identified, names, "parameters")
+        yield from wrong_covariance("bound_covariance", self.bound_covariance, count, "truth")
 
 
-def _counts(values: Iterable[int | None]) -> dict[str, int]:
-    """Return how often each number occurs, in ascending order."""
-    counted = Counter(value for value in values if value is not None)
-    return {str(value): counted[value] for value in sorted(counted)}
+def parameter_statistics(
+    errors: Array, std: Array, widths: Array, bound: float
+) -> ParameterStatistics:
+    """Return the statistics of one parameter.
+
+    Parameters
+    ----------
+    errors : (K,)
+        Estimate minus truth, K ≥ 1.
+    std : (K,)
+        As the estimator states it.
+    widths : (K,)
+        Half widths of its intervals in units of `std`.
+    bound : float
+        Smallest standard deviation that an unbiased estimator can have.
+
+    Notes
+    -----
+    The interval of RMSE/bound is that of a root of a scaled χ². K errors without a bias have K
+    degrees of freedom; a bias b beside a spread σ makes the mean square steadier,
+    K (σ² + b²)² / (σ⁴ + 2 σ² b²). That of the coverage is Clopper's and Pearson's.
+    """
+    count = len(errors)
+    bias = float(np.mean(errors))
+    spread = float(np.std(errors, ddof=1)) if count > 1 else np.nan
+    mean_square = float(np.mean(errors**2))
+    std_error = spread / float(np.sqrt(count))
+    reported = float(np.sqrt(np.mean(std**2)))
+    variance = max(mean_square - bias**2, 0.0)
+    steadiness = variance * (variance + 2 * bias**2)
+    freedom = count * mean_square**2 / steadiness if steadiness > 0 else np.nan
+    rmse = float(np.sqrt(mean_square))
+    share = float(np.count_nonzero(np.abs(errors) <= widths * std)) / count
+    return ParameterStatistics(
+        bias=bias,
+        bias_std_error=std_error,
+        bias_t=_ratio(bias, std_error),
+        spread=spread,
+        rmse=rmse,
+        bound=bound,
+        reported_std=reported,
+        reported_over_spread=_ratio(reported, spread),
+        **_with_ends("rmse_over_bound", rmse / bound, _root_interval(rmse / bound, freedom)),
+        **_with_ends("coverage", share, share_interval(share, count)),
+        largest_error=_ratio(float(np.max(np.abs(errors))), rmse),
+    )
+
+
+def pooled_statistics(errors: Array, std: Array, widths: Array, bound: Array) -> PooledStatistics:
+    """Return the statistics of m parameters together; arguments as of `parameter_statistics`.
+
+    Errors, std and widths are (K, m) here, the bound is (m,).
+
+    Notes
+    -----
+    The square of the pooled RMSE/bound is the mean of K independent numbers, the mean squares of
+    each repetition: their scatter gives its standard error however the parameters are correlated
+    (the jackknife over repetitions gives the same), and with it the degrees of freedom of the χ²
+    that the interval is taken from. The coverage's interval is Clopper's and Pearson's with as
+    many independent trials as have this standard error.
+    """
+    count = len(errors)
+    squares = np.mean((errors / bound) ** 2, axis=1)
+    mean = float(np.mean(squares))
+    error = float(np.std(squares, ddof=1) / np.sqrt(count)) if count > 1 else np.nan
+    ratio = float(np.sqrt(mean))
+    freedom = 2 * (mean / error) ** 2 if error > 0 else np.nan
+    hits = np.mean(np.abs(errors) <= widths * std, axis=1)
+    coverage = float(np.mean(hits))
+    coverage_error = float(np.std(hits, ddof=1) / np.sqrt(count)) if count > 1 else np.nan
+    trials = float(count)
+    if coverage_error > 0:
+        trials = coverage * (1 - coverage) / coverage_error**2
+    biases = np.mean(errors, axis=0)
+    spreads = np.std(errors, axis=0, ddof=1) if count > 1 else np.full(len(bound), np.nan)
+    return PooledStatistics(
+        **_with_ends("rmse_over_bound", ratio, _root_interval(ratio, freedom)),
+        rmse_over_bound_std_error=_ratio(error, 2 * ratio),
+        **_with_ends("coverage", coverage, share_interval(coverage, trials)),
+        coverage_std_error=coverage_error,
+        largest_bias_t=max(
+            abs(_ratio(float(b), float(s / np.sqrt(count))))
+            for b, s in zip(biases, spreads, strict=True)
+        ),
+    )
+
+
+def _with_ends(name: str, value: float, ends: tuple[float, float]) -> dict[str, float]:
+    return {name: value, f"{name}_low": ends[0], f"{name}_high": ends[1]}
+
+
+def share_interval(share: float, trials: float) -> tuple[float, float]:
+    """Return Clopper's and Pearson's 95 % interval of a probability; trials need not be whole."""
+    tail = (1 - LEVEL) / 2
+    hits = share * trials
+    misses = trials - hits
+    low = scipy.stats.beta.ppf(tail, hits, misses + 1) if hits > 0 else 0.0
+    high = scipy.stats.beta.ppf(1 - tail, hits + 1, misses) if misses > 0 else 1.0
+    return float(low), float(high)
+
+
+def _root_interval(root: float, freedom: float) -> tuple[float, float]:
+    """Return the 95 % interval of a root mean square with so many degrees of freedom."""
+    tail = (1 - LEVEL) / 2
+    quantiles = scipy.stats.chi2.ppf([1 - tail, tail], freedom)
+    low, high = root * np.sqrt(freedom / quantiles)
+    return float(low), float(high)
+
+
+def _ratio(value: float, unit: float) -> float:
+    return value / unit if unit > 0 else np.nan

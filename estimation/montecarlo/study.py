@@ -1,34 +1,35 @@
-"""The study: K repetitions in parallel, kept as they come, and judged against truth and bound."""
+"""Monte-Carlo study: K simulated experiments, estimated in parallel, judged against the truth."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections import deque
-from dataclasses import dataclass
+from collections import Counter, deque
+from collections.abc import Iterable
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from constraints.arrays import Array
-from estimation.estimators import ParameterPriors
 from estimation.identification.estimate import refuse_ml_without_fit
-from estimation.montecarlo.repetition import Outcome, Repetition, Workbench
-from estimation.montecarlo.statistics import (
-    ParameterStatistics,
-    PooledStatistics,
+from estimation.montecarlo.repetition import Repetition, Workbench
+from estimation.montecarlo.result import (
+    EstimatorStatistics,
+    Failure,
+    MonteCarloResult,
+    RepetitionCounts,
+    StatisticsRow,
     parameter_statistics,
     pooled_statistics,
 )
-from estimation.twin import Truth
 from expdesign.configuration import ConfigurationLike, RunConfiguration, load_run
 from expdesign.configuration.section import unstated
 from expdesign.information.identifiable import IDENTIFIABLE
+from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.progress import report_progress
-from expdesign.robot import Robot
 from expdesign.runfolder.fields import checker
 from expdesign.runfolder.files import FORMAT, check_format, errors_naming, json_values, write_text
 from expdesign.runfolder.manifest import package_versions, text_hash
@@ -36,98 +37,16 @@ from expdesign.trajectory import FourierTrajectory
 from expdesign.workers import Job, Monitor, cluster_jobs, run_jobs
 
 
-@dataclass(frozen=True, eq=False)
-class Study:
-    """What a study found."""
-
-    configuration: RunConfiguration
-    robot: Robot
-    knowledge: ParameterPriors
-    truth: Truth
-    bound: Array
-    """(m, m), Cramér–Rao bound at the truth as a covariance; zero for fixed parameters."""
-    repetitions: tuple[Repetition, ...]
-    wanted: int
-    """K. Fewer are done when the study was interrupted."""
-
-    @property
-    def interrupted(self) -> bool:
-        """True when repetitions are missing."""
-        return len(self.repetitions) < self.wanted
-
-    @property
-    def estimators(self) -> tuple[str, ...]:
-        """Estimators in the order of the run file."""
-        return self.configuration.run.montecarlo.estimators
-
-    @property
-    def bound_std(self) -> Array:
-        """(m,) smallest standard deviations of an unbiased estimator, SI."""
-        return np.sqrt(np.diag(self.bound))
-
-    @property
-    def free(self) -> NDArray[np.intp]:
-        """Places of the parameters that are estimated."""
-        return np.flatnonzero(self.knowledge.free)
-
-    @property
-    def identified(self) -> NDArray[np.intp]:
-        """Places of the parameters whose bound is below half their scale: those that are pooled."""
-        scales = self.robot.scales
-        return np.flatnonzero(self.knowledge.free & (self.bound_std < IDENTIFIABLE * scales))
-
-    def estimated(self, estimator: str) -> tuple[tuple[Repetition, Outcome], ...]:
-        """Return the repetitions in which an estimator has an estimate."""
-        pairs = ((r, r.outcomes[estimator]) for r in self.repetitions)
-        return tuple((r, outcome) for r, outcome in pairs if not outcome.error)
-
-    def failures(self, estimator: str) -> tuple[tuple[int, str], ...]:
-        """Return number and reason of every repetition in which an estimator failed."""
-        pairs = ((r.number, r.outcomes[estimator].error) for r in self.repetitions)
-        return tuple((number, error) for number, error in pairs if error)
-
-    def statistics(self, estimator: str) -> dict[str, ParameterStatistics]:
-        """Return the statistics of every free parameter; none without an estimate."""
-        errors, std, widths = self._samples(estimator)
-        if not len(errors):
-            return {}
-        return {
-            self.knowledge.names[k]: parameter_statistics(
-                errors[:, k], std[:, k], widths[:, k], float(self.bound_std[k])
-            )
-            for k in self.free
-        }
-
-    def pooled(self, estimator: str) -> PooledStatistics | None:
-        """Return the statistics of all identified parameters together."""
-        errors, std, widths = self._samples(estimator)
-        which = self.identified
-        if not len(errors) or not len(which):
-            return None
-        return pooled_statistics(
-            errors[:, which], std[:, which], widths[:, which], self.bound_std[which]
-        )
-
-    def _samples(self, estimator: str) -> tuple[Array, Array, Array]:
-        """Return errors, std and half widths of intervals in std, (K, m) each."""
-        found = self.estimated(estimator)
-        shape = (-1, len(self.knowledge.names))
-        values = np.array([outcome.values for _, outcome in found], dtype=float).reshape(shape)
-        std = np.array([outcome.std for _, outcome in found], dtype=float).reshape(shape)
-        widths = np.array([outcome.widths for _, outcome in found], dtype=float).reshape(shape)
-        return values - self.truth.values_of(self.knowledge.names), std, widths
-
-
 def run_study(
     config: ConfigurationLike,
     design: FourierTrajectory,
     journal: Path | None = None,
     monitor: Monitor | None = None,
-) -> Study:
-    """Repeat a simulated experiment K times and estimate each time.
+) -> MonteCarloResult:
+    """Simulate an experiment K times and estimate the parameters of each repetition.
 
-    Repetition k depends on the run, the design, `montecarlo.seed` and k alone: neither the number
-    of processes nor the order in which they end changes a digit.
+    Repetition k depends on the run, the design, `montecarlo.seed` and k alone: the results are the
+    same for any number of processes.
 
     Parameters
     ----------
@@ -137,8 +56,7 @@ def run_study(
     design : FourierTrajectory
         The motion that is commanded.
     journal : path, optional
-        File that keeps every repetition when it is done. Those of the same inputs that it holds
-        already are not done again.
+        File of the finished repetitions. Repetitions of the same inputs in it are not done again.
     monitor : Monitor, optional
 
     Raises
@@ -148,7 +66,7 @@ def run_study(
     UnidentifiableError
         The experiment does not determine every free parameter.
     WorkerDiedError, ClusterError
-        What was done until then is in the journal.
+        The finished repetitions are in the journal.
     """
     configuration = load_run(config)
     refuse_ml_without_fit(configuration, configuration.run.montecarlo.estimators, "montecarlo")
@@ -176,19 +94,87 @@ def run_study(
             kept.add(repetition)
         done[repetition.number] = repetition
         monitor.advanced(len(done), wanted)
-    return Study(
-        configuration=configuration,
-        robot=bench.robot,
-        knowledge=bench.knowledge,
-        truth=bench.twin.truth,
-        bound=bound,
-        repetitions=tuple(done[number] for number in sorted(done)),
-        wanted=wanted,
+    return _result(bench, bound, tuple(done[number] for number in sorted(done)))
+
+
+def _result(
+    bench: Workbench, bound: Array, repetitions: tuple[Repetition, ...]
+) -> MonteCarloResult:
+    """Return the statistics of the repetitions; `bound` is the Cramér–Rao covariance, (m, m)."""
+    run, truth, priors = bench.configuration.run, bench.twin.truth, bench.priors
+    true, bound_std = truth.values_of(priors.names), np.sqrt(np.diag(bound))
+    free = np.flatnonzero(priors.free)
+    identified = np.flatnonzero(priors.free & (bound_std < IDENTIFIABLE * bench.robot.scales))
+    statistics: dict[str, EstimatorStatistics] = {}
+    rows: list[StatisticsRow] = []
+    for estimator in run.montecarlo.estimators:
+        outcomes = [(r.number, r.outcomes[estimator]) for r in repetitions]
+        found = [(number, outcome) for number, outcome in outcomes if not outcome.error]
+        shape = (-1, len(priors.names))
+        errors, std, widths = (
+            np.array(values, dtype=float).reshape(shape)
+            for values in (
+                [outcome.values for _, outcome in found],
+                [outcome.std for _, outcome in found],
+                [outcome.widths for _, outcome in found],
+            )
+        )
+        errors = errors - true
+        pooled = None
+        if found and len(identified):
+            own = (part[:, identified] for part in (errors, std, widths))
+            pooled = pooled_statistics(*own, bound_std[identified])
+        statistics[estimator] = EstimatorStatistics(
+            estimates=len(found),
+            not_converged=tuple(n for n, outcome in found if not outcome.converged),
+            failures=tuple(Failure(n, outcome.error) for n, outcome in outcomes if outcome.error),
+            iterations=_counts(outcome.iterations for _, outcome in found),
+            pooled=pooled,
+        )
+        rows += [
+            StatisticsRow(
+                estimator=estimator,
+                parameter=priors.names[k],
+                unit=parameter_unit(priors.names[k]),
+                truth=float(true[k]),
+                identified=bool(k in identified),
+                estimates=len(found),
+                **asdict(
+                    parameter_statistics(errors[:, k], std[:, k], widths[:, k], float(bound_std[k]))
+                ),
+            )
+            for k in (free if found else ())
+        ]
+    return MonteCarloResult(
+        name=run.name,
+        robot=bench.robot.name,
+        counts=RepetitionCounts(run.montecarlo.repetitions, len(repetitions)),
+        estimators=statistics,
+        parameters=tuple(priors.names[k] for k in free),
+        identified=tuple(priors.names[k] for k in identified),
+        truth=dict(zip(priors.names, true.tolist(), strict=True)),
+        bound_covariance=bound,
+        harmonics=_counts(repetition.harmonics for repetition in repetitions),
+        settings={
+            "seed": run.montecarlo.seed,
+            "experiment": run.experiment.model_dump(mode="json", exclude=unstated(run.experiment)),
+            "samples": truth.experiment.samples,
+            "samples_per_period": truth.experiment.samples_per_period,
+            "estimate": run.estimate.model_dump(mode="json", exclude={"estimators"}),
+        },
+        repetitions=repetitions,
+        rows=tuple(rows),
     )
 
 
+def _counts(values: Iterable[int | None]) -> dict[str, int]:
+    """Return how often each number occurs, in ascending order."""
+    counted = Counter(value for value in values if value is not None)
+    return {str(value): counted[value] for value in sorted(counted)}
+
+
 def study_inputs(configuration: RunConfiguration, design: FourierTrajectory) -> str:
-    """Return the hash of what every repetition is made from, their number left out."""
+    """Return the hash of the inputs that all repetitions share."""
     run = configuration.run
     exclude = unstated(run)
     exclude["estimate"] = exclude.get("estimate", {}) | {"estimators": True}
@@ -214,14 +200,17 @@ NAME = "montecarlo/repetitions.jsonl"
 
 
 class Journal:
-    """Repetitions on disk.
+    """Finished repetitions on disk, one line each, in the order of their ends.
+
+    The first line has a hash of the inputs. An incomplete last line, of a run that was killed, is
+    dropped, and its repetition is done again.
 
     Parameters
     ----------
     path : Path
     inputs : str
-        Hash of what repetitions are made from. A journal of other inputs counts as empty, and is
-        replaced when the first repetition is added.
+        Hash of the inputs. A journal of other inputs counts as empty; the first repetition that is
+        added replaces it.
 
     Attributes
     ----------
@@ -237,7 +226,7 @@ class Journal:
         self._valid = self._read()
 
     def _read(self) -> int:
-        """Take what the file holds; return how many of its bytes are whole lines of this study."""
+        """Read the repetitions; return the size of the complete lines of this study, bytes."""
         try:
             lines = self.path.read_bytes().splitlines(keepends=True)
         except FileNotFoundError:
@@ -267,7 +256,7 @@ class Journal:
         return True
 
     def add(self, repetition: Repetition) -> None:
-        """Keep a repetition; it is on disk when this returns."""
+        """Append a repetition; it is on disk when this returns."""
         if not self._valid:
             write_text(self.path, self._header)
             self._valid = len(self._header)

@@ -11,7 +11,7 @@ import scipy
 from scipy import special
 
 from constraints.arrays import Array
-from estimation.montecarlo.statistics import share_interval
+from estimation.montecarlo.result import share_interval
 from estimation.uncertainty.differences import Differences, holm
 
 

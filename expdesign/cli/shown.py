@@ -133,14 +133,15 @@ def noise(outcome: Outcome) -> None:
 def montecarlo(outcome: Outcome) -> None:
     """Print bias, spread and coverage of each estimator over all parameters."""
     console, study = results(), outcome.result
+    experiment = study.settings["experiment"]
     say(
-        f"{study.configuration.run.name}: {len(study.repetitions)} repetitions of "
-        f"{study.truth.experiment.periods} periods at {study.truth.experiment.sampling:g} Hz; "
-        f"{len(study.identified)} of {len(study.free)} parameters are identified"
+        f"{study.name}: {study.counts.done} repetitions of "
+        f"{experiment['periods']} periods at {experiment['sampling']:g} Hz; "
+        f"{len(study.identified)} of {len(study.parameters)} parameters are identified"
     )
     rows = []
-    for name in study.estimators:
-        pooled = study.pooled(name)
+    for name, found in study.estimators.items():
+        pooled = found.pooled
         cells = ["", "", ""]
         if pooled is not None:
             cells = [
@@ -150,7 +151,7 @@ def montecarlo(outcome: Outcome) -> None:
                 f"{100 * pooled.coverage_high:.1f}]",
                 f"{pooled.largest_bias_t:.1f}",
             ]
-        rows.append((name.upper(), str(len(study.estimated(name))), *cells))
+        rows.append((name.upper(), str(found.estimates), *cells))
     title = "In brackets 95 % intervals; bias in its standard errors"
     heads = ("estimator", "estimates", "RMSE / bound", "coverage (%)", "largest bias")
     console.print(result_table(title, heads, rows, ("estimator",)))

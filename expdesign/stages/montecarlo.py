@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict
 
-from estimation.montecarlo import run_study as run_montecarlo
-from estimation.montecarlo.result import EstimatorKeys, MonteCarloFile, MonteCarloRecord
+from estimation.montecarlo import run_study
+from estimation.montecarlo.result import EstimatorStatistics, MonteCarloResult
 from estimation.montecarlo.study import NAME as JOURNAL
 from expdesign.interruption import interruptible
 from expdesign.stages.outcome import Outcome, StageFailed, short
@@ -27,22 +27,21 @@ def montecarlo(work: Workspace) -> Outcome:
         interruptible(work.progress.note, kept) as stop,
     ):
         monitor = Monitor(stop, advanced=advanced)
-        study = run_montecarlo(configuration, design.trajectory, folder / JOURNAL, monitor)
+        result = run_study(configuration, design.trajectory, folder / JOURNAL, monitor)
     asked = monitor.stop_requested()
-    if not study.repetitions:
+    if not result.repetitions:
         raise StoppedError("interrupted before the first repetition was done")
-    record = MonteCarloRecord.of(study)
-    found = record.summary.estimators
-    if not any(keys.estimates for keys in found.values()):
+    found = result.estimators
+    if not any(each.estimates for each in found.values()):
         raise StageFailed(f"no repetition could be estimated: {_reasons(*found.values())}")
-    count = f"{len(study.repetitions)} of {study.wanted} repetitions"
-    message = f"interrupted after {count}" if study.interrupted else count
-    failed = tuple(_failed_repetitions(record.summary))
+    count = f"{result.counts.done} of {result.counts.wanted} repetitions"
+    message = f"interrupted after {count}" if result.interrupted else count
+    failed = tuple(_failed_repetitions(result))
     return Outcome(
-        result=study,
-        record=record,
+        result=result,
+        record=result,
         summary={
-            "repetitions": len(study.repetitions),
+            "repetitions": result.counts.done,
             "estimators": {
                 name: {
                     "estimates": keys.estimates,
@@ -53,30 +52,30 @@ def montecarlo(work: Workspace) -> Outcome:
             },
             "warnings": [*configuration.warnings, *warnings, *failed],
         },
-        status="interrupted" if study.interrupted else "done",
+        status="interrupted" if result.interrupted else "done",
         message=message,
         warnings=failed,
         failure=f"{message}; what they show is in {short(folder)}, and the same command goes on "
         "from there"
-        if study.interrupted
+        if result.interrupted
         else "",
         asked_to_stop=asked,
     )
 
 
-def _failed_repetitions(summary: MonteCarloFile) -> Iterator[str]:
+def _failed_repetitions(result: MonteCarloResult) -> Iterator[str]:
     """Yield a warning for every estimator that failed or did not converge somewhere."""
-    for name, keys in summary.estimators.items():
+    for name, keys in result.estimators.items():
         if failed := len(keys.failures):
             yield (
-                f"{name} failed in {failed} of {summary.repetitions.done} repetitions, which its "
+                f"{name} failed in {failed} of {result.counts.done} repetitions, which its "
                 f"numbers leave out: {_reasons(keys)}"
             )
         if stuck := len(keys.not_converged):
             yield f"{name} did not converge in {stuck} repetitions, which are counted"
 
 
-def _reasons(*estimators: EstimatorKeys) -> str:
+def _reasons(*estimators: EstimatorStatistics) -> str:
     reasons = dict.fromkeys(failure.reason for keys in estimators for failure in keys.failures)
     shown = list(reasons)[:_MOST_REASONS]
     return "; ".join(shown) + ("; …" if len(reasons) > len(shown) else "")

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from estimation.identification.record import EstimateRecord
-from estimation.montecarlo.result import MonteCarloRecord
+from estimation.montecarlo.result import MonteCarloResult
 from expdesign.configuration import InputError, Problem
 from expdesign.experiment import DesignResult
 from expdesign.experiment.sensitivity import limit_sensitivity
@@ -17,11 +17,7 @@ from expdesign.runfolder.files import write_text
 from expdesign.runfolder.manifest import file_hash
 from results.comparison.compared_design import ComparedDesign, DesignComparison
 from results.comparison.designs import designs_report, precision_series
-from results.comparison.estimates import (
-    ComparedEstimate,
-    estimates_report,
-    estimates_series,
-)
+from results.comparison.estimates import ComparedEstimate, estimates_report, estimates_series
 from results.figures.drawing import FigureDefinition, save_figures
 from results.figures.parameters import (
     ParameterSeries,
@@ -162,7 +158,7 @@ def _page(
 
 def _achieved_report(folders: dict[str, RunFolder]) -> StageView:
     """Return what is to be said of Monte-Carlo studies side by side."""
-    found = {label: folder.record(MonteCarloRecord).rows for label, folder in folders.items()}
+    found = {label: folder.record(MonteCarloResult).rows for label, folder in folders.items()}
     keys = dict.fromkeys((row.parameter, row.unit) for rows in found.values() for row in rows)
     columns = [
         TableColumn("parameter", kind="parameter", of=[parameter for parameter, _ in keys]),

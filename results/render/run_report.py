@@ -50,7 +50,7 @@ LATEX_TABLES = (
 
 _DRAWN = {
     "design": ("expdesign.experiment:DesignResult", "excitation"),
-    "montecarlo": ("estimation.montecarlo.result:MonteCarloRecord", "montecarlo_bias"),
+    "montecarlo": ("estimation.montecarlo.result:MonteCarloResult", "montecarlo_bias"),
     "estimate": ("estimation.identification.record:EstimateRecord", "estimates"),
     "validate": ("estimation.validation.validate:ValidationRecord", "prediction_1"),
     "feedforward": ("estimation.feedforward.result:FeedforwardResult", "feedforward"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from estimation.montecarlo.result import EstimatorKeys, MonteCarloRecord
+from estimation.montecarlo.result import EstimatorStatistics, MonteCarloResult
 from results.figures.montecarlo import STUDY_FIGURES
 from results.notation import percent, readable
 from results.views.estimate import NAMES
@@ -14,13 +14,13 @@ from results.views.view import Block, Fact, Level, ReportTable, StageVerdict, St
 
 def montecarlo_report(folder: RunFolder) -> StageView:
     """Describe the study in a folder."""
-    record = folder.record(MonteCarloRecord)
-    summary, estimators = record.summary, record.summary.estimators
+    record = folder.record(MonteCarloResult)
+    summary, estimators = record, record.estimators
     failures = sum(len(entry.failures) for entry in estimators.values())
     names = ", ".join(NAMES.get(name, name) for name in estimators)
-    sentence = f"{summary.repetitions.done} simulated experiments, estimators {names}."
+    sentence = f"{summary.counts.done} simulated experiments, estimators {names}."
     if summary.interrupted:
-        sentence += f" Interrupted: {summary.repetitions.wanted} were wanted."
+        sentence += f" Interrupted: {summary.counts.wanted} were wanted."
     if failures:
         sentence += f" {failures} estimates failed."
     level = Level.BAD if summary.interrupted else Level.CAUTION if failures else Level.GOOD
@@ -32,7 +32,7 @@ def montecarlo_report(folder: RunFolder) -> StageView:
     return StageView(verdict, tuple(blocks), _facts(estimators))
 
 
-def _facts(estimators: dict[str, EstimatorKeys]) -> tuple[Fact, ...]:
+def _facts(estimators: dict[str, EstimatorStatistics]) -> tuple[Fact, ...]:
     name = "ml" if "ml" in estimators else next(iter(estimators), "")
     pooled = estimators[name].pooled if name else None
     if pooled is None:
@@ -49,7 +49,7 @@ def _facts(estimators: dict[str, EstimatorKeys]) -> tuple[Fact, ...]:
     )
 
 
-def _pooled_table(estimators: dict[str, EstimatorKeys]) -> ReportTable:
+def _pooled_table(estimators: dict[str, EstimatorStatistics]) -> ReportTable:
     def pooled(key: str) -> Callable[[str], float | None]:
         return lambda name: getattr(estimators[name].pooled, key, None)
 
@@ -69,7 +69,7 @@ def _pooled_table(estimators: dict[str, EstimatorKeys]) -> ReportTable:
     return ReportTable.of("montecarlo_pooled", caption, columns, estimators)
 
 
-def _statistics_table(record: MonteCarloRecord) -> ReportTable:
+def _statistics_table(record: MonteCarloResult) -> ReportTable:
     columns = (
         TableColumn(
             "estimator", kind="text", of=lambda row: NAMES.get(row.estimator, row.estimator)

@@ -11,9 +11,10 @@ import pandas as pd
 import pytest
 
 from estimation.montecarlo import repetition as one
-from estimation.montecarlo.result import MonteCarloRecord
+from estimation.montecarlo.result import StatisticsRow
 from estimation.montecarlo.study import NAME
 from estimation.processing import PeriodError
+from expdesign.runfolder import RowTable
 from expdesign.runfolder.manifest import file_hash
 from tests.twin.examples import motion
 
@@ -83,7 +84,7 @@ def test_what_is_written(expdesign, run_file, design, tmp_path):
     assert (entry["status"], entry["message"]) == ("done", "3 of 3 repetitions")
     assert set(entry["files"]) == WRITTEN - {"run.yaml"}
     table = pd.read_csv(out / "tables" / "montecarlo.csv")
-    assert list(table.columns) == list(MonteCarloRecord.TABLES["rows"].names)
+    assert list(table.columns) == list(RowTable("", "", StatisticsRow).names)
     assert len(table) == 48
     assert table.notna().all().all()
     repetitions = pd.read_csv(out / "tables" / "montecarlo_repetitions.csv")

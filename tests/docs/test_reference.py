@@ -15,7 +15,7 @@ from estimation.data.reading import file_formats
 from estimation.diagnostics.noise_result import NoiseFile
 from estimation.feedforward.result import FeedforwardResult
 from estimation.identification.estimate_file import EstimateFile
-from estimation.montecarlo.result import MonteCarloFile, MonteCarloRecord, repetition_table
+from estimation.montecarlo.result import MonteCarloResult, RepetitionTable, StatisticsRow
 from estimation.twin import Twin
 from estimation.twin.truth import MEASUREMENT, Truth
 from estimation.validation.validate import ValidationFile
@@ -57,6 +57,7 @@ from expdesign.mechanism.catalogue import DEFAULT, term_definitions, terms_named
 from expdesign.mechanism.graph import HexapodGraph
 from expdesign.mechanism.term import ALPHA_RATE, BETA_RATE, STRUT_SPEED, parameters_of
 from expdesign.recheck.limit_check import TOLERANCE, grid_points
+from expdesign.runfolder import RowTable
 from expdesign.runfolder.documentation import result_tables
 from expdesign.runfolder.store import json_keys
 from expdesign.stages.table import STAGES
@@ -323,13 +324,13 @@ def test_columns_of_the_tables():
         NoiseFile,
         ValidationFile,
         FeedforwardResult,
-        MonteCarloFile,
+        MonteCarloResult,
         ExportsRecord,
         SweepResult,
     ],
 )
 def test_keys_of_json_files(kind):
-    level = "###" if kind in (MonteCarloFile, SweepResult) else "##"
+    level = "###" if kind in (MonteCarloResult, SweepResult) else "##"
     heading = f"{level} {kind.FILE}"
     keys = [key for row in table(RUN_FOLDER, heading) for key in codes(row[0])]
     assert sorted(keys) == sorted(["format", *json_keys(kind)])
@@ -349,9 +350,9 @@ def test_formats_of_measured_data():
 def test_columns_of_the_study():
     rows = table(RUN_FOLDER, "### Columns of montecarlo.csv")
     names = [name for row in rows for name in codes(row[0])]
-    assert sorted(names) == sorted(MonteCarloRecord.TABLES["rows"].names)
+    assert sorted(names) == sorted(RowTable("", "", StatisticsRow).names)
     page = RUN_FOLDER.read_text(encoding="utf-8")
-    for name in repetition_table(()).names:
+    for name in RepetitionTable("", "", ()).names:
         assert f"`{name}`" in page
 
 

@@ -18,7 +18,7 @@ import yaml
 
 from estimation.data.reading import read_measurement
 from estimation.identification.record import EstimateRecord
-from estimation.montecarlo.result import MonteCarloRecord
+from estimation.montecarlo.result import MonteCarloResult
 from estimation.twin.truth import Truth
 from estimation.validation.validate import ValidationRecord
 from expdesign.configuration import DataSection, ExportSection, InputError, load_run, resolved_yaml
@@ -52,7 +52,7 @@ FREE = ("title", "description", "warnings", "message", "source", "sentence", "ad
 """Keys of records whose texts come from outside, in part."""
 
 SECRETS = ("secret.yaml", "secret.json", "secret.csv", "secret")
-RECORDS = (DesignResult, EstimateRecord, ValidationRecord, MonteCarloRecord, Truth, Manifest)
+RECORDS = (DesignResult, EstimateRecord, ValidationRecord, MonteCarloResult, Truth, Manifest)
 EXPORTS = (
     *({"format": name} for name in ("csv", "pvt-csv", "xps-pvt", "pmac-pvt", "linuxcnc-gcode")),
     *({"format": name} for name in ("linuxcnc-strut", "pi-wave", "mat")),

@@ -1,6 +1,6 @@
 """A small experiment: two harmonics, three periods of 120 samples."""
 
-from estimation.montecarlo.result import repetition_table
+from estimation.montecarlo.result import RepetitionTable
 from expdesign.configuration import load_run
 from tests.twin.examples import motion
 
@@ -25,7 +25,7 @@ def small(repetitions=4, estimate=None, montecarlo=None, **more):
 
 def repetition_rows(study):
     """Return the rows of `tables/montecarlo_repetitions.csv`."""
-    return repetition_table(study.knowledge.names).frame(study.repetitions)
+    return RepetitionTable("", "", tuple(study.truth)).frame(study.repetitions)
 
 
 class Watcher:

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from estimation.montecarlo.repetition import Outcome, Repetition
+from estimation.montecarlo.repetition import Repetition, RepetitionEstimate
 from estimation.montecarlo.study import Journal
 
 
@@ -16,8 +16,8 @@ def repetition(number, freedom=720.0):
         5,
         freedom,
         {
-            "gm": Outcome(*rng.uniform(size=(3, 24)), True, 1),
-            "ml": Outcome(error="no pose has the measured lengths"),
+            "gm": RepetitionEstimate(*rng.uniform(size=(3, 24)), True, 1),
+            "ml": RepetitionEstimate(error="no pose has the measured lengths"),
         },
     )
 

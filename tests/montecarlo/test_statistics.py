@@ -7,11 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from estimation.montecarlo.statistics import (
-    parameter_statistics,
-    pooled_statistics,
-    share_interval,
-)
+from estimation.montecarlo.result import parameter_statistics, pooled_statistics, share_interval
 
 STUDIES = 600
 

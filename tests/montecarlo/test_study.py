@@ -11,7 +11,7 @@ from estimation.identification import estimate
 from estimation.kinematics.fourier_fit import MotionFitError
 from estimation.montecarlo import repetition as one
 from estimation.montecarlo import run_study
-from estimation.montecarlo.result import MonteCarloRecord
+from estimation.montecarlo.result import Failure
 from estimation.montecarlo.study import study_inputs
 from estimation.twin import Twin
 from expdesign.configuration import InputError
@@ -54,8 +54,8 @@ def test_statistics_are_about_the_free_parameters():
     assert len(study.statistics("ml")) == 22
     assert np.all(study.bound_std[:2] == 0)
     assert np.all(study.bound_std[2:] > 0)
-    assert not set(study.identified) & {0, 1}
-    assert "p1" not in {row.parameter for row in MonteCarloRecord.of(study).rows}
+    assert not set(study.identified) & {"p1", "p2"}
+    assert "p1" not in {row.parameter for row in study.rows}
 
 
 # --- the bound ------------------------------------------------------------------------------------
@@ -63,7 +63,7 @@ def test_statistics_are_about_the_free_parameters():
 
 def test_the_bound_is_what_ml_states_on_average(study):
     for name, found in study.statistics("ml").items():
-        bound = study.bound_std[study.knowledge.names.index(name)]
+        bound = study.bound_std[list(study.truth).index(name)]
         assert found.reported_std == pytest.approx(bound, rel=0.15)
 
 
@@ -189,9 +189,9 @@ def test_failures_are_recorded_with_their_reason(monkeypatch, tmp_path):
     monkeypatch.setattr(one, "run_estimators", ml_fails_once)
     journal = tmp_path / "journal"
     study = run_study(small(3), DESIGN, journal)
-    assert study.failures("gm") == ((2, "no pose has the measured lengths"),)
-    assert [number for number, _ in study.failures("ml")] == [1, 2]
-    assert "do not determine p1" in study.failures("ml")[0][1]
+    assert study.estimators["gm"].failures == (Failure(2, "no pose has the measured lengths"),)
+    assert [each.repetition for each in study.estimators["ml"].failures] == [1, 2]
+    assert "do not determine p1" in study.estimators["ml"].failures[0].reason
     assert [r.number for r, _ in study.estimated("gm")] == [1, 3]
     assert [r.number for r, _ in study.estimated("ml")] == [3]
     found = repetition_rows(study)
@@ -203,15 +203,15 @@ def test_failures_are_recorded_with_their_reason(monkeypatch, tmp_path):
         (2, "ml"),
     ]
     assert failed["p1"].isna().all()
-    assert [row.estimates for row in MonteCarloRecord.of(study).rows] == [2] * 24 + [1] * 24
+    assert [row.estimates for row in study.rows] == [2] * 24 + [1] * 24
     assert table(run_study(small(3), DESIGN, journal)) == table(study)
 
 
 def test_what_is_not_converged_counts(study, monkeypatch):
-    outcome = one.Outcome(np.full(24, np.inf), np.ones(24))
+    outcome = one.RepetitionEstimate(np.full(24, np.inf), np.ones(24))
     estimate_ = study_estimate(outcome)
     assert one._outcome(estimate_).error == "the estimate is not finite"
-    kept = one._outcome(study_estimate(one.Outcome(np.ones(24), np.ones(24))))
+    kept = one._outcome(study_estimate(one.RepetitionEstimate(np.ones(24), np.ones(24))))
     assert not kept.error
     assert not kept.converged
 
@@ -247,7 +247,7 @@ def test_the_estimators_keep_their_promises():
     count = 60
     study = run_study(small(count, montecarlo={"estimators": ["ls", "gm", "ml"]}), DESIGN)
     for name in ("ls", "gm", "ml"):
-        pooled = study.pooled(name)
+        pooled = study.estimators[name].pooled
         assert len(study.estimated(name)) == count
         # 24 parameters: a limit that chance breaks once in a thousand studies.
         assert pooled.largest_bias_t < stats.t.ppf(1 - 1e-3 / 48, count - 1)
@@ -256,9 +256,9 @@ def test_the_estimators_keep_their_promises():
             # Spread over the promised one: χ² with K − 1 degrees of freedom.
             chi_square = (count - 1) / found.reported_over_spread**2
             assert 1e-5 < stats.chi2.cdf(chi_square, count - 1) < 1 - 1e-5
-    ml = study.pooled("ml")
+    ml = study.estimators["ml"].pooled
     assert ml.rmse_over_bound == pytest.approx(1.0, abs=4 * ml.rmse_over_bound_std_error)
-    assert study.pooled("ls").rmse_over_bound > ml.rmse_over_bound
+    assert study.estimators["ls"].pooled.rmse_over_bound > ml.rmse_over_bound
 
 
 @pytest.mark.slow
@@ -273,5 +273,5 @@ def test_pointwise_differentiation_is_biased():
         DESIGN,
     )
     assert {r.harmonics for r in study.repetitions} == {None}
-    assert study.pooled("gm").largest_bias_t > 10
-    assert study.pooled("gm").coverage < 0.9
+    assert study.estimators["gm"].pooled.largest_bias_t > 10
+    assert study.estimators["gm"].pooled.coverage < 0.9

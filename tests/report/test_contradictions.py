@@ -5,7 +5,7 @@ import json
 import pytest
 
 from estimation.identification.record import EstimateRecord
-from estimation.montecarlo.result import MonteCarloRecord
+from estimation.montecarlo.result import MonteCarloResult
 from estimation.twin.truth import Truth
 from estimation.validation.validate import ValidationRecord
 from expdesign.cli.app import app
@@ -18,7 +18,7 @@ TABLES = (
     (DesignResult, "tables/parameters.csv", "parameter"),
     (DesignResult, "tables/eigenvalues.csv", "index"),
     (EstimateRecord, "estimates.csv", "parameter"),
-    (MonteCarloRecord, "tables/montecarlo.csv", "parameter"),
+    (MonteCarloResult, "tables/montecarlo.csv", "parameter"),
     (ValidationRecord, "tables/validation.csv", "actuator"),
 )
 
@@ -92,7 +92,7 @@ ESTIMATE, MONTECARLO = "estimate.json", "montecarlo.json"
         (EstimateRecord, ESTIMATE, ("estimators", "ml", "covariance_forces"), None),
         (EstimateRecord, ESTIMATE, ("cramer_rao_covariance",), None),
         (EstimateRecord, ESTIMATE, ("diagnostics", "experiments"), None),
-        (MonteCarloRecord, MONTECARLO, ("bound_covariance",), None),
+        (MonteCarloResult, MONTECARLO, ("bound_covariance",), None),
         (Truth, "truth.json", ("force_covariance",), None),
         (Truth, "truth.json", ("length_covariance",), None),
         (
@@ -126,8 +126,8 @@ def test_another_number_of_entries_is_told_by_its_key(record, file, place, key, 
     [
         (EstimateRecord, ESTIMATE, ("best",)),
         (EstimateRecord, ESTIMATE, ("fixed",)),
-        (MonteCarloRecord, MONTECARLO, ("parameters",)),
-        (MonteCarloRecord, MONTECARLO, ("identified",)),
+        (MonteCarloResult, MONTECARLO, ("parameters",)),
+        (MonteCarloResult, MONTECARLO, ("identified",)),
     ],
 )
 def test_an_unknown_name_is_told_by_its_key(record, file, place, folder):
@@ -168,7 +168,7 @@ def test_a_value_that_is_missing_is_told_by_its_key(folder):
 def test_a_json_file_with_fewer_parameters_than_its_table_is_no_match(folder):
     for place in ("parameters", "identified"):
         _change(folder / MONTECARLO, place, to=_shorter)
-    problem = _problem(MonteCarloRecord, folder)
+    problem = _problem(MonteCarloResult, folder)
     assert problem.file == folder / "tables/montecarlo.csv"
 
 

@@ -9,7 +9,7 @@ import pytest
 from estimation.diagnostics.noise_result import NoiseRecord
 from estimation.feedforward.result import FeedforwardResult
 from estimation.identification.record import EstimateRecord
-from estimation.montecarlo.result import MonteCarloRecord
+from estimation.montecarlo.result import MonteCarloResult
 from estimation.validation.validate import ValidationRecord
 from expdesign.cli import shown
 from expdesign.configuration import RunDescription, load_run
@@ -25,7 +25,7 @@ from expdesign.stages.workspace import Workspace
 RECORDS = {
     "design": DesignResult,
     "noise": NoiseRecord,
-    "montecarlo": MonteCarloRecord,
+    "montecarlo": MonteCarloResult,
     "estimate": EstimateRecord,
     "validate": ValidationRecord,
     "feedforward": FeedforwardResult,
