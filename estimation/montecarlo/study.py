@@ -122,8 +122,12 @@ def _result(
         errors = errors - true
         pooled = None
         if found and len(identified):
-            own = (part[:, identified] for part in (errors, std, widths))
-            pooled = pooled_statistics(*own, bound_std[identified])
+            pooled = pooled_statistics(
+                errors[:, identified],
+                std[:, identified],
+                widths[:, identified],
+                bound_std[identified],
+            )
         statistics[estimator] = EstimatorStatistics(
             estimates=len(found),
             not_converged=tuple(n for n, outcome in found if not outcome.converged),

@@ -16,7 +16,9 @@ from expdesign.configuration import RunDescription, load_run
 from expdesign.configuration.run import STAGES as NAMED
 from expdesign.experiment import DesignResult
 from expdesign.experiment.sweep import SweepResult
+from expdesign.runfolder import StageResult
 from expdesign.runfolder.manifest import Manifest
+from expdesign.runfolder.store import members
 from expdesign.stages.record import stage_inputs
 from expdesign.stages.report import reported_stages
 from expdesign.stages.table import STAGES, loaded, stages_without_design
@@ -72,8 +74,14 @@ def test_what_a_stage_names_is_there(name):
 @pytest.mark.parametrize("name", RECORDS)
 def test_a_stage_writes_what_its_record_holds(name):
     stage, kind = STAGES[name], RECORDS[name]
-    assert [file.FILE for file in kind.files().values()] == [stage.record]
-    for table in kind.TABLES.values():
+    if issubclass(kind, StageResult):
+        file, places = kind.FILE, ((each.place, each.kind) for each in members(kind) if each.place)
+        tables = [table for place, found in places for table in place.tables(found, "")]
+    else:
+        (file,) = (found.FILE for found in kind.files().values())
+        tables = kind.TABLES.values()
+    assert file == stage.record
+    for table in tables:
         assert any(fnmatch(table.file, pattern) for pattern in stage.writes)
 
 
