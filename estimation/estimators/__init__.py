@@ -1,4 +1,4 @@
-"""Least squares, Gauss–Markov and maximum likelihood, all on the shared symbolic graph."""
+"""Least-squares, Gauss–Markov and maximum-likelihood estimators on the shared symbolic graph."""
 
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.influence import (

@@ -1,4 +1,4 @@
-"""One experiment as the estimators see it: its samples, its motion and its friction signs."""
+"""Input of the estimators from one experiment: samples, motion and friction signs."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from expdesign.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class RefinedMotion:
-    """A motion with harmonics that forces and lengths show together, and the lengths alone do not.
+    """Motion with the harmonics that only forces and lengths together determine.
 
-    LS and GM do without them: what the noise of the lengths hides would cost them more than it
-    tells.
+    LS and GM leave these harmonics out: estimated from the lengths alone, they would increase the
+    variance of the parameters by more than the bias that they remove.
     """
 
     motion: HarmonicMotion
     covariance: Array
-    """(x, x), of its unknowns."""
+    """(x, x), covariance of the Fourier coefficients."""
     spread: Array
     """(S, s), standard deviations of the rates of friction at the force samples."""
 
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """Measured forces with the motion that was estimated from the lengths."""
+    """Measured forces and the motion estimated from the measured lengths."""
 
     record: PeriodicRecording
     noise: NoiseModel
@@ -42,14 +42,14 @@ class Experiment:
     fitted_regressors: Array
     """(R, 6, m), A at the samples, along the motion that was estimated from the lengths."""
     pointwise: PointwiseMotion | None = None
-    whole: RefinedMotion | None = None
-    """Where the forces show more harmonics than the lengths."""
+    refined_motion: RefinedMotion | None = None
+    """The refined motion, if the forces show more harmonics than the lengths; otherwise None."""
 
     @classmethod
     def from_fit(
         cls, robot: Robot, record: PeriodicRecording, noise: NoiseModel, fit: MotionFit
     ) -> Experiment:
-        """Build from a fitted motion."""
+        """Build an experiment from a fitted motion."""
         spread = rate_spread(robot, fit.motion, record.forces.times, fit.covariance)
         return cls.along(robot, record, noise, fit, spread)
 
@@ -62,7 +62,7 @@ class Experiment:
         fit: MotionFit,
         spread: Array,
     ) -> Experiment:
-        """Build from a motion whose rates have the spread given: zero for a known motion."""
+        """Build an experiment from a motion and the spread of its rates (zero: a known motion)."""
         signs = expected_signs(robot, fit.motion, record.forces.times, spread)
         regressors = regressors_along(robot, fit.motion, record.forces.times, signs)
         return cls(record, noise, fit, spread, regressors)
@@ -71,11 +71,11 @@ class Experiment:
     def from_points(
         cls, robot: Robot, record: PeriodicRecording, noise: NoiseModel, motion: PointwiseMotion
     ) -> Experiment:
-        """Build from pointwise kinematics."""
+        """Build an experiment from pointwise kinematics."""
         return cls(record, noise, None, None, regressors_at(robot, motion), motion)
 
     def of_robot(self, robot: Robot) -> Experiment:
-        """Return the experiment with A of another robot along the same motion."""
+        """Return the experiment with the regressors A of another robot along the same motion."""
         if self.pointwise is not None:
             return replace(self, fitted_regressors=regressors_at(robot, self.pointwise))
         if self.fit is None:
@@ -83,34 +83,35 @@ class Experiment:
         return replace(self, fitted_regressors=self.regressors(robot, self.fit.motion))
 
     def with_terms_of(self, robot: Robot) -> Experiment:
-        """Return the experiment with A of a robot of other terms, along the same motion.
+        """Return the experiment with the regressors A of a robot that has other terms.
 
-        Its friction may have other rates, whose standard deviations follow from the same fit.
+        The motion stays. The friction of the new terms may depend on other rates; their standard
+        deviations follow from the same fit.
         """
-        fit, whole, times = self.fit, self.whole, self.record.forces.times
+        fit, refined, times = self.fit, self.refined_motion, self.record.forces.times
         if fit is None:
             return self.of_robot(robot)
-        if whole is not None:
-            spread = rate_spread(robot, whole.motion, times, whole.covariance)
-            whole = replace(whole, spread=spread)
+        if refined is not None:
+            spread = rate_spread(robot, refined.motion, times, refined.covariance)
+            refined = replace(refined, spread=spread)
         spread = rate_spread(robot, fit.motion, times, fit.covariance)
-        return replace(self, spread=spread, whole=whole).of_robot(robot)
+        return replace(self, spread=spread, refined_motion=refined).of_robot(robot)
 
     @property
     def harmonics(self) -> int | None:
-        """Of the motion that ML estimates; None after pointwise differentiation."""
+        """Harmonics of the motion that ML estimates; None after pointwise differentiation."""
         return None if self.fit is None else self.motion.harmonics
 
     @property
     def harmonics_left_out(self) -> int:
-        """Harmonics that the forces show, without which LS and GM do."""
-        if self.whole is None or self.fit is None:
+        """Number of harmonics that the forces show and that LS and GM leave out."""
+        if self.refined_motion is None or self.fit is None:
             return 0
-        return self.whole.motion.harmonics - self.fit.motion.harmonics
+        return self.refined_motion.motion.harmonics - self.fit.motion.harmonics
 
     @property
     def motion(self) -> HarmonicMotion:
-        """The motion as far as it is known: ML begins from it.
+        """Best known motion: the starting point of ML.
 
         Raises
         ------
@@ -118,26 +119,26 @@ class Experiment:
             The experiment has pointwise kinematics.
         """
         if self.fit is None:
-            raise ValueError("pointwise kinematics are no series")
-        return self.fit.motion if self.whole is None else self.whole.motion
+            raise ValueError("pointwise kinematics have no Fourier series")
+        return self.fit.motion if self.refined_motion is None else self.refined_motion.motion
 
     def select_rows(self, values: Array) -> Array:
-        """Return those of the record's values, (S, …), whose motion is known: (R, …)."""
+        """Return the rows of the record's values, (S, …), at which the motion is known: (R, …)."""
         return values if self.pointwise is None else values[self.pointwise.rows]
 
     @property
     def forces(self) -> Array:
-        """(R, 6) measured forces at the samples whose motion is known, N."""
+        """(R, 6) measured forces at the samples with a known motion, N."""
         return self.select_rows(self.record.forces.values)
 
     @property
     def counts(self) -> Array:
-        """(R,) how many single samples each row is the mean of."""
+        """(R,) number of single samples averaged in each row."""
         return self.select_rows(self.record.forces.counts)
 
     @property
     def times(self) -> Array:
-        """(R,) s."""
+        """(R,) times of the rows, s."""
         return self.select_rows(self.record.forces.times)
 
     def signs(self, robot: Robot, motion: HarmonicMotion) -> Array:
@@ -149,22 +150,23 @@ class Experiment:
         """Return the standard deviations of the rates of friction along a motion, (S, s)."""
         if self.spread is None:
             raise ValueError("pointwise kinematics have no spread of their rates")
-        whole = self._whole_as(motion)
-        return self.spread if whole is None else whole.spread
+        refined = self._matching_refined_motion(motion)
+        return self.spread if refined is None else refined.spread
 
     def signs_for_robot(self, robot: Robot, motion: HarmonicMotion) -> Array:
-        """Return the expected signs that the terms of another robot use, (S, s)."""
+        """Return the expected friction signs for the terms of another robot, (S, s)."""
         if self.fit is None:
             raise ValueError("pointwise kinematics have no spread of their rates")
-        whole, times = self._whole_as(motion), self.record.forces.times
-        covariance = self.fit.covariance if whole is None else whole.covariance
+        refined, times = self._matching_refined_motion(motion), self.record.forces.times
+        covariance = self.fit.covariance if refined is None else refined.covariance
         spread = rate_spread(robot, motion, times, covariance)
         return expected_signs(robot, motion, times, spread)
 
-    def _whole_as(self, motion: HarmonicMotion) -> RefinedMotion | None:
-        """Return the whole motion if this one has its harmonics."""
-        whole = self.whole
-        return whole if whole and motion.harmonics == whole.motion.harmonics else None
+    def _matching_refined_motion(self, motion: HarmonicMotion) -> RefinedMotion | None:
+        """Return the refined motion if this motion has the same harmonics."""
+        refined = self.refined_motion
+        same = refined is not None and motion.harmonics == refined.motion.harmonics
+        return refined if same else None
 
     def regressors(self, robot: Robot, motion: HarmonicMotion) -> Array:
         """Return A at the force samples along a motion, (S, 6, m)."""

@@ -1,16 +1,16 @@
-"""How noise moves an estimate: p̂ − p = Σ_n K_fᵀ ε_f + Σ_n K_lᵀ ε_l, experiment by experiment.
+"""Influence of noise and of machine deviations on an estimate.
 
-Every estimator here is linear in small errors of the mean forces and lengths, whatever it weights
-with. From the same K follow the covariance under any noise, white or not (a sandwich: the weights
-may be wrong), that of the difference between two estimators of the same data, and the effect of
-anything that the model does not know (`Influence.response`).
+To first order every estimator here is linear in the errors of the mean forces and lengths,
+p̂ − p = Σ_n K_fᵀ ε_f + Σ_n K_lᵀ ε_l, whatever its weights are. The same K yields the covariance
+under white or coloured noise (a sandwich estimator: the weights may be wrong), the covariance of
+the difference between two estimators of the same data, and the response to errors that the model
+leaves out (`Influence.response`).
 
-How what is not known exactly moves an estimate: the systematic share of its covariance.
-
-A machine that deviates by θ from its description moves the estimate by D θ. Over all experiments
-D = Σ K_fᵀ Z_f + K_lᵀ Z_l, with the estimator's own K (`estimation.estimators.influence`). By the
-tolerances θ has the covariance Θ, and D Θ Dᵀ is what they make (GUM, type B). θ is one and the
-same in all recordings of the machine: D is summed before it is squared.
+The systematic part of the covariance follows in the same manner. Deviations θ of the machine from
+its description move the estimate by D θ, D = Σ K_fᵀ Z_f + K_lᵀ Z_l over all experiments, with the
+sensitivities Z of forces and lengths to θ. The tolerances give θ the covariance Θ, so that the
+systematic part is D Θ Dᵀ (GUM, type B). θ is the same in all recordings of a machine: D is summed
+before it is squared.
 """
 
 from __future__ import annotations
@@ -41,80 +41,81 @@ Part = tuple[slice, Array]
 
 @dataclass(frozen=True, eq=False)
 class Covariance:
-    """A covariance of estimates, and how well it is known itself."""
+    """Covariance of estimates and the uncertainty of its diagonal."""
 
     matrix: Array
     """(k, k)."""
     variance: Array
-    """(k,), of its diagonal: zero where the noise is taken as known."""
+    """(k,), variance of the diagonal's elements: zero where the noise is taken as known."""
     white: Array
-    """(k, k), the same for white noise with the same covariance of one sample."""
+    """(k, k), covariance under white noise with the same covariance of one sample."""
 
     def __add__(self, other: Covariance) -> Covariance:
-        """Add the covariance that independent noise makes."""
+        """Add the covariance due to independent noise."""
         return Covariance(
             self.matrix + other.matrix, self.variance + other.variance, self.white + other.white
         )
 
     @classmethod
     def known(cls, matrix: Array) -> Covariance:
-        """Take one that is not estimated."""
+        """Build a covariance that is given, not estimated."""
         return cls(matrix, np.zeros(len(matrix)), matrix)
 
 
 @dataclass(frozen=True, eq=False)
 class Influence:
-    """What the errors of one experiment do to an estimate.
+    """Linear effect of one experiment's errors on an estimate.
 
-    Rows of the gains are the k free parameters, and behind them the e entries of θ that were
-    estimated with them: r = k + e.
+    Rows of the gains are the k free parameters, followed by the e entries of θ that were estimated
+    with them: r = k + e.
     """
 
     robot: Robot
     experiment: Experiment
     motion: HarmonicMotion | None
-    """Along which the estimator took its regressors; None: the pointwise one."""
+    """Motion at which the regressors were evaluated; None: the pointwise motion."""
     values: Array
-    """(m,), the estimate."""
+    """(m,), estimated parameters, SI."""
     free: NDArray[np.bool_]
     weighting: Array
-    """(6, 6), whose inverse the estimator weighted the forces with."""
+    """(6, 6), inverse of the weights of the forces."""
     weighted_by_noise: bool
-    """That is the noise's covariance: its filter was used, too, and its errors count."""
+    """Whether the weights are the noise's own: its filter is applied and its errors count."""
     force_gain: Array
-    """(r, k), on the columns of the parameters; (r, k + x) with those of the motion."""
+    """(r, k), gain on the parameters' columns; (r, k + x) with the motion's columns."""
     length_gain: Array | None
-    """(r, x), on the motion's columns in the lengths; None after pointwise kinematics."""
+    """(r, x), gain on the motion's columns in the lengths; None after pointwise kinematics."""
     machine: PerturbedMachine | None = None
-    """Whose deviations θ were estimated, too: their columns stand before those of the motion in
-    both gains."""
+    """Machine with estimated deviations θ, if any: in both gains their columns precede those of the
+    motion."""
 
     def forces(self) -> Iterator[Part]:
-        """Yield K of the forces, part by part; all at once behind a filter."""
+        """Yield K of the forces, part by part; in one part if a filter is applied."""
         noise = self.experiment.noise.forces
         noise_filter = noise.filter if self.weighted_by_noise else None
         yield from _weighted(
-            self._moved_forces(), self.experiment.counts, self.weighting, noise_filter
+            self._force_response(), self.experiment.counts, self.weighting, noise_filter
         )
 
     def lengths(self) -> Iterator[Part]:
-        """Yield K of the lengths; nothing after pointwise kinematics, where it is not known."""
+        """Yield K of the lengths; nothing after pointwise kinematics, where K is unknown."""
         if self.length_gain is None or self.motion is None:
             return
         gain, noise = self.length_gain.T, self.experiment.noise.lengths
         channels, motion = self.experiment.record.lengths, self.motion
-        moved = (
-            (part, self._moved_lengths(motion, part, gain)) for part in chunks(len(channels.times))
+        responses = (
+            (part, self._length_response(motion, part, gain))
+            for part in chunks(len(channels.times))
         )
-        yield from _weighted(moved, channels.counts, noise.covariance, noise.filter)
+        yield from _weighted(responses, channels.counts, noise.covariance, noise.filter)
 
     def response(
         self, forces: Callable[[slice], Array], lengths: Callable[[slice], Array]
     ) -> Array:
-        """Return what (p̂, θ̂) moves by per unit of t unknowns that it does not know, (r, t).
+        """Return the change of (p̂, θ̂) per unit of t quantities that are not estimated, (r, t).
 
-        Both give the change of the measured forces or lengths per unit, (S, 6, t), at a part of the
-        samples.
+        `forces` and `lengths` return the change of the measured forces and lengths per unit,
+        (S, 6, t), at a part of the samples.
         """
         total = np.zeros(())
         for parts, columns in ((self.forces(), forces), (self.lengths(), lengths)):
@@ -123,7 +124,7 @@ class Influence:
         return np.asarray(total)
 
     def of(self, rows: Array) -> Influence:
-        """Return the influence on combinations of the first ones, (c, ≤ r), alone."""
+        """Return the influence on linear combinations, (c, ≤ r), of the first unknowns."""
         count, gain = rows.shape[1], self.length_gain
         return replace(
             self,
@@ -131,16 +132,16 @@ class Influence:
             length_gain=None if gain is None else rows @ gain[:count],
         )
 
-    def _moved_lengths(self, motion: HarmonicMotion, part: slice, gain: Array) -> Array:
-        """Return the columns of the unknowns in the lengths times the gain, (x, r)."""
+    def _length_response(self, motion: HarmonicMotion, part: slice, gain: Array) -> Array:
+        """Return the lengths' columns of the unknowns times the gain, (S, 6, r)."""
         if self.machine is not None:
             lengths = self.machine.lengths(self.experiment, motion, part)
             return np.concatenate([lengths.deviations, lengths.slope], axis=2) @ gain
         times = self.experiment.record.lengths.times[part]
         return length_columns(self.robot, motion.at(times))[1].times(gain)
 
-    def _moved_forces(self) -> Iterator[Part]:
-        """Yield the columns of the unknowns in the forces times the gain."""
+    def _force_response(self) -> Iterator[Part]:
+        """Yield the forces' columns of the unknowns times the gain, (S, 6, r)."""
         experiment, motion, gain = self.experiment, self.motion, self.force_gain.T
         count = int(np.count_nonzero(self.free))
         if motion is None or self.force_gain.shape[1] == count:
@@ -160,13 +161,13 @@ class Influence:
             yield part, columns.times(gain)
 
     def force_share(self) -> Covariance:
-        """Return the covariance that the noise of the forces makes."""
+        """Return the covariance due to the noise of the forces."""
         noise = self.experiment.noise.forces
         loss = noise.weighting_loss if self.weighted_by_noise else 1.0
         return _covariance(self.forces(), noise, self.experiment.counts, loss)
 
     def length_share(self) -> Covariance | None:
-        """Return the covariance that the noise of the lengths makes; None where not known."""
+        """Return the covariance due to the noise of the lengths; None where K is unknown."""
         if self.length_gain is None:
             return None
         noise, counts = self.experiment.noise.lengths, self.experiment.record.lengths.counts
@@ -176,9 +177,9 @@ class Influence:
 def difference_covariance(first: Sequence[Influence], second: Sequence[Influence]) -> Array:
     """Return the covariance of the difference between two estimates from the same data, (k, k).
 
-    Of the same experiments in the same order, with the same weights' filter. The noise is what the
-    weights take it for: many parameters are judged together, for which the contrasts of single
-    lines have too little freedom.
+    Both use the same experiments in the same order and the same filter. The noise is the one that
+    the weights assume: many parameters are tested jointly, and the contrasts at single lines have
+    too few degrees of freedom for that.
     """
     total, own_rows = np.zeros(()), np.eye(int(np.count_nonzero(first[0].free)))
     for pair in zip(first, second, strict=True):
@@ -200,7 +201,7 @@ def difference_covariance(first: Sequence[Influence], second: Sequence[Influence
 def _weighted(
     columns: Iterator[Part], counts: Array, covariance: Array, noise_filter: Filter | None
 ) -> Iterator[Part]:
-    """Yield c W U: with the filter on both sides of W, all samples at once."""
+    """Yield c W U; with a filter on both sides of W, all samples in one part."""
     inverse = np.linalg.inv(covariance)
     if noise_filter is None:
         for part, values in columns:
@@ -214,12 +215,12 @@ def _weighted(
 def _covariance(
     parts: Iterator[Part], noise: NoiseEstimate, counts: Array, loss: float
 ) -> Covariance:
-    """Return the covariance of Σ Kᵀ ε̄ for the noise as it is, and for white noise."""
+    """Return the covariance of Σ Kᵀ ε̄ under the actual noise and under white noise."""
     lines = noise.lines
     if lines is not None and lines.samples != len(counts):
         lines = None
     if lines is not None and noise.filter is not None:
-        loss = 1.0  # Its weights know nothing of the very line that they are for.
+        loss = 1.0  # The weights at a line are estimated without that line.
     white, whole = np.zeros(()), []
     for part, weights in parts:
         mixed = np.matmul(noise.covariance, weights) / counts[part][:, None, None]
@@ -235,33 +236,33 @@ def _covariance(
 
 @dataclass(frozen=True, eq=False)
 class SystematicUncertainty:
-    """What the deviations θ of a machine do to an estimate, and what is known of them."""
+    """Effect of the machine's deviations θ on an estimate, and the uncertainty of θ."""
 
     deviations: tuple[Deviation, ...]
     response: Array
-    """(m, t), D: what p̂ moves by per unit of every entry; zero for fixed parameters."""
+    """(m, t), D: change of p̂ per unit of every entry; zero for fixed parameters."""
     values: Array
     """(t,), estimate of θ; zero where it is not estimated."""
     std: Array
-    """(t,), its standard deviation: the tolerance where it is not estimated."""
+    """(t,), standard deviation of θ: the tolerance where it is not estimated."""
     estimated: bool = False
-    """θ was estimated together with the parameters."""
+    """Whether θ was estimated together with the parameters."""
     left: Array | None = None
-    """(t, t), what θ̂ − θ moves by per unit of every entry: −1 on the diagonal of one that was not
-    estimated, and what the data leave to the prior of one that was. No row of its own has an entry
-    that repeats another's name: the error of an earlier prior. None: it was not computed."""
+    """(t, t), change of θ̂ − θ per unit of every entry: −1 on the diagonal of an entry that was not
+    estimated, the prior's remaining weight for an entry that was. An entry that repeats another's
+    name (the error of a prior estimate) has a row of zeros. None: not computed."""
 
     @property
     def scaled(self) -> Array:
-        """(m, t), D times the tolerances: what one standard deviation of every entry does.
+        """(m, t), D times the tolerances: effect of one standard deviation of every entry.
 
-        Zero of an entry that was estimated without a prior: nothing of it is left but noise.
+        Zero for an entry estimated without a prior: its error is noise alone.
         """
         return self.response * self._tolerances
 
     @property
     def joint_scaled(self) -> Array:
-        """(m + t, t), the same of (p̂ − p, θ̂ − θ)."""
+        """(m + t, t), effect of one standard deviation of every entry on (p̂ − p, θ̂ − θ)."""
         if self.left is None:
             raise ValueError("the errors of the deviations were not computed (`left`)")
         return np.concatenate([self.response, self.left]) * self._tolerances
@@ -273,7 +274,7 @@ class SystematicUncertainty:
 
     @property
     def with_priors(self) -> bool:
-        """Whether something that has a tolerance was estimated."""
+        """Whether an entry with a tolerance was estimated."""
         known = [
             std != one.std < np.inf for one, std in zip(self.deviations, self.std, strict=True)
         ]
@@ -281,7 +282,7 @@ class SystematicUncertainty:
 
     @property
     def inexact(self) -> bool:
-        """Whether anything has a tolerance."""
+        """Whether any entry has a tolerance."""
         return any(np.isfinite(one.std) for one in self.deviations)
 
     @property
@@ -296,28 +297,28 @@ def systematic_share(
     free: NDArray[np.bool_],
     values: Array | None = None,
 ) -> SystematicUncertainty | None:
-    """Return what the entries chosen do to an estimate.
+    """Return the effect of the chosen deviations on an estimate.
 
-    None after pointwise kinematics, where it is not known how lengths move the estimate.
+    None after pointwise kinematics, where the influence of the lengths is unknown.
 
     Parameters
     ----------
     influences : sequence of Influence
-        Of every experiment of the estimate.
+        One per experiment of the estimate.
     chosen : sequence of Deviation
-        At least one; all that were estimated together with the parameters are the first of them.
+        At least one. The deviations estimated together with the parameters come first.
     free : (m,) of bool
-        Parameters that were estimated.
+        Estimated parameters.
     values : (t,), optional
-        Estimate of θ, where it was estimated.
+        Estimate of θ, if it was estimated.
 
     Notes
     -----
-    Where θ is estimated with its tolerances as priors, D = −(F⁻¹)_pθ Θ⁻¹: what the data leave to
-    the prior. It follows from the same sum, as K then holds the columns of θ.
+    If θ is estimated with its tolerances as priors, D = −(F⁻¹)_pθ Θ⁻¹, the remaining effect of the
+    priors. The same sum yields it, since K then includes the columns of θ.
     """
     count = int(np.count_nonzero(free))
-    moved = np.zeros((len(influences[0].force_gain), len(chosen)))
+    change = np.zeros((len(influences[0].force_gain), len(chosen)))
     for influence in influences:
         motion = influence.motion
         if motion is None or influence.length_gain is None:
@@ -327,13 +328,13 @@ def systematic_share(
         at = np.array([theta.get(one.name, 0.0) for one in chosen])
         machine = PerturbedMachine.of(influence.robot, chosen, at)
         known, jumps = (influence.experiment, motion), "delay" not in theta
-        moved += influence.response(
-            _moved(partial(machine.forces, *known, influence.values, jumps=jumps)),
-            _moved(partial(machine.lengths, *known)),
+        change += influence.response(
+            _deviation_columns(partial(machine.forces, *known, influence.values, jumps=jumps)),
+            _deviation_columns(partial(machine.lengths, *known)),
         )
     response = np.zeros((len(free), len(chosen)))
-    response[free], left = moved[:count], -np.eye(len(chosen))
-    left[: len(moved) - count] += moved[count:]
+    response[free], left = change[:count], -np.eye(len(chosen))
+    left[: len(change) - count] += change[count:]
     return SystematicUncertainty(
         tuple(chosen),
         response,
@@ -347,23 +348,24 @@ def systematic_share(
 def add_prior_response(
     systematic: SystematicUncertainty | None,
     influences: Sequence[Influence],
-    earlier: PriorEstimate,
+    prior: PriorEstimate,
     free: NDArray[np.bool_],
 ) -> SystematicUncertainty | None:
-    """Return what tolerances do to an estimate whose prior is an earlier one of the machine.
+    """Add the systematic error of a prior estimate of the same machine.
 
     The prior enters with the gain F⁻¹ P, (r, m + c): its errors of parameters that are held now
-    move what it says of the others. An entry with the same tolerance is the same number in both.
+    shift its mean of the others. Entries with equal name and tolerance are the same quantity in
+    both estimates.
     """
     if any(each.motion is None or each.length_gain is None for each in influences):
         return systematic
     count = int(np.count_nonzero(free))
-    known = np.concatenate([free, np.ones(len(earlier.precision) - len(free), dtype=bool)])
-    # The forces' gain on the columns of what is estimated is F⁻¹, in every experiment.
-    gain = influences[0].force_gain[:, : np.count_nonzero(known)] @ earlier.precision[known]
-    moved = gain @ earlier.response
+    known = np.concatenate([free, np.ones(len(prior.precision) - len(free), dtype=bool)])
+    # In every experiment the forces' gain on the columns of the estimated unknowns is F⁻¹.
+    gain = influences[0].force_gain[:, : np.count_nonzero(known)] @ prior.precision[known]
+    change = gain @ prior.response
     if systematic is None:
-        if not any(one.std > 0 for one in earlier.deviations):
+        if not any(one.std > 0 for one in prior.deviations):
             return None
         nothing = np.zeros(0)
         systematic = SystematicUncertainty(
@@ -371,9 +373,7 @@ def add_prior_response(
         )
     own, names = systematic.deviations, {one.name for one in systematic.deviations}
     places = {(one.name, one.std): place for place, one in enumerate(own)}
-    others = [
-        one for one in earlier.deviations if one.std > 0 and (one.name, one.std) not in places
-    ]
+    others = [one for one in prior.deviations if one.std > 0 and (one.name, one.std) not in places]
     more = len(others)
     response = np.pad(systematic.response, ((0, 0), (0, more)))
     left = np.pad(np.asarray(systematic.left), (0, more))
@@ -381,11 +381,11 @@ def add_prior_response(
         places[one.name, one.std] = place
         left[place, place] = 0.0 if one.name in names else -1.0
         names.add(one.name)
-    for one, column in zip(earlier.deviations, moved.T, strict=True):
+    for one, column in zip(prior.deviations, change.T, strict=True):
         if (one.name, one.std) in places:
             place = places[one.name, one.std]
             response[free, place] += column[:count]
-            left[: len(moved) - count, place] += column[count:]
+            left[: len(change) - count, place] += column[count:]
     return replace(
         systematic,
         deviations=(*own, *others),
@@ -396,8 +396,8 @@ def add_prior_response(
     )
 
 
-def _moved(
+def _deviation_columns(
     measured: Callable[[slice], MeasuredForces | MeasuredLengths],
 ) -> Callable[[slice], Array]:
-    """Return what gives the columns of θ at some of the samples."""
+    """Return a function of a part of the samples that evaluates the columns of θ."""
     return lambda part: measured(part).deviations

@@ -1,16 +1,15 @@
-"""The joint normal equations of (p, ξ): what maximum likelihood solves, and its information.
+"""Joint normal equations of parameters p, motion ξ and machine deviations θ.
 
-The rows are q − A(ξ) p and l − l(ξ), weighted with Σ⁻¹ and Δ⁻¹. The inverse of the information
-that they leave on p when the motions are eliminated,
+The rows are q − A(ξ) p and l − l(ξ), weighted with Σ⁻¹ and Δ⁻¹; maximum likelihood solves their
+normal equations. Eliminating the motions leaves the information on p,
 
     F_p = F_pp − F_pξ F_ξξ⁻¹ F_ξp,
 
-is the Cramér–Rao bound: no unbiased estimator's covariance falls below it.
+and its inverse is the Cramér–Rao bound: no unbiased estimator has a smaller covariance.
 
-What a machine measures that deviates from its description by θ, and how that changes with θ.
-
-The joints, gravity's direction and the constants of the terms are really moved; lengths have their
-zeros, forces their gains, stamps their delay and clock. At θ = 0 it is the machine described.
+`PerturbedMachine` predicts the measurements of a machine that deviates by θ from its description:
+joints, gravity's direction and constants of terms are changed in the model; zeros of lengths, gains
+of forces, delay and clock in the measurement. θ = 0 is the machine as described.
 """
 
 from __future__ import annotations
@@ -50,16 +49,16 @@ def force_equations(
     covariance: Array,
     noise_filter: Filter | None,
 ) -> NormalEquations:
-    """Return what the forces of one experiment say of the free parameters and ξ.
+    """Return the normal equations of the free parameters and ξ from the forces of one experiment.
 
     Parameters
     ----------
     motion, values
-        ξ and p, (m,), where the equations are taken.
+        ξ and p, (m,), at which the model is linearised.
     free : (m,) of bool
-        Parameters that are estimated.
+        Estimated parameters.
     covariance : (6, 6)
-        Whose inverse the rows are weighted with, behind the filter.
+        Its inverse weights the rows after the filter.
     """
     record = experiment.record
     spread = experiment.spread_along(motion)
@@ -82,9 +81,9 @@ def joint_equations(
     free: NDArray[np.bool_],
     forces: NormalEquations | None = None,
 ) -> NormalEquations:
-    """Return what forces and lengths of one experiment say of the free parameters and ξ.
+    """Return the normal equations of the free parameters and ξ from forces and lengths.
 
-    Where it is known already what the forces say, there, it is taken.
+    `forces` are the equations of the forces at the same point, if they are known already.
     """
     noise = experiment.noise
     lengths = length_equations(
@@ -97,7 +96,7 @@ def joint_equations(
 
 
 def reduced_information(equations: Sequence[NormalEquations], priors: ParameterPriors) -> Array:
-    """Return F_p over all experiments, (k, k), priors included."""
+    """Return the information F_p of all experiments and the priors, (k, k)."""
     count = int(np.count_nonzero(priors.free))
     return priors.precision + sum(each.eliminated(count).information for each in equations)
 
@@ -109,11 +108,11 @@ def cramer_rao_covariance(
     priors: ParameterPriors,
     values: Array,
 ) -> Array:
-    """Return the bound at (p, ξ) as a covariance, (m, m); zero for fixed parameters.
+    """Return the Cramér–Rao bound at (p, ξ) as a covariance, (m, m); zero for fixed parameters.
 
-    Priors count as data. Constants of terms that are estimated are unknowns, too, and stand where
-    the robot has them. The friction signs are the plain ones at `motions` when the experiments
-    have no spread of their rates (`Experiment.spread` zero), else the expected ones.
+    Priors count as data. Estimated constants of terms are unknowns, too, evaluated at the robot's
+    values. The friction signs are the exact ones at `motions` if the experiments have no spread of
+    their rates (`Experiment.spread` zero), otherwise the expected ones.
     """
     pairs = tuple(zip(experiments, motions, strict=True))
     constants = priors.constants(robot)
@@ -129,12 +128,12 @@ def cramer_rao_covariance(
 
 
 class MeasuredForces(NamedTuple):
-    """Forces as they are measured, with their derivatives.
+    """Predicted force measurements and their derivatives.
 
     Attributes
     ----------
     regressors : (S, 6, m)
-        Times p: the forces, N.
+        A scaled by the gains: A p are the measured forces, N.
     deviations : (S, 6, t)
         ∂(measured forces)/∂θ.
     slope : (S, 6, x)
@@ -147,7 +146,7 @@ class MeasuredForces(NamedTuple):
 
 
 class MeasuredLengths(NamedTuple):
-    """Lengths as they are measured, (S, 6), m, and their derivatives as of `MeasuredForces`."""
+    """Predicted length measurements, (S, 6), m, with derivatives as in `MeasuredForces`."""
 
     values: Array
     deviations: Array
@@ -156,26 +155,27 @@ class MeasuredLengths(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PerturbedMachine:
-    """A machine at θ."""
+    """Machine that deviates by θ from its description."""
 
     robot: Robot
-    """Whose joints, gravity and constants have moved."""
+    """Robot with changed joints, gravity and constants."""
     chosen: tuple[Deviation, ...]
     theta: Array
-    """(t,), SI, of the entries chosen."""
+    """(t,), deviations of the chosen entries, SI."""
 
     @classmethod
     def exact(cls, robot: Robot) -> PerturbedMachine:
-        """Take the machine described."""
+        """Build the machine as described."""
         return cls(robot, (), np.zeros(0))
 
     @classmethod
     def of(cls, robot: Robot, chosen: Sequence[Deviation], theta: Array) -> PerturbedMachine:
-        """Move the robot described by θ, (t,)."""
-        moves = any(
+        """Apply the deviations θ, (t,), to the robot."""
+        changes_robot = any(
             value != 0 for one, value in zip(chosen, theta, strict=True) if one.of_the_machine
         )
-        return cls(deviated(robot, chosen, theta) if moves else robot, tuple(chosen), theta)
+        changed = deviated(robot, chosen, theta) if changes_robot else robot
+        return cls(changed, tuple(chosen), theta)
 
     def forces(
         self,
@@ -186,14 +186,14 @@ class PerturbedMachine:
         *,
         jumps: bool = False,
     ) -> MeasuredForces:
-        """Return what some of an experiment's force samples should be at ξ and p, (m,).
+        """Predict a part of an experiment's force samples at ξ and p, (m,).
 
-        The derivative to a delay may count the `jumps` of dry friction, on the average over where
-        the samples are; one sample does not tell when a sign changed.
+        With `jumps`, the derivative to a delay includes the jumps of dry friction, averaged over
+        the position of the samples: a single sample does not show when a sign changed.
         """
         times = experiment.record.forces.times[part]
         own = experiment.record.own_clock
-        motion, true_times = self._seen(motion, times - self.delay, own_clock=own)
+        motion, true_times = self._correct_clock(motion, times - self.delay, own_clock=own)
         spread = experiment.spread_along(motion)
         signs = expected_signs(self.robot, motion, true_times, spread[part])
         regressors, slope, columns = predict_deviating_forces(
@@ -201,7 +201,9 @@ class PerturbedMachine:
         )
         if jumps:
             late = [one.group == "delay" for one in self.chosen]
-            columns[:, :, late] += self._jumps(experiment, motion, true_times, signs, values)
+            columns[:, :, late] += self._friction_jumps(
+                experiment, motion, true_times, signs, values
+            )
         gains = self.gains[:, None]
         read = np.array([one.group.startswith("force_constant.") for one in self.chosen], bool)
         return MeasuredForces(
@@ -210,7 +212,7 @@ class PerturbedMachine:
             slope * gains,
         )
 
-    def _jumps(
+    def _friction_jumps(
         self,
         experiment: Experiment,
         motion: HarmonicMotion,
@@ -218,7 +220,7 @@ class PerturbedMachine:
         signs: Array,
         values: Array,
     ) -> Array:
-        """Return what jumps of dry friction add to the column of a delay, (S, 6, 1)."""
+        """Return the contribution of dry friction's jumps to the column of a delay, (S, 6, 1)."""
         state = motion.at(times).state()
         step = experiment.record.step
         return delay_of_jumps(self.robot, state, signs, values, step)[:, :, None]
@@ -226,10 +228,10 @@ class PerturbedMachine:
     def lengths(
         self, experiment: Experiment, motion: HarmonicMotion, part: slice
     ) -> MeasuredLengths:
-        """Return what some of an experiment's length samples should be at ξ."""
+        """Predict a part of an experiment's length samples at ξ."""
         times = experiment.record.lengths.times[part]
         own = experiment.record.own_clock
-        motion, true_times = self._seen(motion, times, own_clock=own)
+        motion, true_times = self._correct_clock(motion, times, own_clock=own)
         lengths, slope = predict_lengths(self.robot, motion, true_times)
         columns = deviation_lengths(self.robot, motion, true_times, self.chosen, own_clock=own)
         return MeasuredLengths(lengths + self.zeros, columns, slope)
@@ -241,7 +243,7 @@ class PerturbedMachine:
         values: Array,
         free: NDArray[np.bool_],
     ) -> NormalEquations:
-        """Return what an experiment says of the free parameters, of θ and of ξ, in this order."""
+        """Return the normal equations of the free parameters, θ and ξ, in this order."""
         lengths, noise = experiment.record.lengths, experiment.noise
 
         def length_rows(part: slice) -> Rows:
@@ -265,9 +267,9 @@ class PerturbedMachine:
         covariance: Array,
         noise_filter: Filter | None,
     ) -> NormalEquations:
-        """Return what the forces of an experiment say of them.
+        """Return the normal equations of the same unknowns from the forces alone.
 
-        The rows are weighted with the inverse of the covariance, (6, 6), behind the filter.
+        The inverse of the covariance, (6, 6), weights the rows after the filter.
         """
         forces = experiment.record.forces
 
@@ -282,17 +284,17 @@ class PerturbedMachine:
 
     @property
     def delay(self) -> float:
-        """By how much forces lag behind the lengths, s."""
+        """Lag of the forces behind the lengths, s."""
         return self._one("delay")
 
     @property
     def zeros(self) -> Array:
-        """(6,), by how much lengths are measured too long, m."""
+        """(6,), error of the measured lengths, positive if too long, m."""
         return self._per_actuator("strut_length")
 
     @property
     def gains(self) -> Array:
-        """(6,), measured over true forces."""
+        """(6,), ratio of measured to true forces."""
         return 1.0 + self._one("force_constant.common") + self._per_actuator("force_constant.each")
 
     def _one(self, group: str) -> float:
@@ -300,17 +302,17 @@ class PerturbedMachine:
         return float(sum(value for one, value in found if one.group == group))
 
     def _per_actuator(self, group: str) -> Array:
-        """Return the entries of a group whose names end with the actuator's number, (6,)."""
+        """Return the entries of a group by the actuator number at the end of their names, (6,)."""
         result = np.zeros(ACTUATORS)
         for one, value in zip(self.chosen, self.theta, strict=True):
             if one.group == group:
                 result[int(one.name.rpartition("_")[2]) - 1] += value
         return result
 
-    def _seen(
+    def _correct_clock(
         self, motion: HarmonicMotion, times: Array, *, own_clock: bool
     ) -> tuple[HarmonicMotion, Array]:
-        """Return the motion and the times, s, at which it is measured at these stamps."""
+        """Return the motion and the true times, s, that belong to time stamps."""
         fast = self._one("clock")
         if own_clock:
             return replace(motion, omega=motion.omega * (1 + fast)), times / (1 + fast)

@@ -1,14 +1,14 @@
-"""Least squares and Gauss–Markov (7): linear in the parameters, the motion taken as measured.
+"""Least squares and Gauss–Markov (7): linear in the parameters, along the measured motion.
 
-Both minimise Σ c (q − A p)ᵀ W (q − A p) plus the prior's part; LS with W = I (in units of the mean
-variance, so that priors have their weight), GM with W = Σ⁻¹, behind the filter that makes the noise
-white where it is not. Their covariance counts the noise as it is either way, and that of the
-lengths through B = −∂p̂/∂ξ.
+Both minimise Σ c (q − A p)ᵀ W (q − A p) plus the prior's part. LS takes W = I (in units of the mean
+variance, so that priors have the right weight), GM W = Σ⁻¹ after the filter that whitens coloured
+noise. Both covariances use the actual noise of the forces, and that of the lengths through
+B = −∂p̂/∂ξ.
 
-Constants of terms that are estimated, too, enter by variable projection: p is the best one at
-every θ, and θ moves by the Gauss–Newton step of both together (Golub and Pereyra, SIAM Journal on
-Numerical Analysis 10, 1973, in Kaufman's form), shortened until the sum of squares falls. At the
-end both count alike in the covariance.
+Estimated constants of terms enter by variable projection: p is optimal at every θ, and θ takes the
+Gauss–Newton step of the joint problem (Golub and Pereyra, SIAM Journal on Numerical Analysis 10,
+1973, in Kaufman's form), shortened until the sum of squares decreases. The covariance treats p and
+θ alike.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from expdesign.robot.deviation import Deviation
 _STEPS = 30
 _HALVINGS = 8
 _CONVERGED = 1e-3
-"""Of the constants, in their standard deviations: the step after one so short is not looked for."""
+"""Length of the last step of the constants, in their standard deviations."""
 
 
 def weighting_covariance(estimator: str, covariance: Array) -> Array:
@@ -48,14 +48,14 @@ def linear_estimate(
 ) -> ParameterEstimate:
     """Estimate the parameters with equal weights, ``"ls"``, or with the full Σ, ``"gm"``.
 
-    Constants of terms that the robot file says to estimate are found with them.
+    Constants of terms marked `estimate: true` in the robot file are estimated with them.
 
     Raises
     ------
     UnidentifiableError
         The data (and priors) do not determine every free parameter.
     ValueError
-        Constants are to be estimated along pointwise kinematics.
+        Constants are to be estimated, but the kinematics are pointwise.
     """
     began = time.perf_counter()
     constants = priors.constants(robot)
@@ -63,14 +63,14 @@ def linear_estimate(
     if constants and not fitted:
         raise ValueError("constants of terms are estimated along fitted motions only")
     problem = _Problem(robot, tuple(experiments), priors, estimator, constants)
-    fit, iterations, status = _converged(problem)
+    fit, iterations, status = _iterate(problem)
     pairs = enumerate(zip(fit.experiments, problem.weightings, strict=True))
     influences = [_influence(problem, fit, *pair, number) for number, pair in pairs]
-    prior_share = problem.known.prior_share(fit.inverse, len(priors.free))
+    prior_share = problem.joint_priors.prior_share(fit.inverse, len(priors.free))
     found = ParameterEstimate(
         estimator=estimator,
         values=fit.values,
-        **precision(influences, problem.known, prior_share),
+        **precision(influences, problem.joint_priors, prior_share),
         motions=tuple(e.fit.motion for e in experiments if e.fit is not None),
         cost=fit.cost,
         iterations=iterations,
@@ -92,7 +92,7 @@ class _Problem:
     priors: ParameterPriors
     estimator: str
     constants: tuple[Deviation, ...]
-    """Entries of θ that are estimated, too."""
+    """Entries of θ that are estimated."""
 
     @cached_property
     def weightings(self) -> list[Array]:
@@ -106,19 +106,21 @@ class _Problem:
         return [noise.filter if self.estimator == "gm" else None for noise in noises]
 
     @cached_property
-    def known(self) -> ParameterPriors:
-        """What is known of the parameters, and of θ behind them."""
+    def joint_priors(self) -> ParameterPriors:
+        """Priors of the parameters, followed by those of θ."""
         return self.priors.with_deviations(self.constants) if self.constants else self.priors
 
     def at(self, theta: Array) -> _Fit:
-        """Return the best parameters at θ."""
+        """Return the optimal parameters at θ."""
         machine = PerturbedMachine.of(self.robot, self.constants, theta)
         present = self.experiments
         if np.any(theta != 0):
             present = tuple(experiment.of_robot(machine.robot) for experiment in present)
         free, start, prior = self.priors.free, self.priors.start, self.priors.precision
-        off = (self.known.prior_mean - np.concatenate([start, theta]))[self.known.free]
-        pull = (self.known.precision @ off)[: len(prior)]
+        off = (self.joint_priors.prior_mean - np.concatenate([start, theta]))[
+            self.joint_priors.free
+        ]
+        pull = (self.joint_priors.precision @ off)[: len(prior)]
         information, gradient, cost = prior, pull, 0.0
         for experiment, weighting, noise_filter in zip(
             present, self.weightings, self.filters, strict=True
@@ -142,28 +144,28 @@ class _Problem:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """The best parameters at θ."""
+    """Optimal parameters at θ."""
 
     problem: _Problem
     machine: PerturbedMachine
     experiments: tuple[Experiment, ...]
-    """With A at θ."""
+    """Experiments with A at θ."""
     theta: Array
     values: Array
     cost: float
     linear: Array
-    """(k, k), information on the parameters alone, θ held."""
+    """(k, k), information on the parameters with θ fixed."""
 
     @property
     def total(self) -> float:
-        """Cost with the priors' parts."""
-        known = self.problem.known
+        """Cost including the priors."""
+        known = self.problem.joint_priors
         off = (np.concatenate([self.values, self.theta]) - known.prior_mean)[known.free]
         return self.cost + float(off @ known.precision @ off)
 
     @cached_property
     def equations(self) -> list[NormalEquations]:
-        """What the forces of every experiment say of the parameters, θ and ξ."""
+        """Normal equations of the parameters, θ and ξ from the forces of every experiment."""
         problem = self.problem
         found = []
         for experiment, weighting, noise_filter in zip(
@@ -180,20 +182,20 @@ class _Fit:
 
     @cached_property
     def information(self) -> Array:
-        """(k + t, k + t), on the parameters and θ, priors included."""
-        count = len(self.problem.known.precision)
+        """(k + t, k + t), information on the parameters and θ, priors included."""
+        count = len(self.problem.joint_priors.precision)
         if not self.problem.constants:
             return self.linear
         data = sum(each.matrix[:count, :count] for each in self.equations)
-        return self.problem.known.precision + data
+        return self.problem.joint_priors.precision + data
 
     @cached_property
     def inverse(self) -> Array:
-        return self.problem.known.inverse(self.information)
+        return self.problem.joint_priors.inverse(self.information)
 
     def step(self) -> tuple[Array, float]:
-        """Return the step of θ, and its length in standard deviations."""
-        known, count = self.problem.known, len(self.linear)
+        """Return the step of θ and its length in standard deviations."""
+        known, count = self.problem.joint_priors, len(self.linear)
         at = np.concatenate([self.values, self.theta])
         gradient = known.precision @ (known.prior_mean - at)[known.free]
         gradient = gradient + sum(each.gradient[: len(gradient)] for each in self.equations)
@@ -202,8 +204,8 @@ class _Fit:
         return move, float(np.sqrt(move @ np.linalg.solve(within, move)))
 
 
-def _converged(problem: _Problem) -> tuple[_Fit, int, str]:
-    """Return the best fit, the steps of θ that it took, and what is wrong with it."""
+def _iterate(problem: _Problem) -> tuple[_Fit, int, str]:
+    """Return the best fit, the number of steps, and the reason if it did not converge."""
     fit = problem.at(np.zeros(len(problem.constants)))
     if not problem.constants:
         return fit, 1, ""
@@ -221,7 +223,7 @@ def _converged(problem: _Problem) -> tuple[_Fit, int, str]:
             return fit, number, ""
         if fit is not trial:
             return fit, number, "no step improves the fit any more"
-    return fit, _STEPS, "stopped at the most iterations allowed"
+    return fit, _STEPS, "stopped at the maximum number of iterations"
 
 
 def _influence(
@@ -231,9 +233,9 @@ def _influence(
     weighting: Array,
     number: int,
 ) -> Influence:
-    """Return how the errors of one experiment move the parameters and θ.
+    """Return the influence of one experiment's errors on the parameters and θ.
 
-    The lengths move them by −B Cov(ξ̂), B = −∂p̂/∂ξ = F⁻¹ Σ c Uᵀ W ∂(A p)/∂ξ; not known after
+    The gain of the lengths is −B Cov(ξ̂), B = −∂p̂/∂ξ = F⁻¹ Σ c Uᵀ W ∂(A p)/∂ξ; it is unknown after
     pointwise kinematics.
     """
     gain = fit.inverse

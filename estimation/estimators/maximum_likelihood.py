@@ -1,9 +1,9 @@
-"""Maximum likelihood (15): the parameters and the motion together.
+"""Maximum likelihood (15): joint estimate of the parameters and the motion.
 
 Minimises ½(‖D δ‖² + ‖S η‖²) plus the prior's part over (p, ξ) by Levenberg–Marquardt with analytic
-derivatives of the shared graph, from the Gauss–Markov estimate. The friction signs are the expected
-ones along the present motion (`estimation.kinematics.pointwise`): they follow ξ from step to
-step and are held in the derivatives.
+derivatives of the shared graph, starting from the Gauss–Markov estimate. The friction signs are the
+expected ones along the current motion (`estimation.kinematics.pointwise`): they are updated in
+every step and constant in the derivatives.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from expdesign.robot.deviation import Deviation
 
 _STEPS = 40
 _CONVERGED = 1e-2
-"""Newton decrement, in standard deviations of the whole estimate, of a step that is the last. The
-one after it would be shorter by another factor of a thousand."""
+"""Newton decrement of the last step, in standard deviations of the whole estimate; the next step
+would be shorter by another factor of a thousand."""
 
 _CONTRACTION = 0.5
 _FIRST_DAMPING = 1e-3
@@ -53,8 +53,8 @@ def maximum_likelihood(
     start : ParameterEstimate
         The Gauss–Markov estimate.
     deviations : sequence of Deviation
-        Entries of θ that are estimated, too, with their tolerances as priors: one θ for all
-        experiments. Constants of terms that the robot file says to estimate come before them.
+        Further unknowns θ, common to all experiments, with their tolerances as priors. Constants
+        of terms marked `estimate: true` in the robot file precede them.
 
     Raises
     ------
@@ -69,17 +69,17 @@ def maximum_likelihood(
     deviations = (*constants, *(one for one in deviations if one.name not in named))
     if any(experiment.fit is None for experiment in experiments):
         raise ValueError("maximum likelihood needs motions that were fitted by Fourier series")
-    # θ stands behind the parameters and is treated as such, with its tolerances as priors.
-    known = priors.with_deviations(deviations)
-    problem = _Problem(robot, experiments, known, deviations)
+    # θ follows the parameters and is treated alike, with its tolerances as priors.
+    joint_priors = priors.with_deviations(deviations)
+    problem = _Problem(robot, experiments, joint_priors, deviations)
     theta = np.zeros(len(deviations))
     if start.systematic is not None and constants:
         theta[: len(constants)] = start.systematic.values[: len(constants)]
     values = np.concatenate([start.values, theta])
     motions = [experiment.motion for experiment in experiments]
-    equations = problem.equations(values, motions, _already_known(problem, start, motions))
+    equations = problem.equations(values, motions, _reuse_equations(problem, start, motions))
     cost = problem.cost(equations, values)
-    damping, iterations, status = 0.0, 0, "stopped at the most iterations allowed"
+    damping, iterations, status = 0.0, 0, "stopped at the maximum number of iterations"
     converged = False
     move = problem.step(equations, values, motions, damping)
     eliminated = move.eliminated
@@ -89,9 +89,9 @@ def maximum_likelihood(
         trial = problem.equations(move.values, move.motions)
         trial_cost = problem.cost(trial, move.values)
         following = problem.step(trial, move.values, move.motions, 0.0)
-        # The expected signs follow ξ and the derivatives hold them: what is solved is the score
-        # equation, whose root is next to the least cost but not at it. Close to it the cost says
-        # nothing, and the next step must be much shorter than this one instead.
+        # The derivatives hold the expected signs constant: this solves the score equation, and its
+        # root is close to the minimum of the cost, but not at it. Near the root the cost is no
+        # measure of progress; there, the next step must be much shorter than this one.
         close = move.decrement <= len(values)
         shorter = close and following.decrement <= _CONTRACTION**2 * move.decrement
         if trial_cost <= cost or shorter:
@@ -102,7 +102,7 @@ def maximum_likelihood(
             if damping:
                 move = problem.step(equations, values, motions, damping)
             if following.decrement < _CONVERGED**2:
-                # This step is known already; what it leaves is smaller by orders.
+                # This step is known already; the remaining one is smaller by orders of magnitude.
                 values, motions = following.values, following.motions
                 converged, status = True, "converged"
                 break
@@ -112,7 +112,9 @@ def maximum_likelihood(
                 status = "no step improves the fit any more"
                 break
             move = problem.step(equations, values, motions, damping)
-    inverse = known.inverse(known.precision + sum(each.information for each in eliminated))
+    inverse = joint_priors.inverse(
+        joint_priors.precision + sum(each.information for each in eliminated)
+    )
     influences = [
         _influence(problem, experiment, motion, values, each, inverse)
         for experiment, motion, each in zip(experiments, motions, eliminated, strict=True)
@@ -120,7 +122,9 @@ def maximum_likelihood(
     found = ParameterEstimate(
         estimator="ml",
         values=values[: problem.parameters],
-        **precision(influences, known, known.prior_share(inverse, problem.parameters)),
+        **precision(
+            influences, joint_priors, joint_priors.prior_share(inverse, problem.parameters)
+        ),
         motions=tuple(motions),
         cost=cost,
         iterations=iterations,
@@ -135,10 +139,10 @@ def maximum_likelihood(
     return replace(found.with_systematic(systematic), seconds=time.perf_counter() - began)
 
 
-def _already_known(
+def _reuse_equations(
     problem: _Problem, start: ParameterEstimate, motions: Sequence[HarmonicMotion]
 ) -> Sequence[NormalEquations | None]:
-    """Return what the forces say at the start, where Gauss–Markov has ended at the same motion."""
+    """Return the forces' equations of Gauss–Markov where it ended at the same motion."""
     if problem.deviations or not start.equations:
         return [None] * len(motions)
     wanted = zip(problem.experiments, motions, strict=True)
@@ -156,7 +160,7 @@ def _influence(
     eliminated: Elimination,
     inverse: Array,
 ) -> Influence:
-    """Return how the errors of one experiment move parameters and θ, its motion eliminated."""
+    """Return the influence of one experiment on parameters and θ, its motion eliminated."""
     machine = problem.machine(values)
     free = problem.priors.free[: problem.parameters]
     count = int(np.count_nonzero(free))
@@ -177,13 +181,13 @@ def _influence(
 
 @dataclass(frozen=True, eq=False)
 class _Move:
-    """Where a step leads, and the square of its length in standard deviations."""
+    """Values after a step, and the square of its length in standard deviations."""
 
     values: Array
     motions: list[HarmonicMotion]
     decrement: float
     eliminated: list[Elimination]
-    """Where it begins, the equations without the motions."""
+    """Equations at the start of the step, with the motions eliminated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +195,7 @@ class _Problem:
     robot: Robot
     experiments: Sequence[Experiment]
     priors: ParameterPriors
-    """Of the parameters, and of θ behind them."""
+    """Priors of the parameters, followed by those of θ."""
     deviations: tuple[Deviation, ...]
 
     @property
@@ -200,7 +204,7 @@ class _Problem:
         return len(self.priors.free) - len(self.deviations)
 
     def machine(self, values: Array) -> PerturbedMachine | None:
-        """Return the machine at (p, θ), (m + t,); None where it is the one described."""
+        """Return the machine at (p, θ), (m + t,); None if it is as described."""
         theta = values[self.parameters :]
         return PerturbedMachine.of(self.robot, self.deviations, theta) if len(theta) else None
 
@@ -210,7 +214,7 @@ class _Problem:
         motions: Sequence[HarmonicMotion],
         forces: Sequence[NormalEquations | None] = (),
     ) -> list[NormalEquations]:
-        """Return them at values and motions; those of the forces where they are known there."""
+        """Return the joint equations at values and motions, reusing known ones of the forces."""
         machine = self.machine(values)
         own, free = values[: self.parameters], self.priors.free[: self.parameters]
         pairs = zip(self.experiments, motions, strict=True)
@@ -233,7 +237,7 @@ class _Problem:
         motions: Sequence[HarmonicMotion],
         damping: float,
     ) -> _Move:
-        """Return where a (damped) Gauss–Newton step leads."""
+        """Take a (damped) Gauss–Newton step."""
         known = self.priors
         count = int(np.count_nonzero(known.free))
         information = known.precision
@@ -247,11 +251,11 @@ class _Problem:
         move = known.best_step(information, gradient, values)
         new = values.copy()
         new[known.free] += move
-        # Parameters that stand at a bound would pull without end: what counts is the step taken.
+        # Parameters at a bound keep their gradient: only the step taken counts.
         decrement = float(move @ information @ move)
-        moved = []
+        new_motions = []
         for each, whole, motion in zip(eliminated, equations, motions, strict=True):
             decrement += float(each.offset @ whole.gradient[count:])
             step = each.offset - each.slope @ move
-            moved.append(motion.moved(step))
-        return _Move(new, moved, decrement, eliminated)
+            new_motions.append(motion.moved(step))
+        return _Move(new, new_motions, decrement, eliminated)

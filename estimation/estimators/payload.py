@@ -1,21 +1,21 @@
-"""A payload on a machine that was identified without it.
+"""Estimate of a payload on a machine that was identified without it.
 
-The forces see p' = p + E π: the platform's ten parameters (a) with those of the payload π added,
-the others (b) as they were. Of p the identification knows p₀ with the covariance P, of π nothing is
-known. Integrated over π, the prior of p' is that of p_b alone, and p' is estimated with it. Then
+The forces depend on p' = p + E π: the payload's ten parameters π add to those of the platform (a);
+the others (b) do not change. The identification gives p₀ with the covariance P; there is no prior
+for π. Integrated over π, the prior of p' is that of p_b alone, and p' is estimated with it. Then
 
     π̂ = p̂'_a − p̂_a = T (p̂' − p₀),   T = [1, −G],   G = P_ab P_bb⁻¹,
 
-as the new recording has moved p_b, and with it what is expected of p_a. This is the estimate of the
-joint problem in (π, p) with P as the prior. The error of the identification e = p₀ − p enters p̂'
-by the gain H = F⁻¹ P_bb⁻¹ of its part b, which T e is not correlated with, so that
+since the new recording changes p_b, and with it the conditional mean of p_a. This is the estimate
+of the joint problem in (π, p) with P as the prior. The error of the identification e = p₀ − p
+enters p̂' by the gain H = F⁻¹ P_bb⁻¹ of its part b. T e is uncorrelated with that part, so that
 
     Cov(π̂) = T Cov(p̂') Tᵀ + T P Tᵀ.
 
-Deviations θ of the machine from its description (its tolerances) are the same in both recordings:
-what they do to the payload, T (D' − D₀) per unit, is a difference, whose equal parts cancel.
+Deviations θ of the machine from its description (its tolerances) are the same in both recordings.
+Their effect on the payload, T (D' − D₀) per unit, is a difference, so that equal parts cancel.
 
-Constants of terms that were estimated with p count among the others (b) in all of this.
+Constants of terms that were estimated with p belong to the others (b).
 """
 
 from __future__ import annotations
@@ -33,25 +33,25 @@ from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 TEN = tuple(OF_A_BODY)
 """Names of a payload's parameters."""
 ABOUT_CENTRE = ("cx", "cy", "cz", *(f"{name}_centre" for name in TEN[4:]))
-"""Names of what follows from them: the centre of mass, and the inertia about it."""
+"""Names of the derived quantities: centre of mass, and inertia about it."""
 
 
 @dataclass(frozen=True, eq=False)
 class PayloadEstimate:
-    """The ten parameters of a payload with their covariance, SI, in the order of `TEN`."""
+    """Ten parameters of a payload with their covariance, SI, in the order of `TEN`."""
 
     values: Array
     """(10,)."""
     covariance: Array
-    """(10, 10), all shares together: of the new recordings and of the identification before."""
+    """(10, 10), total covariance: of the new recordings and of the identification before."""
     covariance_systematic: Array
-    """(10, 10), its share that tolerances make."""
+    """(10, 10), its part due to the tolerances."""
     freedom: Array
-    """(10,), degrees of freedom behind the standard deviations."""
+    """(10,), degrees of freedom of the standard deviations."""
 
 
 def payload_estimate(estimate: ParameterEstimate, before: PriorEstimate) -> PayloadEstimate:
-    """Return what an estimate with an identification without payload as prior says of the payload.
+    """Estimate the payload, given the machine's identification without it as prior.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def payload_estimate(estimate: ParameterEstimate, before: PriorEstimate) -> Payl
         The prior is that of a machine without a payload.
     """
     if before.unloaded is None:
-        raise ValueError("the prior is that of the machine as it is")
+        raise ValueError("the prior belongs to the machine with its payload")
     transfer = before.unloaded.transfer
     count = transfer.shape[1]
     own = transfer @ estimate.joint_random[:count, :count] @ transfer.T
@@ -67,37 +67,37 @@ def payload_estimate(estimate: ParameterEstimate, before: PriorEstimate) -> Payl
     response = _shared_response(estimate, before)
     systematic = transfer @ response @ response.T @ transfer.T
     total = random + systematic
-    # Satterthwaite: of all shares, that of the new recordings' noise alone is estimated itself.
-    unknown = _variance_of_the_noise(estimate, transfer)
+    # Satterthwaite: only the variance due to the new recordings' noise is itself estimated.
+    unknown = _noise_variance_uncertainty(estimate, transfer)
     with np.errstate(divide="ignore"):
         freedom = 2 * np.diag(total) ** 2 / unknown
     values = transfer @ (estimate.joint_values[:count] - before.unloaded.values)
     return PayloadEstimate(values, total, systematic, freedom)
 
 
-def _variance_of_the_noise(estimate: ParameterEstimate, transfer: Array) -> Array:
-    """Return how well the variances are known that noise makes of T p̂', (10,): their variance.
+def _noise_variance_uncertainty(estimate: ParameterEstimate, transfer: Array) -> Array:
+    """Return the variance of the estimated noise variances of T p̂', (10,).
 
-    T p̂' is a combination whose noise is at other lines than that of the parameters themselves.
+    The noise of the combination T p̂' lies at other spectral lines than that of the parameters.
     """
     found = np.zeros(len(transfer))
     for influence in estimate.influences:
         constants = np.ones(transfer.shape[1] - len(influence.free), dtype=bool)
-        moved = influence.of(transfer[:, np.concatenate([influence.free, constants])])
-        lengths = moved.length_share()
-        found += moved.force_share().variance
+        combined = influence.of(transfer[:, np.concatenate([influence.free, constants])])
+        lengths = combined.length_share()
+        found += combined.force_share().variance
         found += 0.0 if lengths is None else lengths.variance
     return found
 
 
 def _shared_response(estimate: ParameterEstimate, before: PriorEstimate) -> Array:
-    """Return D' − D₀, (m + c, t), each times its tolerance: an equal one is the same number."""
+    """Return D' − D₀, (m + c, t), times the tolerances; entries of equal tolerance are matched."""
     count = len(before.values)
     found = {}
     if (own := estimate.systematic) is not None:
-        moved = own.scaled if count == len(estimate.values) else own.joint_scaled[:count]
+        scaled = own.scaled if count == len(estimate.values) else own.joint_scaled[:count]
         keys = ((one.name, one.std) for one in own.deviations)
-        found = dict(zip(keys, moved.T, strict=True))
+        found = dict(zip(keys, scaled.T, strict=True))
     for one, column in zip(before.deviations, before.response.T, strict=True):
         key = one.name, one.std
         found[key] = found.get(key, np.zeros(count)) - column * one.std
@@ -112,7 +112,7 @@ def about_centre(values: Array) -> tuple[Array, Array]:
     derived : (9,)
         In the order of `ABOUT_CENTRE`.
     slope : (9, 10)
-        Its derivatives with respect to the ten: what the delta method takes.
+        Its derivatives with respect to the ten, for the delta method.
     """
     mass, moment = float(values[0]), values[1:4]
     centre = moment / mass

@@ -1,7 +1,7 @@
-"""An estimate that was made before, as the prior of another one of the same machine.
+"""Estimate of an earlier identification as the prior of a new one of the same machine.
 
-What the tolerances made of it is not drawn anew: it goes into the new estimate as it is, with the
-prior's weight, and comes together with what they make of the new recordings.
+Its systematic error is not drawn anew: it enters the new estimate with the weight of the prior and
+adds, with its sign, to the systematic error of the new recordings.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ from expdesign.robot.deviation import Deviation, deviations, estimated_constants
 
 @dataclass(frozen=True, eq=False)
 class UnloadedMachine:
-    """A machine as it was identified before it carried a payload."""
+    """Machine as identified before it carried a payload."""
 
     values: Array
-    """(m + c,), p₀, SI; zeros for the constants of terms that were estimated with it."""
+    """(m + c,), p₀, SI; zeros for the constants of terms estimated with it."""
     covariance: Array
-    """(m + c, m + c), P: its random share, with that of the constants' own tolerances."""
+    """(m + c, m + c), P: random part and part due to the constants' own tolerances."""
     platform: NDArray[np.intp]
-    """(10,), places of `OF_A_BODY`'s parameters."""
+    """(10,), indices of `OF_A_BODY`'s parameters."""
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """(m + c,), false: it was held at its value."""
+        """(m + c,), whether an entry was estimated; false: held at its value."""
         return np.diag(self.covariance) > 0
 
     @property
     def transfer(self) -> Array:
-        """(10, m + c), T = [1, −G]: what p' − p₀ says of the payload.
+        """(10, m + c), T = [1, −G]: payload per unit of p' − p₀.
 
-        G = P_ab P_bb⁻¹ is what a change of the others (parameters and constants) makes expect of
-        the platform's; see `estimation.estimators.payload`.
+        G = P_ab P_bb⁻¹ is the regression of the platform's parameters on all others (parameters
+        and constants); see `estimation.estimators.payload`.
         """
         others = self.known.copy()
         others[self.platform] = False
@@ -60,36 +60,37 @@ class UnloadedMachine:
 
 @dataclass(frozen=True, eq=False)
 class PriorEstimate:
-    """What the robot file says of the estimate that its parameters come from."""
+    """Earlier estimate of the robot's parameters, as stated in the robot file."""
 
     values: Array
-    """(m + c,), SI: the estimate itself, also where the robot's parameters are those of bodies; and
-    zeros for the c constants of terms that were estimated with it, which the robot has in it."""
+    """(m + c,), SI: the unconstrained estimate, also if the robot's own parameters are physically
+    consistent ones; zeros for the c constants of terms estimated with it, which the robot already
+    contains."""
     precision: Array
-    """(m + c, m + c), inverse of its random covariance, with that of the constants' own
-    tolerances; zero for what it did not estimate."""
+    """(m + c, m + c), inverse of its random covariance, which includes the constants' own
+    tolerances; zero for fixed parameters."""
     deviations: tuple[Deviation, ...]
     response: Array
-    """(m + c, t), what it moves by per unit of each deviation."""
+    """(m + c, t), change of the estimate per unit of each deviation."""
     unloaded: UnloadedMachine | None = None
-    """The machine that it was of, where that carries a payload now."""
+    """The identified machine, if it carries a payload now."""
 
     @classmethod
     def of(cls, robot: Robot) -> PriorEstimate:
-        """Take the `identification` of the robot's file.
+        """Read the `identification` of the robot's file.
 
         Raises
         ------
         InputError
-            There is none, or it is of other parameters, constants or another geometry.
+            There is none, or its parameters, constants or geometry differ.
         """
         about = robot.description
         found = about.description.identification
         wrong = ""
         if found is None:
-            wrong = f"the robot {robot.name} was not identified: its file has no identification"
+            wrong = f"the file of the robot {robot.name} has no identification"
         elif found.parameters != robot.parameter_names:
-            wrong = "the identification of the robot is that of other parameters"
+            wrong = "the identification of the robot has other parameters"
         if wrong or found is None:
             raise InputError(
                 wrong,
@@ -97,16 +98,16 @@ class PriorEstimate:
                 key="estimate.prior_from",
                 allowed="none, or a robot such as the identified-robot.yaml of a run folder",
             )
-        values = _with_constants(found.unconstrained or robot.parameters, found)
-        covariance, deviating, response = _known(found, robot, "estimate.prior_from")
+        values = _append_constants(found.unconstrained or robot.parameters, found)
+        covariance, deviating, response = _split_covariance(found, robot, "estimate.prior_from")
         return cls(values, _inverse(covariance), deviating, response)
 
     @classmethod
     def without_payload(cls, robot: Robot, machine: RobotDescription) -> PriorEstimate:
-        """Take the identification of a machine that carries an unknown payload now.
+        """Read the identification of a machine that carries an unknown payload now.
 
-        Nothing is known of the platform's parameters with the payload; the others have the
-        covariance that they had together with the platform's.
+        The platform's parameters with the payload have no prior; the others keep the marginal
+        covariance that they have in the identification.
 
         Raises
         ------
@@ -114,9 +115,9 @@ class PriorEstimate:
             The identification names deviations that the robot does not have.
         """
         found, names = identification_of(machine), robot.parameter_names
-        covariance, deviating, response = _known(found, robot, "estimate.prior")
+        covariance, deviating, response = _split_covariance(found, robot, "estimate.prior")
         unloaded = UnloadedMachine(
-            _with_constants(
+            _append_constants(
                 found.unconstrained or [machine.parameters[name] for name in names], found
             ),
             covariance,
@@ -129,26 +130,26 @@ class PriorEstimate:
     def of_combinations(
         self, base: BaseParameters, names: Sequence[str], held: Array
     ) -> PriorEstimate:
-        """Return what it knows of combinations β = T p, where all other parameters are held.
+        """Return the prior of combinations β = T p, with all other parameters fixed.
 
-        A normal distribution of p with the mean m and the covariance C is one of β with T m and
-        T C Tᵀ, whatever is known of each parameter of it. It is told of the base parameters, where
-        those that regroup into them are held; what the earlier estimate held is known to it.
-        Constants of terms that were estimated with p stay beside β as they are.
+        A normal distribution of p with mean m and covariance C gives β the mean T m and the
+        covariance T C Tᵀ. The result is stated for the base parameters, with the parameters that
+        regroup into them fixed. Parameters that the estimate held count as exact. Constants of
+        terms estimated with p remain unchanged.
 
         Parameters
         ----------
         base : BaseParameters
-            Of the parameters that are not fixed.
+            Base parameters of the parameters that are not fixed.
         names : sequence of str
-            Of all m parameters.
+            Names of all m parameters.
         held : (m,)
-            Values where all but the base parameters stay.
+            Values of all parameters except the base parameters.
 
         Raises
         ------
         InputError
-            It knows less than there are combinations: some of them exactly.
+            The prior of the combinations is singular: some of them would be exact.
         """
         constants = list(range(len(held), len(self.values)))
         at = [*(names.index(name) for name in base.names), *constants]
@@ -158,30 +159,33 @@ class PriorEstimate:
         inner = self.precision[np.ix_(at, at)]
         covariance = _inverse(inner)
         estimated = np.diag(inner)[: len(base.names)] > 0
-        told = base.matrix[:, estimated] * base.units[estimated]
-        told = told[np.any(told != 0, axis=1)]
-        told /= np.linalg.norm(told, axis=1)[:, None]
-        if len(told) and np.linalg.matrix_rank(told) < len(told):
+        rows = base.matrix[:, estimated] * base.units[estimated]
+        rows = rows[np.any(rows != 0, axis=1)]
+        rows /= np.linalg.norm(rows, axis=1)[:, None]
+        if len(rows) and np.linalg.matrix_rank(rows) < len(rows):
             raise InputError(
-                "the robot's identification held some of the parameters that regroup, and what it "
-                "found of the others is no prior of all combinations (estimate.parameters: base)",
+                "the robot's identification held some of the parameters that regroup, so that its "
+                "estimate of the others is no prior for all combinations "
+                "(estimate.parameters: base)",
                 key="estimate.prior_from",
                 allowed="none, or estimate.parameters: all",
             )
         values, precision = np.pad(held, (0, len(constants))), np.zeros_like(self.precision)
         values[own] += matrix @ (self.conditional_mean(fixed[: len(held)], held) - values)[at]
         precision[np.ix_(own, own)] = _inverse(matrix @ covariance @ matrix.T)
-        # Beside what is fixed now, they move with what the earlier estimate made of that, too.
-        moved = self.response[at] + covariance @ self.precision[at][:, fixed] @ self.response[fixed]
+        # Fixed parameters now pass their part of the systematic error on to the others.
+        change = (
+            self.response[at] + covariance @ self.precision[at][:, fixed] @ self.response[fixed]
+        )
         response = np.zeros_like(self.response)
-        response[own] = matrix @ moved
+        response[own] = matrix @ change
         return replace(self, values=values, precision=precision, response=response)
 
     def conditional_mean(self, held: NDArray[np.bool_], values: Array) -> Array:
-        """Return its mean, (m + c,), when it is known that those held, of m, have these values.
+        """Return the mean, (m + c,), given that the held parameters, (m,), have these values.
 
-        The conditional mean of a normal distribution, by its precision P of the others (f) and of
-        those held (d): m_f − P_ff⁻¹ P_fd (v_d − m_d). P_ff is their precision.
+        The conditional mean of a normal distribution follows from its precision P, with free (f)
+        and held (d) entries: m_f − P_ff⁻¹ P_fd (v_d − m_d). P_ff is the conditional precision.
         """
         constants = len(self.values) - len(held)
         held, values = np.pad(held, (0, constants)), np.pad(values, (0, constants))
@@ -195,13 +199,13 @@ class PriorEstimate:
         return mean
 
 
-def _with_constants(parameters: Sequence[float] | Array, found: Identification) -> Array:
-    """Return parameters, and zeros for the constants that were estimated with them."""
+def _append_constants(parameters: Sequence[float] | Array, found: Identification) -> Array:
+    """Append zeros for the constants that were estimated with the parameters."""
     return np.pad(np.array(parameters), (0, len(found.constants)))
 
 
 def _inverse(covariance: Array) -> Array:
-    """Return the precision of a covariance, (m, m), or back; zero where its diagonal is zero."""
+    """Return the inverse, (m, m), of the rows with a non-zero diagonal; zeros elsewhere."""
     std = np.sqrt(np.diag(covariance))
     at = np.flatnonzero(std > 0)
     precision = np.zeros_like(covariance)
@@ -210,26 +214,26 @@ def _inverse(covariance: Array) -> Array:
     return (precision + precision.T) / 2
 
 
-def _known(
+def _split_covariance(
     found: Identification, robot: Robot, key: str
 ) -> tuple[Array, tuple[Deviation, ...], Array]:
-    """Return the covariance of an identification and what tolerances do to it beside.
+    """Split an identification's covariance into a prior covariance and shared systematic effects.
 
-    The covariance, (m + c, m + c), is the random share with that of the constants' own tolerances:
-    they were priors, and without what they say of the constants the random share alone would be
-    taken for the more precise, the less the data said. The other deviations, and what each does to
+    The prior covariance, (m + c, m + c), is the random part plus the part due to the constants' own
+    tolerances. These were priors of the constants: the random part alone would appear the more
+    precise, the less the data determine the constants. The other deviations and their effects on
     parameters and constants, (m + c, t), are the same in later estimates.
     """
     known = {one.name: one for one in deviations(robot)}
     estimated = tuple(one.name for one in estimated_constants(robot))
     if found.constants != estimated:
         raise InputError(
-            f"the identification of the robot {robot.name} has the covariance of its parameters "
-            f"with {', '.join(found.constants) or 'no constant of a term'}, and estimated are "
-            f"{', '.join(estimated) or 'none'} now: errors of both go together",
+            f"the identification of the robot {robot.name} contains the covariance of its "
+            f"parameters with {', '.join(found.constants) or 'no constant of a term'}, but this "
+            f"run estimates {', '.join(estimated) or 'none'}: their errors are correlated",
             key=key,
-            allowed="estimate: true for the constants that it has (identification.constants), and "
-            "for no others. One without them may be of an earlier version: estimate again",
+            allowed="estimate: true for the constants in identification.constants, and for no "
+            "others; or identify the robot again",
         )
     if unknown := [one.name for one in found.deviations if one.name not in known]:
         raise InputError(
@@ -242,10 +246,10 @@ def _known(
     response = np.array(found.response).reshape(len(covariance), len(found.deviations))
     own = np.array([one.name in found.constants for one in found.deviations], dtype=bool)
     tolerances = np.array([one.tolerance for one in found.deviations])
-    moved = response[:, own] * tolerances[own]
+    effects = response[:, own] * tolerances[own]
     others = [one for one in found.deviations if one.name not in found.constants]
     return (
-        covariance + moved @ moved.T,
+        covariance + effects @ effects.T,
         tuple(replace(known[one.name], std=one.tolerance) for one in others),
         response[:, ~own],
     )

@@ -1,4 +1,4 @@
-"""What is known of the parameters besides the data: fixed values, priors and bounds."""
+"""Prior information on the parameters: fixed values, prior distributions and bounds."""
 
 from __future__ import annotations
 
@@ -29,30 +29,30 @@ from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation, estimated_constants
 
 _SAME = 1e-9
-"""Share of its scale by which a value may differ and is the same."""
+"""Relative difference, in scales of the parameter, below which two values are equal."""
 
 
 class UnidentifiableError(ComputationError):
-    """The data do not determine some parameters at all.
+    """Some parameters are not determined by the data.
 
     Attributes
     ----------
     names : tuple of str
         Parameters to fix, or to give a prior, so that the others can be estimated.
     shows : tuple of str
-        The combinations with others that the data determine, in words.
+        Combinations with other parameters that the data determine, in words.
     """
 
     def __init__(self, names: tuple[str, ...], shows: tuple[str, ...] = ()) -> None:
         self.names, self.shows = names, shows
-        instead = f": what they show is {listed(shows)}" if shows else ""
+        instead = f", only {listed(shows)}" if shows else ""
         remedy = (
-            "Fix them (estimate.fixed), give a prior (estimate.prior), or, where no motion of the "
-            "machine tells them apart, estimate what shows (estimate.parameters: base)"
+            "Fix them (estimate.fixed), give a prior (estimate.prior), or, if no motion of the "
+            "machine can separate them, estimate base parameters (estimate.parameters: base)"
         )
         if not set(names) <= set(known_parameters()):
             remedy = (
-                "Fix parameters (estimate.fixed), take constants of terms as they are (estimate: "
+                "Fix parameters (estimate.fixed), do not estimate constants of terms (estimate: "
                 "false), or give a prior (estimate.prior, tolerances.terms)"
             )
         super().__init__(
@@ -62,41 +62,41 @@ class UnidentifiableError(ComputationError):
         )
 
     def __reduce__(self) -> tuple[type[UnidentifiableError], tuple[tuple[str, ...], ...]]:
-        """Survive the way from a worker process to its parent."""
+        """Support pickling, so that worker processes can raise it in their parent."""
         return type(self), (self.names, self.shows)
 
 
 @dataclass(frozen=True, eq=False)
 class ParameterPriors:
-    """Constraints and priors on the m parameters, SI."""
+    """Priors, bounds and fixed values of the m parameters, SI."""
 
     names: tuple[str, ...]
     nominal: Array
-    """(m,), a-priori values of the robot file, shown beside the estimates."""
+    """(m,), a-priori values of the robot file, shown with the estimates."""
     free: NDArray[np.bool_]
     """(m,), false: fixed at `start`."""
     start: Array
-    """(m,), values to begin from; those of the fixed parameters are kept."""
+    """(m,), start values; fixed parameters keep them."""
     prior_mean: Array
-    """(m,), of the free parameters where the fixed ones stand."""
+    """(m,), prior mean of the free parameters, given the values of the fixed ones."""
     prior_precision: Array
-    """(m,), 1/std²; 0 without a prior."""
+    """(m,), 1/std² of the prior; 0 without one."""
     lower: Array
     upper: Array
-    """(m,), bounds; ±inf where there is none."""
+    """(m,), bounds; ±inf if there is none."""
     base: BaseParameters | None = None
-    """Those that are estimated in place of all that are not fixed; None: each for itself."""
+    """Base parameters that replace all parameters that are not fixed; None: each is estimated."""
     prior_estimate: PriorEstimate | None = None
-    """An estimate that is the prior, beside those of `prior_precision`."""
+    """Earlier estimate that is a prior, in addition to `prior_precision`."""
 
     @classmethod
     def of(cls, robot: Robot, section: EstimateSection) -> ParameterPriors:
-        """Take what the run's `estimate:` section says, whose names the loader has checked.
+        """Read the run's `estimate:` section; the loader has checked its names.
 
         Raises
         ------
         InputError
-            It says something of a parameter that regroups into others, which `base` leaves alone.
+            A prior or bound refers to a parameter that regroups into others (`base`).
         """
         known, nominal = robot.parameter_names, np.array(robot.parameters)
         prior_estimate = PriorEstimate.of(robot) if section.prior_from == "robot" else None
@@ -105,7 +105,7 @@ class ParameterPriors:
         lower, upper = np.transpose([bounds.get(name, (-np.inf, np.inf)) for name in known])
 
         def values(given: Mapping[str, float | None]) -> Array:
-            """Return the nominal values but for those given."""
+            """Return the nominal values, replaced by the given ones."""
             chosen = [given.get(name) for name in known]
             return np.array([n if c is None else c for n, c in zip(nominal, chosen, strict=True)])
 
@@ -144,13 +144,15 @@ class ParameterPriors:
         return (
             whole
             if prior_estimate.unloaded is None
-            else whole.after(prior_estimate, prior_estimate.unloaded)
+            else whole.with_payload_prior(prior_estimate, prior_estimate.unloaded)
         )
 
-    def after(self, prior_estimate: PriorEstimate, unloaded: UnloadedMachine) -> ParameterPriors:
-        """Return it with the prior of a machine that carries an unknown payload now.
+    def with_payload_prior(
+        self, prior_estimate: PriorEstimate, unloaded: UnloadedMachine
+    ) -> ParameterPriors:
+        """Return the priors for a machine that carries an unknown payload now.
 
-        What the identification held at a value stays there.
+        Parameters that the identification held remain at their values.
         """
         count = len(self.names)
         start = unloaded.values[:count].copy()
@@ -161,9 +163,9 @@ class ParameterPriors:
         )
 
     def with_deviations(self, deviations: Sequence[Deviation]) -> ParameterPriors:
-        """Return it with entries of θ behind the parameters: their tolerances are priors.
+        """Append entries of θ to the parameters, with their tolerances as priors.
 
-        What an earlier estimate knows of the first of them stands in place of a tolerance.
+        For the first of them a prior estimate replaces the tolerance, if there is one.
         """
         count = len(deviations)
         zero, endless, mean = np.zeros(count), np.full(count, np.inf), np.zeros(count)
@@ -171,7 +173,7 @@ class ParameterPriors:
             known = self.prior_estimate.conditional_mean(~self.free, self.start)[len(self.free) :]
             mean[: len(known)] = known
         std = np.array([each.std for each in deviations])
-        behind = {
+        appended = {
             "nominal": zero,
             "free": np.ones(count, dtype=bool),
             "start": zero,
@@ -181,15 +183,15 @@ class ParameterPriors:
             "upper": endless,
         }
         wider: dict[str, Any] = {
-            key: np.concatenate([getattr(self, key), own]) for key, own in behind.items()
+            key: np.concatenate([getattr(self, key), own]) for key, own in appended.items()
         }
         return replace(self, names=(*self.names, *(one.name for one in deviations)), **wider)
 
     def constants(self, robot: Robot) -> tuple[Deviation, ...]:
-        """Return the constants of terms that are estimated, with their tolerances.
+        """Return the estimated constants of terms with their tolerances.
 
-        Without these where an earlier estimate is the prior: it knows more, and what is left of it
-        stands in the robot file as a tolerance, which is not to count twice.
+        A prior estimate replaces the tolerances: the robot file's tolerances contain its remaining
+        uncertainty, which must not count twice.
         """
         found = estimated_constants(robot)
         if self.prior_estimate is None:
@@ -197,34 +199,34 @@ class ParameterPriors:
         return tuple(replace(one, std=np.inf) for one in found)
 
     def prior_share(self, inverse: Array, parameters: int) -> Array:
-        """Return the covariance that errors of the priors make, (k, k), by F⁻¹, (k, k).
+        """Return the covariance due to errors of the priors, (k, k), from F⁻¹, (k, k).
 
-        Tolerances of what stands behind the m parameters have no part: they are systematic.
+        Tolerances of the entries after the m parameters are left out: they are systematic.
         """
         own = np.where(np.arange(len(self.names)) < parameters, self.prior_precision, 0.0)
         return inverse @ replace(self, prior_precision=own).precision @ inverse
 
     @property
     def bounded(self) -> bool:
-        """True when a free parameter has a bound."""
+        """Whether any free parameter has a bound."""
         ends = np.isfinite(self.lower) | np.isfinite(self.upper)
         return bool(np.any(ends & self.free))
 
     @property
     def precision(self) -> Array:
-        """(k, k) prior information of the free parameters."""
+        """(k, k), prior information on the free parameters."""
         own = np.diag(self.prior_precision)
         if self.prior_estimate is not None:
-            # Without θ behind the parameters: what it says where the constants are held.
+            # If the constants are not unknowns, the precision given their values.
             count = min(len(own), len(self.prior_estimate.precision))
             own[:count, :count] += self.prior_estimate.precision[:count, :count]
         return own[np.ix_(self.free, self.free)]
 
     @property
     def regrouping(self) -> Array | None:
-        """(m, m): β in place of each base parameter, nothing of those that regroup, else p.
+        """(m, m), matrix from p to β for base parameters, to 0 for regrouped ones, else to p.
 
-        None where each is estimated for itself.
+        None if all parameters are estimated individually.
         """
         if self.base is None:
             return None
@@ -236,21 +238,21 @@ class ParameterPriors:
         return found
 
     def at_bound(self, values: Array) -> NDArray[np.bool_]:
-        """Tell which of the parameters, (m,), stand at one of their bounds."""
+        """Return which of the parameters, (m,), are at one of their bounds."""
         return self.free & ((values <= self.lower) | (values >= self.upper))
 
     def best_step(self, information: Array, gradient: Array, values: Array) -> Array:
         """Return the step of the free parameters that maximises gᵀs − ½ sᵀ F s within the bounds.
 
-        F, (k, k), and g, (k,), are those of the free parameters, priors included; the step begins
-        at `values`, (m,).
+        F, (k, k), and g, (k,), refer to the free parameters, priors included; the step starts at
+        `values`, (m,).
 
         Raises
         ------
         UnidentifiableError
             F is singular.
         """
-        scaled = self.regular(information)
+        scaled = self.scale_information(information)
         factor = np.asarray(sla.cholesky(scaled.matrix))
         target = sla.solve_triangular(factor, gradient / scaled.scales, trans="T")
         if not self.bounded:
@@ -260,8 +262,8 @@ class ParameterPriors:
         found = lsq_linear(factor, target, (low, high), method="bvls", tol=1e-14)
         return np.asarray(np.clip(found.x, low, high)) / scaled.scales
 
-    def regular(self, information: Array) -> ScaledInformation:
-        """Return F of the free parameters scaled to unit diagonal.
+    def scale_information(self, information: Array) -> ScaledInformation:
+        """Scale the information F of the free parameters to unit diagonal.
 
         Raises
         ------
@@ -277,8 +279,8 @@ class ParameterPriors:
         return scaled
 
     def inverse(self, information: Array) -> Array:
-        """Return F⁻¹ of the free parameters, (k, k), scaled so that no digits are lost."""
-        scaled = self.regular(information)
+        """Return F⁻¹ of the free parameters, (k, k), computed with scaling for accuracy."""
+        scaled = self.scale_information(information)
         factor = sla.cho_factor(scaled.matrix)
         inverse = sla.cho_solve(factor, np.eye(len(scaled.scales)))
         return inverse / np.multiply.outer(scaled.scales, scaled.scales)
@@ -286,31 +288,33 @@ class ParameterPriors:
     def combinations(
         self, robot: Robot, values: Array, covariance: Array
     ) -> tuple[KnownCombination, ...]:
-        """Return the combinations that an estimate identifies, with what regroups into them.
+        """Return the identified combinations of an estimate and the parameters in them.
 
         Parameters
         ----------
         robot : Robot
-            Whose scales tell what counts as one.
+            Its scales define which combinations count as identified.
         values, covariance : (m,), (m, m)
-            Of the estimate; zero covariance of what was not estimated.
+            Estimate and covariance; zero for parameters that were not estimated.
         """
         own = np.flatnonzero(self.free)
         names = tuple(self.names[k] for k in own)
         root = root_of_inverse(covariance[np.ix_(own, own)])
         found = identified_base(root, names, robot.scales[own])
-        return self._known(found, robot, values, covariance)
+        return self._known_combinations(found, robot, values, covariance)
 
     def inseparable(
         self, robot: Robot, values: Array, covariance: Array
     ) -> tuple[KnownCombination, ...]:
-        """Return the same of the combinations alone that no motion of the machine tells apart."""
+        """Return only the combinations that no motion of the machine can separate."""
         if self.base is None:
             return ()
-        rows = self._known(BaseParameters.each(self.base.base), robot, values, covariance)
+        rows = self._known_combinations(
+            BaseParameters.each(self.base.base), robot, values, covariance
+        )
         return tuple(row for row in rows if row.regrouped)
 
-    def _known(
+    def _known_combinations(
         self, found: BaseParameters, robot: Robot, values: Array, covariance: Array
     ) -> tuple[KnownCombination, ...]:
         structure = BaseParameters.each(found.names) if self.base is None else self.base
@@ -319,7 +323,7 @@ class ParameterPriors:
         return known_combinations(found, structure, values[at], covariance[np.ix_(at, at)], scales)
 
     def full(self, block: Array) -> Array:
-        """Return a (k, k) matrix of the free parameters as (m, m), zeros for the fixed ones."""
+        """Expand a (k, k) matrix of the free parameters to (m, m), zeros for the fixed ones."""
         result = np.zeros((len(self.names), len(self.names)))
         result[np.ix_(self.free, self.free)] = block
         return result
@@ -328,9 +332,10 @@ class ParameterPriors:
 def _refuse_held_elsewhere(
     prior_estimate: PriorEstimate, robot: Robot, fixed: Iterable[str], start: Array
 ) -> None:
-    """Refuse a prior that held a parameter at another value than that it is fixed at now.
+    """Refuse a prior estimate in which a parameter was held at another value than now.
 
-    What it says of the others is beside its own value, and it does not say how they go together.
+    Its mean of the other parameters is conditional on that value, and their covariance with the
+    held parameter is unknown.
     """
     held = np.diag(prior_estimate.precision)[: len(start)] == 0
     apart = np.abs(start - prior_estimate.values[: len(start)]) > _SAME * robot.scales
@@ -338,15 +343,15 @@ def _refuse_held_elsewhere(
         at = robot.parameter_names.index(name)
         if held[at] and apart[at]:
             raise InputError(
-                f"{name} is {start[at]:g}, and the estimate that is the prior held it at "
-                f"{prior_estimate.values[at]:g}: what it found of the others is beside that value",
+                f"{name} is fixed at {start[at]:g}, but the prior estimate held it at "
+                f"{prior_estimate.values[at]:g}: its other values depend on that",
                 key=f"estimate.fixed.{name}",
                 allowed=f"{prior_estimate.values[at]:g}, or estimate.prior_from: none",
             )
 
 
 def _refuse_of_combinations(section: EstimateSection, base: BaseParameters) -> None:
-    """Refuse priors and bounds of parameters that show only together with others."""
+    """Refuse priors and bounds of parameters that are identified only in combinations."""
     for key, given in (("prior", section.named_priors), ("bounds", section.bounds)):
         for name in (name for name in given if name in base.names):
             shown = [base.text(one) for one in base.base if name in (one, *base.members(one))]

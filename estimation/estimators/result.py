@@ -1,4 +1,4 @@
-"""The result of an estimator."""
+"""Result of an estimator: parameters, covariance and its parts."""
 
 from __future__ import annotations
 
@@ -23,47 +23,47 @@ from estimation.measurement_model.normal_equations import NormalEquations
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ParameterEstimate:
-    """Parameters with their covariance."""
+    """Estimated parameters with their covariance."""
 
     estimator: str
     """``"ls"``, ``"gm"`` or ``"ml"``."""
     values: Array
-    """(m,), SI, in the order of the robot's parameters; fixed ones included."""
+    """(m,), SI, in the order of the robot's parameters, including the fixed ones."""
     covariance: Array
-    """(m, m), of the estimate, all shares together; zero for fixed parameters."""
+    """(m, m), total covariance; zero for fixed parameters."""
     systematic: SystematicUncertainty | None = None
-    """The share of what is not known exactly; None where everything is taken as exact."""
+    """Systematic part, due to tolerances; None if everything counts as exact."""
     covariance_forces: Array
-    """(m, m), the part that the noise of the forces (and the prior) makes."""
+    """(m, m), part due to the noise of the forces (and the prior)."""
     covariance_kinematics: Array | None
-    """(m, m), the part that the noise of the lengths makes; None where it is not known (pointwise
+    """(m, m), part due to the noise of the lengths; None if it is unknown (pointwise
     differentiation): the covariance is then too small."""
     freedom: Array
-    """(m,), degrees of freedom behind the standard deviations: of the noise's spectrum at the lines
-    that matter for each parameter; inf where the noise is taken as known."""
+    """(m,), degrees of freedom of the standard deviations: those of the noise's spectrum at the
+    lines that matter for each parameter; inf if the noise is taken as known."""
     colour: Array
-    """(m,), variance over the one that white noise of the same covariance would make."""
+    """(m,), ratio of the variance to that under white noise of the same covariance."""
     influences: tuple[Influence, ...]
-    """How the errors of every experiment move the free parameters, and θ where it is estimated."""
+    """Influence of every experiment's errors on the free parameters, and on θ if estimated."""
     motions: tuple[HarmonicMotion, ...]
-    """The motion of every experiment; estimated anew by ML. Empty for pointwise kinematics."""
+    """Motion of every experiment; estimated anew by ML. Empty for pointwise kinematics."""
     cost: float
-    """Weighted sum of squares that was minimised."""
+    """Weighted sum of squares at the minimum."""
     iterations: int
     converged: bool
     status: str
     seconds: float
     equations: tuple[NormalEquations, ...] = ()
-    """What the forces of every experiment say of (p, ξ) where LS and GM found them along fitted
-    motions, constants of terms as described; empty elsewhere."""
+    """Normal equations of (p, ξ) from the forces of every experiment, kept by LS and GM for fitted
+    motions without estimated constants; otherwise empty."""
     covariance_joint: Array | None = None
-    """(m + e, m + e), random share, of the parameters and of the e entries of θ that were estimated
-    with them, the first of `systematic`; None: none was."""
+    """(m + e, m + e), random part for the parameters and the e entries of θ estimated with them,
+    the first of `systematic`; None: there are none."""
 
     def largest_colour_ratio(self) -> tuple[int, float, float]:
-        """Return the parameter whose variance colour raises most, its ratio, and its p.
+        """Return the parameter whose variance coloured noise raises most, the ratio and its p.
 
-        Colour is of the random share alone: what is known of the rest makes it no better known.
+        Only the random part depends on the noise's colour, so that its degrees of freedom count.
         """
         k = int(np.argmax(self.colour))
         random = float(self.covariance_random[k, k])
@@ -74,46 +74,46 @@ class ParameterEstimate:
 
     @property
     def std(self) -> Array:
-        """(m,) standard deviations."""
+        """(m,), standard deviations."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def covariance_systematic(self) -> Array:
-        """(m, m), the part that what is not known exactly makes: zero where all is exact."""
+        """(m, m), systematic part, due to tolerances; zero if everything is exact."""
         if self.systematic is None:
             return np.zeros_like(self.covariance)
         return self.systematic.covariance
 
     @property
     def covariance_random(self) -> Array:
-        """(m, m), the part that another recording of the same machine draws anew."""
+        """(m, m), random part: independent in another recording of the same machine."""
         if self.covariance_joint is None:
             return self.covariance - self.covariance_systematic
         return self.covariance_joint[: len(self.values), : len(self.values)]
 
     @property
     def joint_random(self) -> Array:
-        """(m + e, m + e), the same with what was estimated together with the parameters."""
+        """(m + e, m + e), random part, including the deviations estimated with the parameters."""
         return self.covariance_random if self.covariance_joint is None else self.covariance_joint
 
     @property
     def joint_values(self) -> Array:
-        """(m + t,), the parameters and θ behind them."""
+        """(m + t,), the parameters, followed by θ."""
         theta = np.zeros(0) if self.systematic is None else self.systematic.values
         return np.concatenate([self.values, theta])
 
     @property
     def joint(self) -> Array:
-        """(m + t, m + t), covariance of the errors of (p̂, θ̂), all shares together."""
+        """(m + t, m + t), total covariance of the errors of (p̂, θ̂)."""
         if self.systematic is None:
             return self.covariance
         scaled, random = self.systematic.joint_scaled, self.joint_random
         return np.pad(random, (0, len(scaled) - len(random))) + scaled @ scaled.T
 
     def with_systematic(self, systematic: SystematicUncertainty | None) -> ParameterEstimate:
-        """Return the estimate with the share of what is not known exactly.
+        """Return the estimate with the systematic part of its covariance.
 
-        That share is taken as known: what is behind the standard deviations grows with it.
+        The systematic part counts as known: the degrees of freedom grow with it.
         """
         if systematic is None:
             return self
@@ -135,8 +135,8 @@ def precision(
 ) -> dict[str, Any]:
     """Return the covariances of `ParameterEstimate`, their freedom and colour.
 
-    `priors` is of the parameters and of what is estimated with them, and `prior_share`, (r, r),
-    what the error of the priors makes of these.
+    `priors` belong to the parameters and the deviations estimated with them; `prior_share`, (r, r),
+    is the covariance due to the priors' errors.
     """
     forces = Covariance.known(prior_share)
     kinematics: Covariance | None = Covariance.known(np.zeros_like(prior_share))
@@ -172,7 +172,7 @@ def precision(
 def covariance_ml_less_gm(estimates: Mapping[str, ParameterEstimate]) -> Array | None:
     """Return the covariance of ML − GM from the same data, (m, m); None without both.
 
-    What is not known exactly moves both, each in its own way.
+    It includes the difference of their systematic errors.
     """
     if not {"gm", "ml"} <= set(estimates):
         return None
@@ -182,6 +182,6 @@ def covariance_ml_less_gm(estimates: Mapping[str, ParameterEstimate]) -> Array |
     if gm.systematic is not None and ml.systematic is not None:
         if gm.systematic.deviations != ml.systematic.deviations:
             raise ValueError("both estimates have the tolerances of the same machine")
-        apart = ml.systematic.scaled - gm.systematic.scaled
-        result += apart @ apart.T
+        difference = ml.systematic.scaled - gm.systematic.scaled
+        result += difference @ difference.T
     return result

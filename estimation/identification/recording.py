@@ -104,7 +104,7 @@ def prepare_recording(
     experiment = Experiment.from_fit(robot, record, noise, fit)
     if section.harmonics is None and not held_out:
         whole = whole_motion(robot, experiment, ParameterPriors.of(robot, section))
-        experiment = replace(experiment, whole=whole)
+        experiment = replace(experiment, refined_motion=whole)
     return PreparedRecording(
         data.source,
         experiment,

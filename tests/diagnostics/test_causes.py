@@ -81,7 +81,7 @@ def test_columns_along_a_motion_with_more_harmonics_than_the_lengths_show(lab):
     known = RefinedMotion(more.motion, more.covariance, shown.spread)
     values = lab.robot.parameters
     found = []
-    for experiment in (replace(fitted, whole=known), shown):
+    for experiment in (replace(fitted, refined_motion=known), shown):
         part = linearise(lab.robot, experiment, values, lab.knowledge.free, more.motion)
         suspects = CandidateEffects(lab.robot, experiment, more.motion, values, part)
         found.append(suspects.term("stribeck", velocity=0.05).forces)
