@@ -88,7 +88,7 @@ class PriorEstimate:
         found = about.description.identification
         wrong = ""
         if found is None:
-            wrong = f"the file of the robot {robot.name} has no identification"
+            wrong = f"the robot {robot.name} was not identified: its file has no identification"
         elif found.parameters != robot.parameter_names:
             wrong = "the identification of the robot has other parameters"
         if wrong or found is None:

@@ -1,1 +1,1 @@
-"""Which terms the data support: steps over blocks of the regressor, judged with the noise's law."""
+"""Selection of the model terms that the data support, block by block of the regressor."""

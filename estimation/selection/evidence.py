@@ -1,11 +1,10 @@
-"""What recordings say of the parameters of candidates, beside those of the robot's own terms.
+"""Information of the recordings on the parameters of candidate terms.
 
-Everything is in the joint regression of the diagnostics (`estimation.diagnostics.joint_system`):
-forces and lengths behind the filters that make their noise white, one Gauss–Newton step in the
-parameters p, what is known within tolerances θ, and the motion ξ. The motion of every recording is
-eliminated by itself; what is left, F and g of (p, θ), is added over the recordings. The χ² by which
-a block of columns lowers −2 log L beside any others follows from F and g alone, so that thousands
-of models are compared without going back to the data.
+It follows from the joint regression of the diagnostics (`estimation.diagnostics.joint_system`):
+whitened forces and lengths, one Gauss–Newton step in the parameters p, the deviations θ with
+tolerances, and the motion ξ. The motion is eliminated for every recording; the remaining F and g of
+(p, θ) are added over the recordings. They determine the decrease of −2 log L by any block of
+columns given any others, so that thousands of models are compared without returning to the data.
 """
 
 from __future__ import annotations
@@ -35,16 +34,16 @@ from expdesign.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class InformationShare:
-    """F, (u, u), and g, (u,), of some of the data: −2 log L falls by 2 gᵀs − sᵀ F s.
+    """F, (u, u), and g, (u,), of some data: a step s lowers −2 log L by 2 gᵀs − sᵀ F s.
 
-    Data that are alike have one F, and the columns of g each its own, (u, n).
+    Repeated data share one F and have one column of g each, (u, n).
     """
 
     information: Array
     gradient: Array
 
     def __add__(self, other: InformationShare) -> InformationShare:
-        """Return what both say."""
+        """Add the information of independent data."""
         return InformationShare(
             self.information + other.information, self.gradient + other.gradient
         )
@@ -52,19 +51,19 @@ class InformationShare:
 
 @dataclass(frozen=True, eq=False)
 class RecordingInformation:
-    """What one recording says of (p, θ)."""
+    """Information of one recording on (p, θ)."""
 
     whole: InformationShare
     columns: Array
     """(u,), zᵀ W z of the forces' columns, with the noise's own spectrum."""
     columns_white: Array
-    """(u,), the same for white noise of the same covariance."""
+    """(u,), zᵀ W z under white noise of the same covariance."""
     samples: float
-    """Single samples of the forces."""
+    """Number of single samples of the forces."""
     _system: JointSystem
     _elimination: Elimination
     _order: Places
-    """Of the system's unknowns: (p, θ), then the motion."""
+    """Order of the system's unknowns: (p, θ), then the motion."""
     _experiment: Experiment
 
     @classmethod
@@ -78,7 +77,7 @@ class RecordingInformation:
         motion = system.columns.shape[2] - count
         system = system.with_effects(candidate_effects.tolerated()[0])
         unknowns = system.columns.shape[2]
-        # (p, θ) first: the motion, which stands between them, is eliminated.
+        # (p, θ) first: the motion, which lies between them, is eliminated.
         kept = np.r_[0:count, count + motion : unknowns]
         order = np.r_[kept, count : count + motion]
         flat = system.columns.reshape(-1, unknowns)
@@ -102,8 +101,8 @@ class RecordingInformation:
             _experiment=experiment,
         )
 
-    def left(self, step: Array) -> tuple[float, int]:
-        """Return χ² of the forces after a step of (p, θ), (u,), and how many numbers they are."""
+    def residual_chi_square(self, step: Array) -> tuple[float, int]:
+        """Return χ² of the forces after a step of (p, θ), (u,), and the number of rows."""
         motion = self._elimination.offset - self._elimination.slope @ step
         whole = np.zeros(len(self._order))
         whole[self._order] = np.concatenate([step, motion])
@@ -112,16 +111,16 @@ class RecordingInformation:
 
     @cached_property
     def periods(self) -> Array:
-        """(u, M), g of the single periods, whose F is the M-th part of the recording's.
+        """(u, M), g of the single periods; their F is 1/M of the recording's.
 
-        One column, of all data, where single periods are not known.
+        One column for all data if there are no separate periods.
         """
         experiment, system, size = self._experiment, self._system, len(self._order)
         forces, lengths = experiment.record.forces, experiment.record.lengths
         whole = self.whole.gradient[:, None]
         if forces.repeats is None or lengths.repeats is None:
             return whole
-        # All have the same columns, and each its own noise.
+        # All periods have the same columns and independent noise.
         count, first = len(forces.repeats), len(whole)
         own = experiment.select_rows(np.moveaxis(forces.repeats - forces.values, 0, 2))
         gradients = system.columns.reshape(-1, size).T @ system.force_rows(own).reshape(-1, count)
@@ -136,15 +135,15 @@ class RecordingInformation:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What all recordings say of (p, θ), the candidates' parameters among p."""
+    """Information of all recordings on (p, θ); p includes the candidates' parameters."""
 
     blocks: Mapping[str, Places]
-    """Places of the parameters of each candidate among (p, θ)."""
+    """Indices of each candidate's parameters in (p, θ)."""
     prior: InformationShare
-    """What is known of (p, θ) beside the recordings."""
+    """Prior information on (p, θ)."""
     recordings: tuple[RecordingInformation, ...]
     freedom: float
-    """Degrees of freedom behind the noise; inf where it was given."""
+    """Degrees of freedom of the noise's covariance; inf if it was given."""
 
     @classmethod
     def of(
@@ -162,15 +161,15 @@ class Evidence:
         robot : Robot
             With all candidates among its terms.
         priors : ParameterPriors
-            Of all its parameters.
+            Priors of all its parameters.
         values : (m,)
-            Parameters about which the model is linearised, SI.
+            Parameters at which the model is linearised, SI.
         blocks : mapping
             Names of the parameters of each candidate.
         """
         shares, precision = [], np.zeros(0)
-        seen = [_as_shown(experiment) for experiment in experiments]
-        for experiment in seen:
+        reweighted = [_with_empirical_noise(experiment) for experiment in experiments]
+        for experiment in reweighted:
             motion = None if experiment.fit is None else experiment.motion
             part = linearise(robot, experiment, values, priors.free, motion)
             candidate_effects = CandidateEffects(robot, experiment, motion, values, part)
@@ -191,35 +190,35 @@ class Evidence:
             },
             InformationShare(information, information @ off),
             tuple(shares),
-            min(each.noise.forces.weights_freedom for each in seen),
+            min(each.noise.forces.weights_freedom for each in reweighted),
         )
 
     @cached_property
     def whole(self) -> InformationShare:
-        """All recordings, with what is known beside them."""
+        """Information of all recordings and the priors."""
         return reduce(
             InformationShare.__add__, (each.whole for each in self.recordings), self.prior
         )
 
     @property
     def candidates(self) -> Places:
-        """Places of all parameters of candidates."""
+        """Indices of the parameters of all candidates."""
         return np.concatenate(list(self.blocks.values()))
 
     @property
     def own(self) -> Places:
-        """Places of what every model has."""
+        """Indices of the unknowns that every model has."""
         return np.setdiff1d(np.arange(len(self.prior.gradient)), self.candidates)
 
     @cached_property
     def _reduced(self) -> Elimination:
-        """The equations of the candidates, with all else eliminated."""
+        """Equations of the candidates, with all other unknowns eliminated."""
         whole, order = self.whole, np.concatenate([self.candidates, self.own])
         matrix, gradient = whole.information[np.ix_(order, order)], whole.gradient[order]
         return NormalEquations(0.0, matrix, gradient).eliminated(len(self.candidates))
 
     def conditional_on_own_terms(self) -> ConditionalScores:
-        """Return what is seen of the candidates beside the robot's own terms.
+        """Return scores and information of the candidates given the robot's own terms.
 
         Raises
         ------
@@ -231,35 +230,36 @@ class Evidence:
         return ConditionalScores(reduced.gradient, reduced.information, columns, self.freedom)
 
     def places(self, term: str) -> Places:
-        """Return the places of a candidate's parameters among those of all candidates."""
+        """Return the indices of a candidate's parameters among those of all candidates."""
         return np.flatnonzero(np.isin(self.candidates, self.blocks[term]))
 
     def samples(self, term: str) -> float:
-        """Return the number n of independent samples that tell as much of a candidate.
+        """Return the number of independent samples with the same information on a candidate.
 
-        The geometric mean over its parameters of zᵀ W z by what a single sample, of white noise
-        with the same covariance, tells on average: all samples where the noise is white.
+        It is the geometric mean over its parameters of zᵀ W z, divided by the mean information of
+        a sample with white noise of the same covariance; with white noise, the number of samples.
         """
         at = self.blocks[term]
-        known = np.sum([each.columns[at] for each in self.recordings], axis=0)
+        actual = np.sum([each.columns[at] for each in self.recordings], axis=0)
         white = np.sum([each.columns_white[at] for each in self.recordings], axis=0)
         count = sum(each.samples for each in self.recordings)
         seen = white > 0
         if not np.any(seen):
             return count
-        return float(np.exp(np.mean(np.log(count * known[seen] / white[seen]))))
+        return float(np.exp(np.mean(np.log(count * actual[seen] / white[seen]))))
 
     def dispersion(self) -> float:
-        """Return how many times the noise the largest model leaves of the forces; 1 at least."""
+        """Return the residual variance of the largest model, relative to the noise; at least 1."""
         fit = self.conditional_on_own_terms().fit(np.arange(len(self.candidates)))
         step = np.zeros(len(self.prior.gradient))
         step[self.candidates] = fit.values
         step[self.own] = self._reduced.offset - self._reduced.slope @ fit.values
-        left, size = map(sum, zip(*(each.left(step) for each in self.recordings), strict=True))
-        return max(1.0, left / (size - len(self.own) - fit.rank))
+        parts = [each.residual_chi_square(step) for each in self.recordings]
+        chi_square, size = map(sum, zip(*parts, strict=True))
+        return max(1.0, chi_square / (size - len(self.own) - fit.rank))
 
 
-def _as_shown(experiment: Experiment) -> Experiment:
-    """Return an experiment with the noise that its periods show, with its spectrum."""
-    remembered = with_empirical_colour(experiment)
-    return replace(remembered, noise=empirical_noise(remembered))
+def _with_empirical_noise(experiment: Experiment) -> Experiment:
+    """Return an experiment with the noise and spectrum estimated from its periods."""
+    coloured = with_empirical_colour(experiment)
+    return replace(coloured, noise=empirical_noise(coloured))

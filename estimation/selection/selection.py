@@ -1,8 +1,7 @@
-"""Forward and backward steps from the robot's own terms to those that the data support.
+"""Forward and backward selection of terms, from the robot's own to those that the data support.
 
-What a step of the selection is judged by: Schwarz's criterion, an F test, or held-out forces.
-
-Each of them is a potential that every step must lower, so that no model comes twice.
+A step is judged by Schwarz's criterion, an F test, or the prediction of held-out forces. Each of
+these is a potential that every step must lower, so that no model occurs twice.
 """
 
 from __future__ import annotations
@@ -25,46 +24,44 @@ from expdesign.runfolder import OpenNumber, described
 
 @dataclass(frozen=True)
 class SelectionRow:
-    """One block that was tried in one step."""
+    """Row of the selection's table: one term tried in one step."""
 
     step: Annotated[int, described("1", "number of the step, from 1")]
     direction: Annotated[str, described("", "add or drop")]
-    term: Annotated[str, described("", "the term that was tried")]
-    beside: Annotated[str, described("", "candidates that were in the model beside it")]
-    parameters: Annotated[int, described("1", "combinations of its parameters that are seen")]
+    term: Annotated[str, described("", "the term tried")]
+    beside: Annotated[str, described("", "other candidates in the model")]
+    parameters: Annotated[int, described("1", "identifiable combinations of its parameters")]
     statistic: Annotated[
-        float, described("1", "chi-square of the term beside the others, over the dispersion")
+        float, described("1", "chi-square of the term given the others, over the dispersion")
     ]
-    log_p: Annotated[float, described("1", "logarithm of p of its F test, of this test alone")]
+    log_p: Annotated[float, described("1", "logarithm of p of its F test, uncorrected")]
     samples: Annotated[
-        float, described("1", "independent samples that would tell as much of its parameters")
+        float, described("1", "independent samples with the same information on its parameters")
     ]
     bic: Annotated[float, described("1", "change of Schwarz's criterion with the term")]
     held_out: Annotated[
         OpenNumber,
-        described("1", "change of -2 log L of what was not fitted; empty: not asked for"),
+        described("1", "change of -2 log L of held-out data; empty: not computed"),
     ]
-    worth: Annotated[
-        float, described("1", "by how much the criterion is in favour: it belongs there above 0")
-    ]
-    chosen: Annotated[bool, described("", "the step was done: the term was added, or dropped")]
+    worth: Annotated[float, described("1", "gain of the criterion: the term is supported above 0")]
+    chosen: Annotated[bool, described("", "the step was taken: the term was added, or dropped")]
 
 
 def select(judge: Judge) -> tuple[tuple[str, ...], tuple[SelectionRow, ...]]:
-    """Return the candidates that belong into the model, in the order of entry, and the path.
+    """Select candidates; return them in the order of entry, and the path.
 
-    Forward, the candidate that is worth most enters, if it is worth anything; after each entry
-    those that are worth nothing beside the others leave, the least worthy first. It ends when
-    neither changes the model, or brings back one that was there. A term that takes the constants of
-    another enters after it, and leaves before it.
+    A forward step adds the candidate with the largest gain, if it is positive. After each addition,
+    candidates without gain given the others are dropped, the least useful first. The search ends
+    if no step changes the model or if a model recurs. A term that uses the constants of another
+    enters after it and leaves before it.
     """
     model: tuple[str, ...] = ()
     rows: list[SelectionRow] = []
     seen = {frozenset(model)}
     while True:
         for direction in ("drop", "add"):
-            changed, tried = _step(judge, model, direction, len(rows) and rows[-1].step)
-            rows += tried
+            changed, trials = _take_step(judge, model, direction, len(rows) and rows[-1].step)
+            rows += trials
             if changed != model:
                 break
         if changed == model or frozenset(changed) in seen:
@@ -73,10 +70,10 @@ def select(judge: Judge) -> tuple[tuple[str, ...], tuple[SelectionRow, ...]]:
         seen.add(frozenset(model))
 
 
-def _step(
+def _take_step(
     judge: Judge, model: tuple[str, ...], direction: str, before: int
 ) -> tuple[tuple[str, ...], list[SelectionRow]]:
-    """Return the model after one step of a kind, and what was tried."""
+    """Return the model after one step in a direction, and the rows of its trials."""
     adding = direction == "add"
     needed = judge.needs
     held = {needed[term] for term in model if term in needed}
@@ -89,7 +86,7 @@ def _step(
     found = []
     for term in terms:
         others = tuple(other for other in model if other != term)
-        one = judge.tried(term, others)
+        one = judge.try_term(term, others)
         found.append((one, others, judge.worth(one)))
     if not found:
         return model, []
@@ -119,23 +116,23 @@ def _step(
 
 @dataclass(frozen=True)
 class TermTrial:
-    """What the data say of one block beside some others."""
+    """Statistics of one term given some others."""
 
     term: str
     statistic: float
-    """χ² of the block, over the dispersion."""
+    """χ² of the term, over the dispersion."""
     rank: int
-    """Its degrees of freedom: combinations of its parameters that are seen."""
+    """Its degrees of freedom: identifiable combinations of its parameters."""
     log_p: float
     """Logarithm of the F test's p, uncorrected."""
     bic: float
-    """By how much the block lowers Schwarz's criterion."""
+    """Decrease of Schwarz's criterion."""
     held_out: float
-    """By how much it lowers −2 log L of what was not fitted; NaN where that is not asked."""
+    """Decrease of −2 log L of held-out data; NaN if not computed."""
 
 
 class Judge:
-    """Weighs blocks against each other, each beside a model's others."""
+    """Judge of single terms, each given the other terms of a model."""
 
     def __init__(
         self,
@@ -146,41 +143,43 @@ class Judge:
     ) -> None:
         self.evidence, self.by = evidence, by
         self.needs = dict(needs or {})
-        """Candidates that belong into no model without another one, and this one."""
+        """Candidates that require another candidate, and that one."""
         self.dispersion = evidence.dispersion()
         self.samples = {term: evidence.samples(term) for term in evidence.blocks}
         self.limit = float(np.log(level / len(evidence.blocks)))
-        """Largest log p that is significant: the level's share of one of all candidates."""
-        self._seen = evidence.conditional_on_own_terms()
+        """Largest significant log p: the level divided by the number of candidates."""
+        self._scores = evidence.conditional_on_own_terms()
         self._splits = splits(evidence) if by == "holdout" else ()
         self._errors: dict[frozenset[str], float] = {}
 
-    def tried(self, term: str, others: Sequence[str]) -> TermTrial:
-        """Return what a block is worth beside a model's others."""
+    def try_term(self, term: str, others: Sequence[str]) -> TermTrial:
+        """Compute the statistics of a term given the other terms of a model."""
         known = [self.evidence.places(other) for other in others]
-        beside = self._seen.conditional_on(np.concatenate([np.zeros(0, dtype=np.intp), *known]))
-        fit: EffectFit = beside.fit(self.evidence.places(term))
+        scores = self._scores.conditional_on(np.concatenate([np.zeros(0, dtype=np.intp), *known]))
+        fit: EffectFit = scores.fit(self.evidence.places(term))
         statistic = fit.statistic / self.dispersion
         log_p = 0.0
         if fit.rank:
-            log_p = float(log_tail(np.array(statistic), np.array(fit.rank), beside.freedom))
+            log_p = float(log_tail(np.array(statistic), np.array(fit.rank), scores.freedom))
         held_out = np.nan
         if self.by == "holdout":
-            # What nothing tells from the others predicts as they do.
-            held_out = self._error(others) - self._error([*others, term]) if fit.rank else 0.0
+            # A term that is indistinguishable from the others does not change the prediction.
+            held_out = 0.0
+            if fit.rank:
+                held_out = self._held_out_error(others) - self._held_out_error([*others, term])
         bic = statistic - fit.rank * float(np.log(self.samples[term]))
         return TermTrial(term, statistic, fit.rank, log_p, bic, held_out)
 
-    def worth(self, tried: TermTrial) -> float:
-        """Return how much a block is worth in a model: it belongs there above zero."""
+    def worth(self, trial: TermTrial) -> float:
+        """Return the gain of a term by the criterion: it is supported above zero."""
         if self.by == "bic":
-            return tried.bic
+            return trial.bic
         if self.by == "f":
-            return self.limit - tried.log_p
-        return tried.held_out
+            return self.limit - trial.log_p
+        return trial.held_out
 
-    def _error(self, terms: Sequence[str]) -> float:
-        """Return −2 log L of what was not fitted, less that of the values linearised about."""
+    def _held_out_error(self, terms: Sequence[str]) -> float:
+        """Return −2 log L of held-out data, relative to the point of linearisation."""
         model = frozenset(terms)
         if model not in self._errors:
             kept = [self.evidence.blocks[term] for term in model]
@@ -192,18 +191,18 @@ class Judge:
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Data that parameters are fitted to, and others that they predict: one pair a column of g."""
+    """Fitted data and the data that they predict; every column of g is one such pair."""
 
     fitted: InformationShare
-    """With what is known beside the data."""
+    """Fitted data, with the priors."""
     predicted: InformationShare
 
     def error(self, places: Places) -> float:
-        """Return −2 log L of the predictions by fits of the parameters at some places, in mean."""
+        """Return the mean −2 log L of predictions with the parameters at some places fitted."""
         own = np.ix_(places, places)
         scaled = ScaledInformation.of(self.fitted.information[own])
         values, vectors = np.linalg.eigh(scaled.matrix)
-        # Combinations that the fitted data do not tell stay where the model was linearised.
+        # Combinations that the fitted data do not determine keep the values of linearisation.
         kept = values > EXCITABLE * values[-1]
         scales = np.where(scaled.scales > 0, scaled.scales, 1.0)
         root = vectors[:, kept] / np.sqrt(values[kept]) / scales[:, None]
@@ -213,38 +212,38 @@ class Split:
 
 
 def splits(evidence: Evidence) -> tuple[Split, ...]:
-    """Return how the recordings are divided.
+    """Divide the recordings into fitted and predicted data.
 
-    Of several recordings each in turn is predicted, from some periods of all others. Of a single
-    one some periods in turn predict the rest.
+    With several recordings, each one in turn is predicted from some periods of all others. With a
+    single one, some of its periods in turn predict the rest.
 
     Notes
     -----
-    A model that is chosen by its prediction is the right one with many data only if nearly all of
-    them are predicted and few are fitted (Shao, J. Am. Stat. Assoc. 88, 1993); with the share
-    1 / (log n - 1) of n samples fitted it is the one of Schwarz's criterion (Shao, Statistica
-    Sinica 7, 1997). One period left out would add superfluous terms however many there are.
+    Selection by prediction is consistent only if nearly all data are predicted and few are fitted
+    (Shao, J. Am. Stat. Assoc. 88, 1993); fitting the share 1 / (log n - 1) of n samples agrees with
+    Schwarz's criterion (Shao, Statistica Sinica 7, 1997). Leaving out a single period would add
+    superfluous terms, no matter how many periods there are.
 
     Raises
     ------
     InputError
-        There is a single recording, without two single periods.
+        There is a single recording without two separate periods.
     """
     recordings = evidence.recordings
     share = 1 / max(np.log(sum(each.samples for each in recordings)) - 1, 1.0)
-    fitted = [_fitted(each, share) for each in recordings]
+    fitted = [_fitted_periods(each, share) for each in recordings]
     if len(recordings) == 1:
         whole, few = recordings[0].whole, fitted[0]
         if recordings[0].periods.shape[1] == 1:
             raise InputError(
-                "one recording without whole periods leaves nothing to predict",
+                "a single recording without whole periods leaves no data to predict",
                 key="estimate.select.by",
                 allowed="bic, f, or a further recording (--data twice)",
             )
         rest = InformationShare(
             whole.information - few.information, whole.gradient[:, None] - few.gradient
         )
-        return (Split(_known(evidence, few), rest),)
+        return (Split(_add_prior(evidence, few), rest),)
     found = []
     for number, recording in enumerate(recordings):
         others = [few for place, few in enumerate(fitted) if place != number]
@@ -257,12 +256,14 @@ def splits(evidence: Evidence) -> tuple[Split, ...]:
         ]
         whole = recording.whole
         predicted = InformationShare(whole.information, whole.gradient[:, None])
-        found.append(Split(_known(evidence, reduce(InformationShare.__add__, alike)), predicted))
+        found.append(
+            Split(_add_prior(evidence, reduce(InformationShare.__add__, alike)), predicted)
+        )
     return tuple(found)
 
 
-def _fitted(recording: RecordingInformation, share: float) -> InformationShare:
-    """Return a share of the periods of a recording, one at least, from each of them on."""
+def _fitted_periods(recording: RecordingInformation, share: float) -> InformationShare:
+    """Return a share of a recording's periods, at least one, starting at each period in turn."""
     count = recording.periods.shape[1]
     length = max(1, min(round(share * count), count - 1))
     following = np.arange(count)[:, None] + np.arange(length)
@@ -270,8 +271,8 @@ def _fitted(recording: RecordingInformation, share: float) -> InformationShare:
     return InformationShare(recording.whole.information * (length / count), gradients)
 
 
-def _known(evidence: Evidence, few: InformationShare) -> InformationShare:
-    """Return some data with what is known beside them."""
+def _add_prior(evidence: Evidence, few: InformationShare) -> InformationShare:
+    """Add the priors to some data."""
     prior = evidence.prior
     return InformationShare(
         prior.information + few.information, prior.gradient[:, None] + few.gradient

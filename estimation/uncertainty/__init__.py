@@ -1,1 +1,1 @@
-"""How sure one may be: intervals, what is identified, and the bound that no estimator beats."""
+"""Uncertainty of estimates: intervals, differences, and physical consistency."""

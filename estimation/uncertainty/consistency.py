@@ -1,9 +1,9 @@
-"""Estimates beside the nearest ones that some set of bodies has, and what the difference means.
+"""Nearest physically consistent parameters to an estimate, with a test of the difference.
 
-The estimate p̂ with covariance C stays as it is; beside it stands p̃, the nearest parameters in the
-metric C⁻¹ that bodies have (`expdesign.mechanism.nearest`). Of base parameters these are the
-nearest combinations; what regroups into them takes whatever value bodies need. docs/consistency.md
-tells why the test and the standard deviations are what they are.
+The estimate p̂ with covariance C does not change. In addition p̃ is reported: in the metric C⁻¹ the
+nearest parameters that belong to rigid bodies of positive mass (`expdesign.mechanism.nearest`). For
+base parameters p̃ is nearest in their combinations, and the parameters that regroup into them take
+any consistent values. docs/consistency.md explains the test and the standard deviations.
 """
 
 from __future__ import annotations
@@ -21,72 +21,72 @@ from expdesign.mechanism.nearest import NoBodiesError, Projection
 from expdesign.robot import Robot
 
 DRAWS = 199
-"""Of the spread; and of the test where none of these goes as far as the estimate."""
+"""Draws for the spread, and for the test if none of them is as distant as the estimate."""
 MOST_DRAWS = 999
-"""Of the test: with 199 that are the same in every run it has a level of 5 ± 1.5 %."""
+"""Largest number of draws for the test: with 199 fixed draws its level would be 5 ± 1.5 %."""
 ENOUGH = 50
-"""Draws as far as the estimate after which the test needs no more: p is above its level."""
+"""Draws as distant as the estimate after which the test ends: p is above its level."""
 SIGNIFICANT = 0.05
 SEED = 0
-TOLD = 0.01
-"""Share of its scale from which the change of a parameter that no force shows is told."""
+REPORTED_CHANGE = 0.01
+"""Smallest reported change of a parameter without effect on the forces, in its scale."""
 NEAR = 3.0
-"""Standard deviations within which a condition may be tight in truth: the test takes it so."""
+"""Distance, in standard deviations, below which the test treats a condition as active."""
 
 
 @dataclass(frozen=True, eq=False)
 class ConsistentEstimate:
-    """The nearest parameters to an estimate that some bodies have."""
+    """Physically consistent parameters nearest to an estimate."""
 
     estimator: str
     values: Array
-    """(m,), SI; the estimate itself, bit by bit, where bodies have it."""
+    """(m,), p̃, SI; identical to the estimate if that is consistent."""
     moved: Array
-    """(m,), p̃ − p̂ in standard deviations; of a base parameter what its combination moved by. NaN:
+    """(m,), p̃ − p̂ in standard deviations; for a base parameter the change of its combination. NaN:
     not estimated."""
     exchanged: tuple[str, ...]
-    """The parameters with other values than they were held at, since no force shows which."""
+    """Parameters without effect on the forces, held at other values than those of p̃."""
     distance: float
-    """√((p̂ − p̃)ᵀ C⁻¹ (p̂ − p̃)), standard deviations; of the combinations where p regroups."""
+    """√((p̂ − p̃)ᵀ C⁻¹ (p̂ − p̃)), standard deviations; for base parameters, of combinations."""
     p: float
-    """How often noise makes such a distance at least, where bodies have the true parameters."""
+    """Probability of at least this distance if the true parameters are consistent."""
     active: tuple[str, ...]
-    """The conditions and bounds that p̃ stands at."""
+    """Conditions and bounds that are active at p̃."""
     bodies: MachineBodies
-    """Which have p̃."""
+    """Rigid bodies with the parameters p̃."""
     spread: Array
-    """(m,), root mean square error of p̃ where it is the truth; std where bodies have p̂."""
+    """(m,), root mean square error of p̃ if it is the truth; std if p̂ is consistent."""
     low: Array
     high: Array
-    """(m,), 95 % intervals: of the estimate's width about p̃, within the bounds."""
+    """(m,), 95 % intervals: as wide as the estimate's, centred at p̃, within the bounds."""
 
     @property
     def realisable(self) -> bool:
-        """Whether bodies have the estimate: of base parameters, these combinations."""
+        """Whether the estimate (of base parameters: its combinations) is consistent."""
         return self.distance == 0
 
     @property
     def significant(self) -> bool:
-        """Whether noise alone hardly makes the distance."""
+        """Whether the distance is significantly larger than noise alone explains."""
         return self.p <= SIGNIFICANT
 
 
 def consistent_estimate(
     robot: Robot, estimate: ParameterEstimate, priors: ParameterPriors
 ) -> ConsistentEstimate | None:
-    """Return the nearest parameters that bodies have; None where what is fixed leaves none.
+    """Return the nearest consistent parameters; None if the fixed parameters exclude any.
 
-    Fixed parameters stay, and bounds of the run are kept, too.
+    Fixed parameters keep their values, and the run's bounds are respected.
     """
     own = robot.realisable
-    among = replace(
+    consistent_set = replace(
         own,
         lower=np.maximum(own.lower, priors.lower),
         upper=np.minimum(own.upper, priors.upper),
     )
     std = estimate.std
     free = priors.free & (std > 0) & np.isfinite(std)
-    projection = Projection.by(estimate.covariance, among, free, priors.regrouping)
+    projection = Projection.by(estimate.covariance, consistent_set, free, priors.regrouping)
     try:
         nearest = projection.of(estimate.values)
     except NoBodiesError:
@@ -98,19 +98,21 @@ def consistent_estimate(
         draws = rng.standard_normal((MOST_DRAWS, int(np.count_nonzero(free))))
         freedom = float(np.min(estimate.freedom[free]))
         if np.isfinite(freedom):
-            # The covariance is estimated: distances are measured with one that scatters.
+            # The covariance is estimated: the distances scatter with it.
             draws *= np.sqrt(freedom / rng.chisquare(freedom, (MOST_DRAWS, 1)))
-        moves = draws @ projection.factor.T
-        null = tightest(projection, nearest.values)
-        farther = (projection.of(null + move).distance >= nearest.distance for move in moves)
-        p = monte_carlo_p(farther)
-        errors = [
-            projection.told(projection.of(nearest.values + move).values - nearest.values)
-            for move in moves[:DRAWS]
+        errors = draws @ projection.factor.T
+        null = least_favourable(projection, nearest.values)
+        as_far = (projection.of(null + error).distance >= nearest.distance for error in errors)
+        p = monte_carlo_p(as_far)
+        consistent_errors = [
+            projection.told(projection.of(nearest.values + error).values - nearest.values)
+            for error in errors[:DRAWS]
         ]
-        spread = np.where(free, np.sqrt(np.mean(np.square(errors), axis=0)), np.nan)
+        spread = np.where(free, np.sqrt(np.mean(np.square(consistent_errors), axis=0)), np.nan)
     change = nearest.values - estimate.values
-    exchanged = np.flatnonzero(projection.regrouped & (np.abs(change) > TOLD * robot.scales))
+    exchanged = np.flatnonzero(
+        projection.regrouped & (np.abs(change) > REPORTED_CHANGE * robot.scales)
+    )
     return ConsistentEstimate(
         estimator=estimate.estimator,
         values=nearest.values,
@@ -121,45 +123,44 @@ def consistent_estimate(
         active=nearest.active,
         bodies=nearest.bodies,
         spread=spread,
-        low=np.maximum(nearest.values - half, among.lower),
-        high=np.minimum(nearest.values + half, among.upper),
+        low=np.maximum(nearest.values - half, consistent_set.lower),
+        high=np.minimum(nearest.values + half, consistent_set.upper),
     )
 
 
-def monte_carlo_p(farther: Iterator[bool]) -> float:
-    """Return the p value of which draws went at least as far as what was found.
+def monte_carlo_p(as_far: Iterator[bool]) -> float:
+    """Return the p-value from draws that are at least as distant as the estimate, or not.
 
-    It ends with the draw that makes them enough (Besag and Clifford, Biometrika 78, 1991), or
-    where none of the first went as far: a p value that is clearly above or below the level need
-    not be known as well as one near it.
+    Sequential (Besag and Clifford, Biometrika 78, 1991): it ends after `ENOUGH` such draws, or if
+    none of the first `DRAWS` is one. A p-value far from the level need not be precise.
     """
-    as_far = count = 0
-    for one in farther:
-        as_far, count = as_far + one, count + 1
-        if as_far == ENOUGH:
-            return as_far / count
-        if count == DRAWS and not as_far:
+    successes = count = 0
+    for one in as_far:
+        successes, count = successes + one, count + 1
+        if successes == ENOUGH:
+            return successes / count
+        if count == DRAWS and not successes:
             break
-    return (1 + as_far) / (1 + count)
+    return (1 + successes) / (1 + count)
 
 
-def tightest(projection: Projection, values: Array) -> Array:
-    """Return the parameters, (m,), from which noise goes farthest of those that may be the truth.
+def least_favourable(projection: Projection, values: Array) -> Array:
+    """Return the parameters, (m,), compatible with the data, for which the distance is largest.
 
-    Every condition within 3 σ of being tight is made so (Andrews and Soares, Econometrica 78, 2010,
-    choose the conditions that count in this way). What is taken off are parameters q of bodies, and
-    the parameters of bodies K are a convex cone, K + q ⊂ K: from p − q every move ends at least as
-    far from K as from p.
+    Every condition within 3 σ of being active is made active (the moment selection of Andrews and
+    Soares, Econometrica 78, 2010). The parameters q that are subtracted are consistent themselves.
+    Consistent parameters K form a convex cone, K + q ⊂ K: starting at p − q, every error ends at
+    least as far from K as starting at p.
     """
-    among, found = projection.among, values.copy()
+    conditions, found = projection.among, values.copy()
     spread = np.linalg.norm(projection.noise, axis=1)
-    for ends in (among.lower, among.upper):
+    for ends in (conditions.lower, conditions.upper):
         found = np.where(np.abs(found - ends) < NEAR * spread, ends, found)
-    for combination, removed in among.thin:
+    for combination, removed in conditions.thin:
         slack = float(combination @ found)
         if slack < NEAR * np.linalg.norm(combination @ projection.noise):
             found = found - slack * removed
-    found = _flat(projection, found)
+    found = _remove_small_inertia(projection, found)
     found = np.where(projection.movable, found, values)
     try:
         return projection.of(found).values
@@ -167,18 +168,18 @@ def tightest(projection: Projection, values: Array) -> Array:
         return values
 
 
-def _flat(projection: Projection, values: Array) -> Array:
-    """Return parameters without what of the platform may be noise."""
-    among = projection.among
-    rest = among.beside_sliders(values)
+def _remove_small_inertia(projection: Projection, values: Array) -> Array:
+    """Remove the platform's principal inertias that are smaller than their noise."""
+    conditions = projection.among
+    rest = conditions.beside_sliders(values)
     if rest is None:
         return values
     eigenvalues, axes = np.linalg.eigh(rest)
-    steps = [among.beside_sliders(values + move) for move in projection.noise.T]
+    steps = [conditions.beside_sliders(values + error) for error in projection.noise.T]
     slopes = [
         np.full(len(axes), np.inf) if step is None else np.diag(axes.T @ (step - rest) @ axes)
         for step in steps
     ]
     noise = np.linalg.norm(slopes, axis=0)
     small = eigenvalues < NEAR * noise
-    return values - among.of_platform((axes[:, small] * eigenvalues[small]) @ axes[:, small].T)
+    return values - conditions.of_platform((axes[:, small] * eigenvalues[small]) @ axes[:, small].T)

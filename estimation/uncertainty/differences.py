@@ -1,4 +1,4 @@
-"""Whether two estimates differ by more than chance, parameter by parameter and jointly."""
+"""Significance of the difference between two estimates, per parameter and jointly."""
 
 from __future__ import annotations
 
@@ -11,107 +11,119 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 
 FAMILY_LEVEL = 0.01
-"""Probability that any parameter is called different when none is (Holm's correction)."""
+"""Probability of a false alarm for any parameter (Holm's correction)."""
 
 _RANK = 1e-10
-"""Eigenvalues of the difference's correlation below this share of the largest do not count."""
+"""Smallest eigenvalue of the difference's correlation that counts, relative to the largest."""
 
-_TOLD_APART = 3e-2
-"""Variance, relative to that of the estimates, which a difference of estimates from the same data
-is allowed at the least. Products of the noises of forces and lengths, which no linear law holds,
-make up to half a hundredth at 3 mm of length noise on `palida`; and what moves an estimate by less
-than a sixth of its standard deviation takes next to nothing from its intervals."""
+_LEAST_VARIANCE = 3e-2
+"""Smallest variance of a difference of estimates from the same data, relative to the estimates'.
+Products of the noise of forces and lengths, which the linear theory neglects, reach 0.005 at 3 mm
+of length noise on `palida`; and a shift of less than a sixth of the standard deviation hardly
+affects the coverage of intervals."""
 
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """The test of a difference against its covariance."""
+    """Test of a difference against its covariance."""
 
     difference: Array
     std: Array
     z: Array
-    """(m,), second estimate minus first, its standard deviation, and their ratio; NaN where
-    there is none."""
+    """(m,), second estimate minus first, its standard deviation, and their ratio; NaN if not
+    tested."""
     p_values: Array
-    """(m,), two-sided, each corrected for the family (Holm); NaN where not judged."""
+    """(m,), two-sided, corrected for the family (Holm); NaN if not tested."""
     statistic: float
     freedom: float
     p_joint: float
-    """Wald statistic of all parameters together, its degrees of freedom and p-value; 0, 0 and
-    NaN where nothing can be judged."""
+    """Wald statistic of all parameters jointly, its degrees of freedom and p-value; 0, 0 and NaN if
+    there is no test."""
 
     @property
     def differs(self) -> NDArray[np.bool_]:
-        """Parameters whose difference is significant at the family level, (m,)."""
+        """(m,), parameters with a significant difference at the family level."""
         return np.nan_to_num(self.p_values, nan=1.0) < FAMILY_LEVEL
 
     @property
     def differ_jointly(self) -> bool:
-        """True when the parameters as a whole differ at the family level."""
+        """Whether the parameters differ jointly at the family level."""
         return bool(self.p_joint < FAMILY_LEVEL)
 
     @property
     def differ(self) -> bool:
-        """True when they differ jointly, or any parameter does."""
+        """Whether the parameters differ jointly, or any of them does."""
         return self.differ_jointly or bool(np.any(self.differs))
 
 
 def difference_test(
     first: Array, second: Array, covariance: Array, own: Array | None = None
 ) -> Differences:
-    """Test whether two estimates are of the same parameters.
+    """Test whether two estimates have the same expectation.
 
     Parameters
     ----------
     first, second : (m,)
     covariance : (m, m)
-        Of second − first when both estimate the same: the sum of their covariances for estimates
-        from independent data. Rows of zeros belong to fixed parameters, which are not judged.
+        Covariance of second − first under that hypothesis: for independent data the sum of both
+        covariances. Rows of zeros belong to fixed parameters, which are not tested.
     own : (m, m), optional
         For estimates from the same data: the covariance of one of them. Every combination of
-        parameters may then differ by a sixth of its standard deviation; those whose difference is
-        no larger by chance do not count as freedom, and without any freedom a small difference
-        says nothing.
+        parameters may then differ by a sixth of its standard deviation; combinations with smaller
+        random differences do not count as degrees of freedom, and without any degrees of freedom
+        a small difference is not significant.
 
     Notes
     -----
-    Gauss–Markov against maximum likelihood is the test of Hausman (1978) of whether errors of the
-    motion disturb the information matrix: both are of the same data, and the covariance of their
-    difference comes from how these move either of them (`estimation.estimators.influence`); for
-    white noise it is Cov GM − Cov ML.
+    Gauss–Markov against maximum likelihood is the test of Hausman (1978) for the effect of motion
+    errors on the information matrix. Both use the same data, and the covariance of their difference
+    follows from their influences (`estimation.estimators.influence`); for white noise it is
+    Cov GM − Cov ML.
+
+    Examples
+    --------
+    >>> test = difference_test(np.zeros(2), np.array([0.1, 5.0]), np.eye(2))
+    >>> test.differs.tolist(), test.differ
+    ([False, True], True)
     """
     difference = np.asarray(second, dtype=np.float64) - np.asarray(first, dtype=np.float64)
     variance = np.diag(covariance)
-    judged = np.isfinite(variance) & (variance > 0)
+    tested = np.isfinite(variance) & (variance > 0)
     if own is not None:
-        judged &= np.diag(own) > 0
-        variance = np.maximum(variance, _TOLD_APART * np.diag(own))
-    std = np.sqrt(np.where(judged, variance, np.nan))
+        tested &= np.diag(own) > 0
+        variance = np.maximum(variance, _LEAST_VARIANCE * np.diag(own))
+    std = np.sqrt(np.where(tested, variance, np.nan))
     z = difference / std
     p_values = np.full(difference.size, np.nan)
-    p_values[judged] = holm(2 * scipy.stats.norm.sf(np.abs(z[judged])))
+    p_values[tested] = holm(2 * scipy.stats.norm.sf(np.abs(z[tested])))
     statistic, freedom, p_joint = 0.0, 0.0, float("nan")
-    if np.any(judged):
-        unit = std[judged] if own is None else np.sqrt(np.diag(own)[judged])
-        block = covariance[np.ix_(judged, judged)] / np.multiply.outer(unit, unit)
+    if np.any(tested):
+        unit = std[tested] if own is None else np.sqrt(np.diag(own)[tested])
+        block = covariance[np.ix_(tested, tested)] / np.multiply.outer(unit, unit)
         values, vectors = np.linalg.eigh((block + block.T) / 2)
-        along = vectors.T @ (difference[judged] / unit)
-        least = _RANK * values[-1] if own is None else _TOLD_APART
-        told = values > least
+        along = vectors.T @ (difference[tested] / unit)
+        least = _RANK * values[-1] if own is None else _LEAST_VARIANCE
+        distinct = values > least
         if own is None:
-            values, along = values[told], along[told]
-        # Shares of a χ²₁ each: all of it where chance makes the difference, next to nothing else.
+            values, along = values[distinct], along[distinct]
+        # Weights of χ²₁ terms: 1 for differences due to chance, nearly 0 for negligible ones.
         shares = np.clip(values / least, 0.0, 1.0)
         size, square = float(np.sum(shares)), float(np.sum(shares**2))
         if square > 0:
             statistic = float(np.sum(along**2 / np.maximum(values, least))) * size / square
             p_joint = float(scipy.stats.chi2.sf(statistic, size**2 / square))
-            freedom = size**2 / square if np.any(told) else 0.0
+            freedom = size**2 / square if np.any(distinct) else 0.0
     return Differences(difference, std, z, p_values, statistic, freedom, p_joint)
 
 
 def holm(p_values: Array) -> Array:
-    """Return p-values corrected for their number after Holm (1979)."""
+    """Correct p-values for their number after Holm (1979).
+
+    Examples
+    --------
+    >>> holm(np.array([0.04, 0.01])).tolist()
+    [0.04, 0.02]
+    """
     count = p_values.size
     order = np.argsort(p_values)
     raised = np.maximum.accumulate(p_values[order] * np.arange(count, 0, -1))

@@ -1,4 +1,4 @@
-"""Intervals of parameters, which of them the data identify, and combinations of the others."""
+"""Confidence intervals of parameters, and combinations of those that are not identified."""
 
 from __future__ import annotations
 
@@ -21,11 +21,17 @@ LEVEL = 0.95
 
 
 _DECIMALS = 9
-"""Beyond which a number is shown with an exponent."""
+"""Largest number of decimals; smaller numbers are shown with an exponent."""
 
 
 def with_error(value: float, std: float) -> str:
-    """Return ``0.9656 ± 0.0079``: two digits of the standard deviation decide."""
+    """Format a value with two digits of its standard deviation.
+
+    Examples
+    --------
+    >>> with_error(0.96557, 0.00791)
+    '0.9656 ± 0.0079'
+    """
     decimals = 1 - int(np.floor(np.log10(std))) if 0 < std < np.inf else _DECIMALS + 1
     if decimals > _DECIMALS:
         return f"{value:.6g} ± {std:.2g}"
@@ -35,7 +41,7 @@ def with_error(value: float, std: float) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterRow:
-    """One parameter of one estimator: a row of `estimates.csv`."""
+    """Row of `estimates.csv`: one parameter of one estimator."""
 
     estimator: Annotated[str, described("", "ls, gm or ml")]
     parameter: Annotated[str, described("", "name")]
@@ -45,10 +51,10 @@ class ParameterRow:
         OpenNumber, described("see unit", "standard deviation; empty for a fixed parameter")
     ]
     std_random: Annotated[
-        OpenNumber, described("see unit", "share of std that another recording draws anew")
+        OpenNumber, described("see unit", "random part of std: independent in another recording")
     ] = np.nan
     std_systematic: Annotated[
-        OpenNumber, described("see unit", "share of std that the robot's tolerances make")
+        OpenNumber, described("see unit", "part of std due to the robot's tolerances")
     ] = np.nan
     ci_low: Annotated[OpenNumber, described("see unit", "lower end of the 95 % interval")]
     ci_high: Annotated[OpenNumber, described("see unit", "upper end of the 95 % interval")]
@@ -66,7 +72,7 @@ class ParameterRow:
 def parameter_rows(
     robot: Robot, estimate: ParameterEstimate, priors: ParameterPriors
 ) -> list[ParameterRow]:
-    """Return the rows of all parameters."""
+    """Return one row per parameter."""
     scales, widths = robot.scales, interval_widths(estimate.freedom)
     random, systematic = (
         np.sqrt(np.maximum(np.diag(share), 0.0))
@@ -98,7 +104,13 @@ def parameter_rows(
 
 
 def interval_widths(freedom: Array) -> Array:
-    """Return half the widths of 95 % intervals in standard deviations of so much freedom."""
+    """Return half the widths of 95 % intervals in standard deviations, by degrees of freedom.
+
+    Examples
+    --------
+    >>> np.round(interval_widths(np.array([4.0, np.inf])), 3).tolist()
+    [2.776, 1.96]
+    """
     tail = 0.5 + LEVEL / 2
     known = np.isinf(freedom)
     student = scipy.stats.t.ppf(tail, np.where(known, 1.0, freedom))
@@ -106,7 +118,7 @@ def interval_widths(freedom: Array) -> Array:
 
 
 def correlation(covariance: Array) -> Array:
-    """Return the correlation matrix, (m, m); zero where a parameter does not vary."""
+    """Return the correlation matrix, (m, m); zeros for parameters without variance."""
     std = np.sqrt(np.diag(covariance))
     product = np.multiply.outer(std, std)
     return np.divide(covariance, product, out=np.zeros_like(covariance), where=product > 0)
@@ -114,26 +126,29 @@ def correlation(covariance: Array) -> Array:
 
 @dataclass(frozen=True)
 class Combination:
-    """p_other + factor · p_weak, which the data know better than either."""
+    """Combination p_other + factor · p_weak, more precise than either parameter."""
 
     weak: Annotated[str, described("", "the parameter that is not identified")]
-    other: Annotated[str, described("", "the one that it is confounded with most")]
+    other: Annotated[str, described("", "the parameter most correlated with it")]
     factor: Annotated[float, described("SI", "in units of other per unit of weak")]
-    value: Annotated[float, described("SI", "of the combination, in the unit of other")]
+    value: Annotated[float, described("SI", "value of the combination, in the unit of other")]
     std: Annotated[float, described("SI", "standard deviation of the combination")]
     correlation: Annotated[float, described("1", "of the two estimates")]
     identified: Annotated[
-        bool, described("", "the combination is known to half the scale of the other parameter")
+        bool, described("", "std of the combination is below half the scale of the other parameter")
     ] = True
 
     @property
     def text(self) -> str:
-        """In words."""
+        """Description of the combination in words."""
         sign = "+" if self.factor >= 0 else "−"
         sum_ = f"{self.other} {sign} {abs(self.factor):.3g}·{self.weak}"
         known = with_error(self.value, self.std)
         if not self.identified:
-            return f"{self.weak} is not identified, nor is it with {self.other}: {sum_} = {known}"
+            return (
+                f"{self.weak} is not identified, not even in combination with {self.other}: "
+                f"{sum_} = {known}"
+            )
         return f"{self.weak} is not identified; {sum_} is: {known}"
 
     @model_serializer(mode="wrap")
@@ -144,10 +159,10 @@ class Combination:
 def identified_combinations(
     robot: Robot, names: tuple[str, ...], values: Array, covariance: Array
 ) -> tuple[Combination, ...]:
-    """Return, for every parameter that is not identified, the combination that is known best.
+    """Return the most precise combination for every parameter that is not identified.
 
-    The partner is the parameter whose estimate is correlated with it most; the factor is the one
-    that makes the combination uncorrelated with the weak parameter, and its variance smallest.
+    The partner is the parameter with the largest correlation. The factor makes the combination
+    uncorrelated with the weak parameter, which minimises its variance.
     """
     scales = robot.scales
     std = np.sqrt(np.diag(covariance))
@@ -159,7 +174,7 @@ def identified_combinations(
         ratio[k] = 0.0
         j = int(np.argmax(np.abs(ratio)))
         if ratio[j] == 0:
-            continue  # no other parameter is free, or none has to do with it
+            continue  # no other parameter is free or correlated
         factor = -covariance[k, j] / covariance[k, k]
         variance = covariance[j, j] * (1 - ratio[j] ** 2)
         found.append(

@@ -11,7 +11,7 @@ from estimation.identification import estimate
 from estimation.identification.estimator_result import ConsistentKeys
 from estimation.identification.identified_robot import FILE
 from estimation.identification.record import EstimateRecord
-from estimation.uncertainty.consistency import consistent_estimate, tightest
+from estimation.uncertainty.consistency import consistent_estimate, least_favourable
 from expdesign.configuration import load_run
 from expdesign.configuration.sections.estimate import EstimateSection
 from expdesign.mechanism.nearest import Projection
@@ -72,7 +72,7 @@ def test_the_test_begins_where_noise_goes_farthest():
     rng = np.random.default_rng(0)
     # Within 3 σ of its limits: width and breadth of the struts, and two of friction.
     near = truth(p1=0.03, p2=0.94, p3=0.96, r2=0.04, r_beta=0.01)
-    null = tightest(projection, near)
+    null = least_favourable(projection, near)
     assert among.bodies(near) is not None
     assert among.bodies(null, 1e-9) is not None
     place = {name: k for k, name in enumerate(NAMES)}

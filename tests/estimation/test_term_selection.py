@@ -96,7 +96,7 @@ def cost(wide, knowledge, experiments, terms):
 def test_what_a_block_is_worth_is_the_difference_of_two_fits(known_motion, term, others):
     wide, knowledge, experiments, evidence = known_motion
     judge = Judge(evidence, "bic", 0.01)
-    found = judge.tried(term, others)
+    found = judge.try_term(term, others)
     without, with_it = (
         cost(wide, knowledge, experiments, model) for model in (others, (*others, term))
     )
@@ -109,7 +109,7 @@ def test_what_a_block_is_worth_is_the_difference_of_two_fits(known_motion, term,
 
 def test_what_nothing_tells_apart_is_not_counted(known_motion):
     # A mass at the TCP is one of the platform's.
-    found = Judge(known_motion[3], "bic", 0.01).tried("payload", ())
+    found = Judge(known_motion[3], "bic", 0.01).try_term("payload", ())
     assert (found.rank, found.statistic, found.log_p) == (0, 0.0, 0.0)
 
 
@@ -139,7 +139,7 @@ def test_held_out_periods_are_predicted_by_fits_to_the_others(known_motion):
             rest = np.delete(periods, number, axis=0) - columns @ np.linalg.solve(matrix, right)
             total += np.einsum("mri,ij,mrj->", rest, weight, rest)
         errors[terms] = total / len(periods)
-    found = judge.tried("force_offset", ())
+    found = judge.try_term("force_offset", ())
     assert found.held_out == pytest.approx(errors[()] - errors["force_offset",], rel=1e-3)
 
 
@@ -154,7 +154,7 @@ def test_a_block_that_is_not_there_has_the_chi_square_of_chance():
         *_, evidence = evidence_of(configuration, [experiment])
         judge = Judge(evidence, "f", 0.01)
         judge.dispersion = 1.0
-        found.append([judge.tried(term, ()).log_p for term in ("stribeck", "force_offset")])
+        found.append([judge.try_term(term, ()).log_p for term in ("stribeck", "force_offset")])
     p = np.exp(np.array(found)).ravel()
     assert stats.kstest(p, "uniform").pvalue > 1e-4
 
@@ -361,13 +361,13 @@ def test_what_no_candidate_explains_counts_as_noise():
     for each in (data, disturbed):
         experiment = prepare_experiment(configuration, ROBOT, each, MOTION)
         judge = Judge(evidence_of(configuration, [experiment])[-1], "bic", 0.01)
-        found.append((judge.dispersion, judge.tried("stribeck", ()).statistic))
+        found.append((judge.dispersion, judge.try_term("stribeck", ()).statistic))
     (clean, _), (disturbed_by, statistic) = found
     assert clean < 1.2
     # Twelve newtons of amplitude, beside the noise of the means: six of 25 N of noise, 40 periods.
     assert disturbed_by > 2
     judge.dispersion = 1.0
-    assert judge.tried("stribeck", ()).statistic == pytest.approx(disturbed_by * statistic)
+    assert judge.try_term("stribeck", ()).statistic == pytest.approx(disturbed_by * statistic)
 
 
 @dataclass(frozen=True)
@@ -379,7 +379,7 @@ class Recording:
     columns_white: np.ndarray
     samples: float = 1000.0
 
-    def left(self, _):
+    def residual_chi_square(self, _):
         return 1.0, 10_000
 
 
@@ -417,7 +417,7 @@ def test_no_single_step_improves_what_was_chosen(judge):
             continue
         if needs is not None and needs not in chosen:
             continue
-        assert (judge.worth(judge.tried(term, others)) > 0) == (term in chosen)
+        assert (judge.worth(judge.try_term(term, others)) > 0) == (term in chosen)
 
 
 @settings(max_examples=60)
