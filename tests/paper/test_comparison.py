@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from examples.paper.statistics import compare_determinants, mean_difference
+from examples.paper.comparison import compare_determinants, mean_difference
 
 
 def draws(rng, covariance, count):
