@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from expdesign.configuration import load_run
-from expdesign.experiment.setup import design_task
+from expdesign.experiment.setup import plan_search
 from expdesign.solver.feasibility import random_start
 from expdesign.solver.phases import coarse_points
 
@@ -22,10 +22,10 @@ _LONG_ENOUGH = 0.5
 
 def main(repetitions: int) -> None:
     """Write how long each function takes for a sample, `repetitions` times."""
-    task = design_task(load_run("palida"))
-    problem, limits = task.problem, task.problem.limits
+    plan = plan_search(load_run("palida"))
+    problem, limits = plan.problem, plan.problem.limits
     problem.compile()
-    width, level = task.plan.widths[-1], problem.criterion.levels[-1]
+    width, level = plan.widths[-1], problem.criterion.levels[-1]
     points = coarse_points(problem.variables.harmonics)
     x = random_start(problem, np.random.default_rng(0), points, width)
     phases = 2 * np.pi * np.arange(_SAMPLES) / _SAMPLES
@@ -33,7 +33,7 @@ def main(repetitions: int) -> None:
     poses = states[:, :6], states[:, 6:12], states[:, 12:18]
     cost = replace(problem.cost, samples=_SAMPLES)
     functions: dict[str, Callable[[], object]] = {
-        "regressor": lambda: task.evaluator.robot.regressor(*poses),
+        "regressor": lambda: plan.evaluator.robot.regressor(*poses),
         "limits": lambda: limits.smooth_values(states, width),
         "limits with their Jacobian": lambda: limits.smooth_slopes(states, width),
         "cost": lambda: cost.value(x, width, level),

@@ -32,7 +32,7 @@ from estimation.twin import Twin
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration import RunConfiguration, load_run
 from expdesign.configuration.prior import identification_of
-from expdesign.experiment.setup import design_task
+from expdesign.experiment.setup import plan_search
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.robot import robot_from
@@ -61,7 +61,7 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
 def speed(_repetitions: int) -> Iterator[Row]:
     """Yield how long design and estimate take in one process, the machine code already there."""
     run = load_run({**load_run(_RUN).run.model_dump(by_alias=True), "workers": 1})
-    design_task(run).problem.compile()
+    plan_search(run).problem.compile()
     began, busy = time.perf_counter(), _processor_seconds()
     result = expdesign.design(run)
     designed, busy_designing = time.perf_counter(), _processor_seconds()

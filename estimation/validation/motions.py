@@ -14,7 +14,7 @@ from expdesign.configuration.sizes import SAMPLES
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.recheck.certificate import recheck
 from expdesign.robot import LimitModel, Robot
-from expdesign.solver.finish import controller_omega
+from expdesign.solver.finish import round_period
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
 _MIRRORED = {
@@ -57,7 +57,7 @@ def benchmark_motion(motion: BenchmarkMotion, home: Array, step: float) -> Fouri
     fastest = float(np.max(np.linalg.norm(rates[:, :3], axis=1)))
     if not fastest > 0:
         raise ValueError("its poses do not move the TCP: no speed can be kept")
-    omega, _ = controller_omega(motion.speed / fastest, (_SLOWEST, _FASTEST), step)
+    omega, _ = round_period(motion.speed / fastest, (_SLOWEST, _FASTEST), step)
     signs = _MIRRORED[motion.mirror]
     return FourierTrajectory.from_displacements(
         omega,

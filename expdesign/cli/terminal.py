@@ -274,10 +274,10 @@ class SearchDisplay:
 
 def _stage(event: SearchEvent) -> str:
     """Return what stage of a start an event is of, in words."""
-    from expdesign.solver.events import STAGE_TITLES
+    from expdesign.solver.events import PHASE_TITLES
 
     number, count = event.place
-    title = STAGE_TITLES.get(event.phase, event.phase)
+    title = PHASE_TITLES.get(event.phase, event.phase)
     return f"{title} ({number} of {count})" if count > 1 else title
 
 

@@ -27,7 +27,7 @@ from expdesign.experiment.search_statistics import (
     search_statistics,
     search_status,
 )
-from expdesign.experiment.setup import design_task, probe_motion
+from expdesign.experiment.setup import plan_search, probe_motion
 from expdesign.experiment.systematic import systematic_std
 from expdesign.information.fisher import (
     EXCITABLE,
@@ -44,7 +44,7 @@ from expdesign.recheck.information import Evaluator
 from expdesign.recheck.limit_check import POINTS, unlimited, unlimited_warning
 from expdesign.robot import Robot
 from expdesign.solver.finish import FARTHEST
-from expdesign.solver.jobs import DesignTask
+from expdesign.solver.jobs import SearchPlan
 from expdesign.solver.search import NoDesignError, search
 from expdesign.trajectory import FourierTrajectory, fourier_keys
 from expdesign.workers import Monitor
@@ -85,22 +85,22 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         )
     watch = monitor or Monitor()
     report_progress("building the problem")
-    task = design_task(configuration)
-    _refuse_inseparable(task)
-    _refuse_unexcitable(task)
-    workers = min(task.plan.workers, task.plan.starts)
+    plan = plan_search(configuration)
+    _refuse_inseparable(plan)
+    _refuse_unexcitable(plan)
+    workers = min(plan.workers, plan.starts)
     if workers > 1:
         # One process alone does so as soon as it is worth it, and in a small search it never is.
-        task.problem.compile()
+        plan.problem.compile()
     report_progress("the first start" if workers == 1 else f"starting {workers} processes")
     try:
-        found = search(partial(design_task, configuration), task.plan, watch)
+        found = search(partial(plan_search, configuration), plan, watch)
     except NoDesignError as error:
-        _blame_unexcited(task, error)
+        _blame_unexcited(plan, error)
         raise
     report_progress("the precision of the design")
-    trajectory = found.finished.trajectory
-    evaluator, samples = task.evaluator, configuration.run.trajectory.samples
+    trajectory = found.polished.trajectory
+    evaluator, samples = plan.evaluator, configuration.run.trajectory.samples
     information = evaluator.information(trajectory, samples)
     whole_information, total = experiment_information(evaluator, trajectory, configuration)
     periods = configuration.run.experiment.periods
@@ -118,7 +118,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         ),
     )
     robot, section = evaluator.robot, configuration.run.design
-    steps = trajectory.period / task.plan.controller_period
+    steps = trajectory.period / plan.controller_period
     status, status_text = search_status(found)
     return DesignResult(
         **fourier_keys(trajectory),
@@ -138,15 +138,15 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         status_text=status_text,
         solver=search_statistics(found, section.criterion),
         base_parameters=identified_combinations(configuration, evaluator, whole_information),
-        hum=task.plan.hum.distances(trajectory.omega),
+        hum=plan.hum.distances(trajectory.omega),
         warnings=(
             *configuration.warnings,
             *_unlimited(robot, trajectory),
-            *_warnings(configuration, trajectory, task),
+            *_warnings(configuration, trajectory, plan),
             *imprecise(robot, predicted.experiment),
         ),
         motion=SampledMotion.of(robot, trajectory, trajectory.sample_times(round(steps))),
-        checks=found.finished.check.limits,
+        checks=found.polished.check.limits,
         parameters=tuple(parameter_precisions(robot, predicted)),
         iterations=tuple(search_iterations(found)),
         eigenvalues=tuple(scaled_eigenvalues(information, robot.scales[evaluator.columns])),
@@ -159,40 +159,40 @@ def _length_covariance(configuration: RunConfiguration) -> Array | None:
     return None if noise is None else noise.length_covariance
 
 
-def _refuse_inseparable(task: DesignTask) -> None:
+def _refuse_inseparable(plan: SearchPlan) -> None:
     """Fail before anything is searched where no motion of the machine tells parameters apart."""
-    found = structural_base(task.evaluator.robot, task.evaluator.names)
+    found = structural_base(plan.evaluator.robot, plan.evaluator.names)
     if found.regrouped:
         raise SingularInformationError(weak_directions(found), structural=True)
 
 
-def _refuse_unexcitable(task: DesignTask) -> None:
+def _refuse_unexcitable(plan: SearchPlan) -> None:
     """Fail early when random feasible motions are hopelessly far from exciting everything."""
-    problem, best, found = task.problem, 0.0, None
+    problem, best, found = plan.problem, 0.0, None
     for number in track("trial motions within the limits", range(_PROBES)):
-        trajectory = probe_motion(problem, task.plan, number)
-        scaled = ScaledInformation.of(task.evaluator.information(trajectory, problem.cost.samples))
+        trajectory = probe_motion(plan, number)
+        scaled = ScaledInformation.of(plan.evaluator.information(trajectory, problem.cost.samples))
         values = scaled.eigenvalues()
         ratio = max(float(values[0] / values[-1]), 0.0) if values[-1] > 0 else 0.0
         if found is None or ratio > best:
             best, found = ratio, scaled
     if found is not None and best < _HOPELESS * EXCITABLE:
-        raise SingularInformationError(found.weak_directions(task.evaluator.names))
+        raise SingularInformationError(found.weak_directions(plan.evaluator.names))
 
 
-def _blame_unexcited(task: DesignTask, error: NoDesignError) -> None:
+def _blame_unexcited(plan: SearchPlan, error: NoDesignError) -> None:
     """Raise `SingularInformationError` if that is why none of the starts has a result."""
     informations = [
         ScaledInformation.of(
-            task.evaluator.information(
-                task.problem.variables.trajectory(start.variables), task.problem.cost.samples
+            plan.evaluator.information(
+                plan.problem.variables.trajectory(start.variables), plan.problem.cost.samples
             )
         )
         for start in error.starts
         if np.all(np.isfinite(start.variables))
     ]
     if informations and all(scaled.is_singular() for scaled in informations):
-        fewest = min((s.weak_directions(task.evaluator.names) for s in informations), key=len)
+        fewest = min((s.weak_directions(plan.evaluator.names) for s in informations), key=len)
         raise SingularInformationError(fewest) from error
 
 
@@ -204,12 +204,12 @@ def _unlimited(robot: Robot, trajectory: FourierTrajectory) -> tuple[str, ...]:
 
 
 def _warnings(
-    configuration: RunConfiguration, trajectory: FourierTrajectory, task: DesignTask
+    configuration: RunConfiguration, trajectory: FourierTrajectory, plan: SearchPlan
 ) -> tuple[str, ...]:
     found = []
-    steps = trajectory.period / task.plan.controller_period
+    steps = trajectory.period / plan.controller_period
     if whole(steps) is None:
-        step = task.plan.controller_period
+        step = plan.controller_period
         slower, faster = (1 / (count * step) for count in (math.ceil(steps), math.floor(steps)))
         found.append(
             f"the frequency is fixed, and its period is {steps:.6g} controller steps, not a whole "
@@ -221,16 +221,16 @@ def _warnings(
         f"the hum of {one.frequency:g} Hz is {one.lines:.2g} lines of the record from multiple "
         f"{one.multiple} of the motion's frequency: it repeats in every period and biases the "
         "parameters, and no scatter between periods shows it. "
-        + _no_way_around(configuration, task)
-        for one in task.plan.hum.distances(trajectory.omega)
+        + _no_way_around(configuration, plan)
+        for one in plan.hum.distances(trajectory.omega)
         if not one.kept
     ]
     return tuple(found)
 
 
-def _no_way_around(configuration: RunConfiguration, task: DesignTask) -> str:
+def _no_way_around(configuration: RunConfiguration, plan: SearchPlan) -> str:
     """Return why the frequency does not keep away from a hum, and what would help."""
-    if task.plan.hum.periods < _FEWEST_PERIODS:
+    if plan.hum.periods < _FEWEST_PERIODS:
         return f"Measure {_FEWEST_PERIODS} periods or more"
     low, high = configuration.run.trajectory.frequency
     if low == high:

@@ -86,22 +86,22 @@ def search_statistics(search: SearchResult, criterion: str) -> SearchStatistics:
     criterion : str
         Key of the criterion, whose values are stated in its own sign.
     """
-    finish = search.finished.record
-    stages = [stage for start in search.starts for stage in start.stages]
-    stages += [] if finish is None else [finish]
+    finish = search.polished.phase
+    phases = [phase for start in search.starts for phase in start.phases]
+    phases += [] if finish is None else [finish]
     evaluations: Counter[str] = Counter()
-    for stage in stages:
-        evaluations.update(stage.evaluations)
+    for phase in phases:
+        evaluations.update(phase.evaluations)
     sign = 1 if CRITERIA[criterion].larger_is_better else -1
     return SearchStatistics(
         name="dense interior point, then Ipopt through CasADi",
-        iterations=sum(stage.iterations for stage in stages),
+        iterations=sum(phase.iterations for phase in phases),
         evaluations=dict(evaluations),
         seconds=search.seconds,
         cpu_seconds=search.cpu_seconds,
         best_start=search.best.index,
         finish={
-            "shrink": search.finished.shrink,
+            "shrink": search.polished.shrink,
             "record": None if finish is None else asdict(finish),
         },
         starts=tuple(_summary(start, search, sign) for start in search.starts),
@@ -114,23 +114,30 @@ def _summary(start: StartResult, search: SearchResult, sign: int) -> StartSummar
         index=start.index,
         kind=start.kind,
         criterion_value=sign * start.merit if start.usable else np.nan,
-        finished_value=sign * search.finished_merits.get(start.index, np.nan),
+        finished_value=sign * search.merits.get(start.index, np.nan),
         iterations=start.iterations,
         converged=start.converged,
         status=start.status,
         best=start.index == search.best.index,
         seconds=start.seconds,
-        stages=tuple(asdict(stage) for stage in start.stages),
+        stages=tuple(asdict(phase) for phase in start.phases),
     )
 
 
 def search_iterations(search: SearchResult) -> Iterator[Iteration]:
     """Yield the iterations of every start; those of the finish follow the ones of its start."""
     for start in search.starts:
-        finish = search.finished.trace if start is search.best else ()
+        finish = search.polished.trace if start is search.best else ()
         further = (replace(p, iteration=start.iterations + p.iteration) for p in finish)
         for point in (*start.trace, *further):
-            yield Iteration(start.index, start.kind, **asdict(point))
+            yield Iteration(
+                start=start.index,
+                kind=start.kind,
+                stage=point.phase,
+                iteration=point.iteration,
+                objective=point.objective,
+                violation=point.violation,
+            )
 
 
 def search_status(search: SearchResult) -> tuple[str, str]:
@@ -138,10 +145,10 @@ def search_status(search: SearchResult) -> tuple[str, str]:
 
     The status is ``"limits broken"``, ``"interrupted"``, ``"converged"`` or ``"not converged"``.
     """
-    finish = search.finished.record
+    finish = search.polished.phase
     end = "not solved again" if finish is None else status_text(finish.status)
     text = f"start: {search.best.status}; finish: {end}"
-    if not search.finished.check.passed:
+    if not search.polished.check.passed:
         return "limits broken", text
     if search.interrupted:
         return "interrupted", text

@@ -21,12 +21,12 @@ from scipy.optimize import nnls
 
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
-from expdesign.experiment.setup import design_task
+from expdesign.experiment.setup import plan_search
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.recheck.limit_check import local_worst
 from expdesign.robot import LimitModel
-from expdesign.solver.jobs import DesignTask
-from expdesign.solver.phases import finish_stage, run_stage
+from expdesign.solver.jobs import SearchPlan
+from expdesign.solver.phases import finish_phase, solve_phase
 from expdesign.trajectory import FourierTrajectory
 
 FREQUENCY = "frequency"
@@ -66,21 +66,21 @@ def limit_sensitivity(
     configuration: RunConfiguration, trajectory: FourierTrajectory
 ) -> LimitSensitivity:
     """Return what every limit costs a design of this run."""
-    task = design_task(configuration)
-    problem, plan = task.problem, task.plan
-    stage = replace(finish_stage(problem, plan.widths, plan.iterations), radius=_RADIUS)
-    x, _ = run_stage(problem, stage, problem.variables.pack(trajectory), lambda *_: True)
-    return _sensitivity(task, x, _NEAR)
+    plan = plan_search(configuration)
+    problem = plan.problem
+    phase = replace(finish_phase(problem, plan.widths, plan.iterations), radius=_RADIUS)
+    x, _ = solve_phase(problem, phase, problem.variables.pack(trajectory), lambda *_: True)
+    return _sensitivity(plan, x, _NEAR)
 
 
-def sensitivity_at_design(task: DesignTask, trajectory: FourierTrajectory) -> LimitSensitivity:
+def sensitivity_at_design(plan: SearchPlan, trajectory: FourierTrajectory) -> LimitSensitivity:
     """Return about what every limit costs a finished design of a run, without another solve."""
-    return _sensitivity(task, task.problem.variables.pack(trajectory), _NEAR_A_DESIGN)
+    return _sensitivity(plan, plan.problem.variables.pack(trajectory), _NEAR_A_DESIGN)
 
 
-def _sensitivity(task: DesignTask, x: Array, near: float) -> LimitSensitivity:
-    problem = task.problem
-    width, level = task.plan.widths[-1], problem.criterion.levels[-1]
+def _sensitivity(plan: SearchPlan, x: Array, near: float) -> LimitSensitivity:
+    problem = plan.problem
+    width, level = plan.widths[-1], problem.criterion.levels[-1]
     _, slope = problem.cost.gradient(x, width, level)
     held = _active_rows(problem, x, width, near)
     multipliers, unexplained = balance(slope, held.slopes)

@@ -23,15 +23,23 @@ from expdesign.recheck.information import Evaluator
 from expdesign.robot import Robot, robot_from
 from expdesign.solver.feasibility import InfeasibleLimitsError, random_start
 from expdesign.solver.finish import KnownHum
-from expdesign.solver.jobs import DesignTask, SearchPlan
+from expdesign.solver.jobs import SearchPlan
 from expdesign.solver.phases import coarse_points
 from expdesign.trajectory import FourierTrajectory
 
 _PROBE_ATTEMPTS = 8
 
 
-def design_task(configuration: RunConfiguration) -> DesignTask:
-    """Build problem, evaluator and plan of a run; every worker process does it once."""
+def plan_search(configuration: RunConfiguration) -> SearchPlan:
+    """Return the problem and the plan of a run's search; every worker process builds it once.
+
+    Examples
+    --------
+    >>> from expdesign import load_run
+    >>> plan = plan_search(load_run("palida-quick"))
+    >>> plan.starts, plan.problem.variables.size
+    (1, 31)
+    """
     run = configuration.run
     robot = robot_from(configuration.robot)
     names = judged_parameters(configuration, robot)
@@ -52,7 +60,10 @@ def design_task(configuration: RunConfiguration) -> DesignTask:
     problem = problem.with_noise(memory).with_prior(prior, scaling)
     if run.design.start == "rest":
         problem = problem.with_variables(rest=True)
+    evaluator = Evaluator(robot, covariance, criterion, scaling, names, memory, prior)
     plan = SearchPlan(
+        problem=problem,
+        evaluator=evaluator,
         starts=run.design.starts,
         hops=run.design.hops if run.design.search == "hopping" else 0,
         seed=run.design.seed,
@@ -64,23 +75,24 @@ def design_task(configuration: RunConfiguration) -> DesignTask:
         scheduler=run.scheduler,
         max_seconds=run.design.max_seconds,
     )
-    evaluator = Evaluator(robot, covariance, criterion, scaling, names, memory, prior)
-    return DesignTask(_well_scaled(problem, evaluator, plan), evaluator, plan)
+    return replace(plan, problem=_rescale(plan))
 
 
-def _well_scaled(problem: DesignProblem, evaluator: Evaluator, plan: SearchPlan) -> DesignProblem:
-    """Give the problem a scaling in which a random motion's F has a unit diagonal.
+def _rescale(plan: SearchPlan) -> DesignProblem:
+    """Return the problem in a scaling in which a random motion's F has a unit diagonal.
 
-    log det F does not depend on the scaling, but the digits that its eigenvalues keep do.
+    log det F does not depend on the scaling, but the accuracy of its eigenvalues does.
     """
-    information = evaluator.whole_information(probe_motion(problem, plan, 0), problem.cost.samples)
+    problem = plan.problem
+    information = plan.evaluator.whole_information(probe_motion(plan, 0), problem.cost.samples)
     sizes = np.sqrt(np.diag(information) / problem.cost.samples)
     scaling = 1 / np.where(sizes > 0, sizes, 1.0)
     return replace(problem, even_scaling=scaling).with_criterion(problem.criterion)
 
 
-def probe_motion(problem: DesignProblem, plan: SearchPlan, number: int) -> FourierTrajectory:
-    """Return one of a few random feasible motions that no start uses."""
+def probe_motion(plan: SearchPlan, number: int) -> FourierTrajectory:
+    """Return a random feasible motion that no start of the search uses."""
+    problem = plan.problem
     points = coarse_points(problem.variables.harmonics)
     for attempt in range(_PROBE_ATTEMPTS):
         rng = np.random.default_rng(
@@ -99,10 +111,10 @@ def probe_motion(problem: DesignProblem, plan: SearchPlan, number: int) -> Fouri
 def prior_machine(
     configuration: RunConfiguration, robot: Robot, names: tuple[str, ...]
 ) -> PriorMachine | None:
-    """Return what `design.prior` knows of the robot; None without one.
+    """Return the prior knowledge of the robot by `design.prior`; None without one.
 
-    The experiment's samples are those at the highest frequency that is allowed: motions are
-    compared at the same measuring time.
+    The number of samples is that at the highest allowed frequency: motions are compared for the
+    same measuring time.
     """
     machine = configuration.run.design.prior
     if machine is None:
@@ -114,7 +126,13 @@ def prior_machine(
 
 
 def force_covariance(configuration: RunConfiguration) -> Array:
-    """Return Σ, (6, 6), N²; refuse a run that states no noise of the forces."""
+    """Return Σ, (6, 6), N².
+
+    Raises
+    ------
+    InputError
+        The run states no noise of the forces.
+    """
     noise = configuration.robot.noise
     if noise is None or noise.force_covariance is None:
         raise InputError(
@@ -127,7 +145,7 @@ def force_covariance(configuration: RunConfiguration) -> Array:
 
 
 def force_memory(configuration: RunConfiguration) -> PeriodicNoise | None:
-    """Return the noise of the forces in the run's experiment; None where it is white."""
+    """Return the coloured noise of the forces in the run's experiment; None: white."""
     noise, experiment = configuration.robot.noise, configuration.run.experiment
     if noise is None or noise.force_spectrum is None:
         return None
@@ -135,7 +153,7 @@ def force_memory(configuration: RunConfiguration) -> PeriodicNoise | None:
 
 
 def known_hum(configuration: RunConfiguration) -> KnownHum:
-    """Return the hums that the run's noise has, in forces or lengths, and the run's periods."""
+    """Return the hums in the run's noise, of forces or lengths, and the number of periods."""
     noise = configuration.robot.noise
     spectra = () if noise is None else (noise.force_spectrum, noise.length_spectrum)
     frequencies = {

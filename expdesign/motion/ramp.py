@@ -14,7 +14,7 @@ from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.motion.limits import enclosed, moving_states
 from expdesign.motion.ramp_problem import RampProblem, RampProgram
 from expdesign.motion.spline import SplineRamp
-from expdesign.problem.design_problem import hidden_by_smoothing
+from expdesign.problem.design_problem import smoothing_gap
 from expdesign.progress import report_progress
 from expdesign.recheck.certificate import certify
 from expdesign.recheck.limit_check import TOLERANCE, LimitCheck, local_worst, worst_sampled
@@ -257,7 +257,7 @@ def _critical_rows(problem: RampProblem, x: Array, width: float) -> tuple[Mask, 
     states = problem.states(x, problem.basis(fine))
     exact = limits.violations(states)
     reach = _FINE // (2 * _POINTS)
-    hidden = hidden_by_smoothing(limits, states, exact, width, reach, periodic=False)
+    hidden = smoothing_gap(limits, states, exact, width, reach, periodic=False)
     margins = _capped(problem, x, fine, width, np.minimum(hidden + RESERVE, _LARGEST_MARGIN))
     peaks = local_worst(exact, periodic=False) & (exact > -_NEAR_PEAK)
     regular = np.zeros(len(fine), dtype=bool)

@@ -18,7 +18,7 @@ from expdesign.motion.spline import (
     reversed_in_time,
     scaled_derivatives,
 )
-from expdesign.problem.design_problem import LimitedProgram
+from expdesign.problem.design_problem import Program
 from expdesign.problem.path_slope import PathSlope
 from expdesign.robot import LimitModel
 
@@ -106,7 +106,7 @@ class RampProblem:
         return PathSlope(own, self.scale, timed * self.time_scale)
 
 
-class RampProgram(LimitedProgram):
+class RampProgram(Program):
     """One nonlinear program of a ramp.
 
     Minimised is the duration plus a little of the squared third derivative over the spline's own

@@ -1,5 +1,1 @@
-"""The design as a nonlinear program: stated here, solved elsewhere."""
-
-from expdesign.problem.design_problem import DesignProblem, build_problem
-
-__all__ = ["DesignProblem", "build_problem"]
+"""The design as a nonlinear program: variables, objective and rows of limits."""

@@ -23,16 +23,16 @@ from expdesign.problem.variables import DesignVariables
 from expdesign.trajectory import PhaseBasis
 
 _AT_ONCE = 64
-"""Samples whose derivatives are in memory together: 0.1 MB each, of 20 000 samples 2 GB."""
+"""Samples whose derivatives are held in memory together: 0.1 MB each."""
 
 
 _TRIANGLE = ca.Sparsity.lower(COORDINATES)
 
 
 def _factor(graph: HexapodGraph) -> tuple[ca.SX, list[ca.SX]]:
-    """Return S⁻¹A, (6, m), smoothed, and what it depends on beside the state.
+    """Return the smoothed S⁻¹A, (6, m), and its inputs other than the state.
 
-    S⁻¹ is a lower triangle, given column after column.
+    The last input is the lower triangle of S⁻¹, column after column.
     """
     white = ca.SX.sym("white", _TRIANGLE.nnz())
     factor = ca.mtimes(ca.SX(_TRIANGLE, white), graph.regressor_with(Friction.SMOOTH))
@@ -57,13 +57,13 @@ def _slope_kernel(terms: tuple[Term, ...]) -> Graph:
 
 
 @kernel
-def _pulled_kernel(terms: tuple[Term, ...]) -> Graph:
-    """State (18), weights (6 m) → what the weighted sum of S⁻¹A's elements changes by (18)."""
+def _gradient_kernel(terms: tuple[Term, ...]) -> Graph:
+    """State (18), weights (6 m) → gradient of the weighted sum of S⁻¹A's elements (18)."""
     graph = hexapod_graph(terms)
     factor, fixed = _factor(graph)
     weights = ca.SX.sym("weight", factor.numel())
-    pulled = ca.jtimes(ca.vec(factor.T), graph.state, weights, True)
-    return Graph("regressor_pulled", [graph.state, weights], fixed, [pulled])
+    gradient = ca.jtimes(ca.vec(factor.T), graph.state, weights, True)
+    return Graph("regressor_pulled", [graph.state, weights], fixed, [gradient])
 
 
 @dataclass(frozen=True)
@@ -72,20 +72,20 @@ class InformationCost:
 
     terms: tuple[Term, ...]
     machine: Array
-    """(g,), geometry and constants, the graph's input."""
+    """(g,), geometry and constants, an input of the graph."""
     variables: DesignVariables
     covariance: Array
     """(6, 6), full Σ of the force noise, N²."""
     columns: NDArray[np.intp]
-    """(k,), columns of A whose F is judged: all of them with a prior."""
+    """(k,), columns of A in the judged F: all of them with a prior."""
     scaling: Array
-    """(k,), every column of A is multiplied by it."""
+    """(k,), factors of the columns of A."""
     criterion: Criterion
     samples: int
     memory: PeriodicNoise | None = None
-    """The noise where it is not white: then in place of Σ."""
+    """Coloured noise, which replaces Σ; None: white."""
     prior: PriorMachine | None = None
-    """What is known before: the criterion then judges the information of the change alone."""
+    """Prior knowledge of the machine: the criterion then judges the change of parameters alone."""
 
     @cached_property
     def basis(self) -> PhaseBasis:
@@ -113,7 +113,7 @@ class InformationCost:
         """Return cost, gradient (z,) and positive semidefinite Gauss–Newton Hessian (z, z)."""
         states = self.variables.states(variables, self.basis)
         factor = self._factor(states, width)
-        cost, directions = self._judged(factor, variables, level)
+        cost, directions = self._criterion(factor, variables, level)
         weighted = self._weighted(factor, self._omega(variables))
         count, actuators, m = weighted.shape
         # In the eigenbasis: one factor rotated here, the other after the sum over the samples.
@@ -127,7 +127,7 @@ class InformationCost:
             # ∂A/∂state, (samples, 18, 6, m)
             by_state = flat.reshape(len(flat), -1, actuators, m)
             products = np.matmul(rotated[block, None], by_state).reshape(len(flat), -1, k * m)
-            summed += slope.part(block).accumulated(products)
+            summed += slope.part(block).transposed_products(products)
         half = np.matmul(directions.T / count, summed.reshape(-1, k, m).transpose(0, 2, 1))
         change = half + half.transpose(0, 2, 1)
         if self.memory is not None:
@@ -141,30 +141,31 @@ class InformationCost:
         return cost.value, gradient, hessian
 
     def gradient(self, variables: Array, width: float, level: float) -> tuple[float, Array]:
-        """Return cost and gradient (z,) alone, by one sweep in reverse in place of a Jacobian."""
+        """Return cost and gradient (z,) alone, by one reverse sweep instead of a Jacobian."""
         states = self.variables.states(variables, self.basis)
         factor = self._factor(states, width)
-        cost, directions = self._judged(factor, variables, level)
+        cost, directions = self._criterion(factor, variables, level)
         # tr(∂cost/∂F dF) = Σ 2 (S⁻¹A ∂cost/∂F) : d(S⁻¹A), and so with the noise's own weights.
         by_information = (directions * cost.slope) @ directions.T
         omega = self._omega(variables)
         weighted = factor if self.memory is None else self.memory.weighted(factor, omega)
         by_factor = weighted.reshape(-1, len(directions)) @ (by_information * (2 / len(factor)))
         flat = by_factor.reshape(len(factor), -1)
-        (by_state,) = _pulled_kernel(self.terms)(
+        (by_state,) = _gradient_kernel(self.terms)(
             states, flat, *self._fixed(width), self._white_rows
         )
         slope = self.variables.slope(variables, self.basis)
-        summed = slope.pulled(by_state)
+        summed = slope.transposed_product(by_state)
         if self.memory is not None:
             summed[-1] += np.sum(by_information * self._spectrum_slope(weighted, variables))
         return cost.value, summed
 
-    def _judged(self, factor: Array, variables: Array, level: float) -> tuple[SpectralCost, Array]:
-        """Return the criterion's derivatives, and the eigenbasis of what it judges.
+    def _criterion(
+        self, factor: Array, variables: Array, level: float
+    ) -> tuple[SpectralCost, Array]:
+        """Return the criterion's derivatives, and the eigenbasis of the judged information.
 
-        The latter, (m, k), is that of the scaled columns which are judged, so that of all columns
-        as they are.
+        The basis, (m, k), is multiplied by the scaling: it applies to all columns of A, unscaled.
         """
         information = self._information(factor, self._omega(variables))
         if self._scaled_prior is None:
@@ -176,12 +177,12 @@ class InformationCost:
         return cost, directions
 
     def compile(self) -> None:
-        """Make the machine code of what the search evaluates, where it can be made."""
-        for made in (_factor_kernel, _slope_kernel, _pulled_kernel):
+        """Compile everything that the search evaluates, if there is a compiler for it."""
+        for made in (_factor_kernel, _slope_kernel, _gradient_kernel):
             made(self.terms).compile()
 
-    def readable(self, cost: float) -> float:
-        """Return the criterion that a cost stands for: F over all samples, SI for ``d``."""
+    def criterion_value(self, cost: float) -> float:
+        """Return the criterion of F over all samples that corresponds to a cost; SI for ``d``."""
         judged = self.scaling if self.prior is None else self.scaling[self.prior.changed]
         log_scale = float(np.sum(np.log(judged)))
         return self.criterion.from_cost(cost, judged.size, self.samples, log_scale)
@@ -192,7 +193,7 @@ class InformationCost:
 
     @cached_property
     def _white(self) -> Array:
-        """S⁻¹ of the white noise; noise with a memory is not whitened sample by sample."""
+        """S⁻¹ of white noise; coloured noise is not whitened sample by sample."""
         return np.eye(COORDINATES) if self.memory is not None else whitening(self.covariance)
 
     @cached_property
@@ -207,12 +208,12 @@ class InformationCost:
         return float(variables[-1] * self.variables.omega_scale)
 
     def _factor(self, states: Array, width: float) -> Array:
-        """Return A at every state, (N, 6, m), whitened if the noise has no memory."""
+        """Return A at every state, (N, 6, m), whitened for white noise."""
         (factor,) = _factor_kernel(self.terms)(states, *self._fixed(width), self._white_rows)
         return factor
 
     def _information(self, factor: Array, omega: float) -> Array:
-        """Return the scaled F per sample, (k, k), of what `_factor` returns."""
+        """Return the scaled F per sample, (k, k), from the result of `_factor`."""
         if self.memory is not None:
             information = self.memory.information(factor, omega) / len(factor)
         else:
@@ -228,7 +229,7 @@ class InformationCost:
         return np.matmul(self._white.T, factor)
 
     def _spectrum_slope(self, weighted: Array, variables: Array) -> Array:
-        """Return what the scaled ω changes F per sample by through the spectrum alone, (m, m)."""
+        """Return the derivative of F per sample to the scaled ω through the spectrum, (m, m)."""
         if self.memory is None:
             return np.zeros((weighted.shape[2],) * 2)
         slope = self.memory.slope(weighted, self._omega(variables))

@@ -1,6 +1,6 @@
-"""The design problem and its nonlinear program: variables, objective and limits, not solved here.
+"""The design problem and its nonlinear program: variables, objective and limits.
 
-The rows of limits are the same for every program along a motion: ramps have them too.
+`Program` states the limit rows of any motion along a path, the ramps' too. Solvers are elsewhere.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Protocol, Self
+from typing import Any, Protocol
 
 import numpy as np
 import scipy
@@ -18,20 +18,20 @@ from expdesign.information.criteria import Criterion
 from expdesign.information.fisher import PeriodicNoise
 from expdesign.information.prior import PriorMachine
 from expdesign.problem.cost import InformationCost
-from expdesign.problem.path_slope import LinearRows, PathSlope, Rows
+from expdesign.problem.path_slope import LinearRows, PathSlope, RowIndex
 from expdesign.problem.variables import DesignVariables, coordinate_reach
 from expdesign.robot import LimitModel, Robot
 from expdesign.trajectory import PhaseBasis
 
 _FEWER, _LEAST = 3, 16
-"""Samples of the cost for one in its Hessian, and how many that has at least. With all of them it
-is the dearest part of an iteration, and searches end no better (240 starts of `palida` for `d`; 24
-to 48 for the other criteria and for 1 to 12 harmonics)."""
+"""Samples of the cost per sample of its Hessian, and the Hessian's smallest number of samples. With
+all samples the Hessian is the most expensive part of an iteration, and searches end no better (240
+starts of `palida` for `d`; 24 to 48 for the other criteria and for 1 to 12 harmonics)."""
 
 
 @dataclass(frozen=True)
 class DesignProblem:
-    """What is to be designed, for one robot."""
+    """Limits, smoothed objective and variables of the design for one robot."""
 
     limits: LimitModel
     cost: InformationCost
@@ -39,8 +39,8 @@ class DesignProblem:
     names: tuple[str, ...]
     """Parameters that the criterion judges."""
     even_scaling: Array | None = None
-    """As the cost's scaling, gives F of a typical motion a unit diagonal: for criteria that do not
-    depend on the scaling, but keep more digits in this one."""
+    """Scaling in which F of a typical motion has a unit diagonal. Criteria that do not depend on
+    the scaling keep more digits in this one."""
 
     @property
     def robot(self) -> Robot:
@@ -63,20 +63,20 @@ class DesignProblem:
         return replace(self, cost=replace(self.cost, variables=variables))
 
     def with_criterion(self, criterion: Criterion) -> DesignProblem:
-        """Return the same problem with another criterion, evenly scaled if it may be."""
+        """Return the same problem with another criterion, evenly scaled if the criterion allows."""
         cost = replace(self.cost, criterion=criterion)
         if criterion.invariant and self.even_scaling is not None:
             cost = replace(cost, scaling=self.even_scaling)
         return replace(self, cost=cost)
 
     def with_noise(self, memory: PeriodicNoise | None) -> DesignProblem:
-        """Return the same problem under noise that is not white; None: white."""
+        """Return the same problem for coloured noise; None: white."""
         return replace(self, cost=replace(self.cost, memory=memory))
 
     def with_prior(self, prior: PriorMachine | None, scaling: Array) -> DesignProblem:
-        """Return the same problem for what its parameters have changed by; None: no prior.
+        """Return the same problem for the change of its parameters; None: no prior.
 
-        `scaling`, (m,), is that of all parameters.
+        `scaling`, (m,), applies to all parameters.
         """
         if prior is None:
             return self
@@ -84,7 +84,7 @@ class DesignProblem:
         return replace(self, cost=replace(self.cost, columns=every, scaling=scaling, prior=prior))
 
     def compile(self) -> None:
-        """Make the machine code of everything that a search evaluates, for all its processes."""
+        """Compile everything that a search evaluates, for all its processes."""
         self.limits.compile()
         self.cost.compile()
 
@@ -105,20 +105,31 @@ class DesignProblem:
         level: float,
         samples: int,
         margins: Array | None = None,
-    ) -> LimitedProgram:
+        box: tuple[Array, float | None] | None = None,
+    ) -> Program:
         """Return the nonlinear program with the rows of a mask, (K, R), at phases ωt, (K,), rad.
 
-        Dry friction is smoothed by `width`, m/s; `level` is the sharpness of the criterion's
-        surrogate; `samples` are those of one period in the cost, a third of them in its Hessian.
-        The natural bounds are drawn in by `margins`, (K, R), shares of their ranges.
+        Parameters
+        ----------
+        width : float
+            Smoothing of dry friction, m/s.
+        level : float
+            Sharpness of the criterion's surrogate.
+        samples : int
+            Samples of one period in the cost; its Hessian has a third of them.
+        margins : (K, R), optional
+            Reduction of the natural bounds, as shares of their ranges.
+        box : ((z,), float or None), optional
+            Centre and half-width of a box about the variables; None: no box.
         """
         used = np.any(mask, axis=1)
         basis = PhaseBasis.at(phases[used], self.variables.harmonics)
         margins = None if margins is None else margins[used]
         bounds = self.variables.bounds()
-        program = LimitedProgram(
-            self.limits, self.variables, basis, mask[used], width, bounds, margins
-        )
+        center, radius = box or (None, None)
+        if center is not None and radius is not None:
+            bounds = np.maximum(bounds[0], center - radius), np.minimum(bounds[1], center + radius)
+        program = Program(self.limits, self.variables, basis, mask[used], width, bounds, margins)
         cost = replace(self.cost, samples=samples)
         program.cost = partial(cost.value, width=width, level=level)
         program.cost_gradient = partial(cost.gradient, width=width, level=level)
@@ -137,7 +148,7 @@ class DesignProblem:
 
 
 class Path(Protocol):
-    """How a motion follows from its variables; `points` say where on it one looks."""
+    """A motion as a function of its variables, evaluated at points along it."""
 
     def states(self, variables: Array, points: Any) -> Array:
         """Return the states (K, 18), or (K, 24) with the pose's third derivative, at points."""
@@ -146,7 +157,7 @@ class Path(Protocol):
         """Return the derivatives of those states to the variables (z,)."""
 
 
-class LimitedProgram:
+class Program:
     """Minimise f(x) subject to lower ≤ x ≤ upper and row_lower ≤ g(x) ≤ row_upper, g the limits.
 
     Attributes
@@ -159,13 +170,13 @@ class LimitedProgram:
     points
         K points of the path.
     mask : (K, R) of bool
-        Which limit holds at which point: the rows that the program contains.
+        Rows of the program: limits by points.
     width : float
         Smoothing of dry friction, m/s.
     bounds : ((z,), (z,))
         Of the variables.
     margins : (K, R), optional
-        How far the natural bounds are drawn in, as shares of their ranges.
+        Reduction of the natural bounds, as shares of their ranges.
     """
 
     cost: Callable[[Array], float]
@@ -184,19 +195,12 @@ class LimitedProgram:
     ) -> None:
         self._limits, self._path, self._points, self._mask = limits, path, points, mask
         self._width = width
-        self._rows = Rows.of(mask, limits.scale)
+        self._rows = RowIndex.of(mask, limits.scale)
         self.row_lower, self.row_upper = (
             np.broadcast_to(side, mask.shape)[mask] / self._rows.scale
             for side in limits.smooth_bounds(margins)
         )
         self.lower, self.upper = bounds
-
-    def within(self, center: Array, radius: float | None) -> Self:
-        """Confine the variables to a box about a point; None leaves them free."""
-        if radius is not None:
-            self.lower = np.maximum(self.lower, center - radius)
-            self.upper = np.minimum(self.upper, center + radius)
-        return self
 
     def rows(self, x: Array) -> Array:
         """Return the scaled limit rows."""
@@ -211,31 +215,38 @@ class LimitedProgram:
         return LinearRows(scaled, self._path.slope(x, self._points), slopes, self._rows)
 
     def excess(self, x: Array) -> float:
-        """Return how far the rows are broken at most, in the program's own scaling."""
+        """Return the largest violation of a row, in the program's own scaling."""
         worst = largest_excess(self.rows(x), self.row_lower, self.row_upper)
         return worst if np.isfinite(worst) else np.inf
 
 
 def largest_excess(values: Array, lower: Array, upper: Array) -> float:
-    """Return how far values are beyond their bounds at most; 0 where none is."""
+    """Return the largest excess of values over their bounds; 0 within them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> largest_excess(np.array([0.0, 2.5]), np.zeros(2), np.array([1.0, 2.0]))
+    0.5
+    """
     return float(np.max(np.maximum(lower - values, values - upper), initial=0.0))
 
 
-def hidden_by_smoothing(
+def smoothing_gap(
     limits: LimitModel, states: Array, exact: Array, width: float, reach: int, *, periodic: bool
 ) -> Array:
-    """Return how far smoothed violations are below the unsmoothed, `exact`, at most, (N, R) each.
+    """Return the largest excess of the exact violations over the smoothed ones, (N, R).
 
-    Within `reach` states to either side: that covers the jumps of dry friction where a sign
-    changes. It is zero for rows that are bounded on one side only.
+    The maximum is taken over `reach` states to either side: that covers the jumps of dry friction
+    at sign changes. It is zero for rows with a single bound.
     """
     smooth = limits.smooth_violations(states, width)
     comparable = limits.two_sided & np.isfinite(exact) & np.isfinite(smooth)
     excess = np.subtract(exact, smooth, out=np.zeros_like(exact), where=comparable)
     mode = "wrap" if periodic else "nearest"
     size = 2 * reach + 1
-    hidden: Array = scipy.ndimage.maximum_filter1d(np.maximum(excess, 0), size, axis=0, mode=mode)
-    return hidden
+    gap: Array = scipy.ndimage.maximum_filter1d(np.maximum(excess, 0), size, axis=0, mode=mode)
+    return gap
 
 
 def build_problem(

@@ -1,8 +1,8 @@
-"""How the states along a path follow from its variables, and the rows of a program from those.
+"""Derivatives of the states along a path, and of a program's rows, to the path's variables.
 
-The variables of a coordinate move it alone, by the same basis as the other coordinates'; the last
-variable (ω of a series, the duration of a ramp) moves all. What is taken through this structure
-costs a part of what the dense Jacobian (r, z) would.
+All coordinates have variables of their own with the same basis; the last variable (ω of a series,
+the duration of a ramp) moves all coordinates. Products that use this structure cost a fraction of
+products with the dense Jacobian (r, z).
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from expdesign.mechanism.hexapod import COORDINATES
 class PathSlope:
     """Derivatives of the states at K points to the variables (z,), z = 6 v + 1.
 
-    States are a coordinate's D derivatives in time, beginning with itself, (K, 6 D), six side by
-    side.
+    The states (K, 6 D) are the six coordinates, then their first derivatives in time, and so on:
+    D orders, from 0.
     """
 
     basis: Array
@@ -42,22 +42,22 @@ class PathSlope:
         """Return the derivatives at some of the points."""
         return replace(self, basis=self.basis[points], drift=self.drift[points])
 
-    def moved(self, step: Array) -> Array:
-        """Return what a step (z,) of the variables changes the states by, (K, 6 D)."""
+    def state_change(self, step: Array) -> Array:
+        """Return the change of the states, (K, 6 D), along a step (z,) of the variables."""
         table = step[:-1].reshape(COORDINATES, -1) * self.scale[:, None]
         change = (self._flat @ table.T).reshape(self.drift.shape) + self.drift * step[-1]
         return change.reshape(len(change), change.shape[1] * COORDINATES)
 
-    def pulled(self, sensitivities: Array) -> Array:
-        """Return what sensitivities to the states, K 6 D of them, are to the variables, (z,)."""
+    def transposed_product(self, sensitivities: Array) -> Array:
+        """Return sensitivities to the variables, (z,), from those to the states, K 6 D of them."""
         own = self._flat.T @ sensitivities.reshape(-1, COORDINATES)
         last = sensitivities.ravel() @ self.drift.ravel()
         return np.append((own * self.scale).T.ravel(), last)
 
-    def accumulated(self, sensitivities: Array) -> Array:
-        """Carry sensitivities over, summed over the points.
+    def transposed_products(self, sensitivities: Array) -> Array:
+        """Return sensitivities of q quantities to the variables, (z, q), summed over the points.
 
-        (K, 6 D, q), the states before the quantities, become (z, q): that way nothing is copied.
+        The sensitivities to the states are (K, 6 D, q): in this layout nothing is copied.
         """
         quantities, own = sensitivities.shape[2], self.basis.shape[2]
         split = sensitivities.reshape(self.drift.size // COORDINATES, COORDINATES, quantities)
@@ -71,11 +71,11 @@ class PathSlope:
             found[-1] += both[-1]
         return found
 
-    def squared(self, curvature: Array) -> Array:
-        """Return the curvature (z, z) of what has a curvature (K, 6 D, 6 D) in the states.
+    def curvature(self, curvature: Array) -> Array:
+        """Return the curvature to the variables, (z, z), from that to the states, (K, 6 D, 6 D).
 
-        That is symmetric: one block of every two coordinates is made. Products of a state's
-        derivatives with one another are taken at every point, then all points are summed at once.
+        Both are symmetric: one block per pair of coordinates is computed. Derivatives of the same
+        point are multiplied first, then all points are summed at once.
         """
         points, derivatives, own = self.basis.shape
         states, pairs = derivatives * COORDINATES, len(_FIRST)
@@ -89,7 +89,7 @@ class PathSlope:
         table[_FIRST, :, _SECOND] = blocks
         table[_SECOND, :, _FIRST] = blocks.transpose(0, 2, 1)
         drift = self.drift.reshape(points, states, 1)
-        found[-1] = found[:, -1] = self.pulled(curvature @ drift)
+        found[-1] = found[:, -1] = self.transposed_product(curvature @ drift)
         return found
 
     @property
@@ -99,30 +99,30 @@ class PathSlope:
 
 
 _FIRST, _SECOND = np.triu_indices(COORDINATES)
-"""(21,), every two coordinates."""
+"""(21,), every pair of coordinates."""
 
 
 @cache
 def _places(derivatives: int) -> NDArray[np.intp]:
-    """Return where a curvature's entries are, by derivative, two coordinates, derivative."""
+    """Return places of a curvature's entries, by derivative, pair of coordinates, derivative."""
     shape = (derivatives, COORDINATES) * 2
     order = np.arange(np.prod(shape)).reshape(shape)[:, _FIRST, :, _SECOND]
     return order.transpose(1, 0, 2).ravel()
 
 
 @dataclass(frozen=True)
-class Rows:
-    """Which of q quantities at K points are the r rows of a program, point after point."""
+class RowIndex:
+    """Places of the r rows of a program among q quantities at K points, point after point."""
 
     first: NDArray[np.intp]
     """(K + 1,), number of each point's first row; the last is r."""
     columns: NDArray[np.intp]
     """(r,), quantity of each row."""
     scale: Array
-    """(r,), what counts as one in it."""
+    """(r,), scale of each row."""
 
     @classmethod
-    def of(cls, mask: Mask, scale: Array) -> Rows:
+    def of(cls, mask: Mask, scale: Array) -> RowIndex:
         """Return the rows that a mask (K, q) marks, of quantities with scales (q,)."""
         first = np.append(0, np.cumsum(np.count_nonzero(mask, axis=1)))
         columns = np.nonzero(mask)[1]
@@ -130,47 +130,54 @@ class Rows:
 
     @property
     def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Where the rows are, as compiled products read it."""
+        """First rows and columns, the arguments of the compiled products."""
         return self.first, self.columns
 
 
 @dataclass(frozen=True)
 class LinearRows:
-    """The r rows of a program about a point: their values, and products with their Jacobian J."""
+    """Values of a program's r rows at a point, and products with their Jacobian J."""
 
     values: Array
     """(r,)."""
     path: PathSlope
     slopes: Array
-    """(K, q, 6 D), derivatives of all quantities to the states at every point; where there is no
-    row they need not be numbers."""
-    rows: Rows
-    """Which of them are rows."""
+    """(K, q, 6 D), derivatives of all quantities to the states at every point; outside the rows
+    they may be NaN."""
+    rows: RowIndex
 
     def jacobian(self) -> Array:
         """Return J, (r, z)."""
         path = self.path
-        natural = jacobian(self.slopes, *self.rows.places, path.basis, path.scale, path.drift)
+        natural = row_jacobian(self.slopes, *self.rows.places, path.basis, path.scale, path.drift)
         return natural / self.rows.scale[:, None]
 
-    def moved(self, step: Array) -> Array:
-        """Return J s, (r,), of a step (z,)."""
-        moved = along(self.slopes, *self.rows.places, self.path.moved(step))
-        return moved / self.rows.scale
+    def jacobian_product(self, step: Array) -> Array:
+        """Return J s, (r,), for a step (z,)."""
+        change = row_changes(self.slopes, *self.rows.places, self.path.state_change(step))
+        return change / self.rows.scale
 
-    def pulled(self, weights: Array) -> Array:
-        """Return Jᵀ w, (z,), of weights (r,)."""
-        return self.path.pulled(summed(self.slopes, *self.rows.places, weights / self.rows.scale))
+    def transposed_product(self, weights: Array) -> Array:
+        """Return Jᵀ w, (z,), for weights (r,)."""
+        scaled = weights / self.rows.scale
+        return self.path.transposed_product(weighted_sums(self.slopes, *self.rows.places, scaled))
 
     def curvature(self, weights: Array) -> Array:
-        """Return Jᵀ diag(w) J, (z, z), of weights (r,)."""
+        """Return Jᵀ diag(w) J, (z, z), for weights (r,)."""
         scaled = weights / self.rows.scale**2
-        return self.path.squared(squares(self.slopes, *self.rows.places, scaled))
+        return self.path.curvature(weighted_squares(self.slopes, *self.rows.places, scaled))
+
+
+# Compiled products with the rows' derivatives to the states. Row r is quantity `columns[r]` at a
+# point; the rows of point k are `first[k]` … `first[k + 1]`. Slopes (K, q, s) are derivatives of
+# all quantities to the states of their point; entries outside the rows are not read.
 
 
 @compiled
-def along(slopes: Array, first: NDArray[np.intp], columns: NDArray[np.intp], steps: Array) -> Array:
-    """Return what steps (K, s) of the states change the rows by, (r,)."""
+def row_changes(
+    slopes: Array, first: NDArray[np.intp], columns: NDArray[np.intp], steps: Array
+) -> Array:
+    """Return the changes of the rows, (r,), along steps (K, s) of the states."""
     found = np.empty(len(columns))
     for k in range(len(slopes)):
         step = steps[k]
@@ -183,10 +190,10 @@ def along(slopes: Array, first: NDArray[np.intp], columns: NDArray[np.intp], ste
 
 
 @compiled
-def summed(
+def weighted_sums(
     slopes: Array, first: NDArray[np.intp], columns: NDArray[np.intp], weights: Array
 ) -> Array:
-    """Return the sums (K, s) of the rows' derivatives times weights (r,)."""
+    """Return the sums over each point's rows of derivatives times weights (r,), (K, s)."""
     found = np.zeros((slopes.shape[0], slopes.shape[2]))
     for k in range(len(slopes)):
         total = found[k]
@@ -198,10 +205,10 @@ def summed(
 
 
 @compiled
-def squares(
+def weighted_squares(
     slopes: Array, first: NDArray[np.intp], columns: NDArray[np.intp], weights: Array
 ) -> Array:
-    """Return the sums (K, s, s) of the rows' derivatives times themselves and weights (r,)."""
+    """Return the sums of the derivatives' outer products times weights (r,), (K, s, s)."""
     states = slopes.shape[2]
     found = np.zeros((len(slopes), states, states))
     for k in range(len(slopes)):
@@ -210,7 +217,7 @@ def squares(
             row = slopes[k, columns[r]]
             for i in range(states):
                 weighted = weights[r] * row[i]
-                if weighted != 0.0:  # half of the derivatives are none
+                if weighted != 0.0:  # half of the derivatives are zero
                     for j in range(i + 1):
                         total[i, j] += weighted * row[j]
         for i in range(states):
@@ -220,7 +227,7 @@ def squares(
 
 
 @compiled
-def jacobian(
+def row_jacobian(
     slopes: Array,
     first: NDArray[np.intp],
     columns: NDArray[np.intp],
@@ -228,7 +235,7 @@ def jacobian(
     scale: Array,
     drift: Array,
 ) -> Array:
-    """Return the rows' derivatives to a path's variables, (r, z): see `PathSlope`."""
+    """Return the rows' derivatives to the path's variables, (r, z); arguments as in `PathSlope`."""
     coordinates, (_, derivatives, own) = len(scale), basis.shape
     found = np.zeros((len(columns), coordinates * own + 1))
     for k in range(len(slopes)):

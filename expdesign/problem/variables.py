@@ -1,4 +1,4 @@
-"""The 12 n + 7 variables of the design, scaled to order one by how far each coordinate can move."""
+"""The 12 n + 7 variables of the design, scaled by the reach of each coordinate."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ class DesignVariables:
     phase are linear; ω enters as ω in the rates and ω² in the accelerations.
 
     A series that starts at rest has Σ k a_k = 0 and Σ k² b_k = 0 in every coordinate. Its variables
-    are then coordinates in the null space of these two equations: they hold whatever the values.
+    are coordinates in the null space of these two equations, which therefore always hold.
     """
 
     harmonics: int
     scale: Array
-    """(6,), what counts as one in each coordinate: m, rad."""
+    """(6,), scale of each coordinate: m, rad."""
     center: Array
-    """(6,), pose that the scaled centre is measured from."""
+    """(6,), origin of the scaled centre: m, rad."""
     omega_bounds: tuple[float, float]
     """rad/s."""
     omega_scale: float
-    """What counts as one in ω, rad/s."""
+    """Scale of ω, rad/s."""
     rest: bool = False
     """True for series whose rate and acceleration vanish at t = 0."""
 
@@ -56,9 +56,9 @@ class DesignVariables:
 
     @property
     def orders(self) -> Array:
-        """(per_coordinate,) harmonic that each variable of a coordinate moves, 1 for the centre.
+        """(per_coordinate,) harmonic of each variable of a coordinate, 1 for the centre.
 
-        Of a series that starts at rest a variable moves several: the highest of them.
+        A variable of a series that starts at rest moves several harmonics: the highest of them.
         """
         n = self.harmonics
         return np.concatenate(
@@ -67,21 +67,21 @@ class DesignVariables:
 
     @cached_property
     def units(self) -> Array:
-        """What counts as one in centre and amplitudes, (6, 2 n + 1): m, rad.
+        """Scales of centre and amplitudes, (6, 2 n + 1): m, rad.
 
-        The amplitudes of harmonic k count k times: rates grow with k, accelerations with k², so
-        that steps, boxes and noise of one size would else mean ever larger motions.
+        The scale of harmonic k is divided by k: rates grow with k, accelerations with k², and
+        steps, boxes and noise of one size should mean similar motions for every harmonic.
         """
         return self.scale[:, None] * self._shares
 
     @cached_property
     def _shares(self) -> Array:
-        """(2 n + 1,) what a unit of centre and amplitudes is of the coordinate's scale."""
+        """(2 n + 1,) scales of centre and amplitudes over the coordinate's scale."""
         per = 1.0 / np.arange(1, self.harmonics + 1)
         return np.concatenate([[1.0], per, per])
 
     def bounds(self) -> tuple[Array, Array]:
-        """Return (size,) lower and upper bounds; only ω has any."""
+        """Return (size,) lower and upper bounds; only those of ω are finite."""
         lower, upper = np.full(self.size, -np.inf), np.full(self.size, np.inf)
         lower[-1], upper[-1] = (bound / self.omega_scale for bound in self.omega_bounds)
         return lower, upper
@@ -96,7 +96,7 @@ class DesignVariables:
             ],
             axis=1,
         )
-        scaled = self.reduced(table / self.units)
+        scaled = self.to_variables(table / self.units)
         return np.append(scaled.ravel(), trajectory.omega / self.omega_scale)
 
     def amplitudes(self, variables: Array) -> tuple[Array, float]:
@@ -105,14 +105,14 @@ class DesignVariables:
         table[:, 0] += self.center
         return table, float(variables[-1] * self.omega_scale)
 
-    def extended(self, variables: Array, harmonics: int) -> Array:
+    def extend(self, variables: Array, harmonics: int) -> Array:
         """Return the same motion in the variables of a series with more harmonics."""
         n = self.harmonics
         table = self._table(variables)
         more = np.zeros((COORDINATES, harmonics - n))
         parts = [table[:, : n + 1], more, table[:, n + 1 :], more]
         longer = replace(self, harmonics=harmonics)
-        return np.append(longer.reduced(np.concatenate(parts, axis=1)).ravel(), variables[-1])
+        return np.append(longer.to_variables(np.concatenate(parts, axis=1)).ravel(), variables[-1])
 
     def trajectory(self, variables: Array) -> FourierTrajectory:
         """Return the trajectory of scaled variables."""
@@ -134,24 +134,24 @@ class DesignVariables:
         drift = np.zeros((len(steps), 3, COORDINATES))
         drift[:, 1] = basis.first @ table.T
         drift[:, 2] = 2 * omega * (basis.second @ table.T)
-        return PathSlope(self.reduced(steps), self.scale, drift * self.omega_scale)
+        return PathSlope(self.to_variables(steps), self.scale, drift * self.omega_scale)
 
     def _table(self, variables: Array) -> Array:
         """Return the scaled centre and amplitudes, (6, 2 n + 1)."""
         table = variables[:-1].reshape(COORDINATES, self.per_coordinate)
-        return table @ _at_rest(self.harmonics).T if self.rest else table.copy()
+        return table @ _rest_basis(self.harmonics).T if self.rest else table.copy()
 
-    def reduced(self, table: Array) -> Array:
-        """Return the variables (…, per_coordinate) of a table, or of the nearest one at rest."""
-        return table @ _at_rest(self.harmonics) if self.rest else table
+    def to_variables(self, table: Array) -> Array:
+        """Return the variables (…, per_coordinate) of a table; at rest those of its projection."""
+        return table @ _rest_basis(self.harmonics) if self.rest else table
 
 
 @cache
-def _at_rest(harmonics: int) -> Array:
+def _rest_basis(harmonics: int) -> Array:
     """Return an orthonormal basis (2 n + 1, 2 n − 1) of the series that start at rest.
 
-    Columns: the centre, then one for each harmonic from the second on in the sines and in the
-    cosines, which moves that harmonic and those below it.
+    Columns: the centre, then for the sines and for the cosines one per harmonic from the second
+    on, which moves that harmonic and the lower ones.
     """
     columns = np.zeros((2 * harmonics + 1, 2 * harmonics - 1))
     columns[0, 0] = 1.0
@@ -172,9 +172,9 @@ def _at_rest(harmonics: int) -> Array:
 def coordinate_reach(model: LimitModel) -> tuple[Array, Array]:
     """Return middle (6,) and half-width (6,) of the motion that the limits allow at rest: m, rad.
 
-    Each coordinate is moved alone from home, to both sides, as far as the limits allow. Angles
-    that nothing bounds are taken as 90°, positions as ten characteristic lengths. The middle is
-    drawn back towards home as far as all coordinates together need it.
+    Each coordinate moves alone from home, in both directions, up to the limits. Unlimited angles
+    count as 90°, unlimited positions as ten characteristic lengths. The middle moves back towards
+    home until all coordinates together keep the limits.
     """
     robot = model.robot
     farthest = np.array([10 * robot.characteristic_length] * 3 + [LARGEST_ANGLE] * 3)
@@ -183,7 +183,7 @@ def coordinate_reach(model: LimitModel) -> tuple[Array, Array]:
     for i in range(COORDINATES):
         for row, side in enumerate((-1.0, 1.0)):
             span = farthest[i]
-            # Ever finer: a machine may move a thousandth of what its size suggests.
+            # Ever finer: a machine may move a thousandth of its size.
             for _ in range(_REFINEMENTS):
                 states = np.zeros((shares.size, 3 * COORDINATES))
                 states[:, :COORDINATES] = robot.home

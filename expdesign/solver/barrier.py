@@ -1,6 +1,6 @@
-"""The bounds of slacks, from below and from above, and the barrier that keeps off them.
+"""Slacks, their bounds and multipliers, and the logarithmic barrier at the bounds.
 
-An iteration looks at all that is bounded a few times, every time in one compiled loop.
+Every function is one compiled loop over all bounded quantities.
 """
 
 from __future__ import annotations
@@ -12,34 +12,34 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from expdesign.evaluation.compiled import compiled
-from expdesign.problem.design_problem import LimitedProgram
+from expdesign.problem.design_problem import Program
 
 _INSIDE = 1e-2
-"""How far the first slacks are from their bounds, of the bound or of the distance of both."""
+"""Distance of the first slacks from their bounds, relative to the bound or to the range."""
 _ROUNDING = 1e-13
-"""How far slacks stay from their bounds at least, of the bound."""
+"""Smallest distance of slacks from their bounds, relative to the bound."""
 _DECADES = 10
-"""The products of multipliers and distances stay within so many orders of magnitude of μ."""
+"""Largest deviation of multiplier times distance from μ, in orders of magnitude."""
 
 
 class Bounds(NamedTuple):
-    """Bounds of everything that is bounded, (b,): variables first, then the program's rows."""
+    """Bounds of all bounded quantities, (b,): variables first, then the program's rows."""
 
     lower: Array
     upper: Array
     lowest: Array
-    """(b,), of slacks that rounding may have put on a bound."""
+    """(b,), smallest and largest values of slacks: rounding puts none on a bound."""
     highest: Array
     variables: NDArray[np.intp]
     """Indices of the bounded variables."""
 
     @classmethod
-    def of(cls, program: LimitedProgram) -> Bounds:
+    def of(cls, program: Program) -> Bounds:
         """Return the bounds of a program."""
         bounded = np.flatnonzero(np.isfinite(program.lower) | np.isfinite(program.upper))
         lower = np.concatenate([program.lower[bounded], program.row_lower])
         upper = np.concatenate([program.upper[bounded], program.row_upper])
-        # Between bounds that are one there is no inside.
+        # Equal bounds have no interior.
         width = 1e-8 * np.maximum(1.0, np.abs(np.where(np.isfinite(lower), lower, 1.0)))
         room = np.where(upper - lower < width, width, 0.0)
         lower, upper = lower - room, upper + room
@@ -47,19 +47,19 @@ class Bounds(NamedTuple):
         return cls(lower, upper, lowest, highest, bounded)
 
     def inside(self, values: Array) -> Array:
-        """Return the values that are nearest to given ones, a little within the bounds."""
+        """Return values clipped to the interior of the bounds, with a small margin."""
         width = np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, np.inf)
         lower = self.lower + _INSIDE * np.minimum(_size(self.lower), width)
         return np.clip(values, lower, self.upper - _INSIDE * np.minimum(_size(self.upper), width))
 
 
 def _size(bounds: Array) -> Array:
-    """Return what distances from bounds are small compared to."""
+    """Return the scale of distances from bounds."""
     return np.maximum(1.0, np.abs(np.where(np.isfinite(bounds), bounds, 0.0)))
 
 
 class Duals(NamedTuple):
-    """Multipliers (b,): of slacks against values, and of the lower and upper bounds."""
+    """Multipliers (b,) of the equations slack = value, and of the lower and upper bounds."""
 
     values: Array
     lower: Array
@@ -67,32 +67,32 @@ class Duals(NamedTuple):
 
 
 class SlackStep(NamedTuple):
-    """A step of slacks (b,) and multipliers, and how far one may go along it."""
+    """A step of slacks (b,) and multipliers, with its largest admissible shares."""
 
     change: Array
     """Of the slacks."""
     duals: Duals
     share: float
-    """Of the slacks' step, 1 at most."""
+    """Largest share of the slacks' step, at most 1."""
     dual_share: float
-    """Of the multipliers'."""
+    """Largest share of the multipliers' step."""
     slope: float
-    """What the barrier changes by along it."""
+    """Directional derivative of the barrier."""
 
 
-class Trial(NamedTuple):
+class SlackTrial(NamedTuple):
     """Slacks (b,) after a step."""
 
     slacks: Array
     logarithms: float
-    """Sum of those of the distances from the bounds: the barrier is −μ times this."""
-    apart: float
-    """ℓ₁ norm of what they differ from the values by."""
+    """Sum of the logarithms of the distances from the bounds: the barrier is −μ times this."""
+    distance: float
+    """ℓ₁ norm of the difference between slacks and values."""
 
 
 @compiled
-def pushes(bounds: Bounds, slacks: Array, barrier: float) -> Duals:
-    """Return how the barrier pushes slacks away from their bounds: multipliers to begin with."""
+def barrier_multipliers(bounds: Bounds, slacks: Array, barrier: float) -> Duals:
+    """Return the multipliers of the bounds on the central path, μ over the distance."""
     size = len(slacks)
     values, lower, upper = np.zeros(size), np.zeros(size), np.zeros(size)
     for b in range(size):
@@ -105,10 +105,10 @@ def pushes(bounds: Bounds, slacks: Array, barrier: float) -> Duals:
 
 
 @compiled
-def condensed(
+def eliminate_slacks(
     bounds: Bounds, values: Array, slacks: Array, duals: Duals, barrier: float
 ) -> tuple[Array, Array]:
-    """Return what is left of slacks in the equations of a step: curvature (b,), multipliers (b,).
+    """Return curvature (b,) and multipliers (b,) of the step's equations without slacks.
 
     The step x solves (H + Jᵀ diag(curvature) J) x = −(gradient + Jᵀ multipliers).
     """
@@ -131,12 +131,12 @@ def condensed(
 
 @compiled
 def slack_step(
-    bounds: Bounds, slacks: Array, duals: Duals, moved: Array, barrier: float, close: float
+    bounds: Bounds, slacks: Array, duals: Duals, change: Array, barrier: float, close: float
 ) -> SlackStep:
-    """Return the step of slacks that move by (b,), and of their multipliers.
+    """Return the step of the multipliers for a change (b,) of the slacks.
 
-    On the way no slack and no multiplier of a bound uses up more than the share `close` of its
-    distance from the bound, or from zero.
+    No slack covers more than the share `close` of its distance from a bound, and no multiplier
+    of a bound decreases by more than that share.
     """
     size = len(slacks)
     values, lower, upper = np.empty(size), np.zeros(size), np.zeros(size)
@@ -145,35 +145,35 @@ def slack_step(
         if bounds.lower[b] > -np.inf:
             gap = slacks[b] - bounds.lower[b]
             push = barrier / gap
-            lower[b] = push - duals.lower[b] - duals.lower[b] / gap * moved[b]
-            slope -= push * moved[b]
-            if moved[b] < 0:
-                share = min(share, -close * gap / moved[b])
+            lower[b] = push - duals.lower[b] - duals.lower[b] / gap * change[b]
+            slope -= push * change[b]
+            if change[b] < 0:
+                share = min(share, -close * gap / change[b])
             if lower[b] < 0:
                 dual_share = min(dual_share, -close * duals.lower[b] / lower[b])
         if bounds.upper[b] < np.inf:
             gap = bounds.upper[b] - slacks[b]
             push = barrier / gap
-            upper[b] = push - duals.upper[b] + duals.upper[b] / gap * moved[b]
-            slope += push * moved[b]
-            if moved[b] > 0:
-                share = min(share, close * gap / moved[b])
+            upper[b] = push - duals.upper[b] + duals.upper[b] / gap * change[b]
+            slope += push * change[b]
+            if change[b] > 0:
+                share = min(share, close * gap / change[b])
             if upper[b] < 0:
                 dual_share = min(dual_share, -close * duals.upper[b] / upper[b])
         values[b] = duals.upper[b] + upper[b] - duals.lower[b] - lower[b] - duals.values[b]
-    return SlackStep(moved, Duals(values, lower, upper), share, dual_share, slope)
+    return SlackStep(change, Duals(values, lower, upper), share, dual_share, slope)
 
 
 @compiled
-def trial(
+def try_slacks(
     bounds: Bounds, values: Array, slacks: Array, change: Array, close: float, following: bool
-) -> Trial:
-    """Return slacks that have changed by (b,) while their values became others.
+) -> SlackTrial:
+    """Return slacks after a change (b,), at new values (b,).
 
-    A slack that follows is the value itself, where this uses up no more than the share `close` of
-    the slack's distance from its bounds.
+    With `following` a slack equals its value, provided that it covers no more than the share
+    `close` of the slack's distance from its bounds.
     """
-    found, logarithms, apart = np.empty(len(slacks)), 0.0, 0.0
+    found, logarithms, distance = np.empty(len(slacks)), 0.0, 0.0
     for b in range(len(slacks)):
         bounded_below, bounded_above = bounds.lower[b] > -np.inf, bounds.upper[b] < np.inf
         slack = min(max(slacks[b] + change[b], bounds.lowest[b]), bounds.highest[b])
@@ -191,16 +191,16 @@ def trial(
             logarithms += np.log(slack - bounds.lower[b])
         if bounded_above:
             logarithms += np.log(bounds.upper[b] - slack)
-        apart += abs(values[b] - slack)
+        distance += abs(values[b] - slack)
         found[b] = slack
-    return Trial(found, logarithms, apart)
+    return SlackTrial(found, logarithms, distance)
 
 
 @compiled
-def stepped(
+def update_multipliers(
     bounds: Bounds, slacks: Array, duals: Duals, step: SlackStep, share: float, barrier: float
 ) -> Duals:
-    """Return the multipliers at slacks that a share of a step has led to."""
+    """Return the multipliers after a share of a step, at the slacks reached."""
     size, wide = len(slacks), 10.0**_DECADES
     values, lower, upper = np.empty(size), np.zeros(size), np.zeros(size)
     for b in range(size):
@@ -217,25 +217,26 @@ def stepped(
 
 
 @compiled
-def error(bounds: Bounds, slope: Array, values: Array, slacks: Array, duals: Duals) -> float:
-    """Return how far the conditions of optimality are broken at most, scaled as Ipopt does.
+def optimality_error(
+    bounds: Bounds, slope: Array, values: Array, slacks: Array, duals: Duals
+) -> float:
+    """Return the largest violation of the optimality conditions, scaled as in Ipopt.
 
-    `slope` (z,) is the gradient of the objective with the values times their multipliers. Where
-    anything is no number they are broken without end.
+    `slope` (z,) is the gradient of the Lagrangian. The error is infinite if anything is NaN.
     """
-    largest, apart, size, total = 0.0, 0.0, 0.0, 0.0
+    largest, distance, size, total = 0.0, 0.0, 0.0, 0.0
     for z in range(len(slope)):
         total += abs(slope[z])
         largest = max(largest, abs(slope[z]))
     for b in range(len(slacks)):
         size += abs(duals.values[b]) + duals.lower[b] + duals.upper[b]
         total += abs(values[b] - slacks[b])
-        apart = max(apart, abs(values[b] - slacks[b]))
+        distance = max(distance, abs(values[b] - slacks[b]))
         largest = max(largest, abs(duals.upper[b] - duals.lower[b] - duals.values[b]))
         if bounds.lower[b] > -np.inf:
             largest = max(largest, (slacks[b] - bounds.lower[b]) * duals.lower[b])
         if bounds.upper[b] < np.inf:
             largest = max(largest, (bounds.upper[b] - slacks[b]) * duals.upper[b])
     scale = max(100.0, size / max(1, 2 * len(slacks))) / 100
-    # Compiled, the larger of a number and of none is the number; a sum is none.
-    return max(largest / scale, apart) if np.isfinite(size + total) else np.inf
+    # Compiled, max(number, NaN) is the number; a sum is NaN.
+    return max(largest / scale, distance) if np.isfinite(size + total) else np.inf

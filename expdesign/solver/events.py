@@ -1,4 +1,4 @@
-"""Events of a search: iterations and ends of starts, as they are reported and kept."""
+"""Events of a search: iterations and ends of starts, reported to a display and kept as a trace."""
 
 from __future__ import annotations
 
@@ -8,32 +8,19 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from expdesign.problem.design_problem import DesignProblem
-from expdesign.solver.phases import Report, Stage, Step
+from expdesign.solver.phases import Phase, PhaseIteration, PhaseReport
 from expdesign.workers import Monitor
 
-_OFTEN = 0.05
-"""Time between two reports of iterations, s: to take them in costs time."""
-
-STAGE_TITLES = {
+PHASE_TITLES = {
     "blunt": "rough search",
     "sharp": "refinement",
     "finish": "finish",
 }
-"""What people call a stage of a search, by its name in files."""
+"""Titles of the phases of a search, by their names in files."""
 
-
-@dataclass(frozen=True)
-class TracePoint:
-    """One iteration, for the convergence figure: objective as it is reported, violation."""
-
-    stage: str
-    iteration: int
-    objective: float
-    violation: float
-
-
-ENDS = ("waiting", "done", "finished")
-"""Phases of events that end something."""
+_INTERVAL = 0.05
+"""Smallest time between two reports of iterations, s: receiving them costs time."""
+_ENDS = ("waiting", "done", "finished")
 
 
 @dataclass(frozen=True)
@@ -41,46 +28,60 @@ class SearchEvent:
     """One iteration, or the end, of one start."""
 
     start: int
-    """Number of the start, from 1; hops go on counting."""
+    """Number of the start, from 1; hops continue the numbers."""
     phase: str
     """``"blunt"``, then ``"waiting"`` for the other starts, ``"sharp"``; then ``"done"``; for
     some ``"finish"``, then ``"finished"``."""
     iteration: int
     objective: float
-    """The criterion in the units in which it is reported (log det F for ``d``): smoothed, and that
-    of the unsmoothed model when it is done or finished."""
+    """The criterion in its reported units (log det F for ``d``): smoothed during a phase, exact at
+    ``"done"`` and ``"finished"``."""
     violation: float
-    """Largest violation of the limits in the NLP, as a share of their range."""
+    """Largest violation of the limits in the program, as a share of their range."""
     seconds: float
     status: str = ""
-    """Empty while it runs; then how it ended."""
+    """How the start ended, in words; empty while it runs."""
     place: tuple[int, int] = (1, 1)
-    """Number of the stage, from 1, and how many the start has; of the finish its rounds."""
+    """Number of the phase, from 1, and of all phases of the start; rounds in the finish."""
     of_round: tuple[int, int] = (0, 0)
-    """Number of the iteration in its round of the stage, and how many that has at most; 0: not
-    known."""
+    """Number of the iteration in its round, and the largest number in the round; 0: unknown."""
     share: float = 0.0
-    """How much of the start, or of the finish, is done, 0 … 1: by the iterations that it has at
-    most."""
+    """Progress of the start, or of the finish, 0 … 1, relative to the largest number of
+    iterations."""
+
+    @property
+    def is_end(self) -> bool:
+        """Whether a rough search, a start or a finish has ended."""
+        return self.phase in _ENDS
+
+
+@dataclass(frozen=True)
+class TracePoint:
+    """One iteration: the objective in its reported units, and the violation."""
+
+    phase: str
+    iteration: int
+    objective: float
+    violation: float
 
 
 @dataclass
-class Watch:
-    """Reports the iterations of one start, and keeps them for the convergence figure."""
+class StartReporter:
+    """Reports the iterations of one start, and keeps its trace."""
 
     monitor: Monitor
     start: int
     trace: list[TracePoint] = field(default_factory=list)
     began: float = field(default_factory=time.perf_counter)
-    told: float = -np.inf
-    """When it reported an iteration for the last time."""
+    last_report: float = -np.inf
+    """Time of the last report of an iteration, s."""
 
     @property
     def seconds(self) -> float:
-        """Time since it began, s."""
+        """Time since the beginning of the start, s."""
         return time.perf_counter() - self.began
 
-    def tell(
+    def report(
         self, phase: str, iteration: int, objective: float, violation: float, status: str = ""
     ) -> None:
         """Report one iteration, or the end."""
@@ -88,42 +89,51 @@ class Watch:
             SearchEvent(self.start, phase, iteration, objective, violation, self.seconds, status)
         )
 
-    def of_stage(
-        self, stage: Stage, problem: DesignProblem, before: int = 0, place: tuple[int, int] = (1, 1)
-    ) -> Report:
-        """Return what reports the iterations of a stage, after those that were `before` it.
+    def phase_report(
+        self,
+        phase: Phase,
+        problem: DesignProblem,
+        before: int = 0,
+        place: tuple[int, int] = (1, 1),
+    ) -> PhaseReport:
+        """Return the report of a phase's iterations.
 
-        `place` is the stage's number, from 1, among those of the start, and how many there are.
+        Parameters
+        ----------
+        before : int
+            Iterations of the phases before.
+        place : (int, int)
+            Number of the phase, from 1, and of all phases of the start.
         """
         cost = problem.cost
-        if stage.criterion is not None:
-            cost = problem.with_criterion(stage.criterion).cost
+        if phase.criterion is not None:
+            cost = problem.with_criterion(phase.criterion).cost
 
-        def report(step: Step, value: float, violation: float) -> bool:
-            readable = cost.readable(value)
-            point = TracePoint(stage.name, before + step.iteration, readable, violation)
-            if stage.criterion is None:
-                # Another criterion's numbers are shown while it runs, and kept out of the trace.
+        def report(number: PhaseIteration, value: float, violation: float) -> bool:
+            objective = cost.criterion_value(value)
+            point = TracePoint(phase.name, before + number.iteration, objective, violation)
+            if phase.criterion is None:
+                # Values of another criterion are displayed, but they are not in the trace.
                 self.trace.append(point)
             now = time.perf_counter()
-            if now - self.told < _OFTEN:
+            if now - self.last_report < _INTERVAL:
                 return not self.monitor.stop_requested()
-            self.told = now
-            number, count = place
-            done = min(step.iteration / stage.iterations, 1.0)
-            if stage.rounds:
-                number, count, done = step.round, stage.rounds, step.in_round / step.most
+            self.last_report = now
+            which, count = place
+            done = min(number.iteration / phase.iterations, 1.0)
+            if phase.rounds:
+                which, count, done = number.round, phase.rounds, number.in_round / number.most
             self.monitor.report(
                 SearchEvent(
                     self.start,
-                    stage.name,
+                    phase.name,
                     point.iteration,
-                    readable,
+                    objective,
                     violation,
                     self.seconds,
-                    place=(number, count),
-                    of_round=(step.in_round, step.most),
-                    share=(number - 1 + done) / count,
+                    place=(which, count),
+                    of_round=(number.in_round, number.most),
+                    share=(which - 1 + done) / count,
                 )
             )
             return not self.monitor.stop_requested()

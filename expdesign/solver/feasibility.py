@@ -1,4 +1,13 @@
-"""Where solves set out from: random motions, and good ones thrown out of their basin."""
+"""Motions within the limits: random starts, perturbed motions, and slightly infeasible ones.
+
+A random or perturbed motion is scaled down about home until the smoothed model keeps every limit.
+
+A solution that slightly violates the exact model is first corrected by the smallest change of its
+coefficients that the linearised rows require: violations at a few moments then cost little of the
+objective. The rest is removed by shrinking the motion about its centre. That costs more, and it
+may fail: where the effects of rates and accelerations on a strut cancel, a smaller motion may
+violate a limit that the larger one keeps.
+"""
 
 from __future__ import annotations
 
@@ -7,40 +16,56 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq, nnls
 
-from constraints.arrays import Array
+from constraints.arrays import Array, Mask
 from expdesign.configuration import ComputationError
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.problem.design_problem import DesignProblem, LimitedProgram, hidden_by_smoothing
+from expdesign.problem.design_problem import DesignProblem, Program, smoothing_gap
 from expdesign.recheck.limit_check import grid_points, local_worst, states_at
 from expdesign.robot import LimitModel
 from expdesign.solver.phases import coarse_points
 from expdesign.trajectory import FourierTrajectory
+
+GRID_MARGIN = 5e-5
+"""Share of each range that is kept free on the fine grid, for violations between its points."""
+LARGEST_MARGIN = 0.2
+"""Largest margin for the effect of smoothed friction, as a share of a range."""
+SMALLEST_FACTOR = 0.8
+"""Smallest factor by which a motion is shrunk."""
 
 _DECAY = 0.7
 _BISECTIONS = 16
 _LARGEST_SHARE = 4.0
 _INSIDE = 0.95
 _HOP_NOISE = 0.3
-"""In scaled variables; of 0.2, 0.3 and 0.45 it gains most (measured)."""
+"""Standard deviation in scaled variables; among 0.2, 0.3 and 0.45 the best (measured)."""
 _HOP_BISECTIONS = 12
 _HOP_INSIDE = 0.98
+_STEPS = 4
+_NO_DISTANCE = 1e-9
+"""Residual of an inconsistent set of rows."""
+_NEAR = 0.03
+"""Distance from the bound, as a share of the range, within which a step holds a local worst: it
+does not bring rows near their bounds that are farther away."""
+_LITTLE = 0.98
+"""Tried first: most motions need less, and few of their moments are near a bound."""
+_RESOLUTION = 1e-6
 
 
 class InfeasibleLimitsError(ComputationError):
-    """No trajectory was found that keeps the limits, not even a very small one."""
+    """Not even a very small trajectory keeps the limits."""
 
 
 def random_start(
     problem: DesignProblem, rng: np.random.Generator, points: int, width: float
 ) -> Array:
-    """Draw amplitudes, then shrink the motion about home until every limit is kept.
+    """Draw the scaled variables of a motion that keeps every limit, (z,).
 
     The amplitudes of harmonic k are normal with a standard deviation of k^−0.7 quarter reaches
-    of their coordinate; ω is uniform in the upper half of its range. The limits are tested at
-    `points` of one period, with dry friction smoothed by `width`, m/s.
+    of their coordinate; ω is uniform in the upper half of its range. The motion is then scaled
+    about home. The limits are tested at `points` of one period, with dry friction smoothed by
+    `width`, m/s.
 
     Raises
     ------
@@ -65,7 +90,7 @@ def random_start(
         return bool(np.all(violations <= 0))
 
     for at in (omega, lower[-1]):
-        share = largest(partial(kept, at), 0.0, _LARGEST_SHARE, _BISECTIONS)
+        share = _largest(partial(kept, at), 0.0, _LARGEST_SHARE, _BISECTIONS)
         if share > 0:
             return np.append((_INSIDE * share * table).ravel(), at)
     raise InfeasibleLimitsError(
@@ -84,20 +109,18 @@ def _broken(problem: DesignProblem, table: Array, omega: float, width: float) ->
     return ", ".join(keys) or "one of them"
 
 
-def largest(kept: Callable[[float], bool], low: float, high: float, steps: int) -> float:
-    """Return by bisection the largest number that is kept; `low` is taken to be."""
+def _largest(kept: Callable[[float], bool], low: float, high: float, steps: int) -> float:
+    """Return by bisection the largest number that is kept; `low` is assumed to be."""
     for _ in range(steps):
         middle = (low + high) / 2
         low, high = (middle, high) if kept(middle) else (low, middle)
     return low
 
 
-def perturbed(
-    problem: DesignProblem, origin: Array, rng: np.random.Generator, width: float
-) -> Array:
-    """Add normal noise to the scaled variables, then shrink the motion into its limits.
+def perturb(problem: DesignProblem, origin: Array, rng: np.random.Generator, width: float) -> Array:
+    """Add normal noise to scaled variables, (z,), and scale the motion until it keeps the limits.
 
-    `origin` has scaled variables (z,); dry friction has a width in m/s.
+    Dry friction is smoothed by `width`, m/s.
     """
     variables = problem.variables
     noise = rng.normal(size=(COORDINATES, variables.per_coordinate))
@@ -113,52 +136,34 @@ def perturbed(
     def kept(factor: float) -> bool:
         return bool(np.all(problem.smooth_violations(motion(factor), phases, width) <= 0))
 
-    return motion(_HOP_INSIDE * largest(kept, 0.0, 1.0, _HOP_BISECTIONS))
-
-
-_STEPS = 4
-LARGEST_MARGIN = 0.2
-"""Share of a range that covers what smoothed friction hides, at most."""
-_NO_DISTANCE = 1e-9
-"""Residual of what no step keeps."""
-_NEAR = 0.03
-"""Share of its range within which a local worst of a row is held in a step: what is farther from
-its bound does not come near by it."""
-
-SMALLEST_FACTOR = 0.8
-_LITTLE = 0.98
-"""Tried first: most motions need less, and few of their moments are near a bound."""
-_RESOLUTION = 1e-6
-
-GRID_MARGIN = 5e-5
-"""Share of each range that is kept free on the fine grid: what it can miss between its points."""
+    return motion(_HOP_INSIDE * _largest(kept, 0.0, 1.0, _HOP_BISECTIONS))
 
 
 @dataclass(frozen=True)
-class Shrunk:
-    """A motion and the factor that its amplitudes were multiplied by; 1: not at all."""
+class RestoredMotion:
+    """A motion brought within the limits, and the factor of its amplitudes; 1: not shrunk."""
 
     trajectory: FourierTrajectory
     factor: float
     before: Array
-    """(N, R), violations of the motion as it was given, at the grid's instants."""
+    """(N, R), violations of the given motion at the instants of the grid."""
     values: Array
-    """(N, R), limited quantities of the shrunk one."""
+    """(N, R), limited quantities of the restored motion."""
     kept: bool = True
-    """False when even `SMALLEST_FACTOR` breaks a limit."""
+    """False if even `SMALLEST_FACTOR` violates a limit."""
 
 
-def brought_within(
+def restore_limits(
     problem: DesignProblem,
     x: Array,
     margin: float,
     width: float,
     points: int | None = None,
-) -> Shrunk:
+) -> RestoredMotion:
     """Return a motion near that of scaled variables, (z,), that keeps all limits on a grid.
 
-    Margin and points are those of `shrink_to_limits`; friction is smoothed by `width`, m/s, in the
-    derivatives. ω stays. `before` of what comes back is of the motion that was given.
+    ω is not changed. Friction is smoothed by `width`, m/s, in the derivatives; `margin` and
+    `points` have the meaning of `shrink_to_limits`.
     """
     count = points or grid_points(problem.cost.samples)
     phases = 2 * np.pi * np.arange(count) / count
@@ -168,10 +173,10 @@ def brought_within(
     for _ in range(_STEPS):
         if not -margin < least < np.inf:
             break
-        # Moments of the steps before stay: without their rows what they held comes back.
+        # Moments of earlier steps stay: without their rows their violations come back.
         seen |= local_worst(violations, periodic=True) & (violations > -_NEAR)
         used = np.any(seen, axis=1)
-        hidden = hidden_by_smoothing(
+        gap = smoothing_gap(
             problem.limits,
             problem.states(x, phases[used]),
             violations[used],
@@ -185,7 +190,7 @@ def brought_within(
             width=width,
             level=0.0,
             samples=problem.cost.samples,
-            margins=np.minimum(hidden, LARGEST_MARGIN) + 2 * margin,
+            margins=np.minimum(gap, LARGEST_MARGIN) + 2 * margin,
         )
         step = least_change(program, x)
         if step is None:
@@ -200,12 +205,12 @@ def brought_within(
     return replace(shrunk, before=before)
 
 
-def least_change(program: LimitedProgram, x: Array) -> Array | None:
-    """Return the shortest step, (z,), to where a program's linear rows are kept; None without one.
+def least_change(program: Program, x: Array) -> Array | None:
+    """Return the shortest step, (z,), that satisfies the linearised rows; None without one.
 
-    The last variable stays. By Lawson and Hanson's least distance programming (Solving Least
-    Squares Problems, 1974, chapter 23): with G d ≥ h, d is read off the residual of the nonnegative
-    least squares problem min |Gᵀu|² + (hᵀu − 1)².
+    The last variable does not change. By Lawson and Hanson's least distance programming (Solving
+    Least Squares Problems, 1974, chapter 23): with G d ≥ h, d follows from the residual of the
+    nonnegative least squares problem min |Gᵀu|² + (hᵀu − 1)².
     """
     rows = program.linear_rows(x)
     above, below = rows.values - program.row_upper, program.row_lower - rows.values
@@ -218,7 +223,7 @@ def least_change(program: LimitedProgram, x: Array) -> Array | None:
     target[-1] = 1.0
     try:
         weights, distance = nnls(matrix, target)
-    except RuntimeError:  # it gives up after three times as many iterations as there are rows
+    except RuntimeError:  # no convergence within three times as many iterations as there are rows
         return None
     if not distance > _NO_DISTANCE:
         return None
@@ -231,27 +236,31 @@ def shrink_to_limits(
     trajectory: FourierTrajectory,
     margin: float = GRID_MARGIN,
     points: int | None = None,
-) -> Shrunk:
+) -> RestoredMotion:
     """Return the largest multiple (≤ 1) of a motion that keeps all limits on a grid.
 
-    The margin is the share of each limit's range that is kept free; the grid has so many points of
-    a period, by default those of the fine grid.
+    Parameters
+    ----------
+    margin : float
+        Share of each limit's range that is kept free.
+    points : int, optional
+        Points of the grid over one period; by default those of the fine grid.
     """
     times = trajectory.sample_times(points or grid_points(problem.cost.samples))
     values = problem.limits.values(states_at(trajectory, times))
     rows = problem.limits.excess(values)
     if np.all(rows <= -margin):
-        return Shrunk(trajectory, 1.0, rows, values)
+        return RestoredMotion(trajectory, 1.0, rows, values)
     for smallest in (_LITTLE, SMALLEST_FACTOR):
-        # The moments that decide are the worst ones of each row; shrinking moves them little.
+        # The decisive moments are the worst ones of each row; shrinking hardly moves them.
         decisive = _decisive(rows, smallest)
         near, limits = times[np.any(decisive, axis=1)], problem.limits.among(decisive)
 
         @cache
         def excess(factor: float, near: Array = near, limits: LimitModel = limits) -> float:
-            states = states_at(_scaled(trajectory, factor), near)
+            states = states_at(_scale(trajectory, factor), near)
             worst = np.max(limits.violations(states), initial=-1.0)
-            # What is not a number is not kept either.
+            # NaN counts as a violation.
             return float(np.nan_to_num(np.clip(worst, -1.0, 1.0), nan=1.0)) + margin
 
         if excess(smallest) > 0:
@@ -259,24 +268,24 @@ def shrink_to_limits(
         factor = brentq(excess, smallest, 1.0, xtol=_RESOLUTION) if excess(1.0) > 0 else 1.0
         while excess(factor) > 0:
             factor -= _RESOLUTION
-        shrunk = _scaled(trajectory, factor)
+        shrunk = _scale(trajectory, factor)
         values = problem.limits.values(states_at(shrunk, times))
-        # What was far from its bound may have come near.
+        # Rows that were far from their bounds may now be near.
         if smallest == SMALLEST_FACTOR or not np.any(problem.limits.excess(values) > 0):
-            return Shrunk(shrunk, factor, rows, values)
-    shrunk = _scaled(trajectory, SMALLEST_FACTOR)
+            return RestoredMotion(shrunk, factor, rows, values)
+    shrunk = _scale(trajectory, SMALLEST_FACTOR)
     values = problem.limits.values(states_at(shrunk, times))
-    return Shrunk(shrunk, SMALLEST_FACTOR, rows, values, kept=False)
+    return RestoredMotion(shrunk, SMALLEST_FACTOR, rows, values, kept=False)
 
 
-def _decisive(rows: Array, smallest: float) -> NDArray[np.bool_]:
-    """Mark the moments at which a row has a local worst that is near its bound, (N, R).
+def _decisive(rows: Array, smallest: float) -> Mask:
+    """Mark the moments at which a row has a local worst near its bound, (N, R).
 
-    Near enough for a motion that is not shrunk by more than a factor.
+    The distance admits motions shrunk down to the factor `smallest`.
     """
     peaks = local_worst(rows, periodic=True) & np.isfinite(rows) & (rows > -2 * (1 - smallest))
     return peaks | np.roll(peaks, 1, axis=0) | np.roll(peaks, -1, axis=0) | (rows > 0)
 
 
-def _scaled(trajectory: FourierTrajectory, factor: float) -> FourierTrajectory:
+def _scale(trajectory: FourierTrajectory, factor: float) -> FourierTrajectory:
     return replace(trajectory, mu=factor * trajectory.mu, nu=factor * trajectory.nu)

@@ -1,9 +1,9 @@
 """The finish of a design: whole controller steps, and every limit kept between the samples.
 
-The optimiser holds smoothed limits at some points. Here the frequency is moved so that a period
-is a whole number of controller steps, and the coefficients are solved again at that ω with
-margins where the unsmoothed model, on a fine grid, is beyond the smoothed one. What little is
-left over is put right by the least change of the coefficients (`expdesign.solver.feasibility`).
+The optimiser imposes smoothed limits at some points. Here the frequency is changed so that a period
+is a whole number of controller steps, and the coefficients are solved for again at that ω, with
+margins where the exact model on a fine grid exceeds the smoothed one. Small remaining violations
+are removed by the least change of the coefficients (`expdesign.solver.feasibility`).
 """
 
 from __future__ import annotations
@@ -11,10 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from constraints.arrays import Array, Mask
-from expdesign.problem.design_problem import DesignProblem, hidden_by_smoothing
+from expdesign.problem.design_problem import DesignProblem, smoothing_gap
 from expdesign.recheck.certificate import recheck
 from expdesign.recheck.information import Evaluator
 from expdesign.recheck.limit_check import (
@@ -25,36 +24,311 @@ from expdesign.recheck.limit_check import (
     worst_sampled,
 )
 from expdesign.solver.events import TracePoint
-from expdesign.solver.feasibility import GRID_MARGIN, LARGEST_MARGIN, brought_within
-from expdesign.solver.phases import Report, Stage, StageRecord, last_stage, solve_rows
+from expdesign.solver.feasibility import GRID_MARGIN, LARGEST_MARGIN, restore_limits
+from expdesign.solver.interior_point import solve_by_interior_point
+from expdesign.solver.ipopt import IPOPT_OPTIONS, solve_with_ipopt
+from expdesign.solver.phases import Phase, PhaseReport, PhaseResult, last_phase, report_round
 from expdesign.trajectory import FourierTrajectory
+
+FARTHEST = 0.05
+"""Largest change of the period, as a share of it, to avoid a hum."""
 
 _CHECKS = 4
 _WORTHWHILE = 2e-3
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Finished:
-    """A trajectory that was checked, and the factor it was shrunk by at last; 1: not at all."""
+class PolishedDesign:
+    """A finished trajectory with the check of its limits, and its value."""
 
     trajectory: FourierTrajectory
     check: Recheck
     shrink: float
-    record: StageRecord | None = None
+    """Factor by which the motion was shrunk at last; 1: not at all."""
+    merit: float = -np.inf
+    """The exact criterion, larger is better."""
+    start: int = 0
+    """Number of its start or hop."""
+    phase: PhaseResult | None = None
+    """Statistics of the solves; None without a solve."""
     trace: tuple[TracePoint, ...] = ()
 
+    @property
+    def rank(self) -> tuple[bool, bool, float]:
+        """Sorting key, larger is better: certified, then passed, then the others."""
+        check = self.check
+        return check.certified, check.passed, self.merit if check.passed else -check.worst
 
-FARTHEST = 0.05
-"""Share of a period by which it is changed at most to keep away from a hum."""
+
+def polish(
+    problem: DesignProblem,
+    evaluator: Evaluator,
+    start: Array,
+    phase: Phase,
+    *,
+    rounds: int,
+    report: PhaseReport,
+    proving: bool = True,
+    settled: bool = False,
+) -> PolishedDesign:
+    """Bring a solution within the limits between the samples as well.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+        Both bounds of ω are the value wanted.
+    evaluator : Evaluator
+        Decides which round's trajectory is the best.
+    start : (z,)
+        Scaled variables.
+    phase : Phase
+        Settings of each solve.
+    rounds : int
+        Largest number of solves.
+    report : callable
+        Gets every iteration.
+    proving : bool
+        Whether limits are proved after each solve, the last solve being Ipopt's; otherwise they
+        are checked on the fine grid, to compare motions with one another.
+    settled : bool
+        Whether `start` was finished before, without a proof: the first solve may be the last.
+    """
+    x = start.copy()
+    x[-1] = problem.variables.bounds()[0][-1]
+    # A settled motion is proved only if Ipopt's round does not improve on it.
+    proved = proving and not (settled and rounds)
+    best, exact = _check(problem, evaluator, x, phase.width, proving=proved)
+    candidate, kept = best, x
+    result, last_merit = PhaseResult.start(phase), best.merit
+    # Worst moments of earlier rounds stay: without their rows their violations come back.
+    seen: Mask = np.zeros((grid_points(problem.cost.samples), len(problem.limits.keys)), dtype=bool)
+    for number in range(1, rounds + 1):
+        last = number == rounds or settled
+        # Each round has all iterations of the phase: rows and margins are new. Ipopt, from the
+        # optimum of a slightly different program, sometimes needs twice as many.
+        ipopt = proving and last
+        present = last_phase(phase, problem.variables.harmonics) if ipopt else phase
+        instants, mask, margins = _critical_rows(problem, x, exact, present, candidate.check, seen)
+        program = problem.program(
+            instants,
+            mask,
+            width=present.width,
+            level=present.level,
+            samples=present.samples,
+            margins=margins,
+            box=(x, present.radius),
+        )
+        most = (1 + ipopt) * phase.iterations
+        watch = report_round(report, result, most)
+        if ipopt:
+            solution = solve_with_ipopt(
+                program,
+                x,
+                options={**IPOPT_OPTIONS, "max_iter": most},
+                curvature="limited-memory",
+                report=watch,
+            )
+        else:
+            solution = solve_by_interior_point(
+                program,
+                x,
+                most=most,
+                barrier=present.barrier,
+                renewed=present.renewed,
+                standstill=present.standstill,
+                report=watch,
+            )
+        x = solution.usable
+        result = result.add(solution, int(np.count_nonzero(mask)))
+        candidate, exact = _check(problem, evaluator, x, phase.width, proving=proving)
+        gain = evaluator.gain(candidate.merit, best.merit)
+        if proving and not proved and (gain <= 0 or not candidate.check.certified):
+            (best, _), proved = _check(problem, evaluator, kept, phase.width, proving=True), True
+            gain = evaluator.gain(candidate.merit, best.merit)
+        standing, before = (
+            (check.certified, check.passed) for check in (candidate.check, best.check)
+        )
+        if standing > before or (standing == before and candidate.check.passed and gain > 0):
+            best, kept, proved = candidate, x, proving
+        # A round that gets worse reveals rows and margins that the next one corrects (measured).
+        good = best.check.certified if proving else best.check.passed
+        stopped = solution.status == "User_Requested_Stop"
+        if number == rounds or (last and good) or stopped:
+            break
+        settled = good and abs(evaluator.gain(candidate.merit, last_merit)) < _WORTHWHILE
+        if settled and not proving:
+            break
+        last_merit = candidate.merit
+    if result.rounds == 0:
+        return best
+    result = replace(
+        result,
+        objective=problem.cost_value(kept, phase.width, phase.level, phase.samples),
+        violation=best.check.worst,
+    )
+    return replace(best, phase=result)
 
 
-def controller_omega(
+def _check(
+    problem: DesignProblem, evaluator: Evaluator, x: Array, width: float, *, proving: bool
+) -> tuple[PolishedDesign, Array]:
+    """Restore the limits until all are proved for every instant, or kept on the fine grid.
+
+    A limit without a proof, or without one within the budget, counts with its largest value found.
+    The violations before the restoration on the fine grid, (points, R), are returned as well.
+    """
+    margin = GRID_MARGIN
+    for _ in range(_CHECKS):
+        motion = restore_limits(problem, x, margin, width)
+        if not proving:
+            times = motion.trajectory.sample_times(grid_points(problem.cost.samples))
+            check = Recheck(worst_sampled(problem.limits, times, motion.values))
+            break
+        check = recheck(problem.limits, motion.trajectory)
+        if check.certified or not motion.kept or not TOLERANCE < check.possible < np.inf:
+            break
+        margin += 2 * check.possible
+    merit = evaluator.merit(motion.trajectory, problem.cost.samples)
+    return PolishedDesign(motion.trajectory, check, motion.factor, merit), motion.before
+
+
+def _critical_rows(
+    problem: DesignProblem, x: Array, exact: Array, phase: Phase, check: Recheck, seen: Mask
+) -> tuple[Array, Mask, Array]:
+    """Choose the decisive instants, their rows and margins: (K,), (K, R), (K, R).
+
+    The instants are a regular grid, every local worst of the exact limits on the fine grid, and
+    the worst moments found by the last motion's proof where the grid shows none: two nearly equal
+    rows would only make the program harder. Those of the fine grid are added to `seen`,
+    (points, R), and all entries of `seen` are used.
+    A row's margin is the largest excess of the exact value over the smoothed one within one step
+    of the regular grid: that covers the jumps of dry friction at sign changes. `exact`,
+    (points, R), are the exact violations on the fine grid.
+    """
+    points = len(exact)
+    fine = 2 * np.pi * np.arange(points) / points
+    reach = max(1, points // phase.points)
+    gap = smoothing_gap(
+        problem.limits, problem.states(x, fine), exact, phase.width, reach, periodic=True
+    )
+    peaks = local_worst(exact, periodic=True) & (exact > -phase.near / 3)
+    regular = np.zeros(points, dtype=bool)
+    regular[:: max(1, points // (2 * phase.points))] = True
+    near = (exact > -phase.near) & np.isfinite(exact)
+    seen |= peaks
+    used = (regular[:, None] & near) | seen
+    chosen = np.any(used, axis=1)
+    moments, rows = _worst_moments(problem, check, phase.near)
+    nearest = np.rint(moments * points / (2 * np.pi)).astype(np.intp) % points
+    covered = used | np.roll(used, 1, axis=0) | np.roll(used, -1, axis=0)
+    unseen = np.any(rows & ~covered[nearest], axis=1)
+    moments, rows, nearest = moments[unseen], rows[unseen], nearest[unseen]
+    margins = np.minimum(gap + 2 * GRID_MARGIN, LARGEST_MARGIN)
+    return (
+        np.concatenate([fine[chosen], moments]),
+        np.concatenate([used[chosen], rows]),
+        np.concatenate([margins[chosen], margins[nearest]]),
+    )
+
+
+def _worst_moments(problem: DesignProblem, check: Recheck, near: float) -> tuple[Array, Mask]:
+    """Return the phases (J,) of the worst moments of a checked motion, and the rows (J, R).
+
+    Only limits closer to their bounds than a share of their range are included.
+    """
+    limits, omega = problem.limits, problem.variables.omega_bounds[0]
+    judged = zip(limits.limits, limits.columns, check.limits, strict=True)
+    found = [
+        (omega * one.time, columns.start + limit.labels.index(one.row))
+        for limit, columns, one in judged
+        if -near < one.violation < np.inf
+    ]
+    rows = np.zeros((len(found), len(limits.keys)), dtype=bool)
+    rows[range(len(found)), [column for _, column in found]] = True
+    return np.array([phase for phase, _ in found]), rows
+
+
+@dataclass(frozen=True)
+class HumDistance:
+    """A hum, and the nearest multiple of a motion's frequency."""
+
+    frequency: float
+    """Of the hum, Hz."""
+    multiple: int
+    distance: float
+    """Absolute distance, Hz."""
+    lines: float
+    """Distance in lines of the recording's spectrum."""
+
+    @property
+    def kept(self) -> bool:
+        """Whether it is at least one line of the recording away."""
+        return self.lines >= 1 - _ROUNDING
+
+
+@dataclass(frozen=True)
+class KnownHum:
+    """Frequencies of hums, and the number of periods of the recording.
+
+    A hum at a multiple of the motion's frequency repeats in every period: it cannot be separated
+    from the motion's own forces, and it biases the parameters. At a distance of one line of the
+    recording's spectrum (one over its duration) it averages out over the recording.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> (mains,) = KnownHum((50.0,), periods=10).distances(2 * np.pi * 0.4995)
+    >>> mains.multiple, round(mains.distance, 4), mains.kept
+    (100, 0.05, True)
+    """
+
+    frequencies: tuple[float, ...]
+    """Hz."""
+    periods: float
+
+    def distances(self, omega: float) -> tuple[HumDistance, ...]:
+        """Return the distance of each hum from the multiples of ω, rad/s."""
+        base = omega / (2 * np.pi)
+        found = []
+        for frequency in self.frequencies:
+            turns = frequency / base
+            off = abs(turns - round(turns))
+            found.append(HumDistance(frequency, round(turns), off * base, off * self.periods))
+        return tuple(found)
+
+    def avoided(self, periods: Array) -> Mask:
+        """Tell for lengths of a period, (K,), s, whether every hum is a line away, (K,)."""
+        turns = np.multiply.outer(periods, np.array(self.frequencies))
+        off = np.abs(turns - np.round(turns)) * self.periods
+        return np.asarray(np.all(off >= 1 - _ROUNDING, axis=1))
+
+
+def round_period(
     omega: float, bounds: tuple[float, float], step: float, hum: KnownHum | None = None
 ) -> tuple[float, int]:
-    """Return the nearest ω within the bounds whose period is a whole number of steps, and how many.
+    """Return the nearest ω whose period is a whole number of controller steps, and that number.
 
-    The nearest that keeps its multiples away from a hum, where there is one within `FARTHEST`.
-    Raises `ValueError` where no whole number fits between the bounds.
+    If another one within `FARTHEST` keeps the multiples of ω away from every hum, it is preferred.
+
+    Parameters
+    ----------
+    omega : float
+        rad/s, within the bounds.
+    step : float
+        Controller step, s.
+
+    Raises
+    ------
+    ValueError
+        No whole number of steps fits between the bounds.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> omega, steps = round_period(2 * np.pi / 2.0004, (1.0, 10.0), 1e-3)
+    >>> steps
+    2000
     """
     slack = 1e-12
     fewest = int(np.ceil(2 * np.pi / (bounds[1] * step) * (1 - slack)))
@@ -69,207 +343,3 @@ def controller_omega(
         if len(near):
             steps = int(near[np.argmin(np.abs(near - 2 * np.pi / (omega * step)))])
     return 2 * np.pi / (steps * step), steps
-
-
-def finish(
-    problem: DesignProblem,
-    evaluator: Evaluator,
-    start: Array,
-    stage: Stage,
-    *,
-    rounds: int,
-    report: Report,
-    proving: bool = True,
-    settled: bool = False,
-) -> Finished:
-    """Bring a solution within the limits between the samples as well.
-
-    Both bounds of ω in the problem are the value wanted; `start` has scaled variables, (z,). Each
-    of at most `rounds` is a solve with the stage's settings; the evaluator decides which of their
-    trajectories is the best. With `proving` limits are proved after each, and the last solve is
-    Ipopt's; without it they are looked at on the fine grid, to compare motions with one another.
-    What was finished before without a proof is `settled`: the first solve may be the last.
-    """
-    x = start.copy()
-    x[-1] = problem.variables.bounds()[0][-1]
-    # What is settled is proved only where Ipopt's round does not lead to something better.
-    proved = proving and not (settled and rounds)
-    best, exact = _checked(problem, x, stage.width, proving=proved)
-    candidate, kept = best, x
-    best_merit = evaluator.merit(best.trajectory, problem.cost.samples)
-    record, last_merit = StageRecord.of(stage), best_merit
-    # Worst moments of earlier rounds stay: without their rows what they held comes back.
-    seen: NDArray[np.bool_] = np.zeros(
-        (grid_points(problem.cost.samples), len(problem.limits.keys)), dtype=bool
-    )
-    for number in range(1, rounds + 1):
-        last = number == rounds or settled
-        # Each round has all of the stage's iterations: the rows and their margins are new. Ipopt,
-        # from the optimum of a program that is not quite the same, needs twice as many at times.
-        ipopt = proving and last
-        present = last_stage(stage, problem.variables.harmonics) if ipopt else stage
-        x, status = solve_rows(
-            problem,
-            present,
-            _critical_rows(problem, x, exact, present, candidate.check, seen),
-            (x, present.radius),
-            record,
-            report,
-            most=(1 + ipopt) * stage.iterations,
-        )
-        candidate, exact = _checked(problem, x, stage.width, proving=proving)
-        merit = evaluator.merit(candidate.trajectory, problem.cost.samples)
-        gain = evaluator.gain(merit, best_merit)
-        if proving and not proved and (gain <= 0 or not candidate.check.certified):
-            (best, _), proved = _checked(problem, kept, stage.width, proving=True), True
-            best_merit = evaluator.merit(best.trajectory, problem.cost.samples)
-            gain = evaluator.gain(merit, best_merit)
-        standing, before = (
-            (check.certified, check.passed) for check in (candidate.check, best.check)
-        )
-        if standing > before or (standing == before and candidate.check.passed and gain > 0):
-            best, best_merit, kept, proved = candidate, merit, x, proving
-        # A round that falls back shows rows and margins that the next one puts right (measured).
-        good = best.check.certified if proving else best.check.passed
-        if number == rounds or (last and good) or status == "User_Requested_Stop":
-            break
-        settled = good and abs(evaluator.gain(merit, last_merit)) < _WORTHWHILE
-        if settled and not proving:
-            break
-        last_merit = merit
-    if record.rounds == 0:
-        return best
-    record.objective = problem.cost_value(kept, stage.width, stage.level, stage.samples)
-    record.violation = best.check.worst
-    return replace(best, record=record)
-
-
-def _critical_rows(
-    problem: DesignProblem,
-    x: Array,
-    exact: Array,
-    stage: Stage,
-    check: Recheck,
-    seen: NDArray[np.bool_],
-) -> tuple[Array, NDArray[np.bool_], Array]:
-    """Choose the instants that matter, with margins: (K,), (K, R), (K, R).
-
-    Instants are a regular grid, every local worst of the unsmoothed limits on the fine grid, and
-    the worst moments that the proof of the last motion has found where the grid shows none: rows
-    that say almost the same twice would only make the program harder. Those of the fine grid are
-    added to `seen`, (points, R), and all that it has are taken.
-    A row's margin is what the unsmoothed value exceeds the smoothed one by, anywhere within one
-    step of the regular grid: that covers the jumps of dry friction where a sign changes. `exact`,
-    (points, R), are the unsmoothed violations on the fine grid.
-    """
-    points = len(exact)
-    fine = 2 * np.pi * np.arange(points) / points
-    reach = max(1, points // stage.points)
-    hidden = hidden_by_smoothing(
-        problem.limits, problem.states(x, fine), exact, stage.width, reach, periodic=True
-    )
-    peaks = local_worst(exact, periodic=True) & (exact > -stage.near / 3)
-    regular = np.zeros(points, dtype=bool)
-    regular[:: max(1, points // (2 * stage.points))] = True
-    near = (exact > -stage.near) & np.isfinite(exact)
-    seen |= peaks
-    used = (regular[:, None] & near) | seen
-    chosen = np.any(used, axis=1)
-    moments, rows = _worst_moments(problem, check, stage.near)
-    nearest = np.rint(moments * points / (2 * np.pi)).astype(np.intp) % points
-    beside = used | np.roll(used, 1, axis=0) | np.roll(used, -1, axis=0)
-    unseen = np.any(rows & ~beside[nearest], axis=1)
-    moments, rows, nearest = moments[unseen], rows[unseen], nearest[unseen]
-    margins = np.minimum(hidden + 2 * GRID_MARGIN, LARGEST_MARGIN)
-    return (
-        np.concatenate([fine[chosen], moments]),
-        np.concatenate([used[chosen], rows]),
-        np.concatenate([margins[chosen], margins[nearest]]),
-    )
-
-
-def _worst_moments(
-    problem: DesignProblem, check: Recheck, near: float
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the phases (J,) at which limits of a judged motion are worst, and the rows (J, R).
-
-    Of limits that are closer to their bounds than a share of their range.
-    """
-    limits, omega = problem.limits, problem.variables.omega_bounds[0]
-    judged = zip(limits.limits, limits.columns, check.limits, strict=True)
-    found = [
-        (omega * one.time, columns.start + limit.labels.index(one.row))
-        for limit, columns, one in judged
-        if -near < one.violation < np.inf
-    ]
-    rows = np.zeros((len(found), len(limits.keys)), dtype=bool)
-    rows[range(len(found)), [column for _, column in found]] = True
-    return np.array([phase for phase, _ in found]), rows
-
-
-def _checked(
-    problem: DesignProblem, x: Array, width: float, *, proving: bool
-) -> tuple[Finished, Array]:
-    """Change it until every limit is proved to be kept at every instant, or kept on the fine grid.
-
-    A limit of which nothing can be proved, or not within the budget, counts with what was found.
-    What the motion breaks on the fine grid before it is changed, (points, R), comes back, too.
-    """
-    margin = GRID_MARGIN
-    for _ in range(_CHECKS):
-        kept = brought_within(problem, x, margin, width)
-        if not proving:
-            times = kept.trajectory.sample_times(grid_points(problem.cost.samples))
-            check = Recheck(worst_sampled(problem.limits, times, kept.values))
-            break
-        check = recheck(problem.limits, kept.trajectory)
-        if check.certified or not kept.kept or not TOLERANCE < check.possible < np.inf:
-            break
-        margin += 2 * check.possible
-    return Finished(kept.trajectory, check, kept.factor), kept.before
-
-
-_ROUNDING = 1e-9
-
-
-@dataclass(frozen=True)
-class HumDistance:
-    """A hum and the multiple of a motion's frequency that is next to it."""
-
-    frequency: float
-    """Of the hum, Hz."""
-    multiple: int
-    distance: float
-    """Hz, without a sign."""
-    lines: float
-    """The same in lines of the record."""
-
-    @property
-    def kept(self) -> bool:
-        """True when it is one line of the record away, or more."""
-        return self.lines >= 1 - _ROUNDING
-
-
-@dataclass(frozen=True)
-class KnownHum:
-    """Frequencies that hum, and the number of periods of the record that they disturb."""
-
-    frequencies: tuple[float, ...]
-    """Hz."""
-    periods: float
-
-    def distances(self, omega: float) -> tuple[HumDistance, ...]:
-        """Return how near each is to a multiple of ω, rad/s."""
-        base = omega / (2 * np.pi)
-        found = []
-        for frequency in self.frequencies:
-            turns = frequency / base
-            off = abs(turns - round(turns))
-            found.append(HumDistance(frequency, round(turns), off * base, off * self.periods))
-        return tuple(found)
-
-    def avoided(self, periods: Array) -> Mask:
-        """Tell which lengths of a period, (K,), s, keep every hum a line away: (K,) of bool."""
-        turns = np.multiply.outer(periods, np.array(self.frequencies))
-        off = np.abs(turns - np.round(turns)) * self.periods
-        return np.asarray(np.all(off >= 1 - _ROUNDING, axis=1))

@@ -1,4 +1,4 @@
-"""Ipopt through CasADi, fed with derivatives that are assembled outside its graph."""
+"""Ipopt through CasADi, with derivatives assembled outside its graph."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any, Literal
 import casadi as ca
 
 from constraints.arrays import Array
-from expdesign.problem.design_problem import LimitedProgram, largest_excess
-from expdesign.solver.interior_point import WEIGHT, Report, Solution
+from expdesign.problem.design_problem import Program, largest_excess
+from expdesign.solver.interior_point import WEIGHT, BestIterate, IterationReport, Solution
 
 Curvature = Literal["gauss-newton", "limited-memory"]
 
@@ -23,11 +23,11 @@ IPOPT_OPTIONS = {
     "linear_solver": "mumps",
     # AMD: the default ordering was four times slower on 2 000 dense rows in an earlier study.
     "mumps_pivot_order": 0,
-    # The rows are scaled already; to look for a better scaling took a third of the time.
+    # The rows are scaled already; the search for a better scaling took a third of the time.
     "mumps_permuting_scaling": 0,
-    # One larger system in place of many solutions of a smaller one.
+    # One larger system instead of many solutions of a smaller one.
     "limited_memory_aug_solver": "extended",
-    # It sets out from an optimum: it stays near, and close to its bounds.
+    # It begins at an optimum: it stays near, and close to its bounds.
     "mu_strategy": "monotone",
     "mu_init": 1e-4,
     "bound_mult_init_method": "mu-based",
@@ -36,19 +36,19 @@ IPOPT_OPTIONS = {
     "slack_bound_push": 1e-6,
     "slack_bound_frac": 1e-6,
     "tol": 1e-4,
-    # Good enough: feasible, and the objective has stood still for five iterations. Without exact
-    # second derivatives of the limits the last digits of the dual residual take long.
+    # Good enough: feasible, and the objective has not changed for five iterations. Without exact
+    # second derivatives of the limits the dual residual converges slowly.
     "acceptable_tol": 1e-2,
     "acceptable_constr_viol_tol": 1e-3,
     "acceptable_compl_inf_tol": 1e-3,
     "acceptable_iter": 5,
     "acceptable_obj_change_tol": 2e-4,
 }
-"""Ipopt's options of the last solve; who solves adds how many iterations it has."""
+"""Ipopt's options of the last solve, without the number of iterations."""
 
 
 class _Function(ca.Callback):
-    """A function that Ipopt calls, computed by NumPy from its inputs as vectors."""
+    """A function for Ipopt, computed by NumPy from its inputs as vectors."""
 
     def __init__(
         self,
@@ -78,12 +78,12 @@ class _Function(ca.Callback):
 
 
 def solve_with_ipopt(
-    program: LimitedProgram,
+    program: Program,
     start: Array,
     *,
     options: Mapping[str, Any],
     curvature: Curvature = "gauss-newton",
-    report: Report | None = None,
+    report: IterationReport | None = None,
 ) -> Solution:
     """Minimise; return the last iterate whatever the status.
 
@@ -121,11 +121,12 @@ def solve_with_ipopt(
         _, _, matrix = at("grad_f", x, program.cost_derivatives)
         return [ca.triu(ca.DM(weight[0] * matrix))]
 
-    iterations = itertools.count(1)
+    iterations, best = itertools.count(1), BestIterate(start)
 
     def watch(x: Array, objective: Array, rows: Array, *_multipliers: Array) -> list[int]:
         violation = largest_excess(rows, program.row_lower, program.row_upper)
         now = next(iterations), float(objective[0]), violation
+        best.offer(x, now[1], violation)
         return [0 if report is None or report(*now, x) else 1]
 
     size, count = start.size, program.row_lower.size
@@ -171,8 +172,8 @@ def solve_with_ipopt(
         objective=float(solution["f"]),
         multipliers=solution["lam_g"].full().ravel(),
         status=status,
-        converged=status in {"Solve_Succeeded", "Solved_To_Acceptable_Level"},
         iterations=int(statistics.get("iter_count", 0)),
         evaluations=counts,
         seconds=seconds,
+        best=best.x,
     )

@@ -1,9 +1,8 @@
-"""What worker processes do: starts, hops and finishes."""
+"""Jobs of a search, each run as a whole in one process: starts and hops, their finish and proof."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
@@ -13,280 +12,31 @@ from constraints.arrays import Array
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.recheck.certificate import recheck
 from expdesign.recheck.information import Evaluator
-from expdesign.solver.events import TracePoint, Watch
+from expdesign.solver.events import StartReporter, TracePoint
 from expdesign.solver.feasibility import (
     GRID_MARGIN,
     InfeasibleLimitsError,
-    Shrunk,
-    brought_within,
-    perturbed,
+    RestoredMotion,
+    perturb,
     random_start,
+    restore_limits,
     shrink_to_limits,
 )
-from expdesign.solver.finish import Finished, KnownHum, controller_omega, finish
+from expdesign.solver.finish import KnownHum, PolishedDesign, polish, round_period
 from expdesign.solver.interior_point import FEASIBLE
 from expdesign.solver.phases import (
-    Stage,
-    StageRecord,
+    PhaseResult,
     coarse_points,
-    continuation_stages,
+    continuation_phases,
     fine_points,
-    finish_stage,
-    hop_stages,
-    run_stage,
+    finish_phase,
+    hop_phases,
+    solve_phase,
 )
 from expdesign.workers import Monitor
 
-_FINISH_ROUNDS = 4
-_MOST_AGAIN = 4
-"""Times that the best motion is refined and finished again at most."""
-_GAINED = 1e-4
-"""Gain per parameter, as a logarithm, for which this goes on."""
-
-
-@dataclass(frozen=True)
-class SearchPlan:
-    """How to search."""
-
-    starts: int
-    hops: int
-    """After the random starts; 0: none."""
-    seed: int
-    widths: tuple[float, ...]
-    """Smoothing of dry friction, m/s, falling."""
-    iterations: int
-    """At most, of a start's first stage."""
-    controller_period: float
-    """s."""
-    hum: KnownHum
-    """What the finished frequency keeps away from."""
-    workers: int
-    scheduler: str | None
-    """Address of a Dask cluster, instead of the workers."""
-    max_seconds: float | None
-
-
-@dataclass(frozen=True)
-class DesignTask:
-    """What every worker process needs: the problem, the evaluator of its motions, and the plan."""
-
-    problem: DesignProblem
-    evaluator: Evaluator
-    plan: SearchPlan
-
-
-Build = Callable[[], DesignTask]
-"""Builds the task inside a worker; picklable."""
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A finished motion, what it is worth, and where it came from."""
-
-    merit: float
-    """The judged criterion, larger is better."""
-    finished: Finished
-    start: StartResult
-
-    @property
-    def rank(self) -> tuple[bool, bool, float]:
-        """Larger is better: what is certified before what passed, both by merit, then the rest."""
-        check = self.finished.check
-        return check.certified, check.passed, self.merit if check.passed else -check.worst
-
-
-def rough_job(task: DesignTask, monitor: Monitor, index: int) -> StartResult:
-    """Draw a motion and run its rough search."""
-    problem, plan = task.problem, task.plan
-    stages = continuation_stages(problem, plan.widths, plan.iterations)
-    watch = Watch(monitor, index)
-    first = problem.with_variables(harmonics=stages[0].harmonics or problem.variables.harmonics)
-    points = coarse_points(first.variables.harmonics)
-    try:
-        start = random_start(first, _rng(plan.seed, index), points, plan.widths[0])
-    except InfeasibleLimitsError as error:
-        # No shrinking brings it within the limits.
-        watch.tell("done", 0, -np.inf, np.inf, str(error))
-        nowhere = np.full(problem.variables.size, np.nan)
-        return StartResult(index, "random", nowhere, status=str(error))
-    result = run_stages(problem, stages, StartResult(index, "random", start), monitor, until=1)
-    reached = result.stages[-1]
-    watch.tell(
-        "waiting", result.iterations, problem.cost.readable(reached.objective), reached.violation
-    )
-    return result
-
-
-def refined_job(task: DesignTask, monitor: Monitor, begun: StartResult) -> StartResult:
-    """Run the refinements of a start."""
-    problem, plan = task.problem, task.plan
-    stages = continuation_stages(problem, plan.widths, plan.iterations)
-    reached = run_stages(problem, stages, begun, monitor)
-    return judged(problem, task.evaluator, reached, monitor)
-
-
-def hop_job(task: DesignTask, monitor: Monitor, index: int, origin: StartResult) -> StartResult:
-    """Throw a motion out of its basin, and run the stages of a start from there."""
-    problem, plan = task.problem, task.plan
-    rng = _rng(plan.seed, index)
-    thrown = perturbed(problem, origin.variables, rng, plan.widths[-1])
-    reached = run_stages(
-        problem,
-        hop_stages(problem, plan.widths, plan.iterations),
-        StartResult(index, "hop", thrown),
-        monitor,
-        screening=Screening(origin.stages),
-    )
-    return judged(problem, task.evaluator, reached, monitor)
-
-
-def finish_job(
-    task: DesignTask,
-    monitor: Monitor,
-    index: int,
-    variables: Array,
-    *,
-    proving: bool = False,
-    settled: bool = False,
-) -> tuple[float, Finished]:
-    """Finish what a start reached; return what it is worth, too.
-
-    Most motions are only compared with others: see `proving` and `settled` of `finish`.
-    """
-    problem, plan = task.problem, task.plan
-    watch = Watch(monitor, index)
-    omega = problem.variables.trajectory(variables).omega
-    bounds = problem.variables.omega_bounds
-    if bounds[0] < bounds[1]:
-        omega, _ = controller_omega(omega, bounds, plan.controller_period, plan.hum)
-    fixed = problem.with_variables(omega_bounds=(omega, omega))
-    stage = finish_stage(problem, plan.widths, plan.iterations)
-    report = watch.of_stage(replace(stage, rounds=_FINISH_ROUNDS), problem)
-    rounds = 0 if monitor.stop_requested() else _FINISH_ROUNDS
-    finished = finish(
-        fixed,
-        task.evaluator,
-        variables,
-        stage,
-        rounds=rounds,
-        report=report,
-        proving=proving,
-        settled=settled,
-    )
-    merit = task.evaluator.merit(finished.trajectory, problem.cost.samples)
-    value = merit if task.evaluator.criterion.larger_is_better else -merit
-    where = "" if proving else " on the fine grid"
-    status = f"every limit kept{where}" if finished.check.passed else "a limit is broken"
-    watch.tell("finished", len(watch.trace), value, finished.check.worst, status)
-    return merit, replace(finished, trace=tuple(watch.trace))
-
-
-def proof_job(
-    task: DesignTask, monitor: Monitor, index: int, finished: Finished
-) -> tuple[float, Finished]:
-    """Finish once more what was finished without a proof, and prove it.
-
-    Where what became better by that cannot be proved, what it was before is.
-    """
-    again = finished
-    if task.plan.hops:  # a search without them is to be short
-        again = _finished_again(task, monitor, index, finished)
-    merit, proved = _proof(task, monitor, index, again)
-    if again is not finished and not (proved.check.certified or monitor.stop_requested()):
-        before = _proof(task, monitor, index, finished)
-        if before[1].check.certified:
-            return before
-    return merit, proved
-
-
-def _proof(
-    task: DesignTask, monitor: Monitor, index: int, finished: Finished
-) -> tuple[float, Finished]:
-    variables = task.problem.variables.pack(finished.trajectory)
-    settled = finished.record is not None and finished.record.converged
-    return finish_job(task, monitor, index, variables, proving=True, settled=settled)
-
-
-def _finished_again(task: DesignTask, monitor: Monitor, index: int, finished: Finished) -> Finished:
-    """Refine and finish what was finished again, as long as it becomes better.
-
-    The refinement's box is larger, and it holds no margins: it leaves where a finish got stuck.
-    """
-    problem, plan = task.problem, task.plan
-    own = finish_stage(problem, plan.widths, plan.iterations)
-    last = continuation_stages(problem, plan.widths, plan.iterations)[-1]
-    last = replace(last, name=own.name, samples=own.samples)
-    report = Watch(monitor, index).of_stage(last, problem)
-    merit = task.evaluator.merit(finished.trajectory, problem.cost.samples)
-    for _ in range(_MOST_AGAIN):
-        x, _ = run_stage(problem, last, problem.variables.pack(finished.trajectory), report)
-        if monitor.stop_requested():
-            break
-        reached, again = finish_job(task, monitor, index, x)
-        gains = task.evaluator.gain(reached, merit) > _GAINED or not finished.check.passed
-        if not (again.check.passed and gains):
-            break
-        merit, finished = reached, again
-    return finished
-
-
-def _rng(seed: int, index: int) -> np.random.Generator:
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
-
-
-_FINER = 4
-"""Points that a start's limits are judged at, for one that they were held at."""
-_BEHIND = 0.01
-"""Cost by which a hop may be behind before its last stage."""
-
-
-@dataclass(frozen=True)
-class StartResult:
-    """What one start (or hop) has reached, and how it ended; without stages: where it sets out."""
-
-    index: int
-    """From 1; hops go on counting."""
-    kind: str
-    """``"random"`` or ``"hop"``."""
-    variables: Array
-    """(z,), scaled, that were reached; before the first stage those of its harmonics."""
-    merit: float = -np.inf
-    """The judged criterion, larger is better, of the motion shrunk until it keeps every limit at a
-    few hundred points; −inf when it cannot be, or has not been."""
-    status: str = ""
-    """How it ended, in words; empty while stages are left."""
-    converged: bool = False
-    stages: tuple[StageRecord, ...] = ()
-    trace: tuple[TracePoint, ...] = ()
-    seconds: float = 0.0
-
-    @property
-    def iterations(self) -> int:
-        """Iterations of all stages."""
-        return sum(stage.iterations for stage in self.stages)
-
-    @property
-    def rank(self) -> tuple[bool, int, bool, float]:
-        """Larger is better.
-
-        Of motions after as many stages what keeps its rows comes first, then the smoothed objective
-        decides: that of another stage is another number. What is left of the criterion in a motion
-        shrunk into its limits says less about the finished one: over 96 starts its rank correlation
-        was 0.54, the objective's 0.89.
-        """
-        if not self.stages:
-            return False, 0, False, -np.inf
-        last, going = self.stages[-1], not self.status or self.usable
-        return going, len(self.stages), last.violation <= FEASIBLE, -last.objective
-
-    @property
-    def usable(self) -> bool:
-        """Whether its motion can be finished."""
-        return bool(np.isfinite(self.merit))
-
-
 GIVEN_UP = "given up: behind what others had reached at this stage"
-"""How a start or a hop ended that was not worth going on."""
+"""Status of a start or a hop that others have left behind."""
 
 STATUS_TEXTS = {
     "Solve_Succeeded": "converged",
@@ -300,111 +50,305 @@ STATUS_TEXTS = {
     "Invalid_Number_Detected": "the model gave a value that is not a number",
 }
 
+_FINER = 4
+"""Points at which a start's limits are judged, per point at which they were imposed."""
+_BEHIND = 0.01
+"""Largest cost difference to its reference with which a hop continues before its last phase."""
+_FINISH_ROUNDS = 4
+_MOST_REPETITIONS = 4
+"""Largest number of further refinements and finishes of the best motion."""
+_GAIN = 1e-4
+"""Gain per parameter, as a logarithm, that justifies another one."""
+
 
 def status_text(status: str) -> str:
-    """Return the status of a solver, in Ipopt's terms, in words."""
+    """Return the status of a solver, in Ipopt's terms, in words.
+
+    Examples
+    --------
+    >>> status_text("Search_Direction_Becomes_Too_Small")
+    'steps became too small'
+    """
     return STATUS_TEXTS.get(status, status.replace("_", " ").lower())
 
 
-def _why_useless(problem: DesignProblem, shrunk: Shrunk) -> str:
-    if shrunk.kept:
+@dataclass(frozen=True)
+class SearchPlan:
+    """The problem, the exact evaluation of its motions, and the settings of the search."""
+
+    problem: DesignProblem
+    evaluator: Evaluator
+    starts: int
+    hops: int
+    """Number of hops after the random starts."""
+    seed: int
+    widths: tuple[float, ...]
+    """Smoothing of dry friction, m/s, decreasing."""
+    iterations: int
+    """Largest number of iterations of one phase of a start."""
+    controller_period: float
+    """s."""
+    hum: KnownHum
+    """Hums that the multiples of the motion's frequency avoid."""
+    workers: int
+    scheduler: str | None
+    """Address of a Dask cluster, instead of local workers."""
+    max_seconds: float | None
+
+    def generator(self, index: int) -> np.random.Generator:
+        """Return the random numbers of the start or hop with this number."""
+        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(index,)))
+
+
+@dataclass(frozen=True)
+class StartResult:
+    """State and statistics of one start or hop; without phases its beginning."""
+
+    index: int
+    """From 1; hops continue the numbers."""
+    kind: str
+    """``"random"`` or ``"hop"``."""
+    variables: Array
+    """(z,), scaled variables that were reached; of a hop without phases those of its origin."""
+    merit: float = -np.inf
+    """The exact criterion, larger is better, of the motion shrunk until it keeps every limit at a
+    few hundred points; −inf before the end, and if there is no such motion."""
+    status: str = ""
+    """How it ended, in words; empty before the end."""
+    converged: bool = False
+    phases: tuple[PhaseResult, ...] = ()
+    trace: tuple[TracePoint, ...] = ()
+    seconds: float = 0.0
+
+    @property
+    def iterations(self) -> int:
+        """Iterations of all phases."""
+        return sum(phase.iterations for phase in self.phases)
+
+    @property
+    def rank(self) -> tuple[bool, int, bool, float]:
+        """Sorting key; larger is better.
+
+        Among motions after as many phases, feasible ones come first, then the smoothed objective
+        decides: objectives of different phases are not comparable. The criterion of a motion
+        shrunk into its limits predicts the finished one less well: over 96 starts its rank
+        correlation was 0.54, the objective's 0.89.
+        """
+        if not self.phases:
+            return False, 0, False, -np.inf
+        last, going = self.phases[-1], not self.status or self.usable
+        return going, len(self.phases), last.violation <= FEASIBLE, -last.objective
+
+    @property
+    def usable(self) -> bool:
+        """Whether its motion can be finished."""
+        return bool(np.isfinite(self.merit))
+
+
+def run_start(
+    plan: SearchPlan,
+    monitor: Monitor,
+    begun: StartResult,
+    until: int | None = None,
+    reference: tuple[PhaseResult, ...] = (),
+) -> StartResult:
+    """Run the remaining phases of a start or a hop.
+
+    A start begins at a random motion, a hop at a perturbation of its origin. A request to stop
+    ends it after the current phase.
+
+    Parameters
+    ----------
+    until : int, optional
+        Number of the last phase, from 1. By default all are run, and then the exact model judges
+        the motion reached.
+    reference : tuple of PhaseResult
+        Phases of the origin: a hop that falls behind them is given up.
+    """
+    problem, reporter = plan.problem, _reporter(begun, monitor)
+    schedule = hop_phases if begun.kind == "hop" else continuation_phases
+    phases = schedule(problem, plan.widths, plan.iterations)
+    harmonics = problem.variables.harmonics
+    result = begun
+    if not begun.phases:
+        try:
+            result = replace(begun, variables=_first_motion(plan, begun, phases[0].harmonics))
+        except InfeasibleLimitsError as error:
+            reporter.report("done", 0, -np.inf, np.inf, str(error))
+            nowhere = np.full(problem.variables.size, np.nan)
+            return replace(begun, variables=nowhere, status=str(error))
+    for number, phase in enumerate(phases[:until], start=1):
+        if number <= len(begun.phases):
+            continue
+        if result.phases and monitor.stop_requested():
+            break
+        present = problem.with_variables(harmonics=phase.harmonics or harmonics)
+        place = (number, len(phases))
+        report = reporter.phase_report(phase, problem, result.iterations, place)
+        x, reached = solve_phase(present, phase, result.variables, report)
+        result = replace(
+            result,
+            variables=present.variables.extend(x, harmonics),
+            converged=reached.converged,
+            phases=(*result.phases, reached),
+        )
+        if is_hopeless(reached, reference, last=number == len(phases)):
+            ended = replace(result, trace=tuple(reporter.trace), seconds=reporter.seconds)
+            return give_up(ended, monitor)
+    result = replace(result, trace=tuple(reporter.trace), seconds=reporter.seconds)
+    if until is None:
+        return _judge(plan, result, reporter)
+    last = result.phases[-1]
+    objective = problem.cost.criterion_value(last.objective)
+    reporter.report("waiting", result.iterations, objective, last.violation)
+    return result
+
+
+def _first_motion(plan: SearchPlan, begun: StartResult, harmonics: int | None) -> Array:
+    """Return the scaled variables at which a start or a hop begins, (z,)."""
+    rng = plan.generator(begun.index)
+    if begun.kind == "hop":
+        return perturb(plan.problem, begun.variables, rng, plan.widths[-1])
+    first = plan.problem.with_variables(harmonics=harmonics or plan.problem.variables.harmonics)
+    return random_start(first, rng, coarse_points(first.variables.harmonics), plan.widths[0])
+
+
+def is_hopeless(reached: PhaseResult, reference: tuple[PhaseResult, ...], *, last: bool) -> bool:
+    """Tell whether a hop is too far behind its reference in the same phase.
+
+    After the last phase any lag is too much.
+    """
+    same_problem = attrgetter("name", "width", "level", "samples")
+    alike = [one for one in reference if same_problem(one) == same_problem(reached)]
+    allowed = 0.0 if last else _BEHIND
+    return bool(alike) and reached.objective > alike[-1].objective + allowed
+
+
+def give_up(start: StartResult, monitor: Monitor) -> StartResult:
+    """End a start that others have left behind."""
+    violation = start.phases[-1].violation
+    _reporter(start, monitor).report("done", start.iterations, -np.inf, violation, GIVEN_UP)
+    return replace(start, status=GIVEN_UP)
+
+
+def _judge(plan: SearchPlan, result: StartResult, reporter: StartReporter) -> StartResult:
+    """Judge the motion that a start has reached by the exact model.
+
+    The grid is finer than the one on which the limits were imposed, but coarser than the finish's:
+    that would take a sixth of the search's time and hardly predict the finish better.
+    """
+    problem, last = plan.problem, result.phases[-1]
+    status, merit = status_text(last.status), -np.inf
+    trajectory = problem.variables.trajectory(result.variables)
+    points = _FINER * fine_points(problem.variables.harmonics)
+    feasible = shrink_to_limits(problem, trajectory, points=points)
+    if not feasible.kept:
+        feasible = restore_limits(problem, result.variables, GRID_MARGIN, last.width, points)
+    if feasible.kept:
+        merit = plan.evaluator.merit(feasible.trajectory, problem.cost.samples)
+    if not np.isfinite(merit):
+        status += f"; {_why_useless(problem, feasible)}"
+    value = merit if plan.evaluator.criterion.larger_is_better else -merit
+    reporter.report("done", result.iterations, value, max(last.violation, 0.0), status)
+    return replace(result, merit=merit, status=status, seconds=reporter.seconds)
+
+
+def _why_useless(problem: DesignProblem, motion: RestoredMotion) -> str:
+    if motion.kept:
         return "its motion does not excite every parameter"
-    check = recheck(problem.limits, shrunk.trajectory)
+    check = recheck(problem.limits, motion.trajectory)
     worst = max(check.limits, key=lambda limit: limit.violation)
     return (
-        f"by the unsmoothed model its motion breaks {worst.key}, even shrunk to {shrunk.factor:g} "
+        f"by the unsmoothed model its motion breaks {worst.key}, even shrunk to {motion.factor:g} "
         "of its size"
     )
 
 
-@dataclass(frozen=True)
-class Screening:
-    """Decides after each stage whether a hop or a new start is worth going on."""
-
-    reference: tuple[StageRecord, ...]
-    """What the motion that it is measured by had reached after its own stages."""
-
-    def hopeless(self, record: StageRecord, *, last: bool) -> bool:
-        """Tell whether it is too far behind what the reference had reached at the same stage.
-
-        After the last one, whether it is behind at all.
-        """
-        same_problem = attrgetter("name", "width", "level", "samples")
-        alike = [one for one in self.reference if same_problem(one) == same_problem(record)]
-        allowed = 0.0 if last else _BEHIND
-        return bool(alike) and record.objective > alike[-1].objective + allowed
+def _reporter(start: StartResult, monitor: Monitor) -> StartReporter:
+    """Return the reporter that continues the trace and the time of a start."""
+    began = time.perf_counter() - start.seconds
+    return StartReporter(monitor, start.index, list(start.trace), began)
 
 
-def given_up(start: StartResult, monitor: Monitor) -> StartResult:
-    """End a start that others have left behind."""
-    _watch(start, monitor).tell(
-        "done", start.iterations, -np.inf, start.stages[-1].violation, GIVEN_UP
-    )
-    return replace(start, status=GIVEN_UP)
-
-
-def run_stages(
-    problem: DesignProblem,
-    stages: Sequence[Stage],
-    begun: StartResult,
+def polish_start(
+    plan: SearchPlan,
     monitor: Monitor,
+    index: int,
+    variables: Array,
     *,
-    until: int | None = None,
-    screening: Screening | None = None,
-) -> StartResult:
-    """Run the stages that are left, up to the one numbered `until`, from 1.
+    proving: bool = False,
+    settled: bool = False,
+) -> PolishedDesign:
+    """Finish the motion that a start has reached, at scaled variables (z,).
 
-    A request to stop ends it after the stage that it reaches. With a `screening` it may be given
-    up.
+    Most motions are only compared with others: see `proving` and `settled` of `polish`.
     """
-    watch, result, harmonics = _watch(begun, monitor), begun, problem.variables.harmonics
-    for number, stage in enumerate(stages[:until], start=1):
-        if number <= len(begun.stages):
-            continue
-        if result.stages and monitor.stop_requested():
+    problem = plan.problem
+    reporter = StartReporter(monitor, index)
+    omega = problem.variables.trajectory(variables).omega
+    bounds = problem.variables.omega_bounds
+    if bounds[0] < bounds[1]:
+        omega, _ = round_period(omega, bounds, plan.controller_period, plan.hum)
+    fixed = problem.with_variables(omega_bounds=(omega, omega))
+    phase = finish_phase(problem, plan.widths, plan.iterations)
+    polished = polish(
+        fixed,
+        plan.evaluator,
+        variables,
+        phase,
+        rounds=0 if monitor.stop_requested() else _FINISH_ROUNDS,
+        report=reporter.phase_report(replace(phase, rounds=_FINISH_ROUNDS), problem),
+        proving=proving,
+        settled=settled,
+    )
+    value = polished.merit if plan.evaluator.criterion.larger_is_better else -polished.merit
+    where = "" if proving else " on the fine grid"
+    status = f"every limit kept{where}" if polished.check.passed else "a limit is broken"
+    iterations, worst = len(reporter.trace), polished.check.worst
+    reporter.report("finished", iterations, value, worst, status)
+    return replace(polished, start=index, trace=tuple(reporter.trace))
+
+
+def prove_design(plan: SearchPlan, monitor: Monitor, polished: PolishedDesign) -> PolishedDesign:
+    """Finish a motion once more, now with a proof of its limits.
+
+    If the improved motion cannot be proved, but the given one can, the given one is returned.
+    """
+    again = polished
+    if plan.hops:  # a search without hops is meant to be short
+        again = _polish_again(plan, monitor, polished)
+    proved = _prove(plan, monitor, again)
+    if again is not polished and not (proved.check.certified or monitor.stop_requested()):
+        before = _prove(plan, monitor, polished)
+        if before.check.certified:
+            return before
+    return proved
+
+
+def _prove(plan: SearchPlan, monitor: Monitor, polished: PolishedDesign) -> PolishedDesign:
+    variables = plan.problem.variables.pack(polished.trajectory)
+    settled = polished.phase is not None and polished.phase.converged
+    return polish_start(plan, monitor, polished.start, variables, proving=True, settled=settled)
+
+
+def _polish_again(plan: SearchPlan, monitor: Monitor, polished: PolishedDesign) -> PolishedDesign:
+    """Refine and finish a finished motion again, as long as it improves.
+
+    The refinement's box is larger, and it has no margins: it leaves the point where a finish got
+    stuck.
+    """
+    problem = plan.problem
+    own = finish_phase(problem, plan.widths, plan.iterations)
+    last = continuation_phases(problem, plan.widths, plan.iterations)[-1]
+    last = replace(last, name=own.name, samples=own.samples)
+    report = StartReporter(monitor, polished.start).phase_report(last, problem)
+    for _ in range(_MOST_REPETITIONS):
+        x, _ = solve_phase(problem, last, problem.variables.pack(polished.trajectory), report)
+        if monitor.stop_requested():
             break
-        present = problem.with_variables(harmonics=stage.harmonics or harmonics)
-        report = watch.of_stage(stage, problem, result.iterations, (number, len(stages)))
-        x, record = run_stage(present, stage, result.variables, report)
-        result = replace(
-            result,
-            variables=present.variables.extended(x, harmonics),
-            converged=record.converged,
-            stages=(*result.stages, record),
-        )
-        if screening is not None and screening.hopeless(record, last=number == len(stages)):
-            return given_up(
-                replace(result, trace=tuple(watch.trace), seconds=watch.seconds), monitor
-            )
-    return replace(result, trace=tuple(watch.trace), seconds=watch.seconds)
-
-
-def judged(
-    problem: DesignProblem, evaluator: Evaluator, result: StartResult, monitor: Monitor
-) -> StartResult:
-    """Judge by the unsmoothed model what a start has reached; what was given up stays as it is.
-
-    It is looked at on a grid finer than the one its limits were held on, but not on the finish's:
-    that would take a sixth of the search's time to tell little more of whether it can be finished.
-    """
-    if result.status:
-        return result
-    watch, last = _watch(result, monitor), result.stages[-1]
-    status, merit = status_text(last.status), -np.inf
-    trajectory = problem.variables.trajectory(result.variables)
-    points = _FINER * fine_points(problem.variables.harmonics)
-    shrunk = shrink_to_limits(problem, trajectory, points=points)
-    if not shrunk.kept:
-        shrunk = brought_within(problem, result.variables, GRID_MARGIN, last.width, points)
-    if shrunk.kept:
-        merit = evaluator.merit(shrunk.trajectory, problem.cost.samples)
-    if not np.isfinite(merit):
-        status += f"; {_why_useless(problem, shrunk)}"
-    value = merit if evaluator.criterion.larger_is_better else -merit
-    watch.tell("done", result.iterations, value, max(last.violation, 0.0), status)
-    return replace(result, merit=merit, status=status, seconds=watch.seconds)
-
-
-def _watch(start: StartResult, monitor: Monitor) -> Watch:
-    """Return what goes on reporting a start."""
-    return Watch(monitor, start.index, list(start.trace), time.perf_counter() - start.seconds)
+        again = polish_start(plan, monitor, polished.start, x)
+        gain = plan.evaluator.gain(again.merit, polished.merit)
+        if not (again.check.passed and (gain > _GAIN or not polished.check.passed)):
+            break
+        polished = again
+    return polished

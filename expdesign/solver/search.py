@@ -2,54 +2,48 @@
 
 from __future__ import annotations
 
-import itertools
 import time
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from operator import attrgetter
-from typing import Any, NamedTuple
+
+import numpy as np
 
 from expdesign.configuration import ComputationError
 from expdesign.progress import report_progress
-from expdesign.solver.events import ENDS, SearchEvent
-from expdesign.solver.finish import Finished
+from expdesign.solver.events import SearchEvent
+from expdesign.solver.finish import PolishedDesign
 from expdesign.solver.jobs import (
-    Build,
-    Candidate,
-    DesignTask,
     SearchPlan,
     StartResult,
-    finish_job,
-    given_up,
-    hop_job,
-    proof_job,
-    refined_job,
-    rough_job,
+    give_up,
+    polish_start,
+    prove_design,
+    run_start,
 )
-from expdesign.workers import Job, Monitor, StoppedError, cluster_jobs, run_jobs
+from expdesign.workers import Job, JobRunner, Monitor, StoppedError
 
 GROUP = 48
-"""Starts of a group at most. Each group has hops of its own: the best of several short searches is
-better than what one that takes as long ends with (measured)."""
+"""Largest number of starts of a group. Each group has hops of its own: the best of several short
+searches is better than the result of one that takes as long (measured)."""
 REFINED = 12
-"""Starts of a group that go on after the rough search, the best."""
+"""Number of starts of a group, the best, that continue after the rough search."""
 TOGETHER = 8
-"""Hops that are under way at once, each from another motion: where one sets out is decided when the
-eighth before it has ended, whatever the number of workers."""
+"""Number of simultaneous hops, each from another motion. The origin of a hop is chosen when the
+eighth hop before it has ended, whatever the number of workers."""
 FAILED = 0.003
-"""Cost by which a motion counts as worse for every hop from it that came to nothing: the best is
-often where its descent ends, and others, further up, are not (measured)."""
+"""Cost added to a motion for every hop from it without improvement: the best motion is often the
+end of its descent, and others are not (measured)."""
 FINISHED = 4
-"""Motions that are finished, the best first; more only when none of them keeps the limits."""
+"""Number of motions that are finished at once, the best first; more only if none keeps the
+limits."""
 PROVED = 3
-"""Finished motions that are proved, the best first, until one is."""
+"""Largest number of finished motions that are proved, the best first, until a proof succeeds."""
 PATIENCE = 80
-"""Hops without a better motion of their group after which it gets no more."""
+"""Consecutive hops of a group without a better motion after which it gets no more."""
 _BETTER = 1e-3
-"""Difference in cost that counts: 0.1 % of D-efficiency."""
+"""Relevant difference in cost: 0.1 % of D-efficiency."""
 _CONFIDENCE = 0.95
 
 _rank = attrgetter("rank")
@@ -57,19 +51,21 @@ _rank = attrgetter("rank")
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What the search found, and what the finished starts were worth, by their index."""
+    """The best design, and the results of all starts and hops."""
 
-    finished: Finished
+    polished: PolishedDesign
     best: StartResult
+    """The start of the best design."""
     starts: tuple[StartResult, ...]
-    finished_merits: dict[int, float]
+    merits: dict[int, float]
+    """Exact criterion of the finished motions, larger is better, by number of the start."""
     interrupted: bool
     seconds: float
     cpu_seconds: float
-    """Of all starts, hops, finishes and proofs, in whichever process; without building the problem
-    and its derivatives."""
+    """Processor time of all starts, hops, finishes and proofs in all processes, without building
+    the problem and its derivatives."""
     ended: str
-    """Why it went no further, in words."""
+    """Reason for the end of the search, in words."""
 
 
 class NoDesignError(ComputationError):
@@ -80,15 +76,27 @@ class NoDesignError(ComputationError):
         self.starts = tuple(starts)
 
 
-def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
+def search(build: Callable[[], SearchPlan], plan: SearchPlan, monitor: Monitor) -> SearchResult:
     """Search for the best trajectory; a request to stop ends the search with the best so far.
 
-    `NoDesignError` tells that no start reached a motion that keeps the limits, `StoppedError` that
-    the request came before one did.
+    Parameters
+    ----------
+    build : callable
+        Picklable; builds the plan of a worker process, once.
+    plan : SearchPlan
+    monitor : Monitor
+        Gets every event of the search.
+
+    Raises
+    ------
+    NoDesignError
+        No start reached a motion that keeps the limits.
+    StoppedError
+        A request to stop came before such a motion was found.
     """
     began = time.perf_counter()
-    # The time allowed begins when a start moves: processes may take seconds until they can work. A
-    # cluster does not report that.
+    # The time allowed begins when a start moves: processes may need seconds to start. A cluster
+    # does not report that.
     moved = [] if plan.scheduler is None else [began]
 
     def report(event: SearchEvent) -> None:
@@ -96,14 +104,14 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
             moved.append(time.perf_counter())
         monitor.report(event)
 
-    def late() -> bool:
+    def is_late() -> bool:
         if plan.max_seconds is None or not moved:
             return False
         return time.perf_counter() - moved[0] > plan.max_seconds
 
-    clock = Monitor(lambda: late() or monitor.stop_requested(), report)
-    crew = Crew(build, plan)
-    starts, motions, hops, ended = _groups(crew, plan, clock)
+    clock = Monitor(lambda: is_late() or monitor.stop_requested(), report)
+    runner = JobRunner(build, plan.workers, plan.scheduler, keep_event=attrgetter("is_end"))
+    starts, motions, hops, ended = _search_groups(runner, plan, clock)
     if not motions:
         if monitor.stop_requested():
             raise StoppedError("the search was stopped before any start had a result")
@@ -117,33 +125,40 @@ def search(build: Build, plan: SearchPlan, monitor: Monitor) -> SearchResult:
         )
     if clock.stop_requested():
         ended = "stopped" if monitor.stop_requested() else "design.max_seconds had passed"
-    tried = _finished(crew, motions, monitor)
-    best = _proved(crew, tried, monitor)
+    tried = _polish_best(runner, motions, monitor)
+    best = _prove_best(runner, tried, monitor)
+    every = sorted([*starts, *hops], key=attrgetter("index"))
     return SearchResult(
-        best.finished,
-        best.start,
-        tuple(sorted([*starts, *hops], key=attrgetter("index"))),
-        {candidate.start.index: candidate.merit for candidate in [*tried, best]},
+        best,
+        next(start for start in motions if start.index == best.start),
+        tuple(every),
+        {polished.start: polished.merit for polished in [*tried, best]},
         interrupted=monitor.stop_requested(),
         seconds=time.perf_counter() - began,
-        cpu_seconds=crew.cpu_seconds,
+        cpu_seconds=runner.cpu_seconds,
         ended=ended,
     )
 
 
 def groups(starts: int) -> list[range]:
-    """Return the numbers of the starts, from 1, of every group: as evenly as may be."""
+    """Return the numbers of the starts, from 1, of every group; groups are about equally large.
+
+    Examples
+    --------
+    >>> groups(3)
+    [range(1, 4)]
+    """
     count = -(-starts // GROUP)
     ends = [starts * k // count for k in range(count + 1)]
     return [range(first + 1, last + 1) for first, last in pairwise(ends)]
 
 
-def _groups(
-    crew: Crew, plan: SearchPlan, clock: Monitor
+def _search_groups(
+    runner: JobRunner, plan: SearchPlan, clock: Monitor
 ) -> tuple[list[StartResult], list[StartResult], list[StartResult], str]:
     """Return all starts, the best motion of every start's descent, all hops, and why they ended.
 
-    What a group leaves of its hops the next ones have.
+    Hops that a group does not use are available to the next ones.
     """
     starts: list[StartResult] = []
     motions: list[StartResult] = []
@@ -151,11 +166,12 @@ def _groups(
     ended = "all starts and hops were made"
     numbered = groups(plan.starts)
     for done, numbers in enumerate(numbered, start=1):
-        found = _starts(crew, numbers, clock)
+        found = _run_starts(runner, numbers, clock)
         starts += found
         usable = [start for start in found if start.usable]
         wanted = plan.hops * done // len(numbered) - len(hops)
-        reached, made, failed = _hopped(crew, usable, plan.starts + len(hops) + 1, wanted, clock)
+        first = plan.starts + len(hops) + 1
+        reached, made, failed = _run_hops(runner, usable, first, wanted, clock)
         motions += reached
         hops += made
         if clock.stop_requested():
@@ -163,93 +179,96 @@ def _groups(
     if len(hops) < plan.hops:
         ended = f"{len(hops)} of {plan.hops} hops, as groups end when {PATIENCE} gain nothing"
         if failed >= PATIENCE and max(motions, key=_rank).index in {one.index for one in reached}:
-            ended = _nothing_better(failed)
+            ended = _chance_text(failed)
     return starts, motions, hops, ended
 
 
-def _starts(crew: Crew, numbers: Sequence[int], clock: Monitor) -> list[StartResult]:
-    """Return what starts came to: the best of the rough searches are refined.
+def _run_starts(runner: JobRunner, numbers: Sequence[int], clock: Monitor) -> list[StartResult]:
+    """Return the results of starts: the best of the rough searches are refined.
 
-    More of them only when none of the first reaches a motion that keeps the limits.
+    More of them are refined only if none of the first reaches a motion that keeps the limits.
     """
-    jobs = [Job(rough_job, (index,)) for index in numbers]
-    rough: list[StartResult] = list(crew.done(jobs, clock))
+    begun = [StartResult(index, "random", np.empty(0)) for index in numbers]
+    rough: list[StartResult] = list(
+        runner.run([Job(run_start, (start, 1)) for start in begun], clock)
+    )
     left = sorted((start for start in rough if not start.status), key=_rank, reverse=True)
     ended = [start for start in rough if start.status]
     while left and not any(start.usable for start in ended):
-        jobs = [Job(refined_job, (start,)) for start in left[:REFINED]]
+        jobs = [Job(run_start, (start,)) for start in left[:REFINED]]
         left = left[REFINED:]
-        ended += crew.done(jobs, clock, after_stop=True)
-    return [*ended, *(given_up(start, clock) for start in left)]
+        ended += runner.run(jobs, clock, after_stop=True)
+    return [*ended, *(give_up(start, clock) for start in left)]
 
 
 @dataclass(frozen=True)
-class _Motion:
-    """A motion that hops set out from, and how many have come to nothing since it was reached."""
+class _Origin:
+    """A motion from which hops begin, and the number of hops that have not improved on it."""
 
     start: StartResult
     failed: int = 0
 
     @property
     def promise(self) -> tuple[float, ...]:
-        """The larger, the sooner a hop sets out from it: its rank, less where hops have failed."""
+        """Sorting key of the next origin: the rank, reduced by failed hops."""
         *standing, value = self.start.rank
         return *standing, value - FAILED * self.failed
 
-    def after(self, hop: StartResult) -> _Motion:
-        """Return what a hop leaves: the better of the two."""
+    def after(self, hop: StartResult) -> _Origin:
+        """Return the better one of the two."""
         better = hop.rank > self.start.rank
-        return _Motion(hop) if better else replace(self, failed=self.failed + 1)
+        return _Origin(hop) if better else replace(self, failed=self.failed + 1)
 
 
-def _hopped(
-    crew: Crew, motions: Sequence[StartResult], first: int, most: int, clock: Monitor
+def _run_hops(
+    runner: JobRunner, motions: Sequence[StartResult], first: int, most: int, clock: Monitor
 ) -> tuple[list[StartResult], list[StartResult], int]:
-    """Return the best motion of every start's descent, and all hops, numbered from `first`.
+    """Return the best motion of every descent, all hops, and the number of last failed hops.
 
-    And how many of these, the last ones, have found nothing better.
+    Hops are numbered from `first`; at most `most` are made.
     """
-    reached = [_Motion(start) for start in motions]
+    origins = [_Origin(start) for start in motions]
     under_way: dict[int, int] = {}
     made: list[StartResult] = []
     since, begun, over = 0, 0, False
 
-    def hop() -> Job | None:
-        """Set out from the most promising motion that no hop is under way from."""
+    def next_hop() -> Job | None:
+        """Return a hop from the most promising motion without a hop under way."""
         nonlocal begun, over
-        # A late gain of one that was under way by then does not set the others out again.
+        # A late gain of a hop that was under way at the end does not restart the group.
         over = over or since >= PATIENCE
-        free = [k for k in range(len(reached)) if k not in under_way.values()]
+        free = [k for k in range(len(origins)) if k not in under_way.values()]
         if over or not free or begun == most or clock.stop_requested():
             return None
-        origin, number = max(free, key=lambda k: reached[k].promise), first + begun
-        under_way[number], begun = origin, begun + 1
-        # A hop needs no more of its origin than where it is and what its stages reached.
-        return Job(hop_job, (number, replace(reached[origin].start, trace=())))
+        place, number = max(free, key=lambda k: origins[k].promise), first + begun
+        under_way[number], begun = place, begun + 1
+        origin = origins[place].start
+        hop = StartResult(number, "hop", origin.variables)
+        return Job(run_start, (hop, None, origin.phases))
 
-    def after(result: StartResult) -> Job | None:
+    def follow(result: StartResult) -> Job | None:
         nonlocal since
-        origin, known = under_way.pop(result.index), max(one.start.rank for one in reached)
-        reached[origin] = reached[origin].after(result)
-        since = 0 if _gained(reached[origin].start.rank, known) else since + 1
+        place, known = under_way.pop(result.index), max(one.start.rank for one in origins)
+        origins[place] = origins[place].after(result)
+        since = 0 if _has_gained(origins[place].start.rank, known) else since + 1
         made.append(result)
-        return hop()
+        return next_hop()
 
-    jobs = [job for job in (hop() for _ in range(TOGETHER)) if job is not None]
-    for _ in crew.done(jobs, clock, then=after):
+    jobs = [job for job in (next_hop() for _ in range(TOGETHER)) if job is not None]
+    for _ in runner.run(jobs, clock, then=follow):
         pass
-    return [one.start for one in reached], made, since
+    return [one.start for one in origins], made, since
 
 
-def _gained(rank: tuple[float, ...], before: tuple[float, ...]) -> bool:
-    """Tell whether a rank is better by more than what does not count."""
+def _has_gained(rank: tuple[float, ...], before: tuple[float, ...]) -> bool:
+    """Tell whether a rank is better by a relevant difference."""
     *standing, value = rank
     *stood, was = before
     return standing > stood or value > was + _BETTER
 
 
-def _nothing_better(hops: int) -> str:
-    """Return what so many hops without a better motion say of the next one."""
+def _chance_text(hops: int) -> str:
+    """Return the chance of a better motion after so many hops without one, in words."""
     chance = 1 - (1 - _CONFIDENCE) ** (1 / hops)
     return (
         f"the last {hops} hops found nothing better: the chance that one more would is at most "
@@ -257,138 +276,33 @@ def _nothing_better(hops: int) -> str:
     )
 
 
-def _finished(crew: Crew, motions: Sequence[StartResult], monitor: Monitor) -> list[Candidate]:
+def _polish_best(
+    runner: JobRunner, motions: Sequence[StartResult], monitor: Monitor
+) -> list[PolishedDesign]:
     """Finish the best motions, and more until one keeps the limits."""
     ranked = sorted(motions, key=_rank, reverse=True)
-    tried: list[Candidate] = []
+    tried: list[PolishedDesign] = []
     for first in range(0, len(ranked), FINISHED):
         batch = ranked[first : first + FINISHED]
-        jobs = [Job(finish_job, (result.index, result.variables)) for result in batch]
-        outcomes: Iterator[tuple[float, Finished]] = crew.done(jobs, monitor, after_stop=True)
-        tried += [
-            Candidate(merit, finished, result)
-            for result, (merit, finished) in zip(batch, outcomes, strict=True)
-        ]
-        if any(item.finished.check.passed for item in tried) or monitor.stop_requested():
+        jobs = [Job(polish_start, (start.index, start.variables)) for start in batch]
+        tried += runner.run(jobs, monitor, after_stop=True)
+        if any(polished.check.passed for polished in tried) or monitor.stop_requested():
             break
     return tried
 
 
-def _proved(crew: Crew, tried: Sequence[Candidate], monitor: Monitor) -> Candidate:
-    """Return the best motion of which every limit is proved to be kept, of the best few.
+def _prove_best(
+    runner: JobRunner, tried: Sequence[PolishedDesign], monitor: Monitor
+) -> PolishedDesign:
+    """Return the best design whose limits are all proved, among the best few.
 
-    Where there is none, the best of those that were looked at.
+    If there is none, the best of those examined is returned.
     """
-    seen: list[Candidate] = []
+    seen: list[PolishedDesign] = []
     report_progress("proving the limits")
-    for candidate in sorted(tried, key=_rank, reverse=True)[:PROVED]:
-        job = Job(proof_job, (candidate.start.index, candidate.finished))
-        ((merit, finished),) = crew.done([job], monitor, after_stop=True)
-        seen.append(replace(candidate, merit=merit, finished=finished))
-        if finished.check.certified or monitor.stop_requested():
+    for polished in sorted(tried, key=_rank, reverse=True)[:PROVED]:
+        (proved,) = runner.run([Job(prove_design, (polished,))], monitor, after_stop=True)
+        seen.append(proved)
+        if proved.check.certified or monitor.stop_requested():
             break
     return max(seen, key=_rank)
-
-
-class Crew:
-    """Does the jobs of one search; `cpu_seconds` is the processor time that they took."""
-
-    def __init__(self, build: Build, plan: SearchPlan) -> None:
-        self._build, self._plan = build, plan
-        self.cpu_seconds = 0.0
-
-    def done(
-        self,
-        jobs: Sequence[Job],
-        monitor: Monitor,
-        *,
-        after_stop: bool = False,
-        then: Callable[[Any], Job | None] = lambda _result: None,
-    ) -> Iterator[Any]:
-        """Yield the results of jobs in their order; of fewer where a stop was requested.
-
-        With `after_stop` they begin although it has been. `then` gets every result, in their order,
-        and may return a job that is done as well.
-        """
-        numbers = itertools.count()
-
-        def timed_job(job: Job) -> Job:
-            return Job(_timed, (next(numbers), job))
-
-        def following(done: _Done) -> Job | None:
-            self.cpu_seconds += done.seconds
-            job = then(done.result)
-            return None if job is None else timed_job(job)
-
-        timed = [timed_job(job) for job in jobs]
-        if self._plan.scheduler is not None:
-            work = _in_cluster(
-                (self._plan.scheduler, self._build), timed, monitor, following, after_stop
-            )
-        else:
-            work = run_jobs(
-                self._build,
-                timed,
-                self._plan.workers,
-                monitor,
-                after_stop=after_stop,
-                then=following,
-            )
-        for done in work:
-            yield done.result
-
-
-def _in_cluster(
-    where: tuple[str, Build],
-    jobs: Sequence[Job],
-    monitor: Monitor,
-    then: Callable[[_Done], Job | None],
-    after_stop: bool,
-) -> Iterator[_Done]:
-    """Yield what jobs came to, and those that follow from them, in their order."""
-    if monitor.stop_requested() and not after_stop:
-        return
-    found: dict[int, _Done] = {}
-    waiting, following = deque(jobs), 0
-
-    def stopped() -> bool:
-        return monitor.stop_requested() and not after_stop
-
-    # Whatever happens here, the cluster's work is given up at once.
-    with closing(cluster_jobs(*where, waiting, stopped)) as results:
-        for done in results:
-            found[done.number] = done
-            for event in done.ends:  # the cluster's own monitors are silent
-                monitor.report(event)
-            while following in found:
-                job = then(found[following])
-                if job is not None:
-                    waiting.append(job)
-                yield found.pop(following)
-                following += 1
-    for _, done in sorted(found.items()):  # after a stop: those before them were given up
-        then(done)
-        yield done
-
-
-class _Done(NamedTuple):
-    """What a job came to."""
-
-    number: int
-    result: Any
-    seconds: float
-    """Processor time."""
-    ends: tuple[SearchEvent, ...]
-    """How what it did ended, as it was reported there."""
-
-
-def _timed(task: DesignTask, monitor: Monitor, number: int, job: Job) -> _Done:
-    began, ends = time.process_time(), list[SearchEvent]()
-
-    def report(event: SearchEvent) -> None:
-        if event.phase in ENDS:
-            ends.append(event)
-        monitor.report(event)
-
-    result = job.function(task, Monitor(monitor.stop_requested, report), *job.arguments)
-    return _Done(number, result, time.process_time() - began, tuple(ends))

@@ -1,12 +1,13 @@
-"""Jobs on local processes or on a cluster: what a search, ramps and studies are worked off with."""
+"""Jobs of searches, ramps and studies, in local processes or on a cluster."""
 
-from expdesign.workers.cluster import ClusterError, cluster_jobs
+from expdesign.workers.cluster import ClusterError, JobRunner, cluster_jobs
 from expdesign.workers.job import Job, Monitor, StoppedError
 from expdesign.workers.local import WorkerDiedError, run_jobs
 
 __all__ = [
     "ClusterError",
     "Job",
+    "JobRunner",
     "Monitor",
     "StoppedError",
     "WorkerDiedError",

@@ -15,7 +15,7 @@ from expdesign.experiment import DesignResult
 from expdesign.experiment.search_statistics import Iteration
 from expdesign.information.criteria import CRITERIA
 from expdesign.recheck.limit_check import REACHED, TOLERANCE, LimitCheck
-from expdesign.solver.events import STAGE_TITLES
+from expdesign.solver.events import PHASE_TITLES
 from results.figures.drawing import centred_text, figure_definition, legend_above, margin_text
 from results.figures.motion import (
     cardan_angles_figure,
@@ -307,7 +307,7 @@ def _mark_stages(axes: Axes, trace: Trace, longest: float) -> None:
             continue
         written = at
         axes.annotate(
-            STAGE_TITLES.get(stage, stage),
+            PHASE_TITLES.get(stage, stage),
             (at, 1.0),
             xycoords=("data", "axes fraction"),
             xytext=(0, 2),

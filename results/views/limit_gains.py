@@ -10,7 +10,7 @@ from constraints import limit_definitions
 from expdesign.configuration import InputError
 from expdesign.experiment import DesignResult
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity, sensitivity_at_design
-from expdesign.experiment.setup import design_task
+from expdesign.experiment.setup import plan_search
 from expdesign.information.criteria import CRITERIA
 from expdesign.information.fisher import SingularInformationError
 from expdesign.recheck.information import Evaluator
@@ -44,10 +44,10 @@ def design_sensitivity(record: DesignResult) -> LimitSensitivity | None:
     ):
         return None
     try:
-        task = design_task(record.configuration)
-        if not (_same_limits(record) and _same_criterion(record, task.evaluator)):
+        plan = plan_search(record.configuration)
+        if not (_same_limits(record) and _same_criterion(record, plan.evaluator)):
             return None
-        return sensitivity_at_design(task, summary.trajectory)
+        return sensitivity_at_design(plan, summary.trajectory)
     except (InputError, InfeasibleLimitsError, SingularInformationError):
         return None
 

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from expdesign.cli.terminal import SearchDisplay
 from expdesign.information.criteria import CRITERIA
-from expdesign.solver.events import STAGE_TITLES, SearchEvent
+from expdesign.solver.events import PHASE_TITLES, SearchEvent
 
 CONDITION = dataclasses.replace(CRITERIA["condition"], flat=True)
 
@@ -41,10 +41,10 @@ def test_every_number_says_what_it_is(display, monkeypatch):
     display.report(event("finished", 1250.0, "every limit kept", violation=-1e-5))
     display.report(event("done", float("inf"), "given up: behind"))
     _, blunt, sharp, done, finished, given_up = said(display).splitlines()
-    assert STAGE_TITLES["blunt"] in blunt
+    assert PHASE_TITLES["blunt"] in blunt
     assert "log det F 90.5" in blunt
     assert "7 of 80" in blunt
-    assert STAGE_TITLES["sharp"] in sharp
+    assert PHASE_TITLES["sharp"] in sharp
     assert "condition number of F 1234" in sharp
     assert "2 of 20" in sharp
     assert "condition number of F 1300 (true)" in done

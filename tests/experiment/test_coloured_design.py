@@ -9,7 +9,7 @@ import expdesign
 from expdesign.configuration import load_run
 from expdesign.experiment import DesignResult
 from expdesign.experiment.design import _warnings
-from expdesign.experiment.setup import design_task
+from expdesign.experiment.setup import plan_search
 from tests.experiment.test_design import regressors_of, std_of
 
 RHO = 0.9
@@ -50,5 +50,5 @@ def test_a_fixed_frequency_at_a_hum_is_a_warning(tiny, coloured):
     noise = {"force_spectrum": {"hum": {"frequency": 20.0, "amplitude": "1 N"}}}
     run = load_run(tiny(noise=noise, trajectory={"frequency": [0.4, 0.4]}))
     at_hum = replace(coloured.trajectory, omega=2 * np.pi * 0.4)
-    (warning,) = (w for w in _warnings(run, at_hum, design_task(run)) if "hum" in w)
+    (warning,) = (w for w in _warnings(run, at_hum, plan_search(run)) if "hum" in w)
     assert "multiple 50" in warning

@@ -7,7 +7,7 @@ import pytest
 
 import expdesign
 from expdesign.configuration import load_run
-from expdesign.experiment.setup import design_task
+from expdesign.experiment.setup import plan_search
 from expdesign.information.fisher import SingularInformationError
 from expdesign.solver.feasibility import InfeasibleLimitsError, random_start
 from expdesign.solver.search import NoDesignError
@@ -184,10 +184,10 @@ def test_other_criteria(criterion, tiny, settled, cheap_finish):
     assert result.log_det_information == pytest.approx(log_det_of(information), abs=1e-5)
     assert_limits_kept(result)
     # Better than the feasible random motion that the start began with.
-    task = design_task(result.configuration)
+    plan = plan_search(result.configuration)
     rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(1,)))
-    x = random_start(task.problem, rng, 24, 0.4)
-    before = task.evaluator.information(task.problem.variables.trajectory(x), 24)
+    x = random_start(plan.problem, rng, 24, 0.4)
+    before = plan.evaluator.information(plan.problem.variables.trajectory(x), 24)
     assert (value(information) > value(before)) == (criterion == "e")
     if criterion == "condition":
         assert value(information) < value(settled.information)
@@ -214,7 +214,7 @@ def test_scaling_changes_no_d_optimal_trajectory(tiny, few_limits, cheap_finish)
 
 def test_rescaled_parameters_change_no_d_optimal_trajectory(tiny, cheap_finish):
     """The cost's own scales shift the cost by a constant and leave its derivatives alone."""
-    problem = design_task(load_run(tiny())).problem
+    problem = plan_search(load_run(tiny())).problem
     factors = 10 ** np.random.default_rng(5).uniform(-2, 2, problem.cost.scaling.size)
     rescaled = replace(problem.cost, scaling=problem.cost.scaling * factors)
     x = random_start(problem, np.random.default_rng(1), 40, 0.4)

@@ -14,7 +14,7 @@ from expdesign.cli.terminal import SearchDisplay
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.configuration.robot import RobotDescription, as_general
 from expdesign.experiment import DesignResult
-from expdesign.experiment.setup import design_task
+from expdesign.experiment.setup import plan_search
 from expdesign.information.criteria import CRITERIA
 from expdesign.solver.events import SearchEvent
 from expdesign.stages.outcome import Outcome
@@ -98,14 +98,14 @@ def test_a_better_known_machine_promises_a_better_known_payload(result, loaded):
     run = loaded.with_section(
         "design", prior=machine.model_copy(update={"identification": identification})
     )
-    evaluator = design_task(run).evaluator
+    evaluator = plan_search(run).evaluator
     value = evaluator.value(evaluator.information(result.trajectory, result.samples))
     assert value > result.criterion_value + 1
 
 
 def test_what_tolerances_did_to_the_earlier_estimate_is_counted(result):
     """The delay is exact now: the payload is off by what the machine was off by before."""
-    evaluator = design_task(result.configuration).evaluator
+    evaluator = plan_search(result.configuration).evaluator
     trajectory, samples = result.trajectory, result.samples
     regressors = result.robot.regressor(*trajectory.sample(trajectory.sample_times(samples)))
     white = np.linalg.solve(np.linalg.cholesky(evaluator.covariance), regressors)

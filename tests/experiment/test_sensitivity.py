@@ -14,8 +14,8 @@ from expdesign.experiment.sensitivity import (
     limit_sensitivity,
     sensitivity_at_design,
 )
-from expdesign.experiment.setup import design_task
-from expdesign.solver.phases import finish_stage, run_stage
+from expdesign.experiment.setup import plan_search
+from expdesign.solver.phases import finish_phase, solve_phase
 from expdesign.trajectory import TrajectoryFile
 
 
@@ -63,13 +63,13 @@ def run():
 
 @pytest.mark.slow
 def test_gains_are_those_of_solving_again_with_wider_limits(run):
-    task = design_task(run)
-    problem = task.problem
-    stage = replace(finish_stage(problem, task.plan.widths, 400), radius=None)
+    plan = plan_search(run)
+    problem = plan.problem
+    stage = replace(finish_phase(problem, plan.widths, 400), radius=None)
     x = NEAR_AN_OPTIMUM
     costs = [np.inf, 1e9]
     while costs[-2] - costs[-1] > 1e-6:
-        x, record = run_stage(problem, stage, x, lambda *_: True)
+        x, record = solve_phase(problem, stage, x, lambda *_: True)
         costs.append(record.objective)
     found = limit_sensitivity(run, problem.variables.trajectory(x))
     assert found.unexplained < 0.05
@@ -81,7 +81,7 @@ def test_gains_are_those_of_solving_again_with_wider_limits(run):
             limit if limit.key != key else _wider(limit, step) for limit in problem.limits.limits
         )
         wider = replace(problem, limits=replace(problem.limits, limits=limits))
-        _, record = run_stage(wider, stage, x, lambda *_: True)
+        _, record = solve_phase(wider, stage, x, lambda *_: True)
         gain = np.expm1((costs[-1] - record.objective) * WIDER / step)
         assert gain == pytest.approx(found.gains[key], rel=0.1, abs=0.01), key
 
@@ -92,14 +92,14 @@ def test_what_a_reserve_costs_is_what_solving_again_without_it_gains(run):
     reserved = load_run(
         {**run.run.model_dump(by_alias=True, exclude={"feedforward"}), "limits": {"reserve": share}}
     )
-    task = design_task(reserved)
-    problem = task.problem
-    stage = replace(finish_stage(problem, task.plan.widths, 400), radius=None)
-    x, record = run_stage(problem, stage, 0.95 * NEAR_AN_OPTIMUM, lambda *_: True)
+    plan = plan_search(reserved)
+    problem = plan.problem
+    stage = replace(finish_phase(problem, plan.widths, 400), radius=None)
+    x, record = solve_phase(problem, stage, 0.95 * NEAR_AN_OPTIMUM, lambda *_: True)
     found = limit_sensitivity(reserved, problem.variables.trajectory(x))
     limits = tuple(limit.with_reserve(0.0) for limit in problem.limits.limits)
     stated = replace(problem, limits=replace(problem.limits, limits=limits))
-    _, without = run_stage(stated, stage, x, lambda *_: True)
+    _, without = solve_phase(stated, stage, x, lambda *_: True)
     lost = -np.expm1(without.objective - record.objective)
     assert lost > 0.02
     assert found.reserve == pytest.approx(lost, rel=0.1)
@@ -120,7 +120,7 @@ def test_gains_at_a_design_are_about_those_at_the_optimum_beside_it():
     file = Path(__file__).parents[2] / "benchmarks" / "designs" / "palida.json"
     trajectory = TrajectoryFile.read(file).trajectory
     exact = limit_sensitivity(run, trajectory)
-    rough = sensitivity_at_design(design_task(run), trajectory)
+    rough = sensitivity_at_design(plan_search(run), trajectory)
     assert rough.unexplained < 0.03
     assert rough.gains == pytest.approx(exact.gains, abs=0.015)
     assert max(rough.gains.values()) > 0.03

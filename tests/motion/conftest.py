@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_run
-from expdesign.experiment.setup import design_task
+from expdesign.experiment.setup import plan_search
 from expdesign.motion.planning import executable_motion
 from expdesign.recheck.certificate import recheck
 from expdesign.solver.feasibility import GRID_MARGIN, random_start, shrink_to_limits
@@ -37,7 +37,7 @@ def _configuration(robot, harmonics):
 @cache
 def _orbit(robot, harmonics):
     """A random periodic motion that is scaled until it touches a limit."""
-    problem = design_task(_configuration(robot, harmonics)).problem
+    problem = plan_search(_configuration(robot, harmonics)).problem
     x = random_start(problem, np.random.default_rng(harmonics), 200, 0.1)
     drawn = problem.variables.trajectory(x)
     omega = 2 * np.pi / (round(drawn.period / STEP) * STEP)

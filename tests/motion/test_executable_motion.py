@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import InputError, load_run
-from expdesign.experiment.setup import design_task
+from expdesign.experiment.setup import plan_search
 from expdesign.motion import planning
 from expdesign.motion import ramp as ramp_module
 from expdesign.motion.limits import check_motion, moving_states
@@ -187,7 +187,7 @@ def test_a_design_at_rest_only_has_to_be_approached():
         "experiment": {"periods": 2},
     }
     configuration = load_run(run)
-    problem = design_task(configuration).problem
+    problem = plan_search(configuration).problem
     x = random_start(problem, np.random.default_rng(1), 200, 0.1)
     drawn = problem.variables.trajectory(x)
     omega = 2 * np.pi / (round(drawn.period / STEP) * STEP)

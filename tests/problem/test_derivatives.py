@@ -15,7 +15,7 @@ from expdesign.noise.autoregressive import Autoregressive
 from expdesign.noise.hum import Hum
 from expdesign.noise.spectrum import NoiseSpectrum
 from expdesign.problem.design_problem import build_problem
-from expdesign.problem.path_slope import LinearRows, Rows
+from expdesign.problem.path_slope import LinearRows, RowIndex
 from expdesign.problem.variables import DesignVariables
 from expdesign.recheck.information import Evaluator
 from expdesign.robot import load_robot, robot_from
@@ -169,7 +169,7 @@ def test_states_are_the_samples_of_the_trajectory(variables):
 def all_rows(path, slopes):
     """Every quantity at every point is a row, with a scale of one."""
     points, quantities, _ = slopes.shape
-    rows = Rows.of(np.ones((points, quantities), dtype=bool), np.ones(quantities))
+    rows = RowIndex.of(np.ones((points, quantities), dtype=bool), np.ones(quantities))
     return LinearRows(np.zeros(points * quantities), path, slopes, rows)
 
 
@@ -182,7 +182,7 @@ def test_sensitivities_of_the_states(variables):
     expected = _central(lambda x: variables.states(x, basis), values, h=1e-3)
     np.testing.assert_allclose(slopes, expected, rtol=1e-9, atol=1e-9)
     step = np.random.default_rng(2).normal(size=43)
-    np.testing.assert_allclose(slope.moved(step), expected @ step, rtol=1e-9, atol=1e-8)
+    np.testing.assert_allclose(slope.state_change(step), expected @ step, rtol=1e-9, atol=1e-8)
 
 
 @pytest.mark.parametrize("rows", [1, 4, 37])
@@ -193,7 +193,7 @@ def test_both_ways_to_carry_sensitivities_agree(rows, variables):
     sensitivities = rng.normal(size=(9, rows, 18))
     slope = variables.slope(values, basis)
     one_by_one = all_rows(slope, sensitivities).jacobian().reshape(9, rows, -1)
-    summed = slope.accumulated(sensitivities.transpose(0, 2, 1)).T
+    summed = slope.transposed_products(sensitivities.transpose(0, 2, 1)).T
     np.testing.assert_allclose(summed, one_by_one.sum(axis=0), rtol=1e-11, atol=1e-11)
 
 
@@ -276,7 +276,7 @@ def test_information_under_coloured_noise_is_the_evaluators(coloured, everything
     )
     cost = coloured.cost.value(points[0], 1e-9, 0.0)
     F = evaluator.information(coloured.variables.trajectory(points[0]), SAMPLES)
-    assert coloured.cost.readable(cost) == pytest.approx(evaluator.log_det(F), abs=1e-6)
+    assert coloured.cost.criterion_value(cost) == pytest.approx(evaluator.log_det(F), abs=1e-6)
 
 
 def test_gradient_for_some_of_the_parameters(palida, points):
@@ -353,7 +353,7 @@ def test_readable_cost_of_a_change_is_the_evaluators(palida, after_a_change, poi
     cost = problem.cost.value(points[0], 1e-9, 0.0)
     found = evaluator.information(problem.variables.trajectory(points[0]), SAMPLES)
     assert found.shape == (5, 5)
-    assert problem.cost.readable(cost) == pytest.approx(evaluator.value(found), abs=1e-6)
+    assert problem.cost.criterion_value(cost) == pytest.approx(evaluator.value(found), abs=1e-6)
 
 
 def _changes(problem, x):
@@ -429,7 +429,7 @@ def test_readable_cost_is_the_log_det(everything, problem, points):
     )
     cost = problem.cost.value(points[0], 1e-9, 0.0)
     F = evaluator.information(problem.variables.trajectory(points[0]), SAMPLES)
-    assert problem.cost.readable(cost) == pytest.approx(evaluator.log_det(F), abs=1e-6)
+    assert problem.cost.criterion_value(cost) == pytest.approx(evaluator.log_det(F), abs=1e-6)
 
 
 def test_information_by_hand(palida, problem, points):
@@ -454,8 +454,8 @@ def test_information_by_hand(palida, problem, points):
 # --- the limits -----------------------------------------------------------------------------------
 
 
-def _program(problem, phases, mask):
-    return problem.program(phases, mask, width=WIDTH, level=0.0, samples=SAMPLES)
+def _program(problem, phases, mask, **options):
+    return problem.program(phases, mask, width=WIDTH, level=0.0, samples=SAMPLES, **options)
 
 
 @pytest.fixture(scope="module")
@@ -504,8 +504,8 @@ def test_products_with_the_jacobian_of_the_rows(program, points):
     jacobian = rows.jacobian()
     weights, step = rng.normal(size=len(jacobian)), rng.normal(size=jacobian.shape[1])
     for found, expected in (
-        (rows.moved(step), jacobian @ step),
-        (rows.pulled(weights), jacobian.T @ weights),
+        (rows.jacobian_product(step), jacobian @ step),
+        (rows.transposed_product(weights), jacobian.T @ weights),
         (rows.curvature(weights), jacobian.T @ np.diag(weights) @ jacobian),
     ):
         size = np.max(np.abs(expected))
@@ -529,7 +529,9 @@ def test_what_is_no_row_need_not_be_a_number(problem, points, monkeypatch):
     monkeypatch.setattr(type(problem.limits), "smooth_slopes", with_gaps)
     rows, weights = program.linear_rows(x), np.array([2.0, 3.0])
     np.testing.assert_array_equal(rows.curvature(weights), expected.curvature(weights))
-    np.testing.assert_array_equal(rows.pulled(weights), expected.pulled(weights))
+    np.testing.assert_array_equal(
+        rows.transposed_product(weights), expected.transposed_product(weights)
+    )
 
 
 def test_rows_are_the_limits_of_the_model(problem, program, points):
@@ -603,12 +605,12 @@ def test_rows_and_bounds_are_scaled_alike(problem, program, points):
 def test_trust_region(problem):
     mask = np.zeros((1, problem.limits.scale.size), dtype=bool)
     center = np.append(np.full(30, 0.2), 0.99)
-    program = _program(problem, np.zeros(1), mask).within(center, 0.1)
+    program = _program(problem, np.zeros(1), mask, box=(center, 0.1))
     np.testing.assert_allclose(program.lower[:-1], 0.1)
     np.testing.assert_allclose(program.upper[:-1], 0.3)
     assert program.lower[-1] == pytest.approx(0.89)
     assert program.upper[-1] == 1
-    free = _program(problem, np.zeros(1), mask).within(center, None)
+    free = _program(problem, np.zeros(1), mask, box=(center, None))
     assert np.all(np.isinf(free.lower[:-1]))
 
 
@@ -618,8 +620,8 @@ def test_a_program_without_rows(problem, points):
     rows = program.linear_rows(points[0])
     assert rows.values.shape == program.rows(points[0]).shape == (0,)
     assert rows.jacobian().shape == (0, 31)
-    assert rows.moved(points[0]).shape == (0,)
-    assert not np.any(rows.pulled(np.empty(0)))
+    assert rows.jacobian_product(points[0]).shape == (0,)
+    assert not np.any(rows.transposed_product(np.empty(0)))
     assert not np.any(rows.curvature(np.empty(0)))
     solved = solve_by_interior_point(program, points[0], most=3)
     assert np.all(np.isfinite(solved.x))

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from expdesign.problem.path_slope import LinearRows, Rows
+from expdesign.problem.path_slope import LinearRows, RowIndex
 from expdesign.problem.variables import DesignVariables
 from expdesign.trajectory import PhaseBasis
 
@@ -19,7 +19,7 @@ def test_a_longer_series_holds_the_same_motion(few, many):
         return DesignVariables(harmonics, scale, center, (0.5, 4.0), 4.0)
 
     short = rng.normal(size=12 * few + 7)
-    long = variables(few).extended(short, many)
+    long = variables(few).extend(short, many)
     assert long.shape == (12 * many + 7,)
     phases = np.linspace(0, 2 * np.pi, 17)
     before = variables(few).states(short, PhaseBasis.at(phases, few))
@@ -75,7 +75,7 @@ def test_a_longer_series_at_rest_holds_the_same_motion(at_rest, point):
     longer = dataclasses.replace(at_rest, harmonics=at_rest.harmonics + 3)
     phases = np.linspace(0, 2 * np.pi, 17)
     before = at_rest.states(point, PhaseBasis.at(phases, at_rest.harmonics))
-    extended = at_rest.extended(point, longer.harmonics)
+    extended = at_rest.extend(point, longer.harmonics)
     after = longer.states(extended, PhaseBasis.at(phases, longer.harmonics))
     np.testing.assert_allclose(after, before, rtol=0, atol=1e-10)
 
@@ -84,7 +84,7 @@ def test_sensitivities_at_rest_against_differences(at_rest, point):
     basis = PhaseBasis.at(np.array([0.3, 2.0]), at_rest.harmonics)
     unit = np.tile(np.eye(18), (2, 1, 1))
     slope = at_rest.slope(point, basis)
-    rows = Rows.of(np.ones((2, 18), dtype=bool), np.ones(18))
+    rows = RowIndex.of(np.ones((2, 18), dtype=bool), np.ones(18))
     slopes = LinearRows(np.zeros(36), slope, unit, rows).jacobian().reshape(2, 18, point.size)
     h = 1e-6
     for k in range(point.size):
@@ -95,5 +95,5 @@ def test_sensitivities_at_rest_against_differences(at_rest, point):
         np.testing.assert_allclose(
             slopes[:, :, k], difference, atol=1e-7 * max(1.0, np.max(np.abs(difference)))
         )
-    summed = slope.accumulated(unit.transpose(0, 2, 1)).T
+    summed = slope.transposed_products(unit.transpose(0, 2, 1)).T
     np.testing.assert_allclose(summed, slopes.sum(axis=0), rtol=1e-9, atol=1e-9)

@@ -13,7 +13,7 @@ import pytest
 import results
 from expdesign.experiment import DesignResult
 from expdesign.recheck.limit_check import LimitCheck
-from expdesign.solver.events import STAGE_TITLES
+from expdesign.solver.events import PHASE_TITLES
 from expdesign.trajectory import FourierTrajectory
 from results import design_figures
 from results.figures.design import DESIGN_FIGURES, FLOOR
@@ -332,7 +332,7 @@ def test_convergence(run):
     assert objective.get_ylabel() == "log det F (SI units)"
     legend = [text.get_text() for text in objective.figure.legends[0].get_texts()]
     assert legend == ["the best", "1 other start", "1 hop", "written design, not smoothed: 97.25"]
-    assert texts(objective) == [STAGE_TITLES["blunt"], STAGE_TITLES["sharp"]]
+    assert texts(objective) == [PHASE_TITLES["blunt"], PHASE_TITLES["sharp"]]
 
 
 def test_a_start_that_left_the_limits_does_not_set_the_scale(run):

@@ -14,10 +14,10 @@ class DenseRows:
     def jacobian(self):
         return self.matrix
 
-    def moved(self, step):
+    def jacobian_product(self, step):
         return self.matrix @ step
 
-    def pulled(self, weights):
+    def transposed_product(self, weights):
         return self.matrix.T @ weights
 
     def curvature(self, weights):

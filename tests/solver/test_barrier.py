@@ -31,7 +31,7 @@ SLACKS = st.tuples(
 
 @given(VALUES, SLACKS, SLACKS)
 def test_a_slack_follows_its_row_only_where_this_stays_away_from_its_bounds(values, slacks, after):
-    found = barrier.trial(bounds(), values, slacks, after - slacks, CLOSE, True).slacks
+    found = barrier.try_slacks(bounds(), values, slacks, after - slacks, CLOSE, True).slacks
     for k in range(4):
         below = np.isinf(LOWER[k]) or values[k] - LOWER[k] >= (1 - CLOSE) * (slacks[k] - LOWER[k])
         above = np.isinf(UPPER[k]) or UPPER[k] - values[k] >= (1 - CLOSE) * (UPPER[k] - slacks[k])
@@ -41,18 +41,18 @@ def test_a_slack_follows_its_row_only_where_this_stays_away_from_its_bounds(valu
 
 @given(VALUES, SLACKS)
 def test_a_trial_knows_its_barrier_and_how_far_slacks_are_from_their_values(values, slacks):
-    found = barrier.trial(bounds(), values, slacks, np.zeros(4), CLOSE, False)
+    found = barrier.try_slacks(bounds(), values, slacks, np.zeros(4), CLOSE, False)
     np.testing.assert_array_equal(found.slacks, slacks)
     gaps = np.concatenate([slacks - LOWER, UPPER - slacks])
     expected = np.sum(np.log(gaps[np.isfinite(gaps)]))
     assert found.logarithms == pytest.approx(expected, rel=1e-12, abs=1e-12)
-    assert found.apart == pytest.approx(np.sum(np.abs(values - slacks)))
+    assert found.distance == pytest.approx(np.sum(np.abs(values - slacks)))
 
 
 @given(SLACKS)
 def test_rounding_never_leaves_a_slack_on_its_bound(slacks):
     on = np.where(np.isfinite(UPPER), UPPER, np.where(np.isfinite(LOWER), LOWER, slacks))
-    found = barrier.trial(bounds(), on, slacks, on - slacks, CLOSE, False)
+    found = barrier.try_slacks(bounds(), on, slacks, on - slacks, CLOSE, False)
     assert np.all((found.slacks > LOWER) & (found.slacks < UPPER))
     assert np.isfinite(found.logarithms)
 
@@ -93,10 +93,10 @@ def test_the_condensed_step_is_newtons_of_all_conditions(values, slacks, seed):
     rng, both = np.random.default_rng(seed), bounds()
     jacobian, root = rng.normal(size=(4, 3)), rng.normal(size=(3, 3))
     hessian, gradient = root @ root.T + np.eye(3), rng.normal(size=3)
-    push = barrier.pushes(both, slacks, MU)
+    push = barrier.barrier_multipliers(both, slacks, MU)
     scatter = np.exp(0.5 * rng.normal(size=(2, 4)))
     duals = Duals(rng.normal(size=4), push.lower * scatter[0], push.upper * scatter[1])
-    curvature, multipliers = barrier.condensed(both, values, slacks, duals, MU)
+    curvature, multipliers = barrier.eliminate_slacks(both, values, slacks, duals, MU)
     matrix = hessian + jacobian.T @ np.diag(curvature) @ jacobian
     x = np.linalg.solve(matrix, -(gradient + jacobian.T @ multipliers))
     moved = jacobian @ x + values - slacks
@@ -111,7 +111,7 @@ def test_the_condensed_step_is_newtons_of_all_conditions(values, slacks, seed):
 @given(SLACKS, arrays(float, 4, elements=st.floats(-3, 3)))
 def test_a_step_leaves_something_of_every_distance_and_of_every_multiplier(slacks, moved):
     both = bounds()
-    duals = barrier.pushes(both, slacks, 1.0)
+    duals = barrier.barrier_multipliers(both, slacks, 1.0)
     step = barrier.slack_step(both, slacks, duals, moved, MU, CLOSE)
     there = slacks + step.share * moved
     kept = np.concatenate(
@@ -130,7 +130,7 @@ def test_a_step_leaves_something_of_every_distance_and_of_every_multiplier(slack
     assert np.min(kept) >= (1 - CLOSE) * (1 - 1e-9)
     assert step.dual_share == 1 or np.min(kept) <= (1 - CLOSE) * (1 + 1e-6)
     ahead, behind = (
-        barrier.trial(both, slacks, slacks, sign * 1e-7 * moved, CLOSE, False).logarithms
+        barrier.try_slacks(both, slacks, slacks, sign * 1e-7 * moved, CLOSE, False).logarithms
         for sign in (1, -1)
     )
     size = 1e-4 * (1 + np.sum(np.abs(moved) * (duals.lower + duals.upper) ** 2))
@@ -141,11 +141,11 @@ def test_a_step_leaves_something_of_every_distance_and_of_every_multiplier(slack
 def test_multipliers_stay_near_what_the_barrier_pushes_with(slacks, there, decades, share):
     """Between a ten thousand millionth of it and as many times as much."""
     both = bounds()
-    push = barrier.pushes(both, there, MU)
+    push = barrier.barrier_multipliers(both, there, MU)
     duals = barrier.Duals(np.ones(4), *(10**decades * each for each in push[1:]))
     moved = slacks - there
     step = barrier.slack_step(both, there, duals, moved, MU, CLOSE)
-    after = barrier.stepped(both, there, duals, step, share, MU)
+    after = barrier.update_multipliers(both, there, duals, step, share, MU)
     np.testing.assert_allclose(after.values, 1 + share * step.duals.values)
     for side in ("lower", "upper"):
         old, natural = getattr(duals, side), getattr(push, side)
@@ -157,16 +157,18 @@ def test_multipliers_stay_near_what_the_barrier_pushes_with(slacks, there, decad
 def test_where_all_conditions_hold_the_error_is_none_and_every_one_counts():
     both, slacks = bounds(), np.array([0.5, 1.0, 2.0, 3.0])
     none = Duals(np.zeros(4), np.zeros(4), np.zeros(4))
-    assert barrier.error(both, np.zeros(2), slacks, slacks, none) == 0
-    assert barrier.error(both, np.array([0.0, -0.3]), slacks, slacks, none) == pytest.approx(0.3)
+    assert barrier.optimality_error(both, np.zeros(2), slacks, slacks, none) == 0
+    assert barrier.optimality_error(
+        both, np.array([0.0, -0.3]), slacks, slacks, none
+    ) == pytest.approx(0.3)
     apart = slacks + np.array([0.0, 0.2, 0.0, 0.0])
-    assert barrier.error(both, np.zeros(2), apart, slacks, none) == pytest.approx(0.2)
+    assert barrier.optimality_error(both, np.zeros(2), apart, slacks, none) == pytest.approx(0.2)
     lower = Duals(np.array([-0.1, 0, 0, 0]), np.array([0.1, 0, 0, 0]), np.zeros(4))
     # The multiplier belongs to the slack; it is 1.5 from its bound.
-    assert barrier.error(both, np.zeros(2), slacks, slacks, lower) == pytest.approx(0.15)
+    assert barrier.optimality_error(both, np.zeros(2), slacks, slacks, lower) == pytest.approx(0.15)
     alone = lower._replace(values=np.zeros(4), lower=np.zeros(4), upper=np.array([0, 0, 0, 0.4]))
-    assert barrier.error(both, np.zeros(2), slacks, slacks, alone) == pytest.approx(0.4)
-    assert barrier.error(both, np.array([np.nan, 0.0]), slacks, slacks, none) == np.inf
+    assert barrier.optimality_error(both, np.zeros(2), slacks, slacks, alone) == pytest.approx(0.4)
+    assert barrier.optimality_error(both, np.array([np.nan, 0.0]), slacks, slacks, none) == np.inf
     unknown = none._replace(values=np.array([np.nan, 0, 0, 0]))
-    assert barrier.error(both, np.zeros(2), slacks, slacks, unknown) == np.inf
-    assert barrier.error(both, np.zeros(2), unknown.values, slacks, none) == np.inf
+    assert barrier.optimality_error(both, np.zeros(2), slacks, slacks, unknown) == np.inf
+    assert barrier.optimality_error(both, np.zeros(2), unknown.values, slacks, none) == np.inf

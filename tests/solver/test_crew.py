@@ -7,23 +7,22 @@ import numpy as np
 import pytest
 
 import expdesign
-from expdesign.solver.events import ENDS
-from expdesign.solver.jobs import StartResult, rough_job
-from expdesign.solver.search import Crew, search
-from expdesign.workers import Job, Monitor
+from expdesign.solver.jobs import StartResult, run_start
+from expdesign.solver.search import search
+from expdesign.workers import Job, JobRunner, Monitor
 from tests.solver.test_search import QUICK, Recorder
 
 
-def told(monitor):
-    """Return how everything ended, as a display is told."""
-    ends = [event for event in monitor.events if event.phase in ENDS]
+def ends_of(monitor):
+    """Return the ends of all starts and finishes, as they are reported."""
+    ends = [event for event in monitor.events if event.is_end]
     return sorted((e.phase, e.start, e.iteration, e.objective, e.status) for e in ends)
 
 
 @pytest.mark.slow
-def test_a_cluster_finds_the_same(address, build, task):
+def test_a_cluster_finds_the_same(address, build, plan):
     make = build(design=QUICK)
-    plan = dataclasses.replace(task.plan, iterations=4, starts=3, hops=6)
+    plan = dataclasses.replace(plan, iterations=4, starts=3, hops=6)
     here, monitor = Recorder(), Recorder()
     local = search(make, plan, here)
     remote = search(make, dataclasses.replace(plan, scheduler=address), monitor)
@@ -33,21 +32,21 @@ def test_a_cluster_finds_the_same(address, build, task):
         np.testing.assert_array_equal(theirs.variables, mine.variables)
         assert (theirs.status, theirs.merit) == (mine.status, mine.merit)
     np.testing.assert_array_equal(
-        remote.finished.trajectory.vector(), local.finished.trajectory.vector()
+        remote.polished.trajectory.vector(), local.polished.trajectory.vector()
     )
-    assert told(monitor) == told(here)
-    assert {start for phase, start, *_ in told(monitor) if phase == "done"} == {*range(1, 10)}
+    assert ends_of(monitor) == ends_of(here)
+    assert {start for phase, start, *_ in ends_of(monitor) if phase == "done"} == {*range(1, 10)}
     assert remote.cpu_seconds > 0
 
 
 @pytest.mark.slow
-def test_nothing_begins_on_the_cluster_after_a_stop(address, build, task):
-    plan = dataclasses.replace(task.plan, iterations=4, scheduler=address)
-    crew = Crew(build(design=QUICK), plan)
+def test_nothing_begins_on_the_cluster_after_a_stop(address, build, plan):
+    runner = JobRunner(build(design=QUICK), plan.workers, address)
     stopped = Monitor(lambda: True)
-    jobs = [Job(rough_job, (index,)) for index in (1, 2)]
-    assert list(crew.done(jobs, stopped)) == []
-    results = list(crew.done(jobs, stopped, after_stop=True))
+    starts = [StartResult(index, "random", np.empty(0)) for index in (1, 2)]
+    jobs = [Job(run_start, (start, 1)) for start in starts]
+    assert list(runner.run(jobs, stopped)) == []
+    results = list(runner.run(jobs, stopped, after_stop=True))
     assert [result.index for result in results] == [1, 2]
     assert all(isinstance(result, StartResult) for result in results)
 
@@ -58,7 +57,7 @@ def test_the_designs_of_a_sweep_are_searched_for_on_the_cluster(
 ):
     monkeypatch.setattr("results.record_figures", lambda *_: ())
     asked = []
-    module = importlib.import_module("expdesign.solver.search")
+    module = importlib.import_module("expdesign.workers.cluster")
     on_cluster = module.cluster_jobs
 
     def counted(scheduler, build, jobs, stopped):

@@ -193,13 +193,13 @@ def test_evaluations_are_the_true_ones_and_every_iterate_is_reported(program, st
 
 @pytest.mark.parametrize("following", [True, False])
 def test_slacks_follow_their_rows_where_they_are_asked_to(following, monkeypatch):
-    seen, trial = [], interior_point.trial
+    seen, try_slacks = [], interior_point.try_slacks
 
     def recorded(*arguments):
         seen.append(arguments[-1])
-        return trial(*arguments)
+        return try_slacks(*arguments)
 
-    monkeypatch.setattr(interior_point, "trial", recorded)
+    monkeypatch.setattr(interior_point, "try_slacks", recorded)
     solve_by_interior_point(straight(), np.array([0.5, 0.1]), most=60, following=following)
     # The first ones are put inside, and never follow.
     assert not seen[0]
@@ -218,13 +218,13 @@ def test_with_few_iterations_the_barrier_falls_to_its_end_only_where_slacks_stay
     following, monkeypatch
 ):
     """Where they follow their rows, they end on their bounds when it falls that fast."""
-    barriers, condensed = [], interior_point.condensed
+    barriers, eliminate_slacks = [], interior_point.eliminate_slacks
 
     def recorded(*arguments):
         barriers.append(arguments[-1])
-        return condensed(*arguments)
+        return eliminate_slacks(*arguments)
 
-    monkeypatch.setattr(interior_point, "condensed", recorded)
+    monkeypatch.setattr(interior_point, "eliminate_slacks", recorded)
     solve_by_interior_point(
         straight(), np.array([0.5, 0.1]), most=12, barrier=0.1, following=following
     )

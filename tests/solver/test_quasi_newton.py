@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from expdesign.solver.interior_point import updated
+from expdesign.solver.interior_point import update_hessian
 
 SIZES = st.integers(2, 8)
 SEEDS = st.integers(0, 2**32 - 1)
@@ -21,7 +21,7 @@ def test_where_there_is_curvature_enough_it_explains_the_change(size, seed):
     hessian, true = (semidefinite(rng, size, size) + np.eye(size) for _ in range(2))
     step = rng.normal(size=size)
     change = true @ step
-    found = updated(hessian, step, change)
+    found = update_hessian(hessian, step, change)
     np.testing.assert_allclose(found, found.T, atol=1e-9)
     if step @ change >= 0.2 * step @ hessian @ step:
         np.testing.assert_allclose(found @ step, change, rtol=1e-7, atol=1e-9)
@@ -33,7 +33,7 @@ def test_it_stays_positive_semidefinite_whatever_the_change(size, seed, curvatur
     hessian = semidefinite(rng, size, int(rng.integers(1, size + 1)))
     step = rng.normal(size=size)
     change = curvature * step + rng.normal(size=size)
-    found = updated(hessian, step, change)
+    found = update_hessian(hessian, step, change)
     smallest = np.linalg.eigvalsh(found)[0]
     assert smallest >= -1e-9 * np.linalg.norm(found)
     # A fifth of the curvature along the step is left at least.
@@ -50,7 +50,7 @@ def test_n_steps_find_the_hessian_of_a_quadratic_function(size, seed):
     # With less curvature than the true one nothing is damped.
     found = 0.5 * np.eye(size)
     for step in conjugate.T:
-        found = updated(found, step, true @ step)
+        found = update_hessian(found, step, true @ step)
     np.testing.assert_allclose(found, true, rtol=1e-6, atol=1e-8)
 
 
@@ -61,4 +61,4 @@ def test_a_step_without_curvature_or_a_change_without_a_number_tells_nothing():
         (np.zeros(2), np.zeros(2)),
         (np.array([1.0, 0.0]), np.array([np.nan, 0.0])),
     ):
-        assert updated(hessian, step, change) is hessian
+        assert update_hessian(hessian, step, change) is hessian

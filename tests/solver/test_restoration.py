@@ -11,9 +11,9 @@ from scipy.optimize import minimize
 from expdesign.recheck.limit_check import grid_points, states_at
 from expdesign.solver.feasibility import (
     GRID_MARGIN,
-    brought_within,
     least_change,
     random_start,
+    restore_limits,
     shrink_to_limits,
 )
 
@@ -36,7 +36,7 @@ def beyond(problem):
 
 def test_what_keeps_the_limits_stays(problem, beyond):
     inside = np.append(0.5 * beyond[:-1], beyond[-1])
-    kept = brought_within(problem, inside, GRID_MARGIN, WIDTH)
+    kept = restore_limits(problem, inside, GRID_MARGIN, WIDTH)
     motion = problem.variables.trajectory(inside)
     assert kept.kept
     np.testing.assert_array_equal(kept.trajectory.mu, motion.mu)
@@ -46,7 +46,7 @@ def test_what_keeps_the_limits_stays(problem, beyond):
 
 @pytest.mark.parametrize("margin", [GRID_MARGIN, 1e-3])
 def test_the_limits_are_kept_and_more_is_left_than_of_a_shrunk_motion(problem, beyond, margin):
-    kept = brought_within(problem, beyond, margin, WIDTH)
+    kept = restore_limits(problem, beyond, margin, WIDTH)
     shrunk = shrink_to_limits(problem, problem.variables.trajectory(beyond), margin)
     np.testing.assert_allclose(kept.before, shrunk.before, rtol=1e-9, atol=1e-9)
     assert kept.kept

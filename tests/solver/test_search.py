@@ -10,11 +10,17 @@ import numpy as np
 import pytest
 
 from expdesign.solver.events import SearchEvent
-from expdesign.solver.jobs import GIVEN_UP, Candidate, hop_job, refined_job, rough_job
+from expdesign.solver.finish import PolishedDesign
+from expdesign.solver.jobs import GIVEN_UP, StartResult, run_start
 from expdesign.solver.search import GROUP, NoDesignError, groups, search
 from expdesign.workers import Job, Monitor, run_jobs
 
 QUICK = {"max_iterations": 4}
+
+
+def begun(index, kind="random", variables=()):
+    """Return a start, or a hop from variables, without phases."""
+    return StartResult(index, kind, np.array(variables))
 
 
 class Recorder:
@@ -31,13 +37,13 @@ class Recorder:
 
 
 @pytest.fixture(scope="module")
-def run(build, task, cheaper):
+def run(build, plan, cheaper):
     """Search with another plan; return the result."""
 
     def searched(monitor=None, **changes):
-        plan = dataclasses.replace(task.plan, iterations=4, **changes)
+        changed = dataclasses.replace(plan, iterations=4, **changes)
         with cheaper():
-            return search(build(design=QUICK), plan, monitor or Monitor())
+            return search(build(design=QUICK), changed, monitor or Monitor())
 
     return searched
 
@@ -52,21 +58,21 @@ def hopped(run):
     return run(starts=1, hops=3)
 
 
-def merit(result, task):
-    return task.evaluator.merit(result.finished.trajectory, task.problem.cost.samples)
+def merit(result, plan):
+    return plan.evaluator.merit(result.polished.trajectory, plan.problem.cost.samples)
 
 
-def test_seed_and_starts(run, one_start, build, task, monkeypatch):
+def test_seed_and_starts(run, one_start, build, plan, monkeypatch):
     """More starts begin like fewer, and come to no less."""
-    monkeypatch.setattr("expdesign.solver.events._OFTEN", 0.0)
+    monkeypatch.setattr("expdesign.solver.events._INTERVAL", 0.0)
     monitor = Recorder()
     # The plan that a job uses is the one that its workshop was built with.
-    assert build(design=QUICK)().plan.seed == 0
+    assert build(design=QUICK)().seed == 0
     one = one_start
     two = run(monitor, starts=2)
     np.testing.assert_array_equal(two.starts[0].variables, one.starts[0].variables)
     assert two.starts[0].merit == one.starts[0].merit
-    assert merit(two, task) >= merit(one, task)
+    assert merit(two, plan) >= merit(one, plan)
     assert np.max(np.abs(two.starts[0].variables - two.starts[1].variables)) > 1e-2
     _events_tell_everything(monitor.events, two)
 
@@ -78,22 +84,22 @@ def _events_tell_everything(events, result):
         own = [event for event in mine if event.phase not in ends]
         assert [event.iteration for event in own] == [point.iteration for point in start.trace]
         (waits,) = (event for event in mine if event.phase == "waiting")
-        assert waits.iteration == start.stages[0].iterations
+        assert waits.iteration == start.phases[0].iterations
         (done,) = (event for event in mine if event.phase == "done")
         assert done.status == start.status
         assert done.objective == start.merit
         assert done.iteration == start.iterations
     assert any(event.phase == "finish" for event in events)
     told = {event.start: event.objective for event in events if event.phase == "finished"}
-    assert told == result.finished_merits
+    assert told == result.merits
     assert max(told, key=told.get) == result.best.index
 
 
-def test_seeds_differ(task):
+def test_seeds_differ(plan):
     reached = []
     for seed in (1, 2):
-        plan = dataclasses.replace(task.plan, seed=seed, iterations=2)
-        reached.append(rough_job(dataclasses.replace(task, plan=plan), Monitor(), 1))
+        changed = dataclasses.replace(plan, seed=seed, iterations=2)
+        reached.append(run_start(changed, Monitor(), begun(1), 1))
     assert np.max(np.abs(reached[0].variables - reached[1].variables)) > 1e-2
 
 
@@ -103,19 +109,19 @@ def test_hopping_is_never_worse_than_the_starts_alone(hopped, one_start):
     assert [start.index for start in hopped.starts] == [1, 2, 3, 4]
     np.testing.assert_array_equal(hopped.starts[0].variables, one_start.starts[0].variables)
     assert hopped.best.rank >= one_start.best.rank
-    assert hopped.finished.check.passed
+    assert hopped.polished.check.passed
     assert hopped.best.index in {start.index for start in hopped.starts}
 
 
 @pytest.fixture
-def reached(one_start, task):
+def reached(one_start, plan):
     """Return what makes a motion that has reached an objective."""
-    one, size = one_start.starts[0], task.problem.variables.size
+    one, size = one_start.starts[0], plan.problem.variables.size
 
     def at(index, objective, kind="hop", **changes):
-        last = dataclasses.replace(one.stages[-1], objective=objective, violation=0.0)
+        last = dataclasses.replace(one.phases[-1], objective=objective, violation=0.0)
         start = dataclasses.replace(
-            one, index=index, kind=kind, variables=np.full(size, objective), stages=(last,)
+            one, index=index, kind=kind, variables=np.full(size, objective), phases=(last,)
         )
         return dataclasses.replace(start, **changes)
 
@@ -124,58 +130,67 @@ def reached(one_start, task):
 
 @pytest.fixture
 def module(monkeypatch, one_start):
-    """Return the search's module; finish and proof are given by what a motion has reached."""
+    """Return the search's module; finish and proof return the objective of a motion."""
     found = importlib.import_module("expdesign.solver.search")
-    finished = one_start.finished
+    polished = one_start.polished
 
-    def finish(_task, _monitor, _index, variables):
-        return -float(variables[0]), finished
+    def polish(_plan, _monitor, index, variables):
+        return dataclasses.replace(polished, merit=-float(variables[0]), start=index)
 
-    monkeypatch.setattr(found, "finish_job", finish)
-    monkeypatch.setattr(found, "proof_job", lambda _task, _monitor, index, one: (index, one))
+    monkeypatch.setattr(found, "polish_start", polish)
+    monkeypatch.setattr(
+        found,
+        "prove_design",
+        lambda _plan, _monitor, one: dataclasses.replace(one, merit=one.start),
+    )
     return found
 
 
-def test_the_best_of_the_rough_searches_are_refined(run, module, reached, monkeypatch):
+@pytest.fixture
+def scripted(module, monkeypatch):
+    """Give the results of rough searches, refinements and hops."""
+
+    def script(rough, refine, hop=None):
+        def run_start(_plan, monitor, start, until=None, reference=()):
+            if start.kind == "hop":
+                return hop(start, reference)
+            return rough(monitor, start.index) if until == 1 else refine(start)
+
+        monkeypatch.setattr(module, "run_start", run_start)
+
+    return script
+
+
+def test_the_best_of_the_rough_searches_are_refined(run, module, scripted, reached, monkeypatch):
     rough = {1: 5.0, 2: 3.0, 3: 4.0, 4: 9.0, 5: 1.0}
     refined = []
 
-    def refine(_task, _monitor, begun):
-        refined.append(begun.index)
-        return reached(begun.index, rough[begun.index], "random")
+    def refine(start):
+        refined.append(start.index)
+        return reached(start.index, rough[start.index], "random")
 
     monkeypatch.setattr(module, "REFINED", 2)
-    monkeypatch.setattr(
-        module,
-        "rough_job",
-        lambda _task, _monitor, index: reached(
-            index, rough[index], "random", status="", merit=-np.inf
-        ),
+    scripted(
+        lambda _, index: reached(index, rough[index], "random", status="", merit=-np.inf), refine
     )
-    monkeypatch.setattr(module, "refined_job", refine)
     monitor = Recorder()
     result = run(monitor, starts=5)
     assert refined == [5, 2]
     assert [start.status == GIVEN_UP for start in result.starts] == [True, False, True, True, False]
     assert {event.start for event in monitor.events if event.phase == "done"} == {1, 3, 4}
-    assert result.finished_merits.keys() == {2, 5}
+    assert result.merits.keys() == {2, 5}
     assert result.best.index == 5
 
 
-def test_others_are_refined_when_the_best_come_to_nothing(run, module, reached, monkeypatch):
-    def refine(_task, _monitor, begun):
-        useless = {"merit": -np.inf, "status": "broken"} if begun.index < 3 else {}
-        return reached(begun.index, float(begun.index), "random", **useless)
+def test_others_are_refined_when_the_best_are_useless(run, module, scripted, reached, monkeypatch):
+    def refine(start):
+        useless = {"merit": -np.inf, "status": "broken"} if start.index < 3 else {}
+        return reached(start.index, float(start.index), "random", **useless)
 
     monkeypatch.setattr(module, "REFINED", 2)
-    monkeypatch.setattr(
-        module,
-        "rough_job",
-        lambda _task, _monitor, index: reached(
-            index, float(index), "random", status="", merit=-np.inf
-        ),
+    scripted(
+        lambda _, index: reached(index, float(index), "random", status="", merit=-np.inf), refine
     )
-    monkeypatch.setattr(module, "refined_job", refine)
     result = run(starts=5)
     assert result.best.index == 3
     assert [start.status for start in result.starts][:2] == ["broken"] * 2
@@ -183,34 +198,32 @@ def test_others_are_refined_when_the_best_come_to_nothing(run, module, reached, 
 
 
 class Hops:
-    """Stands for hops: what they reach is given, and what they set out from kept."""
+    """Hops with given results; their origins are recorded, told by their variables."""
 
     def __init__(self, reached, objectives):
         self.reached, self.objectives, self.origins = reached, objectives, []
 
-    def __call__(self, _task, _monitor, index, origin):
-        self.origins.append((index, origin.index))
-        return self.reached(index, self.objectives.get(index, 1e3))
+    def __call__(self, hop, reference):
+        self.origins.append((hop.index, self.index_of(hop.variables[0], reference)))
+        return self.reached(hop.index, self.objectives.get(hop.index, 1e3))
+
+    def index_of(self, objective, reference):
+        """Return the number of the motion with an objective."""
+        assert reference[-1].objective == objective
+        known = {2.0 + k: k for k in (1, 2, 3)} | {value: k for k, value in self.objectives.items()}
+        return known[objective]
 
 
 @pytest.fixture
-def hopping(run, module, reached, monkeypatch):
+def hopping(run, module, scripted, reached, monkeypatch):
     """Return what searches with three starts that reached 3, 4, 5 and hops that reach given."""
 
     def searched(objectives, hops, **changes):
         stand_in = Hops(reached, objectives)
-        monkeypatch.setattr(module, "hop_job", stand_in)
-        monkeypatch.setattr(
-            module,
-            "rough_job",
-            lambda _task, _monitor, index: reached(
-                index, float(index), "random", status="", merit=-np.inf
-            ),
-        )
-        monkeypatch.setattr(
-            module,
-            "refined_job",
-            lambda _task, _monitor, begun: reached(begun.index, 2.0 + begun.index, "random"),
+        scripted(
+            lambda _, index: reached(index, float(index), "random", status="", merit=-np.inf),
+            lambda start: reached(start.index, 2.0 + start.index, "random"),
+            stand_in,
         )
         for name, value in changes.items():
             monkeypatch.setattr(module, name, value)
@@ -277,43 +290,37 @@ def test_a_chance_is_stated_only_of_the_last_group_and_if_the_best_is_of_it(hopp
 
 
 @pytest.mark.parametrize("moves", [True, False])
-def test_the_time_allowed_begins_when_a_start_moves(run, module, reached, monkeypatch, moves):
+def test_the_time_allowed_begins_when_a_start_moves(run, scripted, reached, moves):
     """Processes may take seconds until they can work."""
 
-    def rough(_task, monitor, index):
+    def rough(monitor, index):
         if moves:
             monitor.report(SearchEvent(index, "blunt", 1, 0.0, 0.0, 0.0))
         time.sleep(0.02)
         return reached(index, float(index), "random", status="", merit=-np.inf)
 
-    monkeypatch.setattr(module, "rough_job", rough)
-    monkeypatch.setattr(
-        module,
-        "refined_job",
-        lambda _task, _monitor, begun: reached(begun.index, 2.0, "random"),
-    )
+    scripted(rough, lambda start: reached(start.index, 2.0, "random"))
     result = run(starts=3, hops=0, max_seconds=0.01)
     assert len(result.starts) == (1 if moves else 3)
 
 
-def test_a_search_that_is_stopped_keeps_what_has_gone_through_all_stages(
-    run, module, reached, monkeypatch
+def test_a_search_that_is_stopped_keeps_what_has_gone_through_all_phases(
+    run, module, scripted, reached, monkeypatch
 ):
     """Motions that are in the first stage still have a better objective, of another problem."""
     refined = []
 
-    def rough(_task, _monitor, index):
+    def rough(_, index):
         return reached(index, -9.0 if index == 2 else 5.0, "random", status="", merit=-np.inf)
 
-    def refine(_task, _monitor, begun):
-        refined.append(begun.index)
-        start = reached(begun.index, begun.variables[0], "random")
-        if begun.index == 1:
-            return dataclasses.replace(start, stages=start.stages * 2)
-        return start
+    def refine(start):
+        refined.append(start.index)
+        result = reached(start.index, start.variables[0], "random")
+        if start.index == 1:
+            return dataclasses.replace(result, phases=result.phases * 2)
+        return result
 
-    monkeypatch.setattr(module, "rough_job", rough)
-    monkeypatch.setattr(module, "refined_job", refine)
+    scripted(rough, refine)
     monkeypatch.setattr(module, "GROUP", 1)
     monkeypatch.setattr(module, "FINISHED", 1)
     result = run(starts=2, hops=0)
@@ -343,29 +350,27 @@ def test_every_group_has_its_share_of_the_hops_and_what_others_leave(hopping):
     assert len(result.starts) == 3 + 8
 
 
-def test_a_hop_knows_its_origin_and_is_given_up(task, one_start):
-    quick = dataclasses.replace(task, plan=dataclasses.replace(task.plan, iterations=4))
+def test_a_hop_knows_its_origin_and_is_given_up(plan, one_start):
+    quick = dataclasses.replace(plan, iterations=4)
     start = one_start.starts[0]
-    lax = dataclasses.replace(start, stages=())
-    hop = hop_job(quick, Monitor(), 6, lax)
+    hop = run_start(quick, Monitor(), begun(6, "hop", start.variables))
     assert (hop.kind, hop.index) == ("hop", 6)
     assert hop.usable
-    assert [stage.name for stage in hop.stages] == [stage.name for stage in start.stages]
-    out_of_reach = tuple(dataclasses.replace(one, objective=-1e9) for one in start.stages)
-    behind = dataclasses.replace(start, stages=out_of_reach)
-    given_up = hop_job(quick, Monitor(), 6, behind)
+    assert [phase.name for phase in hop.phases] == [phase.name for phase in start.phases]
+    out_of_reach = tuple(dataclasses.replace(one, objective=-1e9) for one in start.phases)
+    given_up = run_start(quick, Monitor(), begun(6, "hop", start.variables), None, out_of_reach)
     assert not given_up.usable
     assert given_up.status == GIVEN_UP
     assert given_up.rank < hop.rank
 
 
-def test_a_start_goes_on_where_its_rough_search_ended(task, one_start):
-    quick = dataclasses.replace(task, plan=dataclasses.replace(task.plan, iterations=4))
-    rough = rough_job(quick, Monitor(), 1)
-    assert (len(rough.stages), rough.status, rough.usable) == (1, "", False)
-    refined = refined_job(quick, Monitor(), rough)
+def test_a_start_goes_on_where_its_rough_search_ended(plan, one_start):
+    quick = dataclasses.replace(plan, iterations=4)
+    rough = run_start(quick, Monitor(), begun(1), 1)
+    assert (len(rough.phases), rough.status, rough.usable) == (1, "", False)
+    refined = run_start(quick, Monitor(), rough)
     whole = one_start.starts[0]
-    assert refined.stages[0] == rough.stages[0]
+    assert refined.phases[0] == rough.phases[0]
     assert refined.trace == whole.trace
     np.testing.assert_array_equal(refined.variables, whole.variables)
     assert refined.seconds >= rough.seconds
@@ -373,9 +378,10 @@ def test_a_start_goes_on_where_its_rough_search_ended(task, one_start):
 
 def test_starts_and_hops_in_other_processes_are_the_same(build):
     make = build(design={"max_iterations": 2})
-    first = rough_job(make(), Monitor(), 7)
-    best = refined_job(make(), Monitor(), first)
-    jobs = [Job(hop_job, (6, best)), Job(refined_job, (first,))]
+    first = run_start(make(), Monitor(), begun(7), 1)
+    best = run_start(make(), Monitor(), first)
+    hop = Job(run_start, (begun(6, "hop", best.variables), None, best.phases))
+    jobs = [hop, Job(run_start, (first,))]
     one, two = (list(run_jobs(make, jobs, workers, Monitor())) for workers in (1, 2))
     for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a.variables, b.variables)
@@ -386,7 +392,7 @@ def test_starts_and_hops_in_other_processes_are_the_same(build):
 def test_finished_motions_that_keep_the_limits_come_first_the_others_by_their_worst():
     def candidate(merit, *, passed=True, certified=True, worst=0.0):
         check = SimpleNamespace(passed=passed, certified=passed and certified, worst=worst)
-        return Candidate(merit, SimpleNamespace(check=check), SimpleNamespace())
+        return PolishedDesign(None, check, 1.0, merit)
 
     ranked = [
         candidate(1.0),
@@ -410,21 +416,21 @@ def test_what_no_smaller_motion_keeps_is_brought_within(run, monkeypatch):
     monkeypatch.setattr(module, "shrink_to_limits", broken)
     found = run(starts=1)
     assert found.best.usable
-    assert found.finished.check.passed
+    assert found.polished.check.passed
 
 
 def test_no_start_keeps_the_limits(run, monkeypatch):
     """What the starts came to is said and kept."""
     from expdesign.solver import jobs as module
-    from expdesign.solver.feasibility import Shrunk
+    from expdesign.solver.feasibility import RestoredMotion
 
     def hopeless(problem, *_, **__):
         nothing = np.empty((0, 0))
         x = np.append(np.zeros(problem.variables.size - 1), 1.0)
-        return Shrunk(problem.variables.trajectory(x), 0.8, nothing, nothing, kept=False)
+        return RestoredMotion(problem.variables.trajectory(x), 0.8, nothing, nothing, kept=False)
 
     monkeypatch.setattr(module, "shrink_to_limits", hopeless)
-    monkeypatch.setattr(module, "brought_within", hopeless)
+    monkeypatch.setattr(module, "restore_limits", hopeless)
     with pytest.raises(NoDesignError, match="none of 1 starts") as caught:
         run(starts=1)
     assert len(caught.value.starts) == 1

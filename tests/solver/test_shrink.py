@@ -11,7 +11,7 @@ from expdesign.solver.feasibility import (
     random_start,
     shrink_to_limits,
 )
-from expdesign.solver.finish import _checked
+from expdesign.solver.finish import _check
 
 
 def worst(problem, trajectory):
@@ -69,10 +69,10 @@ def test_what_was_looked_at_comes_back(factor, problem, too_large):
 
 
 @pytest.mark.parametrize("proving", [False, True])
-def test_what_is_checked_comes_with_what_it_broke(proving, problem, too_large):
+def test_what_is_checked_comes_with_what_it_broke(proving, plan, problem, too_large):
     x = problem.variables.pack(too_large)
     points = grid_points(problem.cost.samples)
-    checked, exact = _checked(problem, x, 0.1, proving=proving)
+    checked, exact = _check(problem, plan.evaluator, x, 0.1, proving=proving)
     states = problem.states(x, 2 * np.pi * np.arange(points) / points)
     np.testing.assert_allclose(exact, problem.limits.violations(states), rtol=1e-6, atol=1e-6)
     assert np.max(exact) > 0
