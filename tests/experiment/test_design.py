@@ -227,7 +227,9 @@ def test_rescaled_parameters_change_no_d_optimal_trajectory(tiny, cheap_finish):
     # Read in SI units, both say the same, but for what rounding does to the smallest eigenvalues.
     rounding = np.finfo(float).eps * np.linalg.cond(rescaled.information(x, 0.4))
     assert rounding < 1e-3
-    assert rescaled.readable(other) == pytest.approx(problem.cost.readable(value), abs=rounding)
+    assert rescaled.criterion_value(other) == pytest.approx(
+        problem.cost.criterion_value(value), abs=rounding
+    )
 
 
 def test_a_subset_of_the_parameters(tiny, cheap_finish):
