@@ -11,10 +11,9 @@ from functools import cache
 
 import casadi as ca
 
-from expdesign.mechanism.friction_sign import Friction
 from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.mechanism.term import Term
+from expdesign.mechanism.term import Friction, Term
 
 POSE, RATE, ACCELERATION = "pose", "rate", "acceleration"
 

@@ -12,8 +12,8 @@ from constraints.arrays import Array
 from estimation.controlmodel.functions import sliding_speeds
 from estimation.controlmodel.uncertainty import WRITTEN_BY
 from expdesign.evaluation.batch import BatchFunction
-from expdesign.mechanism.friction_sign import Friction
 from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.mechanism.term import Friction
 from expdesign.robot import LimitModel, Robot
 from expdesign.robot.limit_model import states_at_rest
 from expdesign.runfolder import ArrayTable, strutwise

@@ -37,7 +37,7 @@ from estimation.processing import NoiseEstimate, NoiseModel
 from estimation.processing.whitening_filter import WhiteningFilter
 from expdesign.information.fisher import ScaledInformation, whitening
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.noise.fourier_lines import lines_of, multiplicity
+from expdesign.noise.spectrum import lines_of, multiplicity
 
 _DETERMINED = 1e-12
 """Eigenvalues of the scaled J below this share of the largest belong to dependent columns."""

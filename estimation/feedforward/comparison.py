@@ -37,7 +37,7 @@ from expdesign.configuration import ComputationError, InputError, RunConfigurati
 from expdesign.configuration.sections.experiment import Cogging
 from expdesign.configuration.sizes import SAMPLES
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
-from expdesign.mechanism.rotation import ANGLES
+from expdesign.mechanism.strut import ANGLES
 from expdesign.mechanism.term import parameters_of
 from expdesign.progress import progress_prefix
 from expdesign.robot import Robot, robot_from

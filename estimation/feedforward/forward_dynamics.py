@@ -16,10 +16,9 @@ from constraints.arrays import Array
 from expdesign.configuration.sections.experiment import Cogging
 from expdesign.evaluation.batch import Graph
 from expdesign.evaluation.kernel import kernel
-from expdesign.mechanism.friction_sign import Friction
 from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
-from expdesign.mechanism.term import Term
+from expdesign.mechanism.term import Friction, Term
 from expdesign.robot import Robot
 from expdesign.trajectory import PoseSamples
 

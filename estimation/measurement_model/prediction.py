@@ -13,10 +13,9 @@ from constraints.arrays import Array
 from estimation.measurement_model.motion import HarmonicMotion, MotionColumns, SampledMotion
 from expdesign.evaluation.batch import Graph
 from expdesign.evaluation.kernel import kernel
-from expdesign.mechanism.friction_sign import Friction
 from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
-from expdesign.mechanism.term import Term
+from expdesign.mechanism.term import Friction, Term
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation
 from expdesign.robot.deviation_slope import deviating_forces, length_deviation_columns

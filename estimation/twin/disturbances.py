@@ -28,9 +28,8 @@ from expdesign.configuration.sections.experiment import (
 )
 from expdesign.configuration.sizes import SAMPLES
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
-from expdesign.noise.fourier_lines import multiplicity, series_of
 from expdesign.noise.hum import Hum as SpectralHum
-from expdesign.noise.spectrum import NoiseSpectrum
+from expdesign.noise.spectrum import NoiseSpectrum, multiplicity, series_of
 from expdesign.trajectory import FourierTrajectory
 
 _EXPERIMENT = 0

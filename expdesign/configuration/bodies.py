@@ -23,7 +23,7 @@ from expdesign.mechanism.bodies import (
     together,
 )
 from expdesign.mechanism.catalogue import known_parameters
-from expdesign.mechanism.rotation import ANGLES
+from expdesign.mechanism.strut import ANGLES
 from expdesign.mechanism.terms.rigid_platform import LATERAL, MASS
 
 _DIAGONAL, _WHOLE = 3, 6

@@ -31,11 +31,16 @@ from expdesign.configuration.quantity import (
 )
 from expdesign.configuration.section import RESOLVED, Section, validate
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
-from expdesign.noise.autoregressive import Autoregressive, is_stable
-from expdesign.noise.band import Band
 from expdesign.noise.hum import Hum
-from expdesign.noise.spectrum import NoiseSpectrum, SpectralPart
-from expdesign.noise.tabulated import Tabulated, between
+from expdesign.noise.spectrum import (
+    Autoregressive,
+    Band,
+    NoiseSpectrum,
+    SpectralPart,
+    Tabulated,
+    between,
+    is_stable,
+)
 
 WHITE = "white"
 """What a run states to take back the robot's spectrum."""

@@ -21,9 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array, Mask
-from expdesign.enclosure.kinematics import EnclosedKinematics
-from expdesign.enclosure.polynomials import PiecewisePolynomials
-from expdesign.enclosure.taylor_model import EPS, TERMS, TaylorModel
+from expdesign.enclosure.limit_rows import EnclosedKinematics
+from expdesign.enclosure.taylor_model import EPS, TERMS, PiecewisePolynomials, TaylorModel
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.robot import Robot
 

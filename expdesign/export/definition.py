@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -20,10 +20,8 @@ from expdesign.recheck.limit_check import Recheck
 from expdesign.robot import Robot
 
 POSE_AXES = ("X", "Y", "Z", "U", "V", "W")
-
 ON_THE_EDGE = 1e-9
 """s; how close to the measurement window's edge a row still belongs to it."""
-
 
 _MINUS_ZERO = re.compile(r"-(?=0\.?0* )")
 
@@ -288,3 +286,31 @@ class TableFormat:
     beside: Mapping[str, Callable[[Rows, Settings], list[str]]] = field(default_factory=dict)
     """Lines of further files by their ending, which stands behind the table's name without its
     own; a file without lines is not written."""
+
+
+def switching(rows: Rows, settings: Settings, commands: tuple[str, str]) -> dict[int, str]:
+    """Return the commands that switch the output on and off, by the row behind which they stand.
+
+    Without a trigger there are none.
+    """
+    if settings.section.trigger is None:
+        return {}
+    return dict(zip(edge_rows(rows.times, settings.window), commands, strict=True))
+
+
+def switched_at(found: Sequence[tuple[int, bool]], times: Array) -> tuple[float, float] | None:
+    """Return when the output is on, s; None where it is never switched.
+
+    Parameters
+    ----------
+    found : sequence of (int, bool)
+        The row behind which each command stands, and whether it switches the output on.
+    times : (N,)
+        Of the rows, s.
+    """
+    if not found:
+        return None
+    rows = [row for row, _ in found]
+    if [on for _, on in found] != [True, False] or not 0 <= rows[0] < rows[1] < len(times) - 1:
+        raise TableError("the output is not switched on once and off once, each before a move")
+    return float(times[rows[0]]), float(times[rows[1]])

@@ -1,6 +1,6 @@
 """The platform's rotation in the conventions of controllers.
 
-Ours is that of `expdesign.mechanism.rotation`: R = Rx(φ) Ry(θ) Rz(ψ), about moving axes.
+Ours is that of `expdesign.mechanism.strut`: R = Rx(φ) Ry(θ) Rz(ψ), about moving axes.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
-from expdesign.mechanism.rotation import (
+from expdesign.mechanism.strut import (
     ANGLES,
     FIXED_AXES,
     angular_acceleration,

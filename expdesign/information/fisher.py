@@ -11,8 +11,7 @@ import scipy.linalg as sla
 from constraints.arrays import Array, ComplexArray
 from expdesign.configuration import ComputationError
 from expdesign.information.identifiable import DEPENDENT, BaseParameters, listed, root_of
-from expdesign.noise.fourier_lines import lines_of, multiplicity, series_of
-from expdesign.noise.spectrum import NoiseSpectrum
+from expdesign.noise.spectrum import NoiseSpectrum, lines_of, multiplicity, series_of
 
 EXCITABLE = DEPENDENT**2
 """Smallest eigenvalue of the column-scaled F, relative to its largest, that counts as excited."""

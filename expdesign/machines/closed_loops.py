@@ -26,7 +26,7 @@ from expdesign.machines.mechanism_graph import (
     moved_bodies,
 )
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.mechanism.rotation import ANGLES
+from expdesign.mechanism.strut import ANGLES
 
 _ALLOWED = (
     "six struts, each with one sliding joint between a cardan or ball joint on the base and one on "

@@ -14,14 +14,17 @@ from types import MappingProxyType
 
 import casadi as ca
 
-from expdesign.mechanism.friction_sign import Friction, smooth_sign
-from expdesign.mechanism.geometry import GeometrySymbols
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
-from expdesign.mechanism.inverse import inverse
-from expdesign.mechanism.rotation import angular_acceleration, angular_velocity, rotation_matrix
-from expdesign.mechanism.strut import StrutKinematics, torque_wrench
-from expdesign.mechanism.term import Instant, Term, parameters_of
-from expdesign.mechanism.thread import ThreadTurn
+from expdesign.mechanism.strut import (
+    GeometrySymbols,
+    StrutKinematics,
+    ThreadTurn,
+    angular_acceleration,
+    angular_velocity,
+    rotation_matrix,
+    torque_wrench,
+)
+from expdesign.mechanism.term import Friction, Instant, Term, parameters_of, smooth_sign
 
 _LOADED_STEPS = 4
 """Of Newton's, where friction depends on the load: each error is the share μ of the one before,
@@ -337,3 +340,30 @@ def _column(struts: Sequence[StrutKinematics | ThreadTurn], name: str) -> ca.SX:
 
 def _stacked(parts: Iterable[ca.SX]) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *parts)
+
+
+def inverse(matrix: ca.SX) -> ca.SX:
+    """Return the inverse of a matrix (n, n), as accurate as its condition allows.
+
+    By QR factorisation, as `ca.inv` does (modified Gram–Schmidt: Golub, Van Loan 2013, sec. 5.2.8),
+    but with n divisions in place of about 2 n²: a product with the root of a reciprocal is none.
+    """
+    columns = ca.horzsplit(matrix)
+    directions: list[ca.SX] = []
+    shares: list[list[ca.SX]] = []
+    per_length: list[ca.SX] = []
+    for column in columns:
+        rest, own = column, list[ca.SX]()
+        for direction in directions:
+            own.append(ca.dot(direction, rest))
+            rest = rest - own[-1] * direction
+        per_length.append(ca.sqrt(1 / ca.dot(rest, rest)))
+        directions.append(rest * per_length[-1])
+        shares.append(own)
+    rows: list[ca.SX] = []
+    for i in reversed(range(len(columns))):
+        row = directions[i].T
+        for k, later in enumerate(reversed(rows), start=i + 1):
+            row = row - shares[k][i] * later
+        rows.append(row * per_length[i])
+    return ca.vertcat(*reversed(rows))

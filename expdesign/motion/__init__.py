@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 from expdesign.loading import names_loaded_when_used
 
 if TYPE_CHECKING:
-    from expdesign.motion.limits import check_motion
     from expdesign.motion.planning import executable_motion
+    from expdesign.motion.ramp_problem import check_motion
 
 __all__ = ["check_motion", "executable_motion"]
 
@@ -14,7 +14,7 @@ __all__ = ["check_motion", "executable_motion"]
 __getattr__ = names_loaded_when_used(
     __name__,
     {
-        "check_motion": "expdesign.motion.limits",
+        "check_motion": "expdesign.motion.ramp_problem",
         "executable_motion": "expdesign.motion.planning",
     },
 )

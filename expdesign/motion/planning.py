@@ -10,10 +10,8 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration
 from expdesign.motion.executable import WHOLE, ExecutableMotion, Periods, Segment
-from expdesign.motion.guesses import guesses, pause_near, polynomials
-from expdesign.motion.limits import jerk_limit
-from expdesign.motion.ramp import NoRampError, find_ramp, shortest
-from expdesign.motion.ramp_problem import RampProblem
+from expdesign.motion.ramp import NoRampError, find_ramp, guesses, pause_near, polynomials, shortest
+from expdesign.motion.ramp_problem import RampProblem, jerk_limit
 from expdesign.motion.spline import MotionState, SplineRamp
 from expdesign.problem.variables import coordinate_reach
 from expdesign.progress import track

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -11,13 +11,12 @@ import numpy as np
 from constraints.arrays import Array, Mask
 from expdesign.configuration import ComputationError
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.motion.limits import enclosed, moving_states
-from expdesign.motion.ramp_problem import RampProblem, RampProgram
-from expdesign.motion.spline import SplineRamp
+from expdesign.motion.ramp_problem import RampProblem, RampProgram, enclosed, moving_states
+from expdesign.motion.spline import FIXED, MotionState, SplineRamp, derivatives
 from expdesign.problem.design_problem import smoothing_gap
 from expdesign.progress import report_progress
 from expdesign.recheck.certificate import certify
-from expdesign.recheck.limit_check import TOLERANCE, LimitCheck, local_worst, worst_sampled
+from expdesign.recheck.limit_check import TOLERANCE, LimitCheck, Motion, local_worst, worst_sampled
 from expdesign.solver.interior_point import Standstill, solve_by_interior_point
 
 RESERVE = 2e-3
@@ -25,7 +24,6 @@ RESERVE = 2e-3
 controller's rounding and interpolation add."""
 LONGER = 5e-3
 """The duration found is lengthened by this share before it is rounded up to whole steps."""
-
 _ATTEMPTS = 4
 _CLOSE_ENOUGH = 0.3
 _LOST = 0.01
@@ -40,7 +38,6 @@ _FEASIBLE = 1e-6
 _END_SHARE = 0.1
 _LARGEST_MARGIN = 0.2
 _TIME_SMOOTHNESS = 2e-4
-
 _EXACT = Standstill(feasible=_FEASIBLE)
 _solved = partial(solve_by_interior_point, most=40, barrier=0.03, following=False)
 """More iterations, or a larger barrier, end in longer ramps (measured)."""
@@ -292,3 +289,87 @@ def _capped(problem: RampProblem, x: Array, shares: Array, width: float, margins
         grown = _LARGEST_MARGIN * (distance / _END_SHARE) ** 3
         margins = np.where(given, np.minimum(margins, room + grown[:, None]), margins)
     return margins
+
+
+_DURATIONS: list[float] = (0.05 * 1.35 ** np.arange(30)).tolist()
+"""Of the polynomials that are tried: 50 ms to 5 min."""
+_FADES = (0.25, 0.5, 1.0)
+_SHARES = np.linspace(0.0, 1.0, 200)
+
+
+def guesses(problem: RampProblem, orbit: Motion, period: float, width: float) -> list[SplineRamp]:
+    """Return ramps between the problem's ends, sorted by how much they break the limits.
+
+    Polynomials of fifth order through both ends, of many durations, and the periodic motion
+    itself with an amplitude that grows from zero (or fades to it). Those that keep every limit
+    come first, the shortest of them before the others. `orbit` is the periodic motion on the
+    ramp's own time axis, which begins (ramp in: ends) at 0; dry friction has a width in m/s.
+    """
+    fades = [_faded(problem, orbit, share * period) for share in _FADES]
+    return _ranked(problem, [*polynomials(problem, width), *fades], width)
+
+
+def polynomials(problem: RampProblem, width: float) -> list[SplineRamp]:
+    """Return the polynomials of fifth order alone, in the same order."""
+    return _ranked(problem, [_polynomial(problem, duration) for duration in _DURATIONS], width)
+
+
+def pause_near(problem: RampProblem, width: float, *, arriving: bool) -> RampProblem:
+    """Return the problem from rest close to the orbit into it, or out of it to rest.
+
+    The pose at rest is the one from which (to which) the speed grows or fades as a cubic does, in
+    the time in which that breaks the limits least: v T/2 − a T²/12 from where the orbit has the
+    rate v and the acceleration a.
+
+    Parameters
+    ----------
+    arriving : bool
+        Whether the orbit is at the problem's end.
+    """
+    orbit = problem.end if arriving else problem.start
+    sign = 1.0 if arriving else -1.0
+
+    def paused(duration: float) -> RampProblem:
+        way = sign * orbit.rate * duration / 2 - orbit.acceleration * duration**2 / 12
+        rest = MotionState.at_rest(orbit.pose - way)
+        return replace(problem, start=rest) if arriving else replace(problem, end=rest)
+
+    tried = [(paused(duration), duration) for duration in _DURATIONS]
+    best, _ = min(tried, key=lambda one: _worst(one[0], _polynomial(*one), width))
+    return best
+
+
+def _ranked(problem: RampProblem, ramps: Iterable[SplineRamp], width: float) -> list[SplineRamp]:
+    return sorted(ramps, key=lambda ramp: (max(_worst(problem, ramp, width), 0.0), ramp.duration))
+
+
+def _worst(problem: RampProblem, ramp: SplineRamp, width: float) -> float:
+    states = moving_states(ramp, _SHARES * ramp.duration)
+    return float(np.max(problem.limits.smooth_violations(states, width)))
+
+
+def _polynomial(problem: RampProblem, duration: float) -> SplineRamp:
+    # One piece has six control points: the ends determine them all.
+    ends = replace(problem, intervals=1).at_duration(duration)
+    return _fitted(problem, duration, derivatives(1, _SHARES)[0] @ ends)
+
+
+def _faded(problem: RampProblem, orbit: Motion, duration: float) -> SplineRamp:
+    home = problem.limits.robot.home
+    arriving = np.array_equal(problem.start.pose, home)
+    times = (_SHARES - 1) * duration if arriving else _SHARES * duration
+    grown = _SHARES if arriving else 1 - _SHARES
+    weight = grown**3 * (10 - 15 * grown + 6 * grown**2)
+    poses = home + weight[:, None] * (orbit.sample(times).pose - home)
+    return _fitted(problem, duration, poses)
+
+
+def _fitted(problem: RampProblem, duration: float, poses: Array) -> SplineRamp:
+    """Return the ramp between the problem's ends that is closest to the poses."""
+    basis = derivatives(problem.intervals, _SHARES)[0]
+    coefficients = problem.at_duration(duration)
+    coefficients[FIXED:-FIXED] = 0.0
+    left = poses - basis @ coefficients
+    inner, *_ = np.linalg.lstsq(basis[:, FIXED:-FIXED], left, rcond=None)
+    coefficients[FIXED:-FIXED] = inner
+    return SplineRamp("guess", duration, coefficients)

@@ -8,10 +8,11 @@ analogue noise has above half of the sampling is folded into it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
+import scipy.linalg as sla
 
 from constraints.arrays import Array, ComplexArray
 
@@ -103,3 +104,238 @@ class NoiseSpectrum:
         orders = np.arange(count, dtype=np.float64)
         found = self.values(orders * base, sampling, samples)
         return found._replace(by_frequency=found.by_frequency * orders[:, None, None])
+
+
+def lines_of(series: Array) -> ComplexArray:
+    """Return the lines Z = rfft(x)/√n of series, (n, …): (n // 2 + 1, …)."""
+    return np.fft.rfft(series, axis=0) / np.sqrt(len(series))
+
+
+def series_of(lines: ComplexArray, samples: int) -> Array:
+    """Return the series, (n, …), that have these lines."""
+    return np.fft.irfft(lines * np.sqrt(samples), samples, axis=0)
+
+
+def multiplicity(samples: int) -> Array:
+    """Return how often each line stands in a sum over all n lines, (n // 2 + 1,): 1 or 2."""
+    times = np.full(samples // 2 + 1, 2.0)
+    times[0] = 1.0
+    if samples % 2 == 0:
+        times[-1] = 1.0
+    return times
+
+
+_SMALLEST = 1e-12
+"""Smallest eigenvalue of the innovations' correlation that counts as positive."""
+
+
+@dataclass(frozen=True, eq=False)
+class Autoregressive:
+    """x_i(n) = Σ_k a_ik x_i(n − k) + e_i(n), the innovations e white with a full covariance.
+
+    The coefficients hold for the samples of the experiment, whatever their rate.
+    """
+
+    coefficients: Array
+    """(6, p), a; p = 0 is white noise."""
+    innovation: Array
+    """(6, 6), covariance of e."""
+
+    @classmethod
+    def with_covariance(cls, coefficients: Array, covariance: Array) -> Autoregressive:
+        """Choose the innovations so that one sample has this covariance, (6, 6).
+
+        Raises
+        ------
+        ValueError
+            The noise grows without bound; or channels that remember so differently cannot be
+            correlated so much.
+        """
+        if not is_stable(coefficients):
+            raise ValueError("the noise grows without bound")
+        innovation = covariance / _gains(coefficients)
+        scale = np.sqrt(np.diag(innovation))
+        correlation = innovation / np.multiply.outer(scale, scale)
+        if np.linalg.eigvalsh(correlation)[0] <= _SMALLEST:
+            raise ValueError("channels that remember so differently are not correlated so much")
+        return cls(coefficients, innovation)
+
+    @property
+    def covariance(self) -> Array:
+        """(6, 6), of one sample."""
+        return self.innovation * _gains(self.coefficients)
+
+    @property
+    def highest(self) -> float:
+        """Every sampling will do."""
+        return np.inf
+
+    def values(self, frequencies: Array, sampling: float, samples: float) -> SpectralValues:
+        """Return S = H C Hᴴ with the channels' transfer functions H, and its derivatives."""
+        del samples
+        delays = np.arange(1, self.coefficients.shape[1] + 1)
+        turns = np.exp(-2j * np.pi * np.multiply.outer(frequencies / sampling, delays))
+        transfer = 1 / (1 - turns @ self.coefficients.T)
+        slope = (turns * (-2j * np.pi * delays / sampling)) @ self.coefficients.T * transfer**2
+        back = transfer.conj()[:, None, :]
+        value: Hermitian = np.asarray(transfer[:, :, None] * self.innovation * back, complex)
+        half: Hermitian = np.asarray(slope[:, :, None] * self.innovation * back, complex)
+        return SpectralValues(value, half + half.conj().transpose(0, 2, 1), np.zeros_like(value))
+
+
+def is_stable(coefficients: Array) -> bool:
+    """Tell whether every channel forgets: coefficients (6, p)."""
+    return all(
+        bool(np.all(np.abs(np.linalg.eigvals(_companion(row))) < 1))
+        for row in coefficients
+        if row.size
+    )
+
+
+def _companion(row: Array) -> Array:
+    matrix = np.eye(row.size, k=-1)
+    matrix[0] = row
+    return matrix
+
+
+def _gains(coefficients: Array) -> Array:
+    """Return Σ_n h_i(n) h_j(n) of the channels' impulse responses, (6, 6).
+
+    It is the first entry of X = A_i X A_jᵀ + e₁ e₁ᵀ with the companion matrices A.
+    """
+    count, order = coefficients.shape
+    if order == 0:
+        return np.ones((count, count))
+    companions = [_companion(row) for row in coefficients]
+    first = np.zeros(order**2)
+    first[0] = 1.0
+    gains = np.empty((count, count))
+    for i in range(count):
+        for j in range(i + 1):
+            system = np.eye(order**2) - np.kron(companions[i], companions[j])
+            gains[i, j] = gains[j, i] = np.linalg.solve(system, first)[0]
+    return gains
+
+
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Tabulated:
+    """A density between whose frequencies one interpolates linearly."""
+
+    frequencies: Array
+    """(K,), Hz, increasing, from 0 to half of the sampling that the density was measured at."""
+    density: Hermitian
+    """(K, 6, 6), one-sided, the square of the channels' unit per Hz, positive definite: its real
+    part integrates to the covariance of one sample."""
+
+    @property
+    def covariance(self) -> Array:
+        """(6, 6), of one sample."""
+        steps = np.diff(self.frequencies)[:, None, None]
+        return np.sum((self.density[1:] + self.density[:-1]).real * steps / 2, axis=0)
+
+    @property
+    def highest(self) -> float:
+        """Sampling that the density was measured at, Hz; more slowly sampled, it is folded."""
+        return 2 * float(self.frequencies[-1])
+
+    def transformed(self, matrix: Array) -> Tabulated:
+        """Return the density of T x for a matrix T, (6, 6)."""
+        return replace(self, density=matrix @ self.density @ matrix.T)
+
+    def values(self, frequencies: Array, sampling: float, samples: float) -> SpectralValues:
+        """Return S, folded at half of the sampling, and its derivatives."""
+        del samples
+        shape = (len(frequencies), *self.density.shape[1:])
+        value: Hermitian = np.zeros(shape, dtype=np.complex128)
+        slope: Hermitian = np.zeros(shape, dtype=np.complex128)
+        last = float(self.frequencies[-1])
+        if abs(sampling - 2 * last) <= _ROUNDING * sampling:
+            last = sampling / 2
+        folded = frequencies - sampling * np.round(frequencies / sampling)
+        folds = int(np.ceil(last / sampling + 0.5))
+        for fold in range(-folds, folds + 1):
+            place = folded + fold * sampling
+            # Both ends are the same frequency when nothing is folded: one of them counts.
+            inside = (place >= -last) & (place < last)
+            level, rise = self._interpolated(np.abs(place[inside]))
+            back = (place[inside] < 0)[:, None, None]
+            value[inside] += np.where(back, level.conj(), level)
+            slope[inside] += np.where(back, -rise.conj(), rise)
+        value *= sampling / 2
+        slope *= sampling / 2
+        return SpectralValues(value, slope, np.zeros_like(value))
+
+    def _interpolated(self, frequencies: Array) -> tuple[Hermitian, Hermitian]:
+        """Return density and its slope, (L, 6, 6) each."""
+        knots = self.frequencies
+        left = np.clip(np.searchsorted(knots, frequencies, side="right") - 1, 0, len(knots) - 2)
+        rise = np.diff(self.density, axis=0) / np.diff(knots)[:, None, None]
+        step = (frequencies - knots[left])[:, None, None]
+        return self.density[left] + rise[left] * step, rise[left]
+
+
+def between(own: Array, wanted: Array) -> Array:
+    """Return the symmetric positive definite T with T C T = Σ, (6, 6), for two covariances.
+
+    It changes the channels least: a diagonal rescaling where that is enough, the identity where
+    nothing is to be changed.
+    """
+    root = _root(own)
+    inverse = np.linalg.inv(root)
+    matrix = inverse @ _root(root @ wanted @ root) @ inverse
+    return (matrix + matrix.T) / 2
+
+
+def _root(matrix: Array) -> Array:
+    values, vectors = sla.eigh((matrix + matrix.T) / 2)
+    return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+
+
+_HALF_MAXIMUM = 2 * np.sqrt(2 * np.log(2))
+"""Full width at half maximum of a normal density, over its standard deviation."""
+_REACH = 9.0
+"""Standard deviations beyond which there is nothing of it in double precision."""
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """A density that falls off on both sides of a frequency like a normal distribution."""
+
+    variance: Array
+    """(6, 6), covariance of one sample of it."""
+    frequency: float
+    """Where it is largest, Hz."""
+    width: float
+    """Where it has half of that, from one side to the other, Hz."""
+
+    @property
+    def covariance(self) -> Array:
+        """(6, 6), of one sample."""
+        return self.variance
+
+    @property
+    def highest(self) -> float:
+        """Every sampling will do."""
+        return np.inf
+
+    def values(self, frequencies: Array, sampling: float, samples: float) -> SpectralValues:
+        """Return S, folded at half of the sampling, and its derivatives."""
+        del samples
+        spread = self.width / _HALF_MAXIMUM
+        height = sampling / (2 * spread * np.sqrt(2 * np.pi))
+        folds = int(np.ceil(_REACH * spread / sampling))
+        level, slope = np.zeros(len(frequencies)), np.zeros(len(frequencies))
+        for sign in (-1.0, 1.0):
+            off = frequencies + sign * self.frequency
+            off = off - sampling * np.round(off / sampling)
+            for fold in range(-folds, folds + 1):
+                far = (off + fold * sampling) / spread
+                one = height * np.exp(-(far**2) / 2)
+                level, slope = level + one, slope - one * far / spread
+        value, rise = (
+            np.multiply.outer(each, self.variance).astype(complex) for each in (level, slope)
+        )
+        return SpectralValues(value, rise, np.zeros_like(value))

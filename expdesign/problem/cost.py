@@ -15,10 +15,9 @@ from expdesign.evaluation.kernel import kernel
 from expdesign.information.criteria import Criterion, SpectralCost, spectral_cost
 from expdesign.information.fisher import PeriodicNoise, whitening
 from expdesign.information.prior import PriorMachine
-from expdesign.mechanism.friction_sign import Friction
 from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.mechanism.term import Term
+from expdesign.mechanism.term import Friction, Term
 from expdesign.problem.variables import DesignVariables
 from expdesign.trajectory import PhaseBasis
 

@@ -20,8 +20,7 @@ from constraints import Limit
 from constraints.arrays import Array, Mask
 from expdesign.enclosure.instructions import NoEnclosureError
 from expdesign.enclosure.limit_rows import EnclosedLimits, EnclosedRow
-from expdesign.enclosure.series import EnclosedSeries
-from expdesign.enclosure.taylor_model import EPS, TaylorModel
+from expdesign.enclosure.taylor_model import EPS, EnclosedSeries, TaylorModel
 from expdesign.progress import report_progress
 from expdesign.recheck.limit_check import (
     LEAST_POINTS,

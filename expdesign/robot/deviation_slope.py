@@ -11,10 +11,9 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.evaluation.batch import Graph
 from expdesign.evaluation.kernel import kernel
-from expdesign.mechanism.friction_sign import Friction
 from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
-from expdesign.mechanism.term import Term, kinematic_terms
+from expdesign.mechanism.term import Friction, Term, kinematic_terms
 from expdesign.robot.deviation import JOINT_ENTRIES, Deviation, tilt_axes
 from expdesign.robot.robot import Robot
 

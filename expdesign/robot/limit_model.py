@@ -20,10 +20,9 @@ from constraints.arrays import Array, Mask
 from expdesign.configuration.limits import row_labels
 from expdesign.evaluation.batch import BatchFunction, Graph
 from expdesign.evaluation.kernel import kernel
-from expdesign.mechanism.friction_sign import Friction
 from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
-from expdesign.mechanism.term import Term
+from expdesign.mechanism.term import Friction, Term
 from expdesign.robot.robot import Robot
 
 JERK = "strut_jerk"

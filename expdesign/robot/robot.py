@@ -14,12 +14,11 @@ from constraints.arrays import Array
 from expdesign.configuration import ResolvedRobot
 from expdesign.evaluation.batch import BatchFunction, Graph
 from expdesign.evaluation.kernel import kernel
-from expdesign.mechanism.friction_sign import Friction
-from expdesign.mechanism.geometry import cardan_frames
 from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.realisable import Realisable
-from expdesign.mechanism.term import Term, kinematic_terms, parameters_of, scales_of
+from expdesign.mechanism.strut import cardan_frames
+from expdesign.mechanism.term import Friction, Term, kinematic_terms, parameters_of, scales_of
 from expdesign.mechanism.terms.rigid_platform import MASS
 from expdesign.robot.forward import solve_pose
 

@@ -33,8 +33,8 @@ from expdesign.export.record import (
     record_of_one,
 )
 from expdesign.motion.executable import ExecutableMotion
-from expdesign.motion.limits import check_motion, has_enclosure
 from expdesign.motion.planning import executable_motion
+from expdesign.motion.ramp_problem import check_motion, has_enclosure
 from expdesign.progress import forward_progress, progress_prefix, report_progress
 from expdesign.robot import robot_from
 from expdesign.runfolder.files import remove_leftovers, write_text

@@ -11,7 +11,7 @@ from estimation.controlmodel.compiler import FLAGS
 from estimation.controlmodel.formats import FORMATS
 from estimation.controlmodel.model import SINGLE
 from estimation.controlmodel.vectors import random_states
-from expdesign.mechanism.friction_sign import Friction
+from expdesign.mechanism.term import Friction
 
 QUICK = (*(flag for flag in FLAGS if flag != "-O2"), "-O0")
 STRICT = (*QUICK, "-Wshadow", "-Wstrict-prototypes", "-Wmissing-prototypes")

@@ -205,7 +205,7 @@ def test_the_limit_of_the_docs_bounds_what_it_says():
 
 
 def robot_rotation(angles):
-    rotation = importlib.import_module("expdesign.mechanism.rotation")
+    rotation = importlib.import_module("expdesign.mechanism.strut")
     return rotation.rotation_matrix(ca.SX(ca.DM(angles)))
 
 

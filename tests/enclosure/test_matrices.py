@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from expdesign.enclosure.matrices import TaylorMatrix
-from expdesign.enclosure.singular_values import condition_bound
+from expdesign.enclosure.matrices import TaylorMatrix, condition_bound
 from expdesign.enclosure.taylor_model import TERMS
 from tests.enclosure.exact import assert_holds
 

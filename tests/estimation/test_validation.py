@@ -76,7 +76,7 @@ def test_a_mirror_image_is_one(mirror, plane):
 def rotation(angles):
     import casadi as ca
 
-    from expdesign.mechanism.rotation import rotation_matrix
+    from expdesign.mechanism.strut import rotation_matrix
 
     return ca.evalf(rotation_matrix(ca.SX(angles))).full()
 

@@ -13,7 +13,7 @@ from expdesign.evaluation import BatchFunction, machine_code
 from expdesign.evaluation.batch import NamedFunction
 from expdesign.evaluation.block_loop import Lanes
 from expdesign.evaluation.machine_code import CACHE, SWITCH, VIRTUAL_MACHINE, evaluator
-from expdesign.mechanism.friction_sign import Friction
+from expdesign.mechanism.term import Friction
 from expdesign.robot import LimitModel, load_robot
 from expdesign.robot.limit_model import _kernel
 

@@ -13,7 +13,7 @@ from expdesign.evaluation.batch import Graph
 from expdesign.evaluation.kernel import kernel
 from expdesign.evaluation.machine_code import CACHE, SWITCH
 from expdesign.mechanism.catalogue import term_definitions, terms_named
-from expdesign.mechanism.friction_sign import Friction
+from expdesign.mechanism.term import Friction
 
 X = np.arange(6.0).reshape(2, 3)
 

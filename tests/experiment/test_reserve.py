@@ -9,8 +9,8 @@ import pytest
 
 import expdesign
 from expdesign.experiment import DesignResult
-from expdesign.motion.limits import check_motion
 from expdesign.motion.planning import executable_motion
+from expdesign.motion.ramp_problem import check_motion
 from tests.experiment.off_the_grids import TOLERANCE, excess
 
 RESERVE = {"position": "5 %", "strut_speed": "10 %", "attitude": "4 %"}

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import ExportSection
-from expdesign.export.certification import certified
+from expdesign.export.certification import certified, enclosed
 from expdesign.export.definition import Rows
-from expdesign.export.enclosed_table import enclosed
 from expdesign.export.execution import ExecutedTable
 from expdesign.export.exporting import settled
 from expdesign.export.row_times import divided_times, ideal_rows

@@ -13,7 +13,7 @@ from expdesign.export.definition import LENGTH_UNITS, Interpolation
 from expdesign.export.exporting import ExportError, export_table, file_name
 from expdesign.export.formats import table_formats
 from expdesign.export.row_times import SHARE, STEPS
-from expdesign.mechanism.rotation import rotation_matrix
+from expdesign.mechanism.strut import rotation_matrix
 from tests.export import reading
 from tests.export.motions import CASES, task
 

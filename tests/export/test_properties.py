@@ -22,7 +22,7 @@ from expdesign.export.rotation import (
     quaternions,
     roll_pitch_yaw,
 )
-from expdesign.mechanism.rotation import angular_acceleration, angular_velocity, rotation_matrix
+from expdesign.mechanism.strut import angular_acceleration, angular_velocity, rotation_matrix
 
 TEXT = ("xps-pvt", "pvt-csv", "pmac-pvt", "pi-wave", "linuxcnc-strut", "linuxcnc-gcode", "ros2")
 values = st.floats(-2000, 2000, allow_subnormal=False)

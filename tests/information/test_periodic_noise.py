@@ -5,10 +5,8 @@ import pytest
 import scipy.linalg as sla
 
 from expdesign.information.fisher import PeriodicNoise, information_matrix
-from expdesign.noise.autoregressive import Autoregressive
 from expdesign.noise.hum import Hum
-from expdesign.noise.spectrum import NoiseSpectrum
-from expdesign.noise.tabulated import Tabulated
+from expdesign.noise.spectrum import Autoregressive, NoiseSpectrum, Tabulated
 
 SAMPLING, PERIOD = 200.0, 60
 OMEGA = 2 * np.pi * SAMPLING / PERIOD

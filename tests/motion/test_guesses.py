@@ -5,9 +5,8 @@ import pytest
 
 from constraints import Limit
 from expdesign.configuration.limits import row_labels
-from expdesign.motion.guesses import pause_near, polynomials
-from expdesign.motion.limits import STRUT_JERK, moving_states
-from expdesign.motion.ramp_problem import RampProblem
+from expdesign.motion.ramp import pause_near, polynomials
+from expdesign.motion.ramp_problem import STRUT_JERK, RampProblem, moving_states
 from expdesign.motion.spline import MotionState
 from expdesign.robot import LimitModel
 from tests.estimation.cases import ROBOT

@@ -5,8 +5,7 @@ import pytest
 
 from constraints import Limit
 from expdesign.configuration.limits import row_labels
-from expdesign.motion.limits import STRUT_JERK, moving_states
-from expdesign.motion.ramp_problem import RampProblem, RampProgram
+from expdesign.motion.ramp_problem import STRUT_JERK, RampProblem, RampProgram, moving_states
 from expdesign.motion.spline import MotionState
 from expdesign.robot import LimitModel, load_robot
 

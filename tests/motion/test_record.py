@@ -8,8 +8,8 @@ import pytest
 
 from expdesign.configuration import load_run
 from expdesign.motion.executable import ExecutableMotion, Periods
-from expdesign.motion.limits import check_motion
 from expdesign.motion.planning import PIECES
+from expdesign.motion.ramp_problem import check_motion
 from expdesign.motion.record import RecordedMotion
 from expdesign.motion.spline import MotionState, SplineRamp, end_coefficients, reversed_in_time
 from tests.estimation.cases import ROBOT, trajectory

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from expdesign.noise.autoregressive import Autoregressive
 from expdesign.noise.hum import Hum
-from expdesign.noise.spectrum import NoiseSpectrum
-from expdesign.noise.tabulated import Tabulated, between
+from expdesign.noise.spectrum import Autoregressive, NoiseSpectrum, Tabulated, between
 
 RING = np.array([[0.5 ** min(abs(i - j), 6 - abs(i - j)) for j in range(6)] for i in range(6)])
 STD = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])

@@ -11,9 +11,8 @@ from expdesign.configuration.robot import load_robot_description
 from expdesign.information.criteria import CRITERIA
 from expdesign.information.fisher import PeriodicNoise, information_matrix
 from expdesign.information.prior import PriorMachine
-from expdesign.noise.autoregressive import Autoregressive
 from expdesign.noise.hum import Hum
-from expdesign.noise.spectrum import NoiseSpectrum
+from expdesign.noise.spectrum import Autoregressive, NoiseSpectrum
 from expdesign.problem.design_problem import build_problem
 from expdesign.problem.path_slope import LinearRows, RowIndex
 from expdesign.problem.variables import DesignVariables

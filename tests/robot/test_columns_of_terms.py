@@ -18,7 +18,7 @@ from expdesign.configuration import InputError, load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.configuration.sections.experiment import Cogging
 from expdesign.mechanism.catalogue import DEFAULT, term_definitions
-from expdesign.mechanism.friction_sign import Friction
+from expdesign.mechanism.term import Friction
 from expdesign.robot import load_robot, robot_from
 from tests.estimation.cases import measured, trajectory
 

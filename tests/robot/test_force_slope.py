@@ -7,7 +7,7 @@ import pytest
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.catalogue import DEFAULT
-from expdesign.mechanism.friction_sign import Friction
+from expdesign.mechanism.term import Friction
 from expdesign.robot import robot_from
 
 MORE = [

@@ -3,7 +3,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from expdesign.mechanism.friction_sign import smooth_sign
+from expdesign.mechanism.term import smooth_sign
 
 RATE = ca.SX.sym("rate")
 SIGN = smooth_sign(RATE)

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from expdesign.mechanism.catalogue import DEFAULT, parameter_unit, terms_named
-from expdesign.mechanism.friction_sign import Friction
 from expdesign.mechanism.graph import hexapod_graph
-from expdesign.mechanism.term import parameters_of
+from expdesign.mechanism.term import Friction, parameters_of
 from expdesign.robot import Robot, load_robot
 from expdesign.robot.robot import _regressor_kernel
 

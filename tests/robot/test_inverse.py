@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from expdesign.mechanism.inverse import inverse
+from expdesign.mechanism.graph import inverse
 
 
 def _function(size):

@@ -15,8 +15,7 @@ from expdesign.configuration.robot import load_robot_description
 from expdesign.evaluation.batch import BatchFunction
 from expdesign.mechanism import catalogue
 from expdesign.mechanism.catalogue import DEFAULT, known_parameters, term_definitions, terms_named
-from expdesign.mechanism.friction_sign import Friction
-from expdesign.mechanism.term import STRUT_SPEED, parameters_of
+from expdesign.mechanism.term import STRUT_SPEED, Friction, parameters_of
 from expdesign.robot import robot_from
 from tests.estimation.cases import measured, trajectory
 

@@ -7,11 +7,8 @@ from scipy import stats
 from estimation.twin import Twin
 from estimation.twin.disturbances import NoiseSource, noise_draws
 from expdesign.configuration import load_run
-from expdesign.noise.autoregressive import Autoregressive
-from expdesign.noise.band import Band
 from expdesign.noise.hum import Hum
-from expdesign.noise.spectrum import NoiseSpectrum
-from expdesign.noise.tabulated import Tabulated
+from expdesign.noise.spectrum import Autoregressive, Band, NoiseSpectrum, Tabulated
 from tests.twin.examples import motion
 
 LEVEL = 1e-6

@@ -73,7 +73,7 @@ class MotionSection(Section):
 
     jerk: Annotated[Jerk, Positive] | None = None
     """Largest jerk of a strut, m/s³. None: it follows from the limit of the struts' acceleration
-    and from the designed motion (`expdesign.motion.limits`)."""
+    and from the designed motion (`expdesign.motion.ramp_problem`)."""
     phase: Annotated[Phase, one_of(Phase)] = "start"
     """Where on its orbit the designed motion is entered and left: at its t = 0, or where the
     ramps are shortest."""

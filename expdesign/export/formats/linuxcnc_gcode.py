@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from constraints.arrays import Array
+from expdesign.configuration import ResolvedRobot
 from expdesign.export.definition import (
     LENGTH_UNITS,
     Interpolation,
@@ -15,15 +17,14 @@ from expdesign.export.definition import (
     Settings,
     TableError,
     TableFormat,
+    switched_at,
+    switching,
 )
-from expdesign.export.genhexkins import ENDING, geometry_lines
 from expdesign.export.text_table import lines, marked, number, write_lines
-from expdesign.export.trigger import switched_at, switching
 
 AXES = ("X", "Y", "Z", "A", "B", "C")
 START_FEED = 6.0
 """1/min: the move to the start, which is none on a machine that stands there, takes 10 s."""
-
 _FEED_DIGITS = 6
 _BLEND = 1e-5
 _COMMENT = re.compile(r"\([^()]*\)")
@@ -114,6 +115,44 @@ def _words(code: str, line: int) -> list[tuple[str, str]]:
     if "".join(letter + value for letter, value in found) != re.sub(r"\s", "", code):
         raise TableError(f"line {line}: '{code[:40]}' is no G-code")
     return found
+
+
+ENDING = ".genhexkins.hal"
+_LETTERS = "xyz"
+_INI_UNITS = {"mm": "mm", "in": "inch"}
+
+
+def geometry_lines(_rows: Rows, settings: Settings) -> list[str]:
+    """Return the lines that give genhexkins the robot's joints, in the table's unit of length."""
+    return setp_lines(settings.task.robot.description, settings.axes.units[0])
+
+
+def setp_lines(robot: ResolvedRobot, unit: str) -> list[str]:
+    """Return the lines for a robot, with lengths in mm or in."""
+    return [
+        f"# {robot.name} for genhexkins, where [TRAJ]LINEAR_UNITS = {_INI_UNITS[unit]}.",
+        "# spindle-offset and tool-offset stay zero: the controlled point is the robot file's.",
+        *_points("base", robot.base_joints * LENGTH_UNITS[unit]),
+        *_points("platform", robot.platform_joints * LENGTH_UNITS[unit]),
+        *_thread(robot, unit),
+    ]
+
+
+def _thread(robot: ResolvedRobot, unit: str) -> Iterator[str]:
+    """Yield the axes and the lead for the turn of the struts on their screws."""
+    if robot.platform_cardan_axes is None:
+        yield "setp genhexkins.screw-lead 0"
+        return
+    # With axes against each other a lead above zero is right-handed.
+    yield from _points("base-n", robot.alpha_axes)
+    yield from _points("platform-n", -robot.platform_cardan_axes)
+    yield f"setp genhexkins.screw-lead {robot.thread_lead * LENGTH_UNITS[unit]:.12g}"
+
+
+def _points(kind: str, joints: Array) -> Iterator[str]:
+    for index, joint in enumerate(joints):
+        for letter, value in zip(_LETTERS, joint, strict=True):
+            yield f"setp genhexkins.{kind}.{index}.{letter} {value + 0.0:.12g}"
 
 
 FORMAT = TableFormat(

@@ -16,9 +16,10 @@ from expdesign.export.definition import (
     TableFormat,
     edge_rows,
     rounded,
+    switched_at,
+    switching,
 )
 from expdesign.export.text_table import lines, number, refuse_motion_at_end, write_lines
-from expdesign.export.trigger import switched_at, switching
 
 LETTERS = ("X", "Y", "Z", "A", "B", "C")
 LONGEST = 4095.9998

@@ -16,9 +16,10 @@ from expdesign.export.definition import (
     TableError,
     TableFormat,
     rounded,
+    switched_at,
+    switching,
 )
 from expdesign.export.text_table import lines, numbers, refuse_motion_at_end, write_lines
-from expdesign.export.trigger import switched_at, switching
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
 _TIME_DIGITS = 8

@@ -32,7 +32,7 @@ from expdesign.machines.linuxcnc_files import (
 from expdesign.machines.machine import Machine, MachineFormat, Question, rows
 from expdesign.machines.writing import INERTIA
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.mechanism.rotation import ANGLES, FIXED_AXES
+from expdesign.mechanism.strut import ANGLES, FIXED_AXES
 
 _LARGEST = 1024 * 1024
 _KINEMATICS = "genhexkins"

@@ -20,7 +20,7 @@ from expdesign.machines.machine import Machine, MachineFormat
 from expdesign.machines.mechanism_graph import NOTHING, WORLD, Joint, Kind, Link, Placement
 from expdesign.machines.xml_document import Element, read_xml
 from expdesign.mechanism.bodies import ENTRIES, RigidBody, inertia_of
-from expdesign.mechanism.rotation import FIXED_AXES
+from expdesign.mechanism.strut import FIXED_AXES
 
 _KINDS: dict[str, Kind] = {
     "revolute": "rotation",

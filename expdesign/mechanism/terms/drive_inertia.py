@@ -37,4 +37,4 @@ TERM = Term(
     columns=_columns,
 )
 ON_A_THREAD = replace(TERM, turning=True)
-"""The same of screws that the platform turns (`expdesign.mechanism.thread`)."""
+"""The same of screws that the platform turns (`expdesign.mechanism.strut`)."""
