@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array, Mask
+from expdesign.enclosure.arithmetic import EPS, TERMS
 from expdesign.enclosure.limit_rows import EnclosedKinematics
-from expdesign.enclosure.taylor_model import EPS, TERMS, PiecewisePolynomials, TaylorModel
+from expdesign.enclosure.taylor_model import PiecewisePolynomials, TaylorModel
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.robot import Robot
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from constraints.arrays import Array, Mask
 from expdesign.enclosure import arithmetic
-from expdesign.enclosure.arithmetic import TINY, invert, take_root
-from expdesign.enclosure.taylor_model import EPS, TERMS, TaylorModel
+from expdesign.enclosure.arithmetic import EPS, TERMS, TINY, invert, take_root
+from expdesign.enclosure.taylor_model import TaylorModel
 
 _POWERS = TERMS + 2
 """Powers of a series in the model itself: its range within a cell is small."""

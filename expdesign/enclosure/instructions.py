@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from expdesign.enclosure import functions as f
 from expdesign.enclosure import program
-from expdesign.enclosure.taylor_model import TERMS, TaylorModel
+from expdesign.enclosure.arithmetic import TERMS
+from expdesign.enclosure.taylor_model import TaylorModel
 
 _COMPILED = {
     ca.OP_ASSIGN: program.ASSIGN,

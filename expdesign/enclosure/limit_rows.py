@@ -12,10 +12,11 @@ import numpy as np
 from constraints import LimitDefinition
 from constraints.arrays import Array, Mask
 from constraints.limits import jacobian_condition
+from expdesign.enclosure.arithmetic import EPS
 from expdesign.enclosure.functions import sign
 from expdesign.enclosure.instructions import EnclosedFunction, NoEnclosureError
 from expdesign.enclosure.matrices import TaylorMatrix, condition_bound
-from expdesign.enclosure.taylor_model import EPS, TaylorModel
+from expdesign.enclosure.taylor_model import TaylorModel
 from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.term import Friction, Term, kinematic_terms

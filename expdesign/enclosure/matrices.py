@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.enclosure.arithmetic import TINY
+from expdesign.enclosure.arithmetic import EPS, TERMS, TINY
 from expdesign.enclosure.functions import chosen, reciprocal, root
-from expdesign.enclosure.taylor_model import EPS, TERMS, TaylorModel
+from expdesign.enclosure.taylor_model import TaylorModel
 
 _UP = 1 + 2.0**-40
 

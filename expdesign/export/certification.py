@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from constraints import Limit
 from constraints.arrays import Array
+from expdesign.enclosure.arithmetic import EPS
 from expdesign.enclosure.forward import StrutPath
 from expdesign.enclosure.instructions import EnclosedFunction
 from expdesign.enclosure.limit_rows import EnclosedKinematics
 from expdesign.enclosure.taylor_model import (
-    EPS,
     PiecewisePolynomials,
     PosePath,
     TaylorModel,

@@ -10,7 +10,8 @@ import numpy as np
 import scipy
 
 from constraints.arrays import Array
-from expdesign.enclosure.taylor_model import EPS, TaylorModel
+from expdesign.enclosure.arithmetic import EPS
+from expdesign.enclosure.taylor_model import TaylorModel
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.trajectory import PoseSamples
 

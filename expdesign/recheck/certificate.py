@@ -18,9 +18,10 @@ import numpy as np
 
 from constraints import Limit
 from constraints.arrays import Array, Mask
+from expdesign.enclosure.arithmetic import EPS
 from expdesign.enclosure.instructions import NoEnclosureError
 from expdesign.enclosure.limit_rows import EnclosedLimits, EnclosedRow
-from expdesign.enclosure.taylor_model import EPS, EnclosedSeries, TaylorModel
+from expdesign.enclosure.taylor_model import EnclosedSeries, TaylorModel
 from expdesign.progress import report_progress
 from expdesign.recheck.limit_check import (
     LEAST_POINTS,
