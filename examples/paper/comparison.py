@@ -1,4 +1,4 @@
-"""Comparing two sets of repeated estimates: determinants of their covariances, and their means."""
+"""Comparison of repeated estimates: determinants of their covariances, and their means."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from estimation.uncertainty.differences import Differences, holm
 
 @dataclass(frozen=True)
 class Share:
-    """How often something was seen in repeated runs: with the 95 % interval of its probability."""
+    """A share of repeated runs, with the 95 % interval of its probability."""
 
     hits: int
     trials: int
@@ -26,7 +26,7 @@ class Share:
 
     @classmethod
     def of(cls, outcomes: Sequence[bool]) -> Share:
-        """Count."""
+        """Count the runs with this outcome."""
         hits, trials = sum(outcomes), len(outcomes)
         return cls(hits, trials, *share_interval(hits / trials, trials))
 
@@ -42,14 +42,16 @@ class DeterminantComparison(NamedTuple):
     repetitions alone.
     """
 
-    first: float
-    second: float
+    log_det_first: float
+    log_det_second: float
     difference: float
     std_error: float
 
 
 def compare_determinants(first: Array, second: Array, scales: Array) -> DeterminantComparison:
-    """Compare two sets of estimates, (K, m) each, in units of `scales`, which shift both alike.
+    """Compare the covariances of two sets of estimates, (K, m) each, in units of `scales`, (m,).
+
+    The units shift both determinants alike.
 
     Notes
     -----

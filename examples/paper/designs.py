@@ -23,7 +23,7 @@ from estimation.montecarlo.repetition import Workbench
 from estimation.twin import Twin
 from estimation.uncertainty.differences import FAMILY_LEVEL
 from examples.paper.comparison import compare_determinants, mean_difference
-from examples.paper.setting import Claim, Setting, StudyResult, all_estimated, run_in_processes
+from examples.paper.setting import Claim, Setting, StudyResult, completeness_claim, run_in_processes
 from expdesign import DesignResult, Robot, design
 from expdesign.configuration import RunConfiguration
 from expdesign.information.fisher import PeriodicNoise
@@ -109,7 +109,7 @@ def study_designs(setting: Setting, out: Path) -> StudyResult:
         _motion_claim(tables["designs"]),
         *_agreement_claims(tables["agreement"], trials),
         *(_mean_claim(setting, tables["means"], kinematics) for kinematics in KINEMATICS),
-        all_estimated("experiment", kept, len(trials) * len(KINEMATICS) * count),
+        completeness_claim("experiment", kept, len(trials) * len(KINEMATICS) * count),
         Claim(
             f"every design ({' and '.join(CRITERIA)}) keeps every limit",
             f"{good} of {len(trials)}",
@@ -144,7 +144,7 @@ def run_trials(setting: Setting, robot: Robot, count: int) -> tuple[Trial, ...]:
 
 
 def _repetitions(setting: Setting, robot: Robot) -> int:
-    """Return a number of repetitions from which m parameters have a covariance: more than m."""
+    """Return a number of repetitions: the covariance of m parameters takes more than m."""
     size = len(robot.parameter_names)
     return size + 1 if setting.quick else max(_REPETITIONS, 4 * size)
 
@@ -210,7 +210,7 @@ def linear_covariances(robot: Robot, twin: Twin) -> dict[str, Array]:
 
     They are (ΨᵀΨ)⁻¹ ΨᵀΣΨ (ΨᵀΨ)⁻¹ and F⁻¹ = (Ψᵀ Σ⁻¹ Ψ)⁻¹ over the samples and periods that the twin
     executes, at the true motion; for noise with a spectrum they are sums over the lines of the
-    period, or of the recording where that is no whole number of samples.
+    period, or of the recording if the period is not a whole number of samples.
     """
     states = twin.truth.executed.sample(twin.grid.distinct_times)
     regressors = robot.regressor(*states)
@@ -335,7 +335,7 @@ def _distribution_rows(pair: Sequence[Trial], robot: Robot) -> Iterator[dict[str
             }
 
 
-def of_ls(table: pd.DataFrame, kinematics: str) -> pd.DataFrame:
+def ls_rows(table: pd.DataFrame, kinematics: str) -> pd.DataFrame:
     """Return the rows of LS with these kinematics."""
     return table[(table["kinematics"] == kinematics) & (table["estimator"] == "ls")]
 
@@ -353,7 +353,7 @@ def rigid_body(names: Sequence[str]) -> Mask:
 def _determinant_claims(determinants: pd.DataFrame) -> Iterator[Claim]:
     first, second = CRITERIA
     for kinematics, words in KINEMATICS.items():
-        found = of_ls(determinants, kinematics)
+        found = ls_rows(determinants, kinematics)
         ratios = found["difference"] / found["std_error"]
         least, ratio = found.loc[ratios.idxmin()], float(ratios.min())
         yield Claim(
@@ -376,7 +376,7 @@ def _precision_claims(determinants: pd.DataFrame, trials: tuple[Trial, ...]) -> 
         ("rigid-body", "rigid_body_smaller", rigid, "8 of 10"),
         ("friction", "friction_smaller", ~rigid, "7 of 14"),
     ):
-        counts = ", ".join(map(str, of_ls(determinants, "fourier")[column]))
+        counts = ", ".join(map(str, ls_rows(determinants, "fourier")[column]))
         expected = ", ".join(str(np.count_nonzero(one & mask)) for one in predicted)
         yield Claim(
             f"{title} parameters that LS estimates more precisely with '{first}' than with "

@@ -11,9 +11,9 @@ import pandas as pd
 import scipy
 
 from constraints.arrays import Array
-from examples.paper.designs import CRITERIA, KINEMATICS, of_ls, rigid_body
+from examples.paper.designs import CRITERIA, KINEMATICS, ls_rows, rigid_body
 from examples.paper.identification import CASES, ESTIMATORS
-from examples.paper.validation import MOST, SITUATIONS, of_motion
+from examples.paper.validation import MOST, SITUATIONS, motion_rows
 from expdesign.mechanism.hexapod import ACTUATORS
 from results.figures.drawing import (
     FigureDefinition,
@@ -75,7 +75,7 @@ def distributions_figure(figure: Figure, table: pd.DataFrame) -> None:
 def precision_figure(figure: Figure, table: pd.DataFrame) -> None:
     """Draw achieved standard deviations of LS, second criterion over first."""
     first, second = CRITERIA
-    found = of_ls(table, "fourier")
+    found = ls_rows(table, "fourier")
     names = list(found["parameter"].unique())
     std = {
         name: found[found["criterion"] == name]["std"].to_numpy().reshape(-1, len(names))
@@ -189,7 +189,7 @@ def variances_figure(figure: Figure, table: pd.DataFrame) -> None:
     panels = figure.subplots(len(motions), len(SITUATIONS), sharex=True, sharey=True, squeeze=False)
     places = np.arange(ACTUATORS)
     for (row, motion), (column, situation) in product(enumerate(motions), enumerate(SITUATIONS)):
-        axes, found = panels[row][column], of_motion(table, situation, motion)
+        axes, found = panels[row][column], motion_rows(table, situation, motion)
         model = found["variance_model_error"].to_numpy()
         noise = found["variance_measurement_error"].to_numpy()
         fails = (found["fails"] / found["runs"]).to_numpy()

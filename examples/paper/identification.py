@@ -26,7 +26,14 @@ from estimation.identification.estimate import parameter_priors
 from estimation.montecarlo.repetition import FAILURES
 from estimation.twin import Twin
 from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, difference_test
-from examples.paper.setting import Claim, Setting, StudyResult, all_estimated, estimated, repeat
+from examples.paper.setting import (
+    Claim,
+    Setting,
+    StudyResult,
+    completeness_claim,
+    repeat,
+    require_estimates,
+)
 from expdesign import FourierTrajectory
 from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.mechanism.catalogue import parameter_unit
@@ -104,7 +111,9 @@ def study_identification(setting: Setting, design: FourierTrajectory) -> StudyRe
     bench, count = build(), _REPETITIONS[setting.quick]
     found = repeat(setting, "identifications", build, count)
     cases = tuple(
-        CaseResult(case, bench.truth, estimated(case.key, [one and one[case.key] for one in found]))
+        CaseResult(
+            case, bench.truth, require_estimates(case.key, [one and one[case.key] for one in found])
+        )
         for case in CASES
     )
     names, free = bench.knowledge.names, bench.knowledge.free
@@ -114,7 +123,7 @@ def study_identification(setting: Setting, design: FourierTrajectory) -> StudyRe
         claims += [bias_claim(result, estimator, names, identified) for estimator in ESTIMATORS]
         claims.append(_hausman_claim(result))
     kept = sum(len(result.experiments) for result in cases)
-    claims.append(all_estimated("experiment", kept, len(cases) * count))
+    claims.append(completeness_claim("experiment", kept, len(cases) * count))
     return StudyResult(
         "LS, GM and ML with a disturbed information matrix",
         tuple(claims),

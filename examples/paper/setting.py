@@ -63,7 +63,7 @@ class Claim:
 
 @dataclass(frozen=True, eq=False)
 class StudyResult:
-    """Claims of one study, its tables by file name, and figures with what they are drawn from."""
+    """Claims of one study, its tables by file name, and further figures with their data."""
 
     title: str
     claims: tuple[Claim, ...]
@@ -97,7 +97,7 @@ class Setting:
         return load_run(run)
 
 
-def estimated(what: str, found: Sequence[T | None]) -> tuple[T, ...]:
+def require_estimates(what: str, found: Sequence[T | None]) -> tuple[T, ...]:
     """Return the experiments that could be estimated.
 
     Raises
@@ -111,7 +111,7 @@ def estimated(what: str, found: Sequence[T | None]) -> tuple[T, ...]:
     return kept
 
 
-def all_estimated(what: str, kept: int, total: int) -> Claim:
+def completeness_claim(what: str, kept: int, total: int) -> Claim:
     """Return the claim that every run or experiment of a study can be estimated."""
     return Claim(f"every {what} can be estimated", f"{kept} of {total}", holds=kept == total)
 

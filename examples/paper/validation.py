@@ -27,7 +27,14 @@ from estimation.twin import Twin
 from estimation.validation.motions import benchmark_motion, broken_limits, motion_name
 from estimation.validation.validate import MotionRecord
 from examples.paper.comparison import Share
-from examples.paper.setting import Claim, Setting, StudyResult, all_estimated, estimated, repeat
+from examples.paper.setting import (
+    Claim,
+    Setting,
+    StudyResult,
+    completeness_claim,
+    repeat,
+    require_estimates,
+)
 from expdesign import FourierTrajectory, InputError, Robot
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import actuator_friction
@@ -64,7 +71,7 @@ def study_validation(setting: Setting, design: FourierTrajectory) -> StudyResult
     build = partial(ValidationBench, setting, design)
     bench, count = build(), _REPETITIONS[setting.quick]
     done = repeat(setting, "validations", build, count)
-    runs = estimated("validation", done)
+    runs = require_estimates("validation", done)
     verdicts = pd.DataFrame(row for run in runs for row in run)
     wrong = verdicts[verdicts["parameter"] != ""]
     verdicts = verdicts[verdicts["parameter"] == ""]
@@ -75,7 +82,7 @@ def study_validation(setting: Setting, design: FourierTrajectory) -> StudyResult
     if setting.is_paper_robot:
         claims += _variance_claims(variances, cogging)
     for situation in ("without", "unknown"):
-        share = as_expected(verdicts[verdicts["situation"] == situation], cogging)
+        share = expected_share(verdicts[verdicts["situation"] == situation], cogging)
         claims.append(
             Claim(
                 f"{SITUATIONS[situation]}: the verdict is right on all motions of a run",
@@ -83,7 +90,7 @@ def study_validation(setting: Setting, design: FourierTrajectory) -> StudyResult
                 holds=share.hits >= _WANTED * share.trials,
             )
         )
-    claims += [_power_claim(power), all_estimated("run", len(runs), count)]
+    claims += [_power_claim(power), completeness_claim("run", len(runs), count)]
     return StudyResult(
         "Validation of right and wrong models",
         tuple(claims),
@@ -268,7 +275,7 @@ def _variance_rows(verdicts: pd.DataFrame) -> Rows:
             }
 
 
-def of_motion(variances: pd.DataFrame, situation: str, motion: str) -> pd.DataFrame:
+def motion_rows(variances: pd.DataFrame, situation: str, motion: str) -> pd.DataFrame:
     """Return the rows of one motion in one situation."""
     return variances[(variances["situation"] == situation) & (variances["motion"] == motion)]
 
@@ -294,7 +301,7 @@ def _power_rows(wrong: pd.DataFrame, factors: dict[str, float]) -> Rows:
 # --- claims ---------------------------------------------------------------------------------------
 
 
-def as_expected(verdicts: pd.DataFrame, cogging: Mask) -> Share:
+def expected_share(verdicts: pd.DataFrame, cogging: Mask) -> Share:
     """Return the share of runs in which exactly the right actuators fail on all their motions.
 
     Actuators with `cogging`, (6,), should fail where the model does not know it. A test that was
@@ -311,14 +318,14 @@ def _verdict_claims(
     for (situation, motion), found in verdicts.groupby(["situation", "motion"], sort=False):
         title = f"{SITUATIONS[situation]}, {motion}"
         if situation == "known":
-            rows = of_motion(variances, situation, motion)
+            rows = motion_rows(variances, situation, motion)
             most = rows[rows["fails"] > MOST * rows["runs"]]["actuator"]
-            value = f"actuators that fail in most runs: {_listed(most)}"
+            value = f"actuators that fail in most runs: {_join(most)}"
             yield Claim(f"{title}: reported, not judged", value)
             continue
-        share = as_expected(found, cogging)
+        share = expected_share(found, cogging)
         fails = situation == "unknown"
-        failing = f"exactly actuators {_listed(np.flatnonzero(cogging) + 1)} fail"
+        failing = f"exactly actuators {_join(np.flatnonzero(cogging) + 1)} fail"
         yield Claim(
             f"{title}: {failing if fails else 'all actuators pass'}",
             str(share),
@@ -330,11 +337,11 @@ def _verdict_claims(
 def _variance_claims(variances: pd.DataFrame, cogging: Mask) -> Iterator[Claim]:
     struts = np.flatnonzero(cogging) + 1
     for motion in variances["motion"].unique():
-        found = of_motion(variances, "unknown", motion).set_index("actuator").loc[struts]
+        found = motion_rows(variances, "unknown", motion).set_index("actuator").loc[struts]
         model = " and ".join(f"{value:.1f}" for value in found["variance_model_error"])
         noise = " and ".join(f"{value:.1f}" for value in found["variance_measurement_error"])
         yield Claim(
-            f"{motion}: variance about the prediction of actuators {_listed(struts)} with cogging "
+            f"{motion}: variance about the prediction of actuators {_join(struts)} with cogging "
             "that the model does not know",
             f"{model} N² against {noise} N² of noise",
             _PAPER,
@@ -363,5 +370,5 @@ def _power_claim(power: pd.DataFrame) -> Claim:
     )
 
 
-def _listed(actuators: Any) -> str:
+def _join(actuators: Any) -> str:
     return " and ".join(str(j) for j in actuators) or "none"

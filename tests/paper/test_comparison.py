@@ -28,7 +28,7 @@ def test_the_difference_is_unbiased_and_its_error_is_the_spread():
     assert abs(off.mean()) < 4 * error / 20
     # The standard deviation of 400 draws is known to 3.5 %.
     assert off.std() / error == pytest.approx(1, abs=0.14)
-    level = np.array([f.first for f in found]) - np.linalg.slogdet(one)[1]
+    level = np.array([f.log_det_first for f in found]) - np.linalg.slogdet(one)[1]
     assert abs(level.mean()) < 4 * level.std() / 20
 
 

@@ -17,13 +17,13 @@ from examples.paper.identification import (
     bias_claim,
     study_identification,
 )
-from examples.paper.setting import Setting, TooFewEstimatesError, estimated
+from examples.paper.setting import Setting, TooFewEstimatesError, require_estimates
 from examples.paper.validation import (
     ValidationBench,
-    as_expected,
     choose_cogging,
     choose_factors,
     choose_motions,
+    expected_share,
 )
 from expdesign.configuration import load_run
 from expdesign.robot import load_robot
@@ -35,7 +35,7 @@ PARAMETERS = 24
 
 
 class Small(Setting):
-    """The settings of the former study of the same name, executed with a motion of the tests."""
+    """Few settings: ten periods of the tests' motion."""
 
     def configuration(self, **sections):
         experiment = {"periods": 10, "sampling": SAMPLING} | sections.pop("experiment", {})
@@ -182,7 +182,7 @@ def test_a_bias_is_found_with_few_experiments():
     assert "e+" not in claim.value
 
 
-def test_two_workers_find_the_same_estimates(identification):
+def test_an_experiment_is_the_same_in_every_process(identification):
     bench = IdentificationBench(Small(), MOTION)
     again = bench.repeat(1)["pointwise"].values["gm"]
     table = identification.tables["estimates"]
@@ -191,9 +191,9 @@ def test_two_workers_find_the_same_estimates(identification):
 
 
 def test_too_few_estimates_are_no_study():
-    assert estimated("case", [1, None, 2, 3]) == (1, 2, 3)
+    assert require_estimates("case", [1, None, 2, 3]) == (1, 2, 3)
     with pytest.raises(TooFewEstimatesError, match="only 2 of 4"):
-        estimated("case", [1, None, None, 2])
+        require_estimates("case", [1, None, None, 2])
 
 
 # --- validation -----------------------------------------------------------------------------------
@@ -211,7 +211,7 @@ def test_the_validation_names_the_struts_with_cogging_and_wrong_parameters(monke
     right = rows[rows["parameter"] == ""]
     for situation in ("without", "unknown"):
         found = right[right["situation"] == situation]
-        assert as_expected(found, bench.amplitudes > 0).hits == 3
+        assert expected_share(found, bench.amplitudes > 0).hits == 3
     seen = (rows["against"] != "").groupby(rows["parameter"]).sum()
     assert seen["p10"] == 3
     assert seen["r_alpha"] < 3
@@ -221,8 +221,8 @@ def test_a_test_that_was_refused_is_no_verdict():
     row = {"run": 1, "situation": "without", "tested": True}
     row |= {f"fails_{j}": False for j in range(1, 7)}
     nobody = np.zeros(6, dtype=bool)
-    assert as_expected(pd.DataFrame([row]), nobody).hits == 1
-    assert as_expected(pd.DataFrame([row, row | {"tested": False}]), nobody).hits == 0
+    assert expected_share(pd.DataFrame([row]), nobody).hits == 1
+    assert expected_share(pd.DataFrame([row, row | {"tested": False}]), nobody).hits == 0
 
 
 # --- other robots ---------------------------------------------------------------------------------
