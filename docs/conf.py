@@ -1,10 +1,9 @@
 """The site of these pages, built by Sphinx: `make docs`.
 
-The pages are written for the repository and read there as well: this file brings what only a site
-needs. Its source is the root of the repository, so that links between the pages and to the files
-beside `docs/` are the same in both. The table of contents is what `index.md` links to, in its
-order.
-Formulas become MathML, which browsers draw themselves: the site needs no other one.
+The pages are written for the repository; this file adds the settings of the site. Its source is the
+root of the repository, so that links between the pages and to files outside `docs/` are the same in
+both. The table of contents consists of the links of `index.md`, in their order. Formulas become
+MathML, which browsers display without further programs.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The pages of the documentation, taken apart."""
+"""Pages of the documentation and their parts."""
 
 import re
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ FILES = (
     ROOT / "CHANGELOG.md",
     *sorted((ROOT / "docs").glob("*.md")),
 )
-# Experiments behind the pages, as they were made: their names and numbers are those of their day.
+# Experiments behind the pages, with the names and numbers of their day.
 NOTES = tuple(sorted((ROOT / "docs" / "notes").glob("*.md")))
 _FENCE = re.compile(
     r"^(?:<!-- example: (?P<file>\S+) -->\n)?```(?P<language>\w*)\n(?P<text>.*?)^```$",

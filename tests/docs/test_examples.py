@@ -23,10 +23,9 @@ from expdesign.robot import LimitModel, robot_from
 from expdesign.solver.events import SearchEvent
 from tests.docs.pages import FILES, ROOT, blocks, parse, prose
 
-# The files of the pages of one's own machine and of a payload are those that commands make: they
-# are walked.
-WALKED = ("own-machine", "payload")
-YAML_BLOCKS = [block for block in blocks("yaml") if block.page.stem not in WALKED]
+# Pages whose files are written by their commands: test_tutorial.py executes them.
+EXECUTED_PAGES = ("own-machine", "payload")
+YAML_BLOCKS = [block for block in blocks("yaml") if block.page.stem not in EXECUTED_PAGES]
 LIMIT = "constraints/limits/strut_inclination.py"
 CRITERION = "phi2.py"
 
@@ -91,15 +90,15 @@ def test_the_robot_of_the_docs_is_free_of_warnings(robots):
 
 def test_the_python_of_the_readme(monkeypatch):
     (block,) = (b for b in blocks("python") if b.page.name == "README.md")
-    asked = []
+    calls = []
 
     class Result:
         trajectory = expdesign.FourierTrajectory(1.0, np.zeros(6), np.ones((6, 1)), np.ones((6, 1)))
 
-    monkeypatch.setattr(expdesign, "design", lambda config: asked.append(config) or Result())
+    monkeypatch.setattr(expdesign, "design", lambda config: calls.append(config) or Result())
     names = {}
     exec(compile(block.text, "README.md", "exec"), names)
-    assert asked == ["my-palida.yaml"]
+    assert calls == ["my-palida.yaml"]
     assert names["lengths"].shape == (6,)
     assert names["motion"].pose.shape == (2, 6)
 
@@ -118,17 +117,17 @@ def test_the_python_of_the_twin(tmp_path, monkeypatch):
 
 
 def test_the_python_page(tiny_result, tmp_path, monkeypatch):
-    """Its blocks run one after the other; only the design itself is one made before."""
-    asked = []
+    """Its blocks run one after the other, with a prepared design."""
+    calls = []
 
     def design(config, monitor):
         monitor.report(SearchEvent(1, "blunt", 1, 1.0, 0.0, 0.0))
-        asked.append((config.run.name, monitor.stop_requested()))
+        calls.append((config.run.name, monitor.stop_requested()))
         return tiny_result
 
     monkeypatch.setattr(expdesign, "design", design)
     monkeypatch.setattr("expdesign.stages.design.design", lambda *_: tiny_result)
-    monkeypatch.setattr("results.design_figures", lambda _, folder: asked.append(folder))
+    monkeypatch.setattr("results.design_figures", lambda _, folder: calls.append(folder))
     monkeypatch.setattr("results.record_figures", lambda *_: ())
     monkeypatch.setattr("results.saving.record_figures", lambda *_: ())
     monkeypatch.chdir(tmp_path)
@@ -136,7 +135,7 @@ def test_the_python_page(tiny_result, tmp_path, monkeypatch):
     for block in blocks("python"):
         if block.page.name == "python.md":
             exec(compile(block.text, "python.md", "exec"), names)
-    assert asked == [("from-python", False), names["folder"]]
+    assert calls == [("from-python", False), names["folder"]]
     assert (tmp_path / "runs/from-python/trajectory.csv").is_file()
     np.testing.assert_allclose(names["there"], names["pose"], atol=1e-9)
     assert names["jacobian"].shape == (6, 6)
@@ -155,7 +154,7 @@ def test_the_python_page(tiny_result, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("page", FILES, ids=lambda page: page.stem)
-def test_names_of_modules_are_there(page):
+def test_named_modules_exist(page):
     text = prose(page)
     found = [f"{place}.{name}" for *names, place in NAMED.findall(text) for name in names if name]
     found += DOTTED.findall(text)
@@ -189,7 +188,7 @@ def _inclined(bound):
 
 
 @pytest.mark.usefixtures("with_limit")
-def test_the_limit_of_the_docs_bounds_what_it_says():
+def test_the_limit_of_the_docs_bounds_the_inclination():
     robot = _inclined("60 deg")
     (limit,) = (limit for limit in robot.limits if limit.key == "strut_inclination")
     rng = np.random.default_rng(0)
@@ -265,7 +264,7 @@ def test_the_criterion_of_the_docs_lies_between_a_and_e(phi2):
     assert read == pytest.approx(phi2.value(eigenvalues), rel=1e-12)
 
 
-def test_the_schema_admits_the_criteria_that_exist():
+def test_the_schema_admits_every_criterion():
     assert tuple(CRITERIA) == design_section.CRITERIA
 
 
@@ -279,7 +278,7 @@ def test_the_commands_of_the_docs_exist():
 
 
 def test_limits_are_frozen_data(robots):
-    """What the docs say of a limit: it is data."""
+    """Limits are data, as the docs say."""
     robot = robot_from(load_robot_description(robots / "my-hexapod.yaml"))
     with pytest.raises(dataclasses.FrozenInstanceError):
         robot.limits[0].origin = "elsewhere"

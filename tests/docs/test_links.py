@@ -24,7 +24,7 @@ def _anchors(page):
 
 
 @pytest.mark.parametrize("page", [*FILES, *NOTES], ids=lambda page: page.name)
-def test_links_lead_somewhere(page):
+def test_links_resolve(page):
     for link in _links(page):
         path, _, anchor = link.partition("#")
         target = page.parent / path if path else page
@@ -38,7 +38,7 @@ def _linked(page):
 
 
 def test_every_page_is_linked_from_the_page_of_tasks():
-    """And with it in the contents of the site; the readme leads there."""
+    """So that the contents of the site are complete; the readme links to that page."""
     assert TASKS in _linked(ROOT / "README.md")
     assert {page.resolve() for page in FILES} - {TASKS} <= _linked(TASKS)
 
@@ -49,7 +49,7 @@ def test_every_note_is_linked_from_a_page():
 
 
 def test_every_task_has_its_page():
-    """A line each, under a heading: the site makes its table of contents of them."""
+    """One line each, under a heading, for the table of contents of the site."""
     _, *sections = TASKS.read_text(encoding="utf-8").split("\n## ")
     assert len(sections) > 2
     for section in sections:
@@ -61,7 +61,7 @@ def test_every_task_has_its_page():
 
 @pytest.mark.parametrize("page", FILES, ids=lambda page: page.name)
 def test_headings_have_one_anchor_each(page):
-    """The repository and the site number those of the same name, each in its own way."""
+    """Equal headings are numbered differently by the repository and the site."""
     anchors = [_anchor(h) for h in re.findall(r"^#+ (.+)$", prose(page), re.MULTILINE)]
     for other in FILES:
         for link in _links(other):
@@ -71,7 +71,7 @@ def test_headings_have_one_anchor_each(page):
 
 
 @pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.name)
-def test_files_that_are_named_exist(page):
+def test_named_files_exist(page):
     packages = ("expdesign/", "constraints/", "estimation/", "results/", "tests/")
     for path in re.findall(r"`([\w./-]+/[\w./-]*)`", prose(page)):
         if path.startswith(packages):

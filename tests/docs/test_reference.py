@@ -1,4 +1,4 @@
-"""The reference tables of the docs say what the code says."""
+"""The reference tables of the docs agree with the code."""
 
 import itertools
 import re
@@ -82,7 +82,7 @@ def _documented(page, heading):
 
 
 def _required(model):
-    """What a section that has required keys needs beside the key that is tested."""
+    """Return values of the required keys of a section."""
     if model is RunDescription:
         return {"name": "n", "robot": "palida"}
     if model is RobotDescription:
@@ -185,7 +185,7 @@ def test_the_page_of_limits_is_complete():
 
 
 @pytest.mark.parametrize("page", ["criteria.md", "formulation.md"])
-def test_every_criterion_is_told(page):
+def test_every_criterion_has_its_row(page):
     heading = "# Criteria" if page == "criteria.md" else "## Objective"
     rows = {codes(row[0])[0]: row for row in table(DOCS / page, heading)}
     assert set(rows) == set(CRITERIA)
@@ -201,7 +201,7 @@ def test_every_criterion_is_told(page):
 
 
 def parameter_rows():
-    """Return the rows of the table of parameters: those that differ in the name only are one."""
+    """Return the rows of the table of parameters; those that differ only in the name are one."""
     rows = {}
     for term in term_definitions().values():
         for p in term.parameters:
@@ -393,7 +393,7 @@ def test_figures():
     assert rows == [definition.key for definition in DESIGN_FIGURES]
 
 
-def test_the_recheck_is_as_fine_as_told():
+def test_the_grid_of_the_recheck():
     text = (DOCS / "formulation.md").read_text(encoding="utf-8")
     assert r"\max(4000,\,20\cdot\texttt{samples})" in text
     assert [grid_points(samples) for samples in (10, 200, 1000)] == [4000, 4000, 20000]

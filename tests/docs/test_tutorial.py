@@ -1,4 +1,4 @@
-"""The pages that are walked: their commands run in turn, and their numbers are what comes out."""
+"""Pages whose commands are executed in turn, with the outputs and numbers that they show."""
 
 import shlex
 
@@ -20,13 +20,13 @@ FOLDER = "runs/tutorial"
 
 
 @pytest.fixture
-def walked(tmp_path, monkeypatch, capsys):
-    """Walk a page in an empty folder, and hold its outputs and numbers against what comes out."""
+def execute_page(tmp_path, monkeypatch, capsys):
+    """Execute a page in an empty folder and compare its outputs and numbers."""
 
-    def walk(page, folder):
+    def execute(page, folder):
         monkeypatch.chdir(tmp_path)
         monkeypatch.setenv("COLUMNS", "200")
-        said = ""
+        output = ""
         for step in steps(page):
             if step.kind == "file":
                 (tmp_path / step.name).write_text(step.text, encoding="utf-8")
@@ -37,21 +37,21 @@ def walked(tmp_path, monkeypatch, capsys):
                 assert program == "expdesign"
                 with blank_figures(filled=True):
                     status = run(app, arguments)
-                said = "".join(capsys.readouterr())
-                assert status == 0, (step.text, said)
+                output = "".join(capsys.readouterr())
+                assert status == 0, (step.text, output)
             else:
-                assert missing_line(step.text, said) is None, said
+                assert missing_line(step.text, output) is None, output
         for stated in stated_numbers(page):
             value = value_of(stated, tmp_path / folder)
             assert agree(stated.shown, value), (stated, value)
         return tmp_path
 
-    return walk
+    return execute
 
 
 @pytest.mark.slow
-def test_the_tutorial_is_what_happens(walked):
-    folder = walked(PAGE, FOLDER)
+def test_the_tutorial(execute_page):
+    folder = execute_page(PAGE, FOLDER)
     figures = {path.stem for path in (folder / FOLDER / "figures").glob("*.svg")}
     assert {"path", "limits_used", "precision"} <= figures
     assert (folder / FOLDER / "report.html").is_file()
@@ -61,7 +61,7 @@ def test_the_tutorial_is_what_happens(walked):
 
 def test_the_tutorial_has_every_step():
     commands = [step.text.split()[1] for step in steps(PAGE) if step.kind == "command"]
-    way = [
+    expected = [
         "check",
         "design",
         "export",
@@ -73,13 +73,13 @@ def test_the_tutorial_has_every_step():
         "design",
         "compare",
     ]
-    assert commands == way
+    assert commands == expected
     assert len(stated_numbers(PAGE)) > 30
 
 
 @pytest.mark.slow
-def test_from_a_drawing_to_an_identified_robot(walked):
-    folder = walked(OWN_MACHINE, "runs/press-measured")
+def test_from_a_drawing_to_an_identified_robot(execute_page):
+    folder = execute_page(OWN_MACHINE, "runs/press-measured")
     commands = [step for step in steps(OWN_MACHINE) if step.kind == "command"]
     assert len(commands) < 20
     assert (folder / "runs/press/exports/first-scale-0.3.csv").is_file()
@@ -88,8 +88,8 @@ def test_from_a_drawing_to_an_identified_robot(walked):
 
 
 @pytest.mark.slow
-def test_a_payload_in_seconds(walked):
-    folder = walked(PAYLOAD, "runs/palida_payload")
+def test_a_payload_in_seconds(execute_page):
+    folder = execute_page(PAYLOAD, "runs/palida_payload")
     rows = (folder / "runs/palida_payload/tables/payload.csv").read_text().splitlines()
     assert len(rows) == 1 + 10 + 9
     assert len(stated_numbers(PAYLOAD)) == 10
@@ -108,7 +108,7 @@ def test_the_runs_of_a_payload_are_runs(tmp_path):
     assert load_run(own).run.stages[0] == "design"
 
 
-def test_a_wrong_number_is_seen():
+def test_a_wrong_number_is_detected():
     assert agree("37.7", 37.79)
     assert not agree("37.7", 37.81)
     assert agree("0.10", 0.0905)

@@ -1,9 +1,9 @@
 """A page whose commands are run: its steps in their order, and the numbers that it states.
 
-A YAML block whose first line is a comment with a file name is a file, a `bash` block holds
-commands, a `python` block is a script, a `text` block an excerpt of what the commands before it
-said: its lines in their order, `…` for what is left out. A number in the prose or a table is
-followed by a comment that tells where it stands:
+A YAML block whose first line is a comment with a file name is a file, a `bash` block contains
+commands, a `python` block is a script, a `text` block an excerpt of the output of the commands
+before it: its lines in their order, `…` for omissions. A number in the prose or a table is
+followed by a comment with its source:
 
     16.4<!-- estimates.csv ml p10 value --> kg
     0.10<!-- noise.json length_std 5 * 1000 --> mm
@@ -25,7 +25,7 @@ _STATED = re.compile(
     rf"(?P<shown>{_NUMBER})<!-- (?P<source>\S+) (?P<place>[^*]+?)(?: \* (?P<factor>\S+))? -->"
 )
 _FRAME = re.compile(r"[\u2500-\u257f]+")
-LEFT_OUT = "…"
+OMITTED = "…"
 
 
 @dataclass(frozen=True)
@@ -61,24 +61,24 @@ def steps(page):
         elif block.language == "python":
             found.append(Step("script", block.text))
         else:
-            assert block.language == "text", f"{page.name}: what is a {block.language} block?"
+            assert block.language == "text", f"{page.name}: unknown block {block.language}"
             found.append(Step("output", block.text))
     return found
 
 
 def stated_numbers(page):
-    """Return the numbers of a page that tell where they come from."""
+    """Return the numbers of a page with their sources."""
     text = page.read_text(encoding="utf-8")
     found = [
         Stated(m["shown"], m["source"], tuple(m["place"].split()), float(m["factor"] or 1))
         for m in _STATED.finditer(text)
     ]
-    assert len(found) == text.count("<!-- "), f"{page.name}: a comment that is not understood"
+    assert len(found) == text.count("<!-- "), f"{page.name}: an unknown comment"
     return found
 
 
 def agree(shown, true):
-    """Tell whether a number, as the page shows it, is that of the program, within a last digit."""
+    """Return whether a number of the page agrees with the program within its last digit."""
     mantissa, _, exponent = shown.partition("e")
     decimals = len(mantissa.partition(".")[2])
     last = 10.0 ** (int(exponent or 0) - decimals)
@@ -86,7 +86,7 @@ def agree(shown, true):
 
 
 def value_of(stated, folder):
-    """Return what a run folder has for a number of the page."""
+    """Return the value in a run folder of a number of the page."""
     file = folder / stated.source
     if file.suffix == ".json":
         found = json.loads(file.read_text(encoding="utf-8"))
@@ -102,13 +102,13 @@ def value_of(stated, folder):
 
 
 def missing_line(excerpt, output):
-    """Return the first line of an excerpt that the output does not have, None when it has all.
+    """Return the first line of an excerpt that the output lacks, None if it lacks none.
 
     Frames of tables and the width of blanks do not count.
     """
     left = iter(_plain(output))
     for line in _plain(excerpt):
-        if line != LEFT_OUT and not any(_same(line, other) for other in left):
+        if line != OMITTED and not any(_same(line, other) for other in left):
             return line
     return None
 
@@ -124,12 +124,12 @@ def _same(line, other):
 
 
 def _same_word(word, other):
-    if word == LEFT_OUT:
+    if word == OMITTED:
         return True
     if re.sub(_NUMBER, "#", word) != re.sub(_NUMBER, "#", other):
         return False
     pairs = zip(re.findall(_NUMBER, word), re.findall(_NUMBER, other), strict=True)
-    # What the program shows as a whole number is a count.
+    # A whole number of the program is a count.
     return all(
         one == two if two.lstrip("-").isdigit() and "." not in one else agree(one, float(two))
         for one, two in pairs
