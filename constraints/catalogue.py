@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def limit_definitions() -> Mapping[str, LimitDefinition]:
     """Return every limit by its YAML key, in alphabetical order.
 
-    A new limit is a file in ``constraints/limits`` or a module of a plug-in, and nothing else.
+    A new limit is one file in ``constraints/limits`` or one module of a plug-in.
     """
     found: dict[str, LimitDefinition] = {}
     for definition in declarations(LimitDefinition, limits):

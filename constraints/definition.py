@@ -213,7 +213,7 @@ class Limit:
 
     @property
     def is_default(self) -> bool:
-        """Whether nobody has given anything of it."""
+        """Whether the limit is a default, with no value given by the user."""
         return bool(self.by_default) and self.by_default == self.labels
 
     @property

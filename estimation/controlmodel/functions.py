@@ -102,7 +102,7 @@ def sliding_speeds(graph: HexapodGraph) -> ca.SX:
 
 def _borne(graph: HexapodGraph, *pairs: tuple[ca.SX, ca.SX]) -> list[ca.SX]:
     """Return Gᵀ, w and f, with values for symbols; w and f of the load before, where it counts."""
-    borne = list(graph.borne_with(Friction.HELD))
+    borne = list(graph.wrench_and_direct_forces(Friction.HELD))
     # All at once: the signs are expressions of pose and rate.
     symbols, values = map(list, zip(*pairs, strict=True))
     found = ca.substitute([ca.vec(graph.transposed), *borne], symbols, values)

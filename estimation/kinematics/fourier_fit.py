@@ -180,7 +180,7 @@ def choose_harmonics(
     free_frequency: bool = False,
     noise_filter: WhiteningFilter | None = None,
 ) -> MotionFit:
-    """Fit the motion with as many harmonics as stand out of the noise.
+    """Fit the motion with the harmonics that exceed the noise.
 
     The motion has `least` of them for certain, and the search begins at those expected; the
     covariance is Δ of one sample, (6, 6), m². Where no motion of this machine has the harmonics
@@ -240,7 +240,7 @@ def choose_harmonics(
 
 
 def _highest_needed(fit: MotionFit, least: int, level: float) -> int:
-    """Return the highest harmonic whose amplitudes stand out of their own uncertainty."""
+    """Return the highest harmonic whose amplitudes exceed their uncertainty."""
     size = fit.motion.table.size
     order = np.arange(size).reshape(fit.motion.table.shape)
     count = fit.motion.harmonics
@@ -303,7 +303,7 @@ def _p_values(
 def _turned_information(
     jacobian: Array, weights: ComplexArray, phase: float
 ) -> Callable[[int], Array]:
-    """Return what tells the information on the sine and cosine of a harmonic, (12, 12).
+    """Return a function of the information on the sine and cosine of a harmonic, (12, 12).
 
     Of a period's slopes of the lengths to the pose, (N, 6, 6), weighted line by line,
     (N // 2 + 1, 6, 6), whose first sample has this phase, rad. A harmonic turns the few lines of

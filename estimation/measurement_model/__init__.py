@@ -1,4 +1,4 @@
-"""What lengths and forces should have been for a motion and parameters, with derivatives."""
+"""Predicted lengths and forces for a motion and parameters, with derivatives."""
 
 from estimation.measurement_model.motion import HarmonicMotion
 from estimation.measurement_model.prediction import ForcePrediction, predict_forces, predict_lengths

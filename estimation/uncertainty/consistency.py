@@ -105,7 +105,9 @@ def consistent_estimate(
         as_far = (projection.of(null + error).distance >= nearest.distance for error in errors)
         p = monte_carlo_p(as_far)
         consistent_errors = [
-            projection.told(projection.of(nearest.values + error).values - nearest.values)
+            projection.observable_change(
+                projection.of(nearest.values + error).values - nearest.values
+            )
             for error in errors[:DRAWS]
         ]
         spread = np.where(free, np.sqrt(np.mean(np.square(consistent_errors), axis=0)), np.nan)
@@ -116,7 +118,7 @@ def consistent_estimate(
     return ConsistentEstimate(
         estimator=estimate.estimator,
         values=nearest.values,
-        moved=projection.told(change) / np.where(free, std, np.nan),
+        moved=projection.observable_change(change) / np.where(free, std, np.nan),
         exchanged=tuple(priors.names[k] for k in exchanged),
         distance=nearest.distance,
         p=p,

@@ -1,8 +1,8 @@
 """Arithmetic of Taylor models over N cells at once, compiled by Numba.
 
-A packed model is an array (TERMS + 1, N): the coefficients of τ⁰ … τ⁵, then the radius. How many
-coefficients may differ from zero is passed beside it; those after them are not looked at. What
-each function adds to a radius for the roundings of the computer's numbers is said in
+A packed model is an array (TERMS + 1, N): the coefficients of τ⁰ … τ⁵, then the radius. The
+number of coefficients that may differ from zero is passed with it; later ones are ignored. The
+rounding errors that each function adds to a radius are derived in
 `expdesign.enclosure.taylor_model`.
 """
 
@@ -218,7 +218,7 @@ def _with_radius(out: Array, radius: float, n: int) -> None:
 
 @compiled
 def _finite(out: Array, count: int) -> None:
-    """Replace what is no number, and make the radius zero."""
+    """Replace NaN and set its radius to zero."""
     for k in range(count):
         for n in range(out.shape[1]):
             if not np.isfinite(out[k, n]):
@@ -267,7 +267,7 @@ def invert(x: Array, kx: int, out: Array, room: Array) -> int:
 
 @compiled
 def take_root(x: Array, kx: int, out: Array, room: Array) -> int:
-    """Write √x of what is not negative; near zero only what it lies between.
+    """Write an enclosure of √x for x ≥ 0; near zero a constant interval.
 
     With y close to √x: √x − y = (x − y²)/(√x + y). `room` (3, TERMS + 1, N) is overwritten.
     """

@@ -57,7 +57,7 @@ class StrutPath:
 
     @cached_property
     def poses(self) -> PiecewisePolynomials:
-        """The poses, as far as they are proved: see `enclosed_poses`."""
+        """The proved enclosures of the poses: see `enclosed_poses`."""
         return enclosed_poses(self.robot, self.lengths, self.guess)
 
     @property
@@ -248,10 +248,10 @@ def _poses(
 def _sharpened(
     kinematics: EnclosedKinematics, pose: list[TaylorModel], lengths: list[TaylorModel]
 ) -> list[TaylorModel]:
-    """Return models of poses that are known already, closer to those with these lengths.
+    """Tighten known models of poses with the lengths of a shorter cell.
 
-    The shorter a cell, the less is left out of its polynomials: a part of a cell can tell more
-    than the cell does.
+    The remainder of a polynomial shrinks with the cell, so a part of a cell gives tighter bounds
+    than the cell.
     """
     scale = _scale(kinematics.robot)
     rough = [TaylorModel(model.coefficients, np.zeros(1)) for model in pose]

@@ -32,7 +32,7 @@ def divided(a: TaylorModel, b: TaylorModel) -> TaylorModel:
 
 
 def root(a: TaylorModel) -> TaylorModel:
-    """Return √a, of what is not negative; near zero only what it lies between."""
+    """Return √a for a ≥ 0; near zero a constant interval."""
     return _made(take_root, a)
 
 

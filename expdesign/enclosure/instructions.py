@@ -1,4 +1,4 @@
-"""A CasADi function's instructions, done with Taylor models in place of numbers."""
+"""Execution of a CasADi function's instructions with Taylor models instead of numbers."""
 
 from __future__ import annotations
 

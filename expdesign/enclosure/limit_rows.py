@@ -85,7 +85,7 @@ STILL = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class EnclosedRow:
-    """One row of a limit over N cells: what it lies between, whatever the open signs are."""
+    """Bounds of one row of a limit over N cells, valid for every choice of the undecided signs."""
 
     model: TaylorModel
     """With the signs of dry friction that are known in a cell; those that are not count zero."""
@@ -214,7 +214,10 @@ def _enclosed_graph(
     fixed = [graph.machine, graph.parameters, graph.length_scale]
     rows = [ca.densify(one.natural(quantities)) for one in definitions]
     loaded = [
-        bool(ca.depends_on(part, ca.vertcat(ca.vec(graph.carried), graph.signs))) for part in rows
+        bool(
+            ca.depends_on(part, ca.vertcat(ca.vec(graph.inverse_jacobian_transposed), graph.signs))
+        )
+        for part in rows
     ]
     direct = [k for k, needs in enumerate(loaded) if not needs]
     borne = [k for k, needs in enumerate(loaded) if needs]
@@ -240,7 +243,7 @@ def _enclosed_graph(
     ]
     return _EnclosedGraph(
         EnclosedFunction([state, *fixed], outputs),
-        EnclosedFunction([state, *fixed, ca.vec(graph.carried)], pairs),
+        EnclosedFunction([state, *fixed, ca.vec(graph.inverse_jacobian_transposed)], pairs),
         direct,
         borne,
         signed,

@@ -1,4 +1,4 @@
-"""Taylor models in time: polynomials with a bound on all that they leave out.
+"""Taylor models in time: polynomials with a bound on their remainder.
 
 A model of a function f over a cell of time is a polynomial P and a radius r with
 |f(τ) − P(τ)| ≤ r for every τ in [−1, 1], the cell's own time. Sums and products of models are
@@ -175,7 +175,7 @@ class TaylorModel:
     Attributes
     ----------
     coefficients : (k, N) or (k, 1)
-        Of τ⁰ … τᵏ⁻¹, k ≤ `TERMS`; one column stands for all cells.
+        Coefficients of τ⁰ … τᵏ⁻¹, k ≤ `TERMS`; a single column applies to all cells.
     radius : (N,) or (1,)
         Infinite where nothing is known.
     """
@@ -218,7 +218,7 @@ class TaylorModel:
 
     @property
     def cells(self) -> int:
-        """Number of cells; 1 may stand for all."""
+        """Number of cells; 1 if the model applies to all."""
         return max(self.coefficients.shape[1], len(self.radius))
 
     def packed(self, cells: int) -> tuple[Array, int]:

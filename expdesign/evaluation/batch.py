@@ -39,7 +39,7 @@ class Graph:
     outputs: Sequence[ca.SX]
 
     def function(self) -> tuple[ca.Function, Form]:
-        """Return the function of the outputs' nonzeros, row by row, and what it is like."""
+        """Return the function of the outputs' nonzeros, row by row, and its form."""
         # CasADi stores by columns, NumPy by rows.
         transposed = [output.T for output in self.outputs]
         nonzeros = [t.nz[:] for t in transposed]
@@ -196,10 +196,10 @@ class BatchFunction:
 
 
 class NamedFunction(BatchFunction):
-    """A function whose graph is made only where it is needed.
+    """A function whose graph is built only on demand.
 
-    Where machine code is kept under its name, which stands for all that the graph is made of, it
-    is not. None: it has no such name.
+    Machine code that is cached under the name, which identifies everything the graph is made of,
+    makes the graph unnecessary. None: the function has no such name.
     """
 
     def __init__(self, make: Callable[[], Graph], name: str | None) -> None:
@@ -216,7 +216,7 @@ class OneInstant:
     shapes : list of (rows, columns)
         Of the outputs.
     places : list of int arrays
-        Where their nonzeros stand in the rows of each, one row after the other.
+        Positions of their nonzeros in each output, row by row.
     """
 
     def __init__(

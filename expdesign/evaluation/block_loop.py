@@ -68,7 +68,7 @@ class Lanes:
 def _copying(name: str, parameters: str, body: Sequence[str], lanes: Lanes) -> list[str]:
     """Return a function that copies groups of as many elements as there are lanes.
 
-    The last sample stands for those that are missing. `body` is what is done for a group of number
+    The last sample fills an incomplete group. `body` is what is done for a group of number
     ``%g``, with the address of each lane's sample, ``%at0``, ….
     """
     lines = [

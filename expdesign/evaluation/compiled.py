@@ -12,7 +12,7 @@ _Function = TypeVar("_Function", bound=Callable[..., object])
 
 
 def compiled(function: _Function) -> _Function:
-    """Return a function as machine code, made at its first call and kept beside its source."""
+    """Compile a function with Numba at its first call and cache the machine code."""
     compiler = partial(njit, error_model="numpy", nogil=True)
     try:
         made = compiler(cache=True)(function)

@@ -47,7 +47,7 @@ _lock = Lock()
 
 @dataclass(frozen=True)
 class Form:
-    """What goes into a function and what comes out."""
+    """Shapes of a function's inputs and outputs."""
 
     inputs: tuple[int, ...]
     """Elements of each."""
@@ -125,9 +125,9 @@ def evaluator() -> str:
 
 
 def kept_code(name: str) -> MachineCode | None:
-    """Return the machine code that was kept under a name; None where there is none.
+    """Return the machine code that is cached under a name, or None.
 
-    The name stands for all that the function is made of.
+    The name identifies everything the function is made of.
     """
     if not _usable():
         return None
@@ -170,13 +170,13 @@ def machine_code(
 
 
 def _digest(what: str) -> str:
-    """Return what stands for it on this processor, with this writer of code: a file's name."""
+    """Return the cache file's name for this processor and this version of the code generator."""
     described = f"{_emitter()} {_host()} {version('llvmlite')} {what}"
     return hashlib.sha256(described.encode()).hexdigest()
 
 
 def _usable() -> bool:
-    """Tell whether machine code is wanted, and can be made for this processor."""
+    """Return whether machine code is enabled and this processor is supported."""
     if os.environ.get(SWITCH, "") == "virtual-machine":
         return False
     try:

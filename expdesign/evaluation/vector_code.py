@@ -1,4 +1,4 @@
-"""From a CasADi function's instructions to LLVM's language, several samples to an instruction.
+"""Translation of a CasADi function to LLVM IR with vector instructions, several samples each.
 
 The instructions are done in their order by operations that IEEE 754 rounds correctly, and by the C
 library's functions for all else, sample by sample, as CasADi's virtual machine does them: the

@@ -47,7 +47,7 @@ class Element:
         return InputError(message, self.file, self.line, self.label, allowed)
 
     def numbers(self, text: str, what: str, *counts: int) -> Array:
-        """Return the numbers of a text; refuse other counts of them, and what is not finite."""
+        """Return the finite numbers of a text; refuse any other text or count."""
         try:
             values = np.array([float(word) for word in text.split()])
         except ValueError:

@@ -148,7 +148,7 @@ def platform_parameters(platform: RigidBody, slider_mass: float, joints: Array) 
 
 @dataclass(frozen=True, eq=False)
 class MachineBodies:
-    """What moves: the bodies of one strut, of which all six are alike, and the platform."""
+    """Moving bodies: those of one strut (all six are equal) and the platform."""
 
     ring: RigidBody
     stator: RigidBody

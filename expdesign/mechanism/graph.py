@@ -127,7 +127,7 @@ class HexapodGraph:
         # (6, 6), Gᵀ, and its inverse, which takes wrenches to the actuators: an input where it is
         # found by another way
         self.transposed = transposed
-        self.carried = (
+        self.inverse_jacobian_transposed = (
             ca.SX.sym("carried", ACTUATORS, ACTUATORS) if open_inverse else inverse(transposed)
         )
         # (6, 1), the load of the actuators where it is an input, found by another way, and (m,)
@@ -139,7 +139,9 @@ class HexapodGraph:
         # that both make together, and (6, m) forces along the struts
         self._direct, self._torques, self._wrench, self._along = self._columns(terms, instant)
         # (6, m), A with `signs` in place of the sign functions
-        self.regressor = ca.cse(ca.densify(self.carried @ self._wrench + self._along))
+        self.regressor = ca.cse(
+            ca.densify(self.inverse_jacobian_transposed @ self._wrench + self._along)
+        )
 
     def _turns(
         self, struts: list[StrutKinematics], arms: ca.SX, rotation: ca.SX, twist: ca.SX
@@ -163,7 +165,7 @@ class HexapodGraph:
         angles = pitch * _column(threads, "angle")
         return [angles, rates, ca.jtimes(rates, moving, changing)], wrenches
 
-    def _borne(self, torques: ca.SX) -> ca.SX:
+    def _wrench_of_torques(self, torques: ca.SX) -> ca.SX:
         """Return the wrenches (6, k) of torques (12, k) about the cardan axes of all struts."""
         wrench = ca.SX.zeros(ACTUATORS, torques.shape[1])
         for j, strut in enumerate(self._struts):
@@ -190,12 +192,14 @@ class HexapodGraph:
                 direct = direct + self._stretching @ columns.between
             elif columns.between is not None:
                 along = columns.between if columns.along is None else along + columns.between
-            wrench = direct if columns.torques is None else direct + self._borne(torques)
+            wrench = (
+                direct if columns.torques is None else direct + self._wrench_of_torques(torques)
+            )
             own_parts = (direct, torques, wrench, along)
             if not (term.rates or self._open_load):
                 first = found[0].shape[1]
                 own_nominal = self.nominal[first : first + none.shape[1]]
-                load += (self.carried @ wrench + along) @ own_nominal
+                load += (self.inverse_jacobian_transposed @ wrench + along) @ own_nominal
             if any(ca.depends_on(part, self.load) for part in own_parts):
                 self.loading = loading
             loading += (not term.rates,) * len(term.parameters)
@@ -210,7 +214,7 @@ class HexapodGraph:
 
     @property
     def machine(self) -> ca.SX:
-        """(g + c + m, 1): what A depends on beside the state, so that one graph serves many."""
+        """(g + c + m, 1): inputs of A other than the state; one graph serves every robot."""
         return ca.vertcat(self.geometry.vector, self.constants, self.nominal)
 
     @property
@@ -237,30 +241,34 @@ class HexapodGraph:
 
     def force_with(self, friction: Friction) -> ca.SX:
         """Return A p (6, 1), p being `parameters`, in two thirds of the instructions of A."""
-        wrench, along = self.borne_with(friction)
-        return ca.cse(ca.densify(self.carried @ wrench + along))
+        wrench, along = self.wrench_and_direct_forces(friction)
+        return ca.cse(ca.densify(self.inverse_jacobian_transposed @ wrench + along))
 
-    def borne_with(self, friction: Friction) -> tuple[ca.SX, ca.SX]:
+    def wrench_and_direct_forces(self, friction: Friction) -> tuple[ca.SX, ca.SX]:
         """Return w and f of A p = G⁻ᵀ w + f: wrench on the platform, forces of the actuators.
 
-        Torques and wrenches are summed up before they are carried to the actuators.
+        Torques and wrenches are summed up before they are mapped to the actuators.
         """
         direct, torques, along = (
             self._with_signs(part, friction) @ self.parameters
             for part in (self._direct, self._torques, self._along)
         )
-        return direct + self._borne(torques), along
+        return direct + self._wrench_of_torques(torques), along
 
     def force_slope(self, friction: Friction, by: ca.SX) -> ca.SX:
         """Return ∂(A p)/∂by, (6, n), of numbers that A depends on, such as the state.
 
-        With Gᵀ f = w of the wrench w that the actuators bear: Gᵀ df = dw − dGᵀ f. Nothing is
+        With Gᵀ f = w for the wrench w that the actuators carry: Gᵀ df = dw − dGᵀ f. Nothing is
         differentiated through the factorisation of Gᵀ, which halves the instructions.
         """
-        wrench, along = self.borne_with(friction)
-        borne = ca.SX.sym("borne", ACTUATORS)
-        slope = self.carried @ ca.jacobian(ca.cse(wrench - self.transposed @ borne), by)
-        slope = ca.substitute(slope, borne, ca.densify(self.carried @ wrench))
+        wrench, along = self.wrench_and_direct_forces(friction)
+        carried_force = ca.SX.sym("carried_force", ACTUATORS)
+        slope = self.inverse_jacobian_transposed @ ca.jacobian(
+            ca.cse(wrench - self.transposed @ carried_force), by
+        )
+        slope = ca.substitute(
+            slope, carried_force, ca.densify(self.inverse_jacobian_transposed @ wrench)
+        )
         return ca.cse(ca.densify(slope + ca.jacobian(along, by)))
 
     def acceleration_with(self, friction: Friction, forces: ca.SX) -> ca.SX:
@@ -270,7 +278,7 @@ class HexapodGraph:
         six equations, without G⁻ᵀ. Where friction depends on the load, and the load on λ̈, they are
         linear piece by piece, and Newton's steps go on until the pieces are known.
         """
-        wrench, along = self.borne_with(friction)
+        wrench, along = self.wrench_and_direct_forces(friction)
         lacking = wrench + self.transposed @ (along - forces)
         slope = ca.jacobian(lacking, self.acceleration)
         found = ca.SX.zeros(COORDINATES)
@@ -310,7 +318,7 @@ class HexapodGraph:
         return MappingProxyType(
             {
                 **self.kinematic,
-                "jacobian": ca.diag(scale) @ self.carried.T,
+                "jacobian": ca.diag(scale) @ self.inverse_jacobian_transposed.T,
                 "actuator_force": self.force_with(friction),
             }
         )
@@ -326,10 +334,10 @@ class HexapodGraph:
 def hexapod_graph(
     terms: tuple[Term, ...] = (), *, open_inverse: bool = False, open_load: bool = False
 ) -> HexapodGraph:
-    """Build the graph of these terms, without any that of the kinematics alone; cached.
+    """Build the graph of these terms, without any: that of the kinematics alone; cached.
 
-    With an open inverse G⁻ᵀ is an input of the graph, `carried`, instead of an expression; with an
-    open load that of the actuators, `load`.
+    With an open inverse, G⁻ᵀ is an input of the graph (`inverse_jacobian_transposed`) instead of
+    an expression; with an open load that of the actuators, `load`.
     """
     return HexapodGraph(terms, open_inverse=open_inverse, open_load=open_load)
 
@@ -346,7 +354,7 @@ def inverse(matrix: ca.SX) -> ca.SX:
     """Return the inverse of a matrix (n, n), as accurate as its condition allows.
 
     By QR factorisation, as `ca.inv` does (modified Gram–Schmidt: Golub, Van Loan 2013, sec. 5.2.8),
-    but with n divisions in place of about 2 n²: a product with the root of a reciprocal is none.
+    but with n divisions instead of about 2 n²: products with reciprocal square roots are cheaper.
     """
     columns = ca.horzsplit(matrix)
     directions: list[ca.SX] = []

@@ -1,4 +1,4 @@
-"""What a hexapod has: its actuators and coordinates, counted and named in one place."""
+"""Actuators and coordinates of a hexapod: their number and names."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""The parameters nearest to given ones that some set of bodies has: a semidefinite programme.
+"""Nearest physically consistent parameters: a semidefinite programme.
 
-Minimise ½ (p − p̂)ᵀ C⁻¹ (p − p̂) over p and what of the bodies is in no parameter by itself, so that
-every matrix of `Realisable.conditions` is positive semidefinite and every bound is kept. With
+Minimise ½ (p − p̂)ᵀ C⁻¹ (p − p̂) over p and the bodies' properties that no parameter determines,
+with every matrix of `Realisable.conditions` positive semidefinite and within all bounds. With
 p = p̂ + L z, C = L Lᵀ, the cost is ½ |z|²; matrices are divided by the robot's scales. Solved by
 Clarabel (Goulart and Chen, 2024), an interior-point method.
 
-Of base parameters β = p_b + C p_d the forces tell β alone, whatever p_d is: p = p̂ + L z + N w then,
-where N changes p_d by w and p_b by −C w, and w costs nothing. Distances are those of β.
+The forces determine only the base parameters β = p_b + C p_d: then p = p̂ + L z + N w, where N
+changes p_d by w and p_b by −C w at no cost. Distances are those of β.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ _ACTIVE = 1e-3
 
 
 class NoBodiesError(ValueError):
-    """No bodies have the values of the parameters that must stay as they are."""
+    """The held parameters are physically inconsistent."""
 
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """The nearest parameters that some bodies have."""
+    """The nearest physically consistent parameters."""
 
     values: Array
     """(m,), SI."""
@@ -64,7 +64,7 @@ class Nearest:
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """Ways from any parameters to the nearest ones that some bodies have, in one metric."""
+    """Projection onto the physically consistent parameters in one metric."""
 
     among: Realisable
     factor: Array
@@ -90,8 +90,8 @@ class Projection:
         factor[free] = std[:, None] * np.linalg.cholesky(own)
         return cls(among, factor, free, regrouping)
 
-    def told(self, change: Array) -> Array:
-        """Return what the forces tell of a change of the parameters, (m,): that of β for p_b."""
+    def observable_change(self, change: Array) -> Array:
+        """Return the observable part of a change of the parameters, (m,): that of β for p_b."""
         return change if self.regrouping is None else self.regrouping @ change
 
     @cached_property
@@ -116,7 +116,7 @@ class Projection:
 
     @cached_property
     def noise(self) -> Array:
-        """(m, k + d), L and how far each of p_d moves the β that tells most of it by one σ."""
+        """(m, k + d): L, and the change of each p_d that moves its most sensitive β by one σ."""
         if self.regrouping is None:
             return self.factor
         std = np.linalg.norm(self.factor[self.free], axis=1)
@@ -127,7 +127,7 @@ class Projection:
 
     def length(self, change: Array) -> float:
         """Return the length of a change of the parameters, (m,), in standard deviations."""
-        told = self.told(change)[self.free]
+        told = self.observable_change(change)[self.free]
         return float(np.linalg.norm(np.linalg.solve(self.factor[self.free], told)))
 
     def of(self, values: Array) -> Nearest:
@@ -244,7 +244,7 @@ class Projection:
         return unit * move, unit * np.array(found.z), float(least)
 
     def _active(self, move: Array, forces: Array) -> tuple[str, ...]:
-        """Return what pushes by more than a share of all, as the multipliers tell."""
+        """Return the active constraints: multipliers above a share of the largest."""
         ends = np.cumsum([len(block.rows) for block in self._blocks])[:-1]
         least = _ACTIVE * np.linalg.norm(move)
         told = (

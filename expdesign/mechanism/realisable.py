@@ -83,7 +83,7 @@ class Realisable:
 
     @cached_property
     def sizes(self) -> dict[str, float]:
-        """What counts as one for inertias along the struts and of the platform, and for masses."""
+        """Scales of the inertias along the struts and of the platform, and of masses."""
         scale = dict(zip(self.names, self.scales.tolist(), strict=True))
         return {
             "strut": max((scale[name] for name in ("p2", "p3") if self.struts), default=1.0),
@@ -116,7 +116,7 @@ class Realisable:
         return tuple(found)
 
     def bodies(self, values: Array, rounding: float = ROUNDING) -> MachineBodies | None:
-        """Return bodies that have parameters, (m,); None: no bodies have them.
+        """Return bodies with given parameters, (m,); None for physically inconsistent ones.
 
         The slider's mass, and what of the inertia along the struts is the stator's, are in the
         middle of what they can be. What no parameter has, such as the ring's mass, is chosen.
@@ -157,7 +157,7 @@ class Realisable:
         return np.multiply.outer(size, size)
 
     def beside_sliders(self, values: Array) -> Array | None:
-        """Return the platform's pseudo-inertia beside the lightest sliders, (4, 4), in its scales.
+        """Return the platform's scaled pseudo-inertia with the lightest sliders, (4, 4).
 
         None without a platform, or where the struts are none.
         """
@@ -224,7 +224,7 @@ def _platform(p: Mapping[str, float], sliders: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Strut:
-    """What p1 … p5 say of ring, stator and slider; nothing at all without them."""
+    """Properties of ring, stator and slider by p1 … p5; empty without these parameters."""
 
     width: float = 0.0
     """∫ x² dm of stator and slider, kg m²."""
@@ -239,7 +239,7 @@ class _Strut:
 
     @classmethod
     def of(cls, p: Mapping[str, float], slack: float) -> _Strut | None:
-        """Take it from parameters; None: no bodies have them."""
+        """Return the properties by the parameters; None: these are physically inconsistent."""
         heaviest = HEAVIEST * p[MASS] if MASS in p else np.inf
         depth = (p["p2"] + p["p3"]) / 2
         found = cls(

@@ -34,7 +34,7 @@ def cardan_frames(base_joints: Array, alpha_axes: Array, home_joints: Array) -> 
 
 
 class GeometrySymbols:
-    """Where the joints are, as symbols, one column per strut: one graph serves every robot.
+    """Symbols of the joints' positions, one column per strut: one graph serves every robot.
 
     Struts that turn on a thread (`expdesign.mechanism.strut`) have two more.
     """
@@ -179,7 +179,7 @@ def torque_wrench(strut: StrutKinematics, arm: ca.SX, torques: ca.SX) -> ca.SX:
 
 
 class ThreadTurn:
-    """δ of one strut and what it depends on; vectors (3, 1) in the base frame.
+    """Thread turn δ of one strut and its inputs; vectors (3, 1) in the base frame.
 
     Parameters
     ----------

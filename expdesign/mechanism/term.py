@@ -1,7 +1,7 @@
-"""What a term is: one block of the regressor A, with everything that is known of its parameters.
+"""Terms of the dynamics: blocks of the regressor A with the properties of their parameters.
 
-A term is declared by one file of `expdesign.mechanism.terms`. Names, units, scales, bounds and
-columns of the parameters come from there, and from nowhere else.
+One file of `expdesign.mechanism.terms` declares a term: names, units, scales, bounds and columns
+of its parameters have their only home there.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _STEEP = 60.0
 
 
 class Friction(Enum):
-    """Where the signs of dry friction come from."""
+    """Source of the signs of dry friction."""
 
     EXACT = "exact"
     """sign(rate), sign(0) = 0: simulation, recheck, every reported number."""
@@ -42,7 +42,7 @@ def smooth_sign(rates: ca.SX) -> ca.SX:
 
 @dataclass(frozen=True)
 class Scale:
-    """What counts as one for a parameter without a nominal value: share · p10ᵃ · Lᵇ · |g|ᶜ.
+    """Scale of a parameter without a nominal value: share · p10ᵃ · Lᵇ · |g|ᶜ.
 
     L is the robot's characteristic length; mass, length and gravity are the powers a, b and c.
     """
@@ -127,7 +127,7 @@ BETA_RATE = SlidingRate("beta_rate", arm="strut_length")
 
 @dataclass(frozen=True)
 class Instant:
-    """What the columns of a term may depend on: expressions in the base frame, SI units, rad."""
+    """Inputs of a term's columns: expressions in the base frame, SI units, rad."""
 
     kinematic: Mapping[str, ca.SX]
     """Named quantities of `HexapodGraph.quantities`, but the forces."""

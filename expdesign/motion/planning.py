@@ -72,7 +72,7 @@ def executable_motion(
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
-    """What the ramps of one motion have in common."""
+    """Common inputs of the ramps of one motion."""
 
     limits: LimitModel
     trajectory: FourierTrajectory

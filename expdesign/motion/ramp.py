@@ -53,7 +53,7 @@ class NoRampError(ComputationError):
 
 @dataclass(frozen=True)
 class RampAttempt:
-    """Where one attempt ended."""
+    """Result of one attempt."""
 
     x: Array
     problem: RampProblem

@@ -1,6 +1,6 @@
 """Hum: sinusoids of known frequencies, such as 50 Hz and its multiples from the mains.
 
-Its phase is drawn anew in every record and runs through the whole of it. In a record of n samples
+The phase is random in every record and continuous through it. In a record of n samples
 such a line is as narrow as the record resolves. Its shape is that of noise which remembers its
 phase for the record's length (a Lorentzian folded at the sampling): height and content are those of
 the sinusoid, and it has no zeros beside it, since no hum keeps its frequency exactly.

@@ -63,7 +63,7 @@ class NoiseSpectrum:
         return min(part.highest for part in self.parts)
 
     def covers(self, sampling: float) -> bool:
-        """Tell whether the spectrum is known up to half of a sampling, Hz."""
+        """Return whether the spectrum is known up to half of a sampling rate, Hz."""
         return sampling <= self.highest * (1 + 1e-9)
 
     def at(self, frequencies: Array, sampling: float, samples: float) -> Hermitian:
@@ -98,8 +98,8 @@ class NoiseSpectrum:
     def harmonics(self, base: float, count: int, sampling: float, samples: float) -> SpectralValues:
         """Return S at the multiples 0 … count − 1 of a base frequency, Hz.
 
-        `by_frequency` is then the derivative to the base frequency. The number of samples is taken
-        as it is; whoever changes it with the frequency adds `by_samples`.
+        `by_frequency` is then the derivative to the base frequency. The number of samples
+        is held; `by_samples` has the derivative to it.
         """
         orders = np.arange(count, dtype=np.float64)
         found = self.values(orders * base, sampling, samples)
@@ -117,7 +117,7 @@ def series_of(lines: ComplexArray, samples: int) -> Array:
 
 
 def multiplicity(samples: int) -> Array:
-    """Return how often each line stands in a sum over all n lines, (n // 2 + 1,): 1 or 2."""
+    """Return the multiplicity of each line in a sum over all n lines, (n // 2 + 1,): 1 or 2."""
     times = np.full(samples // 2 + 1, 2.0)
     times[0] = 1.0
     if samples % 2 == 0:
@@ -184,7 +184,7 @@ class Autoregressive:
 
 
 def is_stable(coefficients: Array) -> bool:
-    """Tell whether every channel forgets: coefficients (6, p)."""
+    """Return whether the autoregression of every channel is stable: coefficients (6, p)."""
     return all(
         bool(np.all(np.abs(np.linalg.eigvals(_companion(row))) < 1))
         for row in coefficients

@@ -1,4 +1,4 @@
-"""What a machine may deviate in from its description: the entries of θ, and robots that deviate.
+"""Deviations θ of a machine from its description, and robots with given deviations.
 
 θ is zero for the machine that the robot file describes. Its standard deviations are those of the
 file's `tolerances`; an entry without one has 0: it is exact.
@@ -186,7 +186,7 @@ def deviated(robot: Robot, chosen: Sequence[Deviation], values: Array) -> Robot:
 
 
 def as_in_a_file(robot: ResolvedRobot) -> RobotDescription:
-    """Return a robot that deviates as it could stand in a file."""
+    """Return the robot file's description of a robot with deviations."""
     constants = iter(robot.constants)
     terms = tuple(
         term.model_copy(

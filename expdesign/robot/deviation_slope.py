@@ -1,4 +1,4 @@
-"""What deviations of the machine move in its lengths and forces: columns ∂/∂θ along a motion."""
+"""Derivatives of lengths and forces to the machine's deviations: columns ∂/∂θ along a motion."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The limits of a robot along its states: one assembly of rows for optimiser and check.
 
 `values` and `violations` are what users read: natural expressions, exact signs of dry friction.
-`smooth_values` and what follows are the equivalent forms that an optimiser can differentiate. The
-two share the graph and nothing else.
+`smooth_values` and its derivatives are equivalent differentiable forms for an optimiser. The two
+share only the graph.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ def _kernel(
 ) -> Graph:
     """State, machine, parameters, characteristic length (, friction's width) → rows (, slopes).
 
-    With exact friction every limit's natural expression by itself, and no slopes; with the smooth
-    one all rows of the optimiser in one.
+    With exact friction: every limit's natural expression, without slopes; with smooth friction:
+    all rows of the optimiser together.
     """
     graph = hexapod_graph(terms)
     _, *fixed = graph.inputs(friction)

@@ -20,7 +20,7 @@ _ANOTHER_UNIT = 30.0
 def load_robot(source: str | PathLike[str]) -> Robot:
     """Load a robot that ships by its name, or one from a YAML file.
 
-    An `InputError` tells what is wrong, where, and what is allowed.
+    Raises `InputError` with the place, the fault and the allowed values.
     """
     return robot_from(load_robot_description(source))
 
@@ -71,9 +71,9 @@ def _broken(limit: Limit, values: Array, robot: ResolvedRobot) -> list[Problem]:
 
 
 def _widen(limit: Limit) -> str:
-    """Return in words that a limit is to be widened, with its key and how far where it has an end.
+    """Return the advice to widen a limit, with its key and the needed bound.
 
-    Of a default nobody knows the key who has not read of it.
+    The key of a default is spelled out, since the user has not written it.
     """
     which = "the limit, which is a default" if limit.is_default else "the limit"
     widest = limit.definition.widest

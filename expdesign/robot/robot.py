@@ -218,8 +218,8 @@ class Robot:
     def forward_kinematics(self, lengths: ArrayLike, guess: ArrayLike | None = None) -> Array:
         """Return the pose, m and rad, of strut lengths, m, on the guess's assembly branch.
 
-        All are (6,) or (N, 6); the guess is the home pose by default. A `ForwardKinematicsError`
-        tells that no pose with these lengths was found.
+        All are (6,) or (N, 6); the guess is the home pose by default. Raises
+        `ForwardKinematicsError` if no pose with these lengths is found.
         """
         rows, single = _rows("lengths", lengths)
         start, _ = _rows("guess", self.home if guess is None else guess)

@@ -4,7 +4,7 @@ Two sets of names are known: ``pos_base`` with ``pos_top`` or ``body_pts``, and 
 MathWorks Stewart platform demonstration; and the struct ``stewart`` of stewart-simscape, with
 ``platform_F.Fa``, ``platform_M.Mb`` and ``geometry.H``.
 
-SciPy's reader trusts the sizes that stand in a file: it runs in a process of its own, which hands
+SciPy's reader trusts the sizes that a file declares: it runs in a separate process, which hands
 over numbers as text.
 """
 

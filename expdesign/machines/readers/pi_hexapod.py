@@ -1,7 +1,7 @@
 """PI's description of a hexapod in YAML, as its ROS driver has one for the H-811.
 
-Metres and radians. Base anchors stand in the frame of the zero pose, platform anchors in that of
-the platform, and the orientation is R = Rx(u) Ry(v) Rz(w): the angles of the pose. Source:
+Metres and radians. Base anchors are given in the frame of the zero pose, platform anchors in the
+platform frame, and the orientation is R = Rx(u) Ry(v) Rz(w): the angles of the pose. Source:
 PI_ROS_Driver, pi_hexapod_description and pi_hexapod_control.
 """
 

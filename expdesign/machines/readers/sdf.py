@@ -1,7 +1,7 @@
 """SDF, the format of Gazebo: links, and joints that may close loops.
 
-Poses are x y z roll pitch yaw about fixed axes, in metres and radians; a link stands in the
-model's frame, a joint in that of its child link, unless ``relative_to`` says otherwise. Source:
+Poses are x y z roll pitch yaw about fixed axes, in metres and radians; a link is given in
+the model's frame, a joint in that of its child link, unless ``relative_to`` names another. Source:
 the SDFormat specification, pose frame semantics.
 """
 

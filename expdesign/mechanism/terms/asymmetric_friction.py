@@ -1,6 +1,6 @@
-"""Viscous friction of the actuators that is another one when they extend than when they retract.
+"""Viscous friction of the actuators that differs between extension and retraction.
 
-Dry and viscous friction of each direction for itself, r⁺ + v⁺ q̇ for q̇ > 0 and −r⁻ + v⁻ q̇ for
+Separate dry and viscous friction for each direction, r⁺ + v⁺ q̇ for q̇ > 0 and −r⁻ + v⁻ q̇ for
 q̇ < 0, are
 
     r sign q̇ + v q̇  +  ½ (r⁺ − r⁻) |sign q̇|  +  ½ (v⁺ − v⁻) |q̇|

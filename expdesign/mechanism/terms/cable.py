@@ -1,8 +1,8 @@
 """A spring along each strut: cables, hoses and bellows that the strut stretches.
 
-The force is linear in the strut's length about one rest length for all struts. Where the rest
-lengths are not known, `force_offset` beside this term takes what they are wrong by: the stiffness
-is then the same for every rest length.
+The force is linear in the strut's length about one rest length for all struts. If the rest
+lengths are unknown, the term `force_offset` absorbs their error: the stiffness is then independent
+of the rest length.
 """
 
 from __future__ import annotations

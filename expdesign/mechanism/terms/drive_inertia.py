@@ -1,8 +1,8 @@
-"""Inertia of the drives: what turns h/2π of a turn for every metre of a strut counts as a mass.
+"""Inertia of the drives, reflected through lead or gear as a mass along the strut.
 
-A motor and screw of inertia J behind a lead h have ½ J (2π/h)² q̇² of energy along the strut. That
-the strut carries them as it swings is left out: with the angle α of the strut about its first axis
-the screw turns by α̇ sin β besides, whose share of q̇ 2π/h is small for any screw.
+A motor and screw of inertia J behind a lead h have ½ J (2π/h)² q̇² of energy along the strut. Their
+motion with the swinging strut is neglected: the strut's angle α about its first axis adds a turn
+α̇ sin β of the screw, a small share of q̇ 2π/h for any screw.
 """
 
 from __future__ import annotations

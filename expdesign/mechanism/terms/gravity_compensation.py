@@ -1,4 +1,4 @@
-"""What bears a part of the weight beside the actuators: a gas spring, a counterweight, a spring.
+"""Gravity compensation: a gas spring, counterweight or spring that carries part of the weight.
 
 It acts along the line from a fixed point of the base to a point of the platform, with the force
 

@@ -1,8 +1,8 @@
-"""Friction of the actuators in proportion to what they bear: screws, belts and guides.
+"""Friction of the actuators in proportion to their load: screws, belts and guides.
 
-The load is what the terms listed before this one, without friction, ask of the actuator at the
-parameters of `HexapodGraph.nominal`. The forces are not linear in all parameters together: an
-estimate takes the load anew at what it has found (`estimation.identification.estimated_machine`).
+The load is the frictionless force of the terms listed before this one at the parameters of
+`HexapodGraph.nominal`. The forces are not linear in all parameters together: an estimate repeats
+the computation with the load of its own result (`estimation.identification.estimated_machine`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A mass at a known point of the platform, beyond the platform itself: what it carries.
+"""Payload: a point mass at a known point of the platform, in addition to the platform.
 
 A point mass m at c (platform frame) has the mass m, the first moment m c and the inertia
 m (|c|² 1 − c cᵀ) about the TCP: its column is
