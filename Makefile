@@ -13,10 +13,10 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv test lint format run paper bench soak docs lock wheel clean
+.PHONY: help venv test lint format run paper bench soak docs docs-tables lock wheel clean
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 venv: $(VENV)/.installed ## Create .venv from the lock (PYTHON=python3.12 for another Python)
 
@@ -65,6 +65,9 @@ $(SITE)/.installed: requirements/docs.txt
 	$(PYTHON) -m venv --clear $(SITE)
 	$(SITE)/bin/python -m pip install --quiet --require-hashes -r requirements/docs.txt
 	@touch $@
+
+docs-tables: venv ## Write the keys and columns of all files into docs/run-folder.md
+	$(BIN)/python -m expdesign.runfolder.documentation docs/run-folder.md
 
 docs: $(SITE)/.installed ## Build the site of the documentation: build/site/index.html
 	$(SITE)/bin/sphinx-build --quiet --fail-on-warning --keep-going --builder html \

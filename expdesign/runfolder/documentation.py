@@ -5,30 +5,34 @@
     <!-- design.json -->
     <!-- end -->
 
-A file without markers is appended to the last section of the page. With ``--check`` nothing is
-written; the exit status is 1 where the page is not up to date.
+Files without markers are written between ``<!-- further files -->`` and ``<!-- end of further files
+-->``. With ``--check`` nothing is written; the exit status is 1 where the page is outdated.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import importlib
+import inspect
 import pkgutil
 import re
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
+
+from pydantic.fields import FieldInfo
 
 from constraints.plugins import plugin_modules
 from expdesign.runfolder.fields import Column
-from expdesign.runfolder.places import Place, Text
+from expdesign.runfolder.places import Text
 from expdesign.runfolder.store import JsonFile, members
-from expdesign.runfolder.tables import CsvFile, MatrixTable
+from expdesign.runfolder.tables import ArrayTable, CsvFile, MatrixTable, RowTable
 
-_BLOCK = re.compile(r"<!-- (?P<file>[^\s>]+\.(?:json|csv|yaml)) -->\n.*?<!-- end -->", re.DOTALL)
-_FURTHER = "<!-- further files -->"
 _PACKAGES = ("expdesign", "estimation")
+_BLOCK = re.compile(r"<!-- (?P<file>\S+\.\w+) -->\n.*?<!-- end -->", re.DOTALL)
+_FURTHER = re.compile(r"<!-- further files -->\n.*?<!-- end of further files -->", re.DOTALL)
 
 
 def documented_page(page: str, results: Iterable[type[JsonFile]]) -> str:
@@ -42,27 +46,24 @@ def documented_page(page: str, results: Iterable[type[JsonFile]]) -> str:
     """
     tables = dict(file_tables(results))
     named = {found["file"] for found in _BLOCK.finditer(page)}
-    page = _BLOCK.sub(lambda found: _block(found["file"], tables.get(found["file"], "")), page)
-    head, marker, _ = page.partition(_FURTHER)
-    further = [
-        f"### {file}\n\n{_block(file, text)}" for file, text in tables.items() if file not in named
-    ]
-    return "\n\n".join([f"{head}{marker}", *further]).rstrip("\n") + "\n" if marker else page
-
-
-def _block(file: str, text: str) -> str:
-    return f"<!-- {file} -->\n{text}<!-- end -->"
+    further = "".join(f"### {file}\n\n{tables[file]}\n" for file in tables if file not in named)
+    page = _BLOCK.sub(
+        lambda found: f"<!-- {found['file']} -->\n{tables[found['file']]}<!-- end -->", page
+    )
+    return _FURTHER.sub(
+        lambda _: f"<!-- further files -->\n{further}<!-- end of further files -->", page
+    )
 
 
 def file_tables(results: Iterable[type[JsonFile]]) -> Iterator[tuple[str, str]]:
     """Yield every file of the results with the table of its keys or columns, in Markdown."""
     for kind in results:
-        keys = [each.column for each in members(kind) if each.column is not None]
-        form = Column("format", "1", "number of the format, see [formats](#formats)")
-        yield kind.FILE, markdown_table("key", [form, *keys])
+        form = Column("format", "1", "number of the format")
+        yield kind.FILE, markdown_table("key", [form, *_keys(kind)])
         for table in result_tables(kind):
             further = [table.entry] if isinstance(table, MatrixTable) else []
-            yield table.file, markdown_table("column", [*table.columns, *further])
+            columns = markdown_table("column", [*table.columns, *further])
+            yield table.file, f"{_content(table)}{columns}"
 
 
 def result_tables(kind: type[JsonFile]) -> tuple[CsvFile[Any, Any], ...]:
@@ -70,9 +71,45 @@ def result_tables(kind: type[JsonFile]) -> tuple[CsvFile[Any, Any], ...]:
     return tuple(
         table
         for member in members(kind)
-        if isinstance(member.place, Place) and not isinstance(member.place, Text)
+        if member.place is not None and not isinstance(member.place, Text)
         for table in member.place.tables(member.kind, kind.WRITTEN_BY)
     )
+
+
+def _content(table: CsvFile[Any, Any]) -> str:
+    """Return the first sentence about a row or block of a table."""
+    kind = getattr(table, "row", None) or getattr(table, "block", None)
+    if not isinstance(table, RowTable | ArrayTable) or kind is None:
+        return ""
+    first = inspect.cleandoc(kind.__doc__ or "").partition("\n\n")[0]
+    rows = "One row each. " if isinstance(table, RowTable) else ""
+    return f"{rows}{' '.join(first.split())}\n\n"
+
+
+def _keys(kind: type[JsonFile]) -> Iterator[Column]:
+    """Yield the keys of a file, each with those of the dataclasses in its value."""
+    for member in members(kind):
+        if member.column is None:
+            continue
+        yield member.column
+        for name, column in _inner_keys(member.kind):
+            yield dataclasses.replace(column, name=f"{member.column.name}{name}")
+
+
+def _inner_keys(kind: Any) -> Iterator[tuple[str, Column]]:
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
+        hints = get_type_hints(kind, include_extras=True)
+        for field in dataclasses.fields(kind):
+            marks = getattr(hints[field.name], "__metadata__", ())
+            column = next((mark for mark in marks if isinstance(mark, Column)), None)
+            alias = next((mark.alias for mark in marks if isinstance(mark, FieldInfo)), None)
+            if column is not None:
+                yield f".{alias or field.name}", column
+        return
+    for each in get_args(kind):
+        several = "[]" if getattr(kind, "__origin__", None) is tuple else ""
+        several = ".*" if getattr(kind, "__origin__", None) is dict else several
+        yield from ((f"{several}{name}", column) for name, column in _inner_keys(each))
 
 
 def markdown_table(head: str, columns: Iterable[Column]) -> str:
@@ -85,19 +122,17 @@ def markdown_table(head: str, columns: Iterable[Column]) -> str:
     """
     rows = [
         f"| {names} | {unit} | {meaning.replace('|', '&#124;')} |\n"
-        for names, unit, meaning in _grouped(columns)
+        for names, unit, meaning in _grouped(list(columns))
     ]
     return f"| {head} | unit | meaning |\n|---|---|---|\n{''.join(rows)}"
 
 
-def _grouped(columns: Iterable[Column]) -> Iterator[tuple[str, str, str]]:
-    """Yield names, unit and meaning; the first and last strut stand for six columns."""
-    columns = list(columns)
+def _grouped(columns: list[Column]) -> Iterator[tuple[str, str, str]]:
+    """Yield names, unit and meaning; one row for the columns of six struts."""
     while columns:
         first, last = columns[0], columns[min(5, len(columns) - 1)]
-        one, six = (re.sub(r"\d+ *$", "", each.meaning) for each in (first, last))
-        if one == six != first.meaning and last.meaning.endswith("6"):
-            yield f"`{first.name}` … `{last.name}`", first.unit, f"{one.rstrip()} 1 … 6"
+        if first.meaning.endswith("strut 1") and last.meaning == f"{first.meaning[:-1]}6":
+            yield f"`{first.name}` … `{last.name}`", first.unit, f"{first.meaning} … 6"
             del columns[:6]
         else:
             yield f"`{first.name}`", first.unit, first.meaning
@@ -112,7 +147,11 @@ def all_results() -> list[type[JsonFile]]:
             if not module.name.endswith("__main__"):
                 importlib.import_module(module.name)
     plugin_modules()
-    found = {kind.FILE: kind for kind in _subclasses(JsonFile) if "FILE" in vars(kind)}
+    found = {
+        kind.FILE: kind
+        for kind in _subclasses(JsonFile)
+        if "FILE" in vars(kind) and not kind.WRITTEN_BY_HAND
+    }
     return [found[file] for file in sorted(found)]
 
 

@@ -3,7 +3,6 @@
 import itertools
 import re
 from fnmatch import fnmatch
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,15 +11,9 @@ from typer.main import get_command
 
 from constraints import limit_definitions
 from estimation.data.reading import file_formats
-from estimation.diagnostics.noise_result import NoiseFile
-from estimation.feedforward.result import FeedforwardResult
-from estimation.identification.estimate_file import EstimateFile
-from estimation.montecarlo.result import MonteCarloResult, RepetitionTable, StatisticsRow
-from estimation.twin import Twin
-from estimation.twin.truth import MEASUREMENT, Truth
-from estimation.validation.validate import ValidationFile
+from estimation.twin.truth import MEASUREMENT
 from expdesign.cli.app import app
-from expdesign.configuration import DataSection, ExportSection, RunDescription, load_run
+from expdesign.configuration import DataSection, ExportSection, RunDescription
 from expdesign.configuration.bodies import Body
 from expdesign.configuration.geometry import JointRing
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
@@ -47,21 +40,15 @@ from expdesign.configuration.sections.experiment import (
 from expdesign.configuration.sections.export import OFFERS
 from expdesign.configuration.sections.motions import FeedforwardSection, ValidationMotion
 from expdesign.configuration.sections.sweep import MOST_DESIGNS, path_units
-from expdesign.experiment import DesignResult
-from expdesign.experiment.sweep import SweepResult, sweep_table
 from expdesign.export.formats import table_formats
-from expdesign.export.record import ExportsRecord
 from expdesign.information.criteria import CRITERIA
 from expdesign.library import robot_files, run_files
 from expdesign.mechanism.catalogue import DEFAULT, term_definitions, terms_named
 from expdesign.mechanism.graph import HexapodGraph
 from expdesign.mechanism.term import ALPHA_RATE, BETA_RATE, STRUT_SPEED, parameters_of
 from expdesign.recheck.limit_check import TOLERANCE, grid_points
-from expdesign.runfolder import RowTable
-from expdesign.runfolder.documentation import result_tables
-from expdesign.runfolder.store import json_keys
+from expdesign.runfolder.documentation import all_results, documented_page
 from expdesign.stages.table import STAGES
-from expdesign.trajectory import FourierTrajectory
 from results.figures.design import DESIGN_FIGURES
 from results.figures.montecarlo import STUDY_FIGURES
 from tests.docs.pages import ROOT, codes, parse, table
@@ -278,62 +265,22 @@ def test_robots_and_runs_that_ship():
         assert f"`{name}`:" in text
 
 
-@pytest.mark.parametrize(
-    ("file", "columns"),
-    [
-        ("trajectory.csv", result_tables(DesignResult)[1].columns),
-        ("measurement.csv", MEASUREMENT.columns),
-    ],
-)
-def test_columns_of_trajectory_and_measurement(file, columns):
+def test_columns_of_the_measurement():
     names = []
-    for row in table(RUN_FOLDER, f"## {file}"):
+    for row in table(RUN_FOLDER, "## measurement.csv"):
         if "…" not in row[0]:
             names += codes(row[0])
             continue
-        for part in row[0].split(","):
-            stem = codes(part)[0].removesuffix("1")
-            names += [f"{stem}{j}" for j in range(1, 7)]
-    assert names == [column.name for column in columns]
+        stem = codes(row[0])[0].removesuffix("1")
+        names += [f"{stem}{j}" for j in range(1, 7)]
+    assert names == [column.name for column in MEASUREMENT.columns]
 
 
-def test_sections_of_the_truth():
-    rows = table(RUN_FOLDER, "## truth.json")
-    motion = FourierTrajectory(3.0, [0, 0, -0.654, 0, 0, 0], np.zeros((6, 1)), np.zeros((6, 1)))
-    run = {"name": "n", "robot": "palida", "experiment": {"periods": 1, "sampling": 10}}
-    record = Twin.of(load_run(run), motion).truth.as_data()
-    for row in rows:
-        for key in codes(row[0]):
-            if isinstance(record.get(key), dict) and key != "parameters":
-                assert set(record[key]) <= set(codes(row[1])), key
-
-
-def test_columns_of_the_tables():
-    rows = {codes(row[0])[0]: codes(row[1]) for row in table(RUN_FOLDER, "## tables")}
-    tables = {Path(one.file).stem: list(one.names) for one in result_tables(DesignResult)}
-    del tables["trajectory"]
-    assert rows == tables
-
-
-@pytest.mark.parametrize(
-    "kind",
-    [
-        DesignResult,
-        Truth,
-        EstimateFile,
-        NoiseFile,
-        ValidationFile,
-        FeedforwardResult,
-        MonteCarloResult,
-        ExportsRecord,
-        SweepResult,
-    ],
-)
-def test_keys_of_json_files(kind):
-    level = "###" if kind in (MonteCarloResult, SweepResult) else "##"
-    heading = f"{level} {kind.FILE}"
-    keys = [key for row in table(RUN_FOLDER, heading) for key in codes(row[0])]
-    assert sorted(keys) == sorted(["format", *json_keys(kind)])
+def test_tables_of_the_run_folder_are_up_to_date():
+    page = RUN_FOLDER.read_text(encoding="utf-8")
+    assert page == documented_page(page, all_results()), "run `make docs-tables`"
+    for kind in all_results():
+        assert f"{kind.FILE} -->" in page or f"### {kind.FILE}" in page
 
 
 def test_formats_of_measured_data():
@@ -345,22 +292,6 @@ def test_formats_of_measured_data():
         assert tuple(codes(files)) == found.extensions
         wanted = [f"pip install expdesign[{found.extra}]"] if found.extra else []
         assert codes(needs) == wanted
-
-
-def test_columns_of_the_study():
-    rows = table(RUN_FOLDER, "### Columns of montecarlo.csv")
-    names = [name for row in rows for name in codes(row[0])]
-    assert sorted(names) == sorted(RowTable("", "", StatisticsRow).names)
-    page = RUN_FOLDER.read_text(encoding="utf-8")
-    for name in RepetitionTable("", "", ()).names:
-        assert f"`{name}`" in page
-
-
-def test_columns_of_the_sweep():
-    rows = table(RUN_FOLDER, "### Columns of sweep.csv")
-    names = [name for row in rows for name in codes(row[0])]
-    (path, *columns) = sweep_table(["design.seed"]).names
-    assert (path, names) == ("design.seed", columns)
 
 
 def test_key_paths_of_a_sweep():
