@@ -13,7 +13,7 @@ from estimation.montecarlo.result import MonteCarloResult
 from estimation.validation.validate import ValidationRecord
 from expdesign.experiment import DesignResult
 from expdesign.experiment.sweep import SweepResult
-from expdesign.export.record import ExportsRecord
+from expdesign.export.result import ExportResult
 from expdesign.robot import Robot
 from results.figures.design import DESIGN_FIGURES
 from results.figures.drawing import FORMATS, FigureDefinition, save_figures
@@ -88,7 +88,7 @@ def machine_drawing(
 
 
 def whole_motion_figure(
-    record: DesignResult, exports: ExportsRecord, folder: Path, formats: Collection[str]
+    record: DesignResult, exports: ExportResult, folder: Path, formats: Collection[str]
 ) -> tuple[Path, ...]:
     """Draw the motion of the controller tables, from rest to rest, into ``figures/``.
 

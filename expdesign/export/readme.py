@@ -7,12 +7,12 @@ import textwrap
 from collections.abc import Iterable
 
 from expdesign.export.definition import scaled_in_words
-from expdesign.export.record import (
-    AxisEntry,
-    CheckEntry,
-    ExportsRecord,
-    FileEntry,
-    MotionEntry,
+from expdesign.export.result import (
+    ExportedMotion,
+    ExportedTable,
+    ExportResult,
+    TableAxis,
+    TableCheck,
 )
 from expdesign.recheck.limit_check import in_words
 
@@ -26,7 +26,7 @@ _CONVENTION = (
 )
 
 
-def readme(record: ExportsRecord) -> str:
+def readme(record: ExportResult) -> str:
     """Return the text that tells how to run every file of a record."""
     motion = record.motion
     first, last = motion.window
@@ -69,13 +69,13 @@ def readme(record: ExportsRecord) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _certified(motion: MotionEntry) -> str:
+def _certified(motion: ExportedMotion) -> str:
     if not motion.certified:
         return "Its limits are not proved for every instant."
     return "By the nominal model every limit is proved to be kept at every instant of it."
 
 
-def _unlimited(motion: MotionEntry) -> str:
+def _unlimited(motion: ExportedMotion) -> str:
     return (
         "Neither robot nor run set these limits, and nothing but this motion itself keeps the "
         f"machine from going further. It reaches: {in_words(motion.unlimited or ())}. Make sure "
@@ -83,21 +83,21 @@ def _unlimited(motion: MotionEntry) -> str:
     )
 
 
-def _which(record: ExportsRecord) -> str:
+def _which(record: ExportResult) -> str:
     scaled = [name for name, file in record.files.items() if file.scale != 1]
     if len(scaled) == len(record.files):
         return "All files hold, smaller and slower,"
     return f"All files but {', '.join(scaled)} hold" if scaled else "All files hold"
 
 
-def _of_scaled(record: ExportsRecord) -> str:
+def _of_scaled(record: ExportResult) -> str:
     """Say that tables for a first run have windows of their own, where there are any."""
     if all(file.scale == 1 for file in record.files.values()):
         return ""
     return "A table for a first run has a window of its own, told with it below. "
 
 
-def _scaled(file: FileEntry, motion: MotionEntry) -> list[str]:
+def _scaled(file: ExportedTable, motion: ExportedMotion) -> list[str]:
     """Say of a table for a first run what it is, and when its own window begins and ends."""
     if file.scale == 1:
         return []
@@ -111,7 +111,7 @@ def _scaled(file: FileEntry, motion: MotionEntry) -> list[str]:
     ]
 
 
-def _rows(file: FileEntry) -> str:
+def _rows(file: ExportedTable) -> str:
     shortest, longest = 1e3 * file.shortest_step, 1e3 * file.longest_step
     apart = f"{longest:.6g}" if longest - shortest < 1e-6 else f"{shortest:.6g} to {longest:.6g}"  # noqa: PLR2004 - a nanosecond
     digits = "all digits" if file.digits is None else f"{file.digits} decimals"
@@ -121,7 +121,7 @@ def _rows(file: FileEntry) -> str:
     )
 
 
-def _checked(check: CheckEntry) -> str:
+def _checked(check: TableCheck) -> str:
     text = (
         f"Read back: struts at most {1e6 * check.position_error:.3g} µm and "
         f"{1e3 * check.velocity_error:.3g} mm/s from the design"
@@ -142,7 +142,7 @@ def _checked(check: CheckEntry) -> str:
     return text + "."
 
 
-def _axes(axes: Iterable[AxisEntry]) -> str:
+def _axes(axes: Iterable[TableAxis]) -> str:
     head = f"  {'axis':<12} {'moves':<6} {'unit':<7} start"
     rows = [f"  {a.name:<12} {a.moves:<6} {a.unit:<7} {a.start:.6f}" for a in axes]
     return "\n".join([head, *rows])

@@ -10,7 +10,7 @@ from expdesign.configuration import ExportSection, InputError, Problem
 from expdesign.export.definition import Settings, TableError, Task
 from expdesign.export.execution import ExecutedTable
 from expdesign.export.exporting import refuse_missing_library, settled
-from expdesign.export.record import RECORD, ExportsRecord, FileEntry, record_of_one
+from expdesign.export.result import RECORD, ExportedTable, ExportResult, result_file
 from expdesign.robot import Robot
 from expdesign.runfolder import MissingFileError
 from expdesign.runfolder.manifest import file_hash
@@ -129,11 +129,11 @@ class _Described:
     """What a record says of a table, under a name."""
 
     place: Path
-    record: ExportsRecord
+    record: ExportResult
     name: str
 
     @property
-    def entry(self) -> FileEntry:
+    def entry(self) -> ExportedTable:
         return self.record.files[self.name]
 
 
@@ -143,12 +143,12 @@ def _described(path: Path, exports: Path | None) -> _Described:
     A table may have been replaced after one of the records was written: the one with its digest
     is taken. Where none has it, the table was changed by hand, and the only record is taken.
     """
-    places = (path.with_name(RECORD), record_of_one(path))
+    places = (path.with_name(RECORD), result_file(path))
     found: list[_Described] = []
     unreadable: list[Problem] = []
     for place in places:
         try:
-            record = ExportsRecord.read(place)
+            record = ExportResult.read(place)
         except MissingFileError:
             continue
         except InputError as error:
@@ -184,7 +184,7 @@ def _copied_from(exports: Path | None, digest: str) -> Iterator[_Described]:
     """Yield what a record says of the table with this digest, whatever the copy is called."""
     if exports is None or not exports.is_file():
         return
-    record = ExportsRecord.read(exports)
+    record = ExportResult.read(exports)
     for name, entry in record.files.items():
         if entry.sha256 == digest:
             yield _Described(exports, record, name)

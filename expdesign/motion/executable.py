@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Strict
 
 from constraints.arrays import Array
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.motion.spline import SplineRamp
+from expdesign.motion.spline import FIXED, MotionState, SplineRamp
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 
 PERIODS = "periods"
 WHOLE = 1e-6
 """Steps by which a duration may differ from a whole number of them."""
+
+_LEAST_POINTS = 2 * FIXED
+_MOST_PERIODS = 1_000_000
+_JUNCTION = 1e-9
+"""m, rad, and per s and s²: largest difference where two parts of a motion meet.
+
+For ramps of less than a second: per ramp, since a short one turns the last digits of its control
+points into more speed.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,3 +154,109 @@ class ExecutableMotion:
         resting = (t < 0) | (t > self.duration)
         found.rate[resting] = found.acceleration[resting] = 0.0
         return found
+
+
+@dataclass(frozen=True)
+class RampPoints:
+    """Control points of the quintic B-spline of a ramp: m, rad, (N, 6)."""
+
+    name: str
+    duration: float
+    control_points: tuple[tuple[float, ...], ...]
+
+    def ramp(self) -> SplineRamp:
+        """Return the ramp.
+
+        Raises
+        ------
+        ValueError
+            The control points do not define a ramp.
+        """
+        if {len(point) for point in self.control_points} != {COORDINATES}:
+            raise ValueError(f"control points with other than {COORDINATES} coordinates")
+        points = np.array(self.control_points)
+        if len(points) < _LEAST_POINTS:
+            raise ValueError(f"{len(points)} control points where {_LEAST_POINTS} are needed")
+        if not (np.all(np.isfinite(points)) and 0 < self.duration < np.inf):
+            raise ValueError("a ramp with numbers that are not finite")
+        if self.name == PERIODS:
+            raise ValueError(f"a ramp with the name '{PERIODS}'")
+        return SplineRamp(self.name, self.duration, points)
+
+
+@dataclass(frozen=True)
+class LeadRamps:
+    """Lead-in and lead-out of a motion as data, with all digits: no search has to repeat them.
+
+    Phase on the orbit, s, number of periods, the ramps, and how many of them are `before` the
+    periods.
+    """
+
+    phase: float
+    periods: Annotated[int, Strict()]
+    ramps: tuple[RampPoints, ...]
+    before: Annotated[int, Strict()]
+
+    def motion(self, trajectory: FourierTrajectory, home: Array) -> ExecutableMotion:
+        """Return the executable motion, the same to the last digit.
+
+        Parameters
+        ----------
+        trajectory : FourierTrajectory
+            The designed motion that the periods repeat.
+        home : (6,)
+            Pose at which the motion begins and ends at rest: m, rad.
+
+        Raises
+        ------
+        ValueError
+            The ramps do not lead from rest at home into this trajectory and back.
+        """
+        if not (0 <= self.phase <= trajectory.period and 1 <= self.periods <= _MOST_PERIODS):
+            raise ValueError("no motion has its phase, or as many periods")
+        if not 1 <= self.before < len(self.ramps):
+            raise ValueError("no ramps lead into the designed motion and back")
+        ramps = [points.ramp() for points in self.ramps]
+        into, back = ramps[: self.before], ramps[self.before :]
+        orbit, rest = MotionState.of(trajectory.sample(self.phase)), MotionState.at_rest(home)
+        if not (_meet(into[-1], into[-1].duration, orbit) and _meet(back[0], 0.0, orbit)):
+            raise ValueError("the ramps do not lead into the designed motion and back")
+        if not (_meet(into[0], 0.0, rest) and _meet(back[-1], back[-1].duration, rest)):
+            raise ValueError("the ramps do not begin and end at rest at home")
+        for one, other in (*pairwise(into), *pairwise(back)):
+            if not _meet(other, 0.0, MotionState.of(one.sample(np.array([one.duration])))):
+                raise ValueError(f"'{other.name}' does not begin where '{one.name}' ends")
+        periods = Periods(trajectory, self.periods, self.phase)
+        return ExecutableMotion((*into, periods, *back), trajectory, self.periods, self.phase)
+
+
+def _meet(ramp: SplineRamp, time: float, state: MotionState) -> bool:
+    """Return whether a ramp has this state at a time from its start, s."""
+    there = MotionState.of(ramp.sample(np.array([time])))
+    return all(
+        np.allclose(
+            getattr(there, part),
+            getattr(state, part),
+            rtol=_JUNCTION,
+            atol=_JUNCTION * max(1.0, ramp.duration**-order),
+        )
+        for order, part in enumerate(("pose", "rate", "acceleration"))
+    )
+
+
+def lead_ramps(motion: ExecutableMotion) -> LeadRamps | None:
+    """Return lead-in and lead-out of a motion as data; None for ramps of another kind."""
+    ramps = [segment for segment in motion.segments if segment.name != PERIODS]
+    splines = [
+        RampPoints(
+            ramp.name,
+            ramp.duration,
+            tuple(tuple(point) for point in ramp.coefficients.tolist()),
+        )
+        for ramp in ramps
+        if isinstance(ramp, SplineRamp)
+    ]
+    if len(splines) != len(ramps):
+        return None
+    names = [segment.name for segment in motion.segments]
+    return LeadRamps(motion.phase, motion.periods, tuple(splines), names.index(PERIODS))

@@ -10,7 +10,7 @@ import numpy as np
 
 from expdesign.configuration import InputError
 from expdesign.export.certification import PathCertificate, certified
-from expdesign.export.record import FOLDER, RECORD, ExportsRecord
+from expdesign.export.result import FOLDER, RECORD, ExportResult
 from expdesign.export.table_file import find_table_file
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.ramp_problem import check_motion
@@ -61,7 +61,7 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
     with progress_prefix("design"):
         found = [_design(robot, trajectory)]
     place = work.folder / FOLDER
-    record = ExportsRecord.known(place / RECORD)
+    record = ExportResult.known(place / RECORD)
     if record is None:
         work.progress.note(
             "no table was exported: the lead-in and lead-out, which are planned then, are not there"
@@ -135,7 +135,7 @@ def _design(robot: Robot, trajectory: FourierTrajectory) -> CertifiedPart:
 
 
 def _executable(
-    record: ExportsRecord, trajectory: FourierTrajectory, robot: Robot
+    record: ExportResult, trajectory: FourierTrajectory, robot: Robot
 ) -> ExecutableMotion | None:
     try:
         ways = record.motion.ways

@@ -202,9 +202,9 @@ def _missing_figures(folder: RunFolder) -> list[Path]:
     if folder.has("design") and folder.has("export"):
         # Always: a table that was exported by hand may be of another motion than the figure.
         from expdesign.experiment import DesignResult
-        from expdesign.export.record import ExportsRecord
+        from expdesign.export.result import ExportResult
         from results.saving import whole_motion_figure
 
-        design, exports = folder.record(DesignResult), folder.record(ExportsRecord)
+        design, exports = folder.record(DesignResult), folder.record(ExportResult)
         drawn += whole_motion_figure(design, exports, folder.path, formats)
     return drawn

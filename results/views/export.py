@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from constraints import limit_definitions
-from expdesign.export.record import ExportsRecord, FileEntry
+from expdesign.export.result import ExportedTable, ExportResult
 from expdesign.runfolder.manifest import file_hash
 from results.figures.motion import motion_figure
 from results.notation import counted, percent, readable
@@ -27,7 +27,7 @@ from results.views.view import (
 
 def export_report(folder: RunFolder) -> StageView:
     """Return what is to be said of the controller tables in a folder."""
-    record = folder.record(ExportsRecord)
+    record = folder.record(ExportResult)
     motion, files = record.motion, record.files
     place = folder.stage_file("export").parent
     missing = [name for name in files if not (place / name).is_file()]
@@ -43,7 +43,7 @@ def export_report(folder: RunFolder) -> StageView:
         "read again, executed as its controller would, and kept every tolerance."
     )
     for name, entry in files.items():
-        if any(limit.kept is False for limit in entry.read_back.limits.values()):
+        if not all(limit.kept for limit in entry.read_back.limits):
             sentence += f" {name}: {entry.read_back.limits_in_words}."
     if missing:
         sentence += f" No longer in the folder: {', '.join(missing)}."
@@ -86,7 +86,7 @@ def export_report(folder: RunFolder) -> StageView:
 @dataclass(frozen=True)
 class _File:
     name: str
-    entry: FileEntry
+    entry: ExportedTable
 
 
 def _files_table(files: Sequence[_File]) -> ReportTable:
@@ -135,20 +135,17 @@ def _read_back_table(files: Sequence[_File]) -> ReportTable:
 
 
 def _proved(file: _File) -> str:
-    """Return whether the limits are proved to be kept; earlier versions did not say it."""
-    certified = file.entry.read_back.certified
-    return "–" if certified is None else "yes" if certified else "no"
+    """Return whether the limits are proved to be kept."""
+    return "yes" if file.entry.read_back.certified else "no"
 
 
 def _tightest(file: _File) -> str:
     """Return the limit that is used most, and its share, 100 % at the bound."""
     definitions = limit_definitions()
     shares = {
-        definitions[key].title: definitions[key].share_used(
-            entry.value, entry.bound, entry.violation
-        )
-        for key, entry in file.entry.read_back.limits.items()
-        if key in definitions
+        definitions[check.key].title: check.used
+        for check in file.entry.read_back.limits
+        if check.key in definitions
     }
     if not shares:
         return "–"
@@ -156,7 +153,7 @@ def _tightest(file: _File) -> str:
     return f"{title}, {percent(shares[title], 4)}"
 
 
-def _axes_table(files: Mapping[str, FileEntry]) -> ReportTable:
+def _axes_table(files: Mapping[str, ExportedTable]) -> ReportTable:
     rows = [
         (name, axis.name, axis.moves, axis.unit, axis.start)
         for name, entry in files.items()

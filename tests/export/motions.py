@@ -9,9 +9,8 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from expdesign.export.definition import Task
-from expdesign.motion.executable import ExecutableMotion
+from expdesign.motion.executable import ExecutableMotion, LeadRamps
 from expdesign.motion.executable import Periods as RealPeriods
-from expdesign.motion.record import RecordedMotion
 from expdesign.motion.spline import MotionState, SplineRamp, end_coefficients, reversed_in_time
 from expdesign.robot import LimitModel, load_robot
 from expdesign.trajectory import FourierTrajectory, PoseSamples, TrajectoryFile
@@ -73,7 +72,7 @@ class Periods:
 
 def recorded(data):
     """Return the type of what a record says in plain data."""
-    return TypeAdapter(RecordedMotion).validate_python(data)
+    return TypeAdapter(LeadRamps).validate_python(data)
 
 
 def motion_of(robot, trajectory, periods=PERIODS):

@@ -10,7 +10,7 @@ import pytest
 from expdesign.configuration import ExportSection, InputError
 from expdesign.export.exporting import export_table, file_name
 from expdesign.export.readme import readme
-from expdesign.export.record import ExportsRecord, FileEntry, MotionEntry
+from expdesign.export.result import ExportResult, exported_motion, exported_table
 from expdesign.export.table_file import find_table_file
 from tests.estimation.cases import ROBOT, trajectory
 from tests.export import reading
@@ -115,10 +115,10 @@ def test_its_record_tells_the_scale_and_it_is_found_again(tmp_path):
     made = exported(tmp_path, format="xps-pvt", **COARSE)
     full = ExportSection(format="xps-pvt", **COARSE)
     other = export_table(full, work(), tmp_path / file_name(full))
-    files = {one.path.name: FileEntry.of(one) for one in (made, other)}
-    record = ExportsRecord(MotionEntry.of(work()), files)
+    files = {one.path.name: exported_table(one) for one in (made, other)}
+    record = ExportResult(exported_motion(work()), files)
     record.write_as(tmp_path / "exports.json")
-    again = ExportsRecord.read(tmp_path / "exports.json")
+    again = ExportResult.read(tmp_path / "exports.json")
     assert {name: entry.scale for name, entry in again.files.items()} == {
         made.path.name: F,
         other.path.name: 1.0,

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from expdesign.configuration import ExportSection
 from expdesign.export.exporting import export_table, file_name
 from expdesign.export.read_back import read_back
-from expdesign.export.record import FileEntry
+from expdesign.export.result import exported_table
 from tests.export.motions import task
 from tests.export.test_rs274 import PRINTED, interpret
 
@@ -63,7 +63,7 @@ def test_it_is_on_in_the_measurement_window(name, made):
     half = one.check.longest_step / 2 + 1e-6
     np.testing.assert_allclose(found, task().motion.window, rtol=0, atol=half)
     np.testing.assert_allclose(one.check.trigger, found, rtol=0, atol=1e-7)
-    entry = FileEntry.of(one)
+    entry = exported_table(one)
     assert entry.trigger == one.check.trigger
     assert f"{found[0]:.3f}" in entry.guide
     assert ("xps-pvt.events.txt" in entry.beside) == (name == "xps-pvt")

@@ -26,7 +26,7 @@ from expdesign.configuration.robot import load_robot_description
 from expdesign.experiment import DesignResult
 from expdesign.export.definition import TableError
 from expdesign.export.exporting import file_name, settled
-from expdesign.export.record import ExportsRecord
+from expdesign.export.result import ExportResult
 from expdesign.export.row_times import divided_times, ideal_rows, uniform_times, whole_motion
 from expdesign.export.table_file import read_table_file
 from expdesign.library import robot_files, run_files
@@ -206,7 +206,7 @@ def record(folder, rng):
     files = sorted(p for p in place.rglob("*") if p.suffix in (".json", ".csv", ".yaml"))
     _change(rng.choice(files), rng)
     statuses = [call(kind.read, place) for kind in RECORDS]
-    statuses.append(call(ExportsRecord.read, place / "exports" / "exports.json"))
+    statuses.append(call(ExportResult.read, place / "exports" / "exports.json"))
     statuses.append(call(load_run, place / "run.yaml"))
     return max(statuses)
 

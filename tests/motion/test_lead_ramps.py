@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_run
-from expdesign.motion.executable import ExecutableMotion, Periods
+from expdesign.motion.executable import ExecutableMotion, Periods, lead_ramps
 from expdesign.motion.planning import PIECES
 from expdesign.motion.ramp_problem import check_motion
-from expdesign.motion.record import RecordedMotion
 from expdesign.motion.spline import MotionState, SplineRamp, end_coefficients, reversed_in_time
 from tests.estimation.cases import ROBOT, trajectory
 from tests.export.motions import DESIGNED, motion_of, recorded, spline_motion_of, task
@@ -18,7 +17,7 @@ from tests.export.motions import DESIGNED, motion_of, recorded, spline_motion_of
 
 def record_of(motion):
     """Return what a file says of a motion."""
-    found = RecordedMotion.of(motion)
+    found = lead_ramps(motion)
     return found and json.loads(json.dumps(asdict(found)))
 
 
