@@ -43,7 +43,7 @@ TERM = Term(
         Parameter(
             "a",
             "N s/m",
-            "half of what viscous friction is more when an actuator extends than when it retracts",
+            "half the difference of viscous friction between extending and retracting",
             DAMPING_SCALE,
             default=0.0,
         )

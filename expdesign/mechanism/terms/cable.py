@@ -35,7 +35,7 @@ TERM = Term(
         Parameter(
             "k",
             "N/m",
-            "stiffness of what a strut stretches",
+            "stiffness of the spring along a strut",
             Scale("p10 g / (6 L)", mass=1, gravity=1, length=-1, share=1 / ACTUATORS),
             default=0.0,
         )

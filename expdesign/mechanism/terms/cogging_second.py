@@ -13,7 +13,7 @@ def _columns(instant: Instant) -> Columns:
 TERM = Term(
     name="cogging_second",
     place=140,
-    meaning="the same with half the period, beside it",
+    meaning="second harmonic of the cogging, with half its period",
     parameters=cogging.parameters_of("d", "second"),
     columns=_columns,
     beside=cogging.TERM.name,

@@ -48,7 +48,7 @@ def _columns(instant: Instant) -> Columns:
 TERM = Term(
     name="gravity_compensation",
     place=150,
-    meaning="what bears a part of the weight, between a point of the base and one of the platform",
+    meaning="spring, cylinder or counterweight between a point of the base and one of the platform",
     parameters=(
         Parameter(
             "b_force",
@@ -60,7 +60,7 @@ TERM = Term(
         Parameter(
             "b_stiffness",
             "N/m",
-            "what it changes by with its length",
+            "change of that force with its length",
             Scale("p10 g / L", mass=1, gravity=1, length=-1),
             default=0.0,
         ),
