@@ -21,6 +21,7 @@ import platformdirs
 
 from constraints.arrays import Array
 from expdesign.evaluation.block_loop import ENTRY, Lanes
+from expdesign.evaluation.content import content_key
 from expdesign.evaluation.vector_code import (
     UnknownInstructionError,
     scratch_size,
@@ -188,10 +189,8 @@ def _usable() -> bool:
 
 @cache
 def _emitter() -> str:
-    """Return a hash of what writes the files: what another version wrote is another code."""
-    names = ("vector_code.py", "block_loop.py", "machine_code.py")
-    sources = [Path(__file__).with_name(name).read_bytes() for name in names]
-    return hashlib.sha256(b"".join(sources)).hexdigest()
+    """Return a digest of the functions that write and call machine code."""
+    return str(content_key(vector_code, scratch_size, _compiled, MachineCode))
 
 
 @cache
