@@ -333,7 +333,7 @@ def power(case: Case) -> float:
 def _noncentrality(tests: EffectTests, lengths: Array, forces: Array) -> float:
     """Return what a departure adds to χ²: its information beyond parameters and motion."""
     signature = Signature(forces[:, :, None], lengths[:, :, None])
-    return float(tests.solved.projection(signature).information[0, 0])
+    return float(tests.solved.project(signature).information[0, 0])
 
 
 def _exceeding(noncentrality: float, degrees: int, critical: float) -> float:

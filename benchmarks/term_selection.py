@@ -215,7 +215,7 @@ def _passes(section: str, number: int, result: EstimationResult) -> Mask:
         raise RuntimeError("the motion is a series")
     free = result.knowledge.free
     part = linearise(robot, experiment, best.values, free, experiment.fit.motion)
-    white = part.filtered(experiment.noise)
+    white = part.apply_filters(experiment.noise)
     return ~lack_of_fit(white, held_out_residual_covariance(white, experiment, best)).failed
 
 

@@ -1,1 +1,1 @@
-"""How well an estimate fits: residuals, tests of every assumption, and a verdict in words."""
+"""Diagnosis of an estimate: residuals, tests of every assumption, and a verdict in words."""

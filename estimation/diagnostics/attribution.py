@@ -1,16 +1,13 @@
-"""What the residuals come from: forward selection among causes, judged together, with rivals.
+"""Attribution of residuals to effects: forward selection, joint tests, rivals, and findings.
 
-An unmodelled force in one strut also leaves traces in the others, through the parameters that it
-has moved and through correlated noise. Therefore the most significant effect is taken as known,
-with its columns among the unknowns, and all others are tested again, until none is left. Then all
-that were selected are judged beside each other, and what is not significant there is dropped; an
-effect gives way to another that explains more in its place. As long as there is no effect nothing
-is selected but at the levels of the families.
+An unmodelled force in one strut also affects the residuals of the others, through biased parameters
+and through correlated noise. Therefore the most significant effect is included among the unknowns,
+and all others are tested again, until none is significant. Then every selected effect is tested
+given the others, and insignificant ones are dropped; an effect is replaced by a candidate that
+explains more in its place. Without effects, the rate of false alarms follows the families' levels.
 
-An effect is named for sure when no rival is left: another candidate, put in its place, would have
-to leave nothing significant for the effect itself. Rivals that do are named with it.
-
-What was found of the causes of residuals, in words, with what cannot be told apart from them.
+An effect is certain if it has no rival. A rival is another candidate that, in its place, leaves the
+effect itself insignificant; rivals are reported with the effect.
 """
 
 from __future__ import annotations
@@ -35,80 +32,81 @@ from estimation.diagnostics.search import (
     EffectCandidate,
     EffectTests,
     Search,
+    exclude,
     periodic_fit,
     places_of,
-    without,
 )
 from estimation.diagnostics.significance import POSITION_PERIODIC, Strut
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import Numbers, OpenNumber, described
 
 REMAINDER = 0.02
-"""Share of the strongest effect's statistic below which another may be what it leaves."""
+"""Share of the strongest effect's statistic below which another may be its remainder."""
 _MOST = 12
-"""Effects that are looked for: whoever has more needs another model."""
+"""Largest number of effects: with more, the model needs a revision."""
 
 
 @dataclass(frozen=True)
 class Rival:
-    """Another effect that explains the residuals about as well in the place of one."""
+    """Alternative effect that explains the residuals about as well."""
 
-    kind: Annotated[str, described("", "as of an effect")]
+    kind: Annotated[str, described("", "as for an effect")]
     strut: Annotated[Strut, described("1", "number of the strut; null: all of them")]
-    parameter: Annotated[str, described("", "as of an effect")]
-    log_p: Annotated[OpenNumber, described("1", "logarithm of p in the effect's place")]
+    parameter: Annotated[str, described("", "as for an effect")]
+    log_p: Annotated[OpenNumber, described("1", "logarithm of p if it replaces the effect")]
 
 
 @dataclass(frozen=True, eq=False)
 class Effect:
-    """Something in the residuals that the model does not have, fitted with all other effects."""
+    """Unmodelled effect in the residuals, fitted jointly with all other effects."""
 
-    kind: Annotated[str, described("", "position-periodic, or a family of causes")]
+    kind: Annotated[str, described("", "position-periodic, or a family of hypotheses")]
     strut: Annotated[Strut, described("1", "number of the strut; null: all of them")]
     parameter: Annotated[
-        str, described("", "of a column; base or platform of a joint; empty otherwise")
+        str, described("", "parameter of a column; base or platform for a joint; otherwise empty")
     ]
     log_p: Annotated[
         OpenNumber,
-        described("1", "logarithm of p beside all other effects, corrected for its family"),
+        described("1", "logarithm of p given all other effects, corrected for its family"),
     ]
-    force: Annotated[PeriodicForce | None, described("", "of a position-periodic effect")]
-    value: Annotated[OpenNumber, described("SI", "its size, or the first of its values")]
+    force: Annotated[PeriodicForce | None, described("", "force of a position-periodic effect")]
+    value: Annotated[OpenNumber, described("SI", "size of the effect, or the first of its values")]
     std: Annotated[OpenNumber, described("SI", "standard deviation of the value")]
-    values: Annotated[Numbers, described("SI", "all of its values: coordinates of a joint")]
-    stds: Annotated[Numbers, described("SI", "their standard deviations")]
+    values: Annotated[Numbers, described("SI", "all values, such as the coordinates of a joint")]
+    stds: Annotated[Numbers, described("SI", "standard deviations of the values")]
     constant: Annotated[OpenNumber, described("SI", "a speed, of Stribeck friction")]
     rivals: Annotated[
-        tuple[Rival, ...], described("", "that explain it about as well; empty: it is sure")
+        tuple[Rival, ...],
+        described("", "alternatives that explain it about as well; empty: it is certain"),
     ]
 
     remainder: Annotated[
-        bool, described("", "so weak beside another that it may be what linearising that leaves")
+        bool, described("", "weak enough to be a linearisation error of another effect")
     ] = False
 
     @property
     def sure(self) -> bool:
-        """Whether nothing else explains the same."""
+        """Whether the effect has no alternative explanation."""
         return not self.rivals and not self.remainder
 
 
 @dataclass(frozen=True, eq=False)
 class Attribution:
-    """All tests of effects."""
+    """Effects in the residuals of one experiment, with all their tests."""
 
     hypotheses: tuple[Hypothesis, ...]
-    """The families that were tested."""
+    """Tested families of hypotheses."""
     effects: tuple[Effect, ...]
-    """What was found, most significant first."""
+    """Effects found, most significant first."""
     first: EffectTests
     last: EffectTests
-    """Before any effect is taken as known, and with all of them."""
+    """Tests without known effects, and given all effects found."""
     found: Signature
     """Columns of all effects."""
     best_forces: tuple[PeriodicForce | None, ...]
     """The best-fitting position-periodic force of every strut, significant or not."""
     periodic_level: float
-    """Of all scans together."""
+    """Level of all pitch scans together."""
 
 
 def attribute(
@@ -124,37 +122,38 @@ def attribute(
     Parameters
     ----------
     families : tuple of Hypothesis
-        What is looked for beside forces that are periodic in a strut's length.
+        Hypotheses, in addition to forces periodic in a strut's length.
     step : float
-        Between two samples, s.
+        Time between two samples, s.
     experiments : int
-        How many share the level of the periodic forces; those of the families are their own.
+        Number of experiments that share the level of the periodic forces; the families state
+        their own levels.
     """
     search = Search(system, part, families, step, POSITION_PERIODIC / experiments)
-    first = last = search.tests(())
+    first = last = search.run_tests(())
     found: list[EffectCandidate] = []
-    beside: list[EffectCandidate] = []  # what the last tests were made beside
+    tested_given: list[EffectCandidate] = []  # the known effects of the last tests
     seen: set[frozenset[tuple[str, int | None, str]]] = set()
     while len(found) < _MOST:
-        best = search.most_significant(last, found)
+        best = search.find_most_significant(last, found)
         if best is None:
             break
-        found = search.significant([*found, best])
+        found = search.drop_insignificant([*found, best])
         names = frozenset(item.name for item in found)
         if names in seen:
             break
         seen.add(names)
-        last, beside = search.tests(found), found
+        last, tested_given = search.run_tests(found), found
     found, rivals = search.exchange_for_rivals(found)
-    if {id(item) for item in found} != {id(item) for item in beside}:
-        last = search.tests(found) if found else first
+    if {id(item) for item in found} != {id(item) for item in tested_given}:
+        last = search.run_tests(found) if found else first
     effects = _effects(search, found, rivals)
     known = {e.strut: e.force for e in reversed(effects) if e.force is not None}
     best_forces = tuple(
         known[scan.strut] if scan.strut in known else _best_force(last.solved, part, scan)
         for scan in last.scans
     )
-    columns = search.signature.picked(places_of(found))
+    columns = search.signature.select(places_of(found))
     return Attribution(families, effects, first, last, columns, best_forces, search.level)
 
 
@@ -163,10 +162,10 @@ def _effects(
     found: Sequence[EffectCandidate],
     rivals: Sequence[tuple[tuple[EffectCandidate, float], ...]],
 ) -> tuple[Effect, ...]:
-    """Fit all effects together."""
+    """Fit all effects jointly."""
     fit = search.projection.conditional_on(()).fit(places_of(found))
     effects, first = [], 0
-    sizes = [search.conditional_statistic(item, without(found, item)) for item in found]
+    sizes = [search.conditional_statistic(item, exclude(found, item)) for item in found]
     for item, others, size in zip(found, rivals, sizes, strict=True):
         chosen = slice(first, first + len(item.places))
         first = chosen.stop
@@ -178,7 +177,7 @@ def _effects(
         if item.kind == PERIODIC and item.strut is not None:
             force = periodic_force(search.part, item.strut, item.pitch, values, covariance)
             value, std = force.amplitude, force.amplitude_std
-        log_p = search.conditional_log_p(item, without(found, item)) - item.limit
+        log_p = search.conditional_log_p(item, exclude(found, item)) - item.limit
         level = _level(search, item.kind)
         effects.append(
             Effect(
@@ -222,7 +221,7 @@ _PERIODIC_FORCE = "a position-periodic force"
 
 
 def position_periodic_finding(attribution: Attribution) -> Finding:
-    """Say whether forces are periodic in a strut's length."""
+    """Report whether forces are periodic in a strut's length."""
     level = attribution.periodic_level
     if not any(len(scan.pitches) for scan in attribution.first.scans):
         return _NOT_PERIODIC.skip(
@@ -243,7 +242,7 @@ def position_periodic_finding(attribution: Attribution) -> Finding:
         for strut, force in effects
     ]
     own = [effect for effect in attribution.effects if effect.kind == PERIODIC]
-    return _not_told_apart(
+    return _add_rivals(
         attribution,
         own,
         _NOT_PERIODIC.fails(
@@ -256,7 +255,7 @@ def position_periodic_finding(attribution: Attribution) -> Finding:
 
 
 def hypothesis_finding(attribution: Attribution, hypothesis: Hypothesis) -> Finding:
-    """Say whether there is an effect of a family of causes."""
+    """Report whether there is an effect of a family of hypotheses."""
     assumption = hypothesis.assumption
     last = attribution.last.families[hypothesis.kind]
     effects = [effect for effect in attribution.effects if effect.kind == hypothesis.kind]
@@ -265,7 +264,7 @@ def hypothesis_finding(attribution: Attribution, hypothesis: Hypothesis) -> Find
     if not effects:
         p, value, std = 1.0, 0.0, 0.0
         if last.tested:
-            fit = attribution.last.beside.fit(last.places(last.best))
+            fit = attribution.last.conditional.fit(last.places(last.best))
             p = min(1.0, last.tested * np.exp(last.log_p[last.best]))
             value = hypothesis.scale * fit.values[0]
             std = hypothesis.scale * float(np.sqrt(fit.covariance[0, 0]))
@@ -273,16 +272,16 @@ def hypothesis_finding(attribution: Attribution, hypothesis: Hypothesis) -> Find
             hypothesis.absent.format(p=p, value=value, std=std), p, hypothesis.level
         )
     found = assumption.fails(
-        "; ".join(_phrase(hypothesis, effect) for effect in effects),
+        "; ".join(_describe(hypothesis, effect) for effect in effects),
         _effect_p(effects, hypothesis.kind),
         hypothesis.level,
         where=", ".join(dict.fromkeys(_place(effect) for effect in effects if _place(effect))),
     )
-    return _not_told_apart(attribution, effects, found)
+    return _add_rivals(attribution, effects, found)
 
 
-def _phrase(hypothesis: Hypothesis, effect: Effect) -> str:
-    """Return what an effect is, where, and how large."""
+def _describe(hypothesis: Hypothesis, effect: Effect) -> str:
+    """Describe an effect with its place and size."""
     unit = hypothesis.unit(effect.parameter)
     numbers = [
         f"{hypothesis.scale * value:{hypothesis.number}} ± {hypothesis.scale * std:.1g}"
@@ -290,12 +289,13 @@ def _phrase(hypothesis: Hypothesis, effect: Effect) -> str:
     ][: hypothesis.values_shown]
     constant = f", velocity {effect.constant:g} m/s" if effect.kind == "stribeck" else ""
     size = f"{', '.join(numbers)} {unit}{constant}"
-    rest = ", perhaps what the strongest effect leaves" * effect.remainder
-    return f"{_named(effect.kind, [_place(effect)], {hypothesis.kind: hypothesis})} ({size}{rest})"
+    rest = ", perhaps a remainder of the strongest effect" * effect.remainder
+    name = _name_effects(effect.kind, [_place(effect)], {hypothesis.kind: hypothesis})
+    return f"{name} ({size}{rest})"
 
 
 def _sizes(effect: Effect, hypothesis: Hypothesis) -> Iterator[tuple[float, float]]:
-    """Yield what tells the size of an effect, with standard deviations: values, or amplitudes."""
+    """Yield the values, or the amplitudes, of an effect with standard deviations."""
     pairs = zip(effect.values.tolist(), effect.stds.tolist(), strict=True)
     if not hypothesis.paired:
         yield from pairs
@@ -306,37 +306,41 @@ def _sizes(effect: Effect, hypothesis: Hypothesis) -> Iterator[tuple[float, floa
 
 
 def _place(effect: Effect | Rival) -> str:
-    """Return where an effect is: ``p4 in actuator 3``, ``base joint 2``."""
+    """Return the place of an effect, such as ``p4 in actuator 3`` or ``base joint 2``."""
     if effect.kind == "joint" and effect.strut is not None:
         return f"{effect.parameter} joint {effect.strut + 1}"
     number = "" if effect.strut is None else f"in actuator {effect.strut + 1}"
     return f"{effect.parameter} {number}".strip()
 
 
-def _not_told_apart(attribution: Attribution, effects: Sequence[Effect], found: Finding) -> Finding:
-    """Name what explains the same about as well, in sentence and verdict: all of it."""
+def _add_rivals(attribution: Attribution, effects: Sequence[Effect], found: Finding) -> Finding:
+    """Add the rivals of effects to the sentence and the verdict of a finding."""
     several = len(effects) > 1
     hypotheses = {hypothesis.kind: hypothesis for hypothesis in attribution.hypotheses}
-    named = []
+    alternatives = []
     for effect in effects:
         places: dict[str, list[str]] = {}
         for rival in effect.rivals:
             places.setdefault(rival.kind, []).append(_place(rival))
         if places:
-            others = " or ".join(_named(kind, each, hypotheses) for kind, each in places.items())
-            place = f"instead of {_named(effect.kind, [_place(effect)], hypotheses)} " * several
-            named.append(f"{place}it may as well be {others}")
-    if not named:
+            others = " or ".join(
+                _name_effects(kind, each, hypotheses) for kind, each in places.items()
+            )
+            place = (
+                f"instead of {_name_effects(effect.kind, [_place(effect)], hypotheses)} " * several
+            )
+            alternatives.append(f"{place}it may also be {others}")
+    if not alternatives:
         return found
     return replace(
         found,
-        sentence="; ".join((found.sentence, *named)),
-        contradiction=f"{found.contradiction}, or something like it",
+        sentence="; ".join((found.sentence, *alternatives)),
+        contradiction=f"{found.contradiction}, or a similar effect",
     )
 
 
-def _named(kind: str, places: Sequence[str], hypotheses: Mapping[str, Hypothesis]) -> str:
-    """Return what effects of one kind are, and where: ``a spring in actuator 1``."""
+def _name_effects(kind: str, places: Sequence[str], hypotheses: Mapping[str, Hypothesis]) -> str:
+    """Name effects of one kind with their places, such as ``a spring in actuator 1``."""
     hypothesis = hypotheses.get(kind)
     noun, form = (
         (_PERIODIC_FORCE, "{noun} {place}")
@@ -350,8 +354,8 @@ def _named(kind: str, places: Sequence[str], hypotheses: Mapping[str, Hypothesis
     )
 
 
-def nouns_of(attribution: Attribution) -> dict[str, str]:
-    """Return what effects are called, by their kind."""
+def effect_nouns(attribution: Attribution) -> dict[str, str]:
+    """Return the nouns of effects, by their kind."""
     nouns = {PERIODIC: _PERIODIC_FORCE}
     return nouns | {
         hypothesis.kind: f"{hypothesis.noun} a parameter"
@@ -362,5 +366,5 @@ def nouns_of(attribution: Attribution) -> dict[str, str]:
 
 
 def _effect_p(effects: Sequence[Effect], kind: str) -> float:
-    """Return the smallest p of the effects of one kind: corrected for their family already."""
+    """Return the smallest p of the effects of one kind, corrected for their family."""
     return float(np.exp(min(effect.log_p for effect in effects if effect.kind == kind)))

@@ -1,8 +1,8 @@
-"""Columns of what a model may lack: terms of the catalogue, deviations of the machine, a delay.
+"""Columns of candidate effects: terms of the catalogue, deviations of the machine, a delay.
 
-They are taken at the estimate along the estimated motion, and averaged over the same cells as the
-residuals. What depends on the parameters, such as the load of the actuators, is that of the
-estimate.
+The columns are evaluated at the estimate, along the estimated motion, and averaged over the same
+cells as the residuals. Quantities that depend on the parameters, such as the load of the actuators,
+are those of the estimate.
 """
 
 from __future__ import annotations
@@ -27,27 +27,27 @@ from expdesign.robot.deviation import Deviation, deviations, estimated_constants
 
 @dataclass(frozen=True, eq=False)
 class CandidateEffects:
-    """Where the columns are taken."""
+    """Point at which the columns of candidate effects are evaluated."""
 
     robot: Robot
     experiment: Experiment
     motion: HarmonicMotion | None
-    """None: the pointwise motion of the experiment."""
+    """Estimated motion; None: the pointwise motion of the experiment."""
     values: Array
     """(m,), estimated parameters, SI."""
     part: Linearisation
 
     def gains(self) -> Signature:
-        """Return six: the predicted force of one actuator each, N per share."""
+        """Return the columns of the six gains: predicted force of one actuator each, N."""
         forces = self.part.regressors @ self.values
         return self._of_forces(forces[:, :, None] * np.eye(ACTUATORS))
 
     def lacks(self, name: str) -> bool:
-        """Tell whether a term of the catalogue is none of the robot's."""
+        """Return whether the robot does not have a term of the catalogue."""
         return name not in {term.name for term in self.robot.terms}
 
     def term(self, name: str, **constants: float) -> Signature:
-        """Return the columns of a term that the robot does not have, for its constants, SI."""
+        """Return the columns of a term that the robot lacks, with its constants, SI."""
         if tuple(constants) != tuple(
             constant.name for constant in term_definitions()[name].constants
         ):
@@ -68,12 +68,12 @@ class CandidateEffects:
     def deviations(self, names: Sequence[str]) -> Signature:
         """Return the columns of `expdesign.robot.deviation` with these names."""
         picked = [self._deviations[1].index(name) for name in names]
-        return self._deviations[0].picked(picked)
+        return self._deviations[0].select(picked)
 
     def tolerated(self) -> tuple[Signature, Array]:
-        """Return the columns of all that has a tolerance, and 1/std² of each, (t,).
+        """Return the columns of all deviations with a tolerance, and their 1/std², (t,).
 
-        Constants of terms that are estimated are among them. None after pointwise kinematics.
+        They include estimated constants of terms. There are none after pointwise kinematics.
         """
         entries = self._inexact if self.motion is not None else ()
         if not entries:
@@ -89,19 +89,19 @@ class CandidateEffects:
         return (*constants, *others)
 
     def delay(self, seconds: float) -> Signature:
-        """Return what a delay of the forces by so much adds, N per second of it.
+        """Return the change of the forces due to a delay, N per second of delay.
 
-        A secant, not a derivative: jumps of dry friction come late by as much.
+        It is a secant, not a derivative, so that jumps of dry friction are delayed as well.
         """
         if self.motion is None:
-            raise ValueError("pointwise kinematics cannot be moved in time")
+            raise ValueError("pointwise kinematics cannot be shifted in time")
         change = (self._forces(self.motion.delayed(seconds)) - self._forces_in_time) / seconds
         return self._of_forces(self.part.cells.mean(change)[:, :, None])
 
     @cached_property
     def _forces_in_time(self) -> Array:
         if self.motion is None:
-            raise ValueError("pointwise kinematics cannot be moved in time")
+            raise ValueError("pointwise kinematics cannot be shifted in time")
         return self._forces(self.motion)
 
     def _forces(self, motion: HarmonicMotion) -> Array:
@@ -113,7 +113,7 @@ class CandidateEffects:
     def _deviations(self) -> tuple[Signature, tuple[str, ...]]:
         robot, experiment, motion, part = self.robot, self.experiment, self.motion, self.part
         if motion is None:
-            raise ValueError("pointwise kinematics have no motion that deviations could move")
+            raise ValueError("pointwise kinematics have no motion model for deviations")
         inexact = {each.name for each in self._inexact}
         wanted = [
             each for each in deviations(robot) if each.group in _GEOMETRIC or each.name in inexact
@@ -133,10 +133,10 @@ class CandidateEffects:
 
     @cached_property
     def _extended(self) -> tuple[Robot, Array | None]:
-        """The robot's terms without friction, and all of the catalogue that it lacks.
+        """Robot with its frictionless terms and all candidate terms, and the signs of friction.
 
-        With the load that it bears at the estimate, and the signs of friction (T, s); None after
-        pointwise kinematics, which take the exact ones.
+        Its load is that of the estimate. The expected signs are (T, s); None after pointwise
+        kinematics, which use the exact ones.
         """
         about, experiment, motion = self.robot.description, self.experiment, self.motion
         own = iter(about.constants)
@@ -165,7 +165,7 @@ class CandidateEffects:
         return robot, experiment.signs_for_robot(robot, motion)
 
     def _regressors(self, robot: Robot, signs: Array | None) -> Array:
-        """Return A of another robot at the samples, (T, 6, m)."""
+        """Return the regressors of another robot at the samples, (T, 6, m)."""
         if self.motion is not None and signs is not None:
             return regressors_along(robot, self.motion, self.experiment.record.forces.times, signs)
         if self.experiment.pointwise is None:
@@ -174,7 +174,7 @@ class CandidateEffects:
 
 
 def _columns_of(terms: Sequence[Term], name: str) -> tuple[int, int]:
-    """Return the first column of a term of these, and that behind its last."""
+    """Return the first column of a term, and the one after its last."""
     names = [term.name for term in terms]
     place = names.index(name)
     first = len(parameters_of(tuple(terms[:place])))
@@ -182,7 +182,7 @@ def _columns_of(terms: Sequence[Term], name: str) -> tuple[int, int]:
 
 
 CANDIDATE_TERMS = ("load_friction", "drive_inertia", "stribeck", "force_offset", "cable")
-"""Terms of the catalogue that a robot may lack; that which takes the load comes first, so that the
+"""Terms of the catalogue that a robot may lack; the load-dependent one comes first, so that the
 load is that of the robot's own terms."""
 
 _GEOMETRIC = ("base_joints", "platform_joints", "gravity", "strut_length")

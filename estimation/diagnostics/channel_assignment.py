@@ -1,9 +1,9 @@
-"""Whether channels are what they are taken for: signs of forces, order, zeros of lengths.
+"""Check of the channel assignment: signs of forces, order of channels, zeros of lengths.
 
-A sign or an order that is wrong is no small deviation: the columns of causes, derivatives at the
-estimate, see cogging, drives and delays in it. Here the model is fitted anew to the recording as it
-would be with each other assignment, coarsely: poses by forward kinematics, a Fourier series of the
-motion's own harmonics, exact signs of friction, Gauss–Markov. The sums of squares are compared.
+A wrong sign or order is not a small deviation: the candidate effects, derivatives at the estimate,
+would interpret it as cogging, drives or delays. Here the model is refitted to the recording under
+each alternative assignment, with a coarse model: poses by forward kinematics, a Fourier series with
+the motion's harmonics, exact signs of friction, Gauss–Markov. The sums of squares are compared.
 """
 
 from __future__ import annotations
@@ -32,56 +32,56 @@ from expdesign.robot import Robot
 from expdesign.trajectory import PhaseBasis
 
 _SHARE = 0.75
-"""Of what the model leaves beyond the noise that another assignment must explain."""
+"""Share of the residuals beyond the noise that another assignment must explain."""
 _LEAST = 40.0
-"""Of the sum of squares, in variances, that it must explain: 1e-10 of chance."""
+"""Least decrease of the sum of squares, in variances; by chance it has a probability of 1e-10."""
 _ALIKE = 0.02
-"""Share of that within which the simpler one of two assignments is named."""
+"""Relative difference within which the simpler of two assignments is reported."""
 _ROWS, _SINGLE_ROWS = 600, 2000
-"""Rows that are looked at: means over periods, or single samples."""
+"""Largest number of rows in use: means over periods, or single samples."""
 _DETERMINED = 1e-12
 _ZEROS = ("length_zero", "joint")
-"""Causes that are the zero of a length, or nearly."""
+"""Hypotheses that are equivalent, or nearly so, to the zero of a length."""
 _NEWTON_STEPS = 8
 _OUT_OF_REACH = 1e3
-"""Of a coordinate, m or rad."""
+"""Largest coordinate of a pose, m or rad."""
 _REACHED = 1e-6
-"""Of a length, m."""
+"""Largest error of a length, m."""
 _SETTLED = 1e-3
 _SAME = np.arange(ACTUATORS)
 _ALIKE_SIGNS = np.ones(ACTUATORS)
 _STEP = 1e-4
-"""Of a length, m, for its slope."""
+"""Step of a length for its slope, m."""
 _STEPS = 5
 _FURTHEST = 0.2
-"""Of the mean length of the struts: where zeros are looked for."""
+"""Largest error of a zero, relative to the mean length of the strut."""
 
 _Words = tuple[str, str, str]
 """Place, sentence and advice."""
 
 _ASSIGNED = Assumption(
     "the channels are those of the struts, with their signs and zeros",
-    "a channel is not what it is taken for",
+    "a channel is assigned wrongly",
     "check the cabling and the files of the controller",
 )
 
 
 @dataclass(frozen=True)
 class Assignment:
-    """Another reading of the channels that explains the recording."""
+    """Alternative assignment of the channels that explains the recording."""
 
     place: str
-    """The channels, in words."""
+    """Channels in words."""
     sentence: str
     advice: str
     explained: float
-    """By how much the sum of squares falls, in variances, of the rows that were looked at."""
+    """Decrease of the sum of squares over the rows in use, in variances."""
 
     @property
     def finding(self) -> Finding:
-        """What is told of it."""
+        """Finding that reports the assignment."""
         return replace(
-            _ASSIGNED.report_failure(f"{self.sentence}: that explains what is left of the forces"),
+            _ASSIGNED.report_failure(f"{self.sentence}: that explains the force residuals"),
             contradiction=f"{_ASSIGNED.contradiction} ({self.place})",
             advice=self.advice,
         )
@@ -93,19 +93,19 @@ def assignment_findings(
     priors: ParameterPriors,
     attributions: Sequence[Attribution],
 ) -> tuple[Finding, ...]:
-    """Return what is found of the channels of experiments, each with what its residuals told."""
+    """Check the channels of every experiment, given the attribution of its residuals."""
     found = []
     pairs = zip(experiments, attributions, strict=True)
     for number, (experiment, attribution) in enumerate(pairs, 1):
-        other = other_assignment(robot, experiment, priors, _most_of_a_cause(attribution))
+        other = other_assignment(robot, experiment, priors, _largest_effect_statistic(attribution))
         if other is not None:
             several = len(experiments) > 1
             found.append(other.finding.of_experiment(number) if several else other.finding)
     return tuple(found)
 
 
-def _most_of_a_cause(attribution: Attribution) -> float:
-    """Return χ² of the cause that explains most, but of what is a zero itself."""
+def _largest_effect_statistic(attribution: Attribution) -> float:
+    """Return the largest χ² of all hypotheses except zeros of lengths."""
     seen = [
         float(np.nanmax(test.statistic))
         for kind, test in attribution.first.families.items()
@@ -117,9 +117,10 @@ def _most_of_a_cause(attribution: Attribution) -> float:
 def other_assignment(
     robot: Robot, experiment: Experiment, priors: ParameterPriors, rival: float = 0.0
 ) -> Assignment | None:
-    """Return the assignment of the channels that explains much more than the one taken, or None.
+    """Return an assignment that explains the recording much better than the given one, or None.
 
-    It explains no less than a rival in the whole recording, χ². None after pointwise kinematics.
+    It must explain at least as much as a rival effect, χ² of the whole recording. None after
+    pointwise kinematics.
     """
     if experiment.fit is None:
         return None
@@ -138,37 +139,37 @@ def other_assignment(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """What the model leaves of the forces with one assignment."""
+    """Fit of the forces under one assignment."""
 
     squares: float
-    """In variances."""
+    """Sum of squares, in variances."""
     freedom: int
     rest: Array
-    """(6 R,), whitened."""
+    """(6 R,), whitened residuals."""
     mass: float
-    """Of the platform, kg; positive where it is not estimated."""
+    """Mass of the platform, kg; positive if it is not estimated."""
 
 
 class _Recording:
-    """Rows of one experiment, and the model along what its lengths would be."""
+    """Rows of one experiment, and the model along alternative lengths."""
 
     def __init__(self, robot: Robot, experiment: Experiment, priors: ParameterPriors) -> None:
         record = experiment.record
         if experiment.fit is None:
-            raise ValueError("pointwise kinematics have no series")
+            raise ValueError("pointwise kinematics have no Fourier series")
         self.robot, self.motion = robot, experiment.fit.motion
         count = len(robot.parameter_names)
         self.free, self.start = priors.free[:count], priors.start[:count]
-        self.lengths_at, self.lengths, _ = _thinned(record.lengths)
-        self.forces_at, forces, counts = _thinned(record.forces)
+        self.lengths_at, self.lengths, _ = _thin_rows(record.lengths)
+        self.forces_at, forces, counts = _thin_rows(record.forces)
         self.share = len(forces) / len(record.forces.values)
         lower = np.linalg.cholesky(experiment.noise.forces.covariance)
         self._inverse = sla.solve_triangular(lower, np.eye(ACTUATORS), lower=True)
         self._weights = np.sqrt(counts)
-        self.forces = self._whitened(forces)
+        self.forces = self._whiten(forces)
 
-    def _whitened(self, rows: Array) -> Array:
-        """Return forces (R, 6), or columns (R, 6, k), with unit variance, in one axis of rows."""
+    def _whiten(self, rows: Array) -> Array:
+        """Whiten forces (R, 6), or columns (R, 6, k), and flatten rows and channels."""
         mixed = np.tensordot(rows, self._inverse, (1, 1))
         mixed = mixed if rows.ndim < 3 else mixed.transpose(0, 2, 1)  # noqa: PLR2004 - columns
         scaled = (mixed.T * self._weights).T
@@ -180,10 +181,10 @@ class _Recording:
         return np.asarray(np.linalg.pinv(basis.value), np.float64)
 
     def columns(self, lengths: Array) -> Array | None:
-        """Return A along lengths (R', 6), (R, 6, m); None where they are no motion of the machine.
+        """Return A along lengths (R', 6), (R, 6, m); None if the machine cannot reach them.
 
-        Plain Newton steps, from the motion as it was taken and from home: what they do not reach
-        is another machine.
+        Plain Newton steps start from the estimated motion and from home. Lengths without a solution
+        are impossible for this machine.
         """
         own = self.motion.at(self.lengths_at).state()[:, :COORDINATES]
         starts = (own, np.broadcast_to(self.robot.home, own.shape))
@@ -197,7 +198,7 @@ class _Recording:
         return columns if np.all(np.isfinite(columns)) else None
 
     def _poses(self, lengths: Array, poses: Array) -> Array | None:
-        """Return the poses (R', 6) of lengths from the poses given, None where Newton fails."""
+        """Return the poses (R', 6) of lengths, starting at given poses; None if Newton fails."""
         off = np.full_like(lengths, np.inf)
         for _ in range(_NEWTON_STEPS):
             found, jacobian = self.robot.lengths_and_jacobian(poses)
@@ -211,8 +212,8 @@ class _Recording:
         return poses if np.max(np.abs(off)) < _REACHED else None
 
     def fit(self, columns: Array, strut_of: Places = _SAME, signs: Array = _ALIKE_SIGNS) -> _Fit:
-        """Fit forces of which channel c has a sign and is that of a strut, (6,) each."""
-        rows = self._whitened(columns[:, strut_of] * signs[:, None])
+        """Fit the forces; every channel has a sign and belongs to a strut, (6,) each."""
+        rows = self._whiten(columns[:, strut_of] * signs[:, None])
         forces = self.forces - rows[:, ~self.free] @ self.start[~self.free]
         rows = rows[:, self.free]
         sizes = np.linalg.norm(rows, axis=0)
@@ -228,30 +229,30 @@ class _Recording:
         return _Fit(float(rest @ rest), freedom, rest, mass)
 
     def alternatives(self, columns: Array, own: _Fit) -> Iterator[Assignment]:
-        """Yield what the channels might be instead, the simplest first."""
+        """Yield alternative assignments, the simplest first."""
 
-        def told(fit: _Fit, words: _Words) -> Assignment:
+        def assignment(fit: _Fit, words: _Words) -> Assignment:
             return Assignment(*words, explained=own.squares - fit.squares)
 
         for signs in _signs():
             fit = self.fit(columns, signs=signs)
-            # All signs the other way fit as well, with negative masses.
+            # All signs reversed fit equally well, with negative masses.
             if fit.mass > 0:
-                yield told(fit, _other_signs(signs))
+                yield assignment(fit, _other_signs(signs))
         for strut in range(ACTUATORS):
-            zero = self._zero(strut, own)
+            zero = self._fit_zero(strut, own)
             if zero is not None:
-                yield told(zero[0], _other_zero(strut, zero[1]))
+                yield assignment(zero[0], _other_zero(strut, zero[1]))
         for strut_of in _orders():
             forces, lengths, struts = _other_order(strut_of)
-            yield told(self.fit(columns, strut_of), forces)
+            yield assignment(self.fit(columns, strut_of), forces)
             other = self.columns(self.lengths[:, np.argsort(strut_of)])
             if other is not None:
-                yield told(self.fit(other), lengths)
-                yield told(self.fit(other, strut_of), struts)
+                yield assignment(self.fit(other), lengths)
+                yield assignment(self.fit(other, strut_of), struts)
 
-    def _zero(self, strut: int, own: _Fit) -> tuple[_Fit, float] | None:
-        """Return the fit with the best zero of a length, and what is added to it, m."""
+    def _fit_zero(self, strut: int, own: _Fit) -> tuple[_Fit, float] | None:
+        """Fit the zero of a length; return the fit and the correction of the length, m."""
         unit = np.eye(ACTUATORS)[strut]
         furthest = _FURTHEST * float(np.mean(self.lengths[:, strut]))
         best, offset = own, 0.0
@@ -270,22 +271,22 @@ class _Recording:
         return None if best is own else (best, offset)
 
 
-def _thinned(channels: Channels) -> tuple[Array, Array, Array]:
-    """Return times, values and counts of at most so many rows of a record's channels."""
+def _thin_rows(channels: Channels) -> tuple[Array, Array, Array]:
+    """Return times, values and counts of a limited number of rows of a record's channels."""
     most = _SINGLE_ROWS if channels.repeats is None else _ROWS
     rows = np.unique(np.linspace(0, len(channels.values) - 1, most).astype(np.intp))
     return channels.times[rows], channels.values[rows], channels.counts[rows]
 
 
 def _signs() -> Iterator[Array]:
-    """Yield signs of the forces that are not all alike, those with the fewest changes first."""
+    """Yield signs of the forces that are not all equal, in order of the number of changes."""
     every = (np.array(signs) for signs in product((1, -1), repeat=ACTUATORS))
     changed = [signs for signs in every if 0 < np.count_nonzero(signs < 0) < ACTUATORS]
     yield from sorted(changed, key=lambda signs: int(np.count_nonzero(signs < 0)))
 
 
 def _orders() -> Iterator[Places]:
-    """Yield the strut of each channel: two swapped, counted from another one or backwards."""
+    """Yield the strut of each channel: two swapped, counted from another strut, or reversed."""
     numbers = np.arange(ACTUATORS)
     for i, j in combinations(range(ACTUATORS), 2):
         order = numbers.copy()
@@ -298,41 +299,41 @@ def _orders() -> Iterator[Places]:
 
 
 def _other_signs(signs: Array) -> _Words:
-    """Return place, sentence and advice for forces that count the other way."""
+    """Return place, sentence and advice for forces with the opposite sign."""
     channels = [f"Q{j + 1}" for j in np.flatnonzero(signs < 0)]
     place, have = join_words(channels), "have" if len(channels) > 1 else "has"
     return (
         place,
-        f"{place} {have} the other sign",
-        f"`data.sign: {{Q: {_written(signs)}}}`, times the signs that stand there, if that is how "
-        "the drives count",
+        f"{place} {have} the opposite sign",
+        f"`data.sign: {{Q: {_format_list(signs)}}}`, times the present signs, if the drives count "
+        "in this direction",
     )
 
 
 def _other_zero(strut: int, offset: float) -> _Words:
-    """Return place, sentence and advice for a length with another zero; `offset` mends it, m."""
+    """Return place, sentence and advice for a wrong zero of a length, with its correction, m."""
     shown = ", ".join(f"{1e3 * offset:.3g} mm" if j == strut else "0" for j in range(ACTUATORS))
     return (
         f"q{strut + 1}",
-        f"the zero of q{strut + 1} is off by {-1e3 * offset:.3g} mm",
+        f"the zero of q{strut + 1} is wrong by {-1e3 * offset:.3g} mm",
         f"reference strut {strut + 1} again (home offset), or `data.offset: {{q: [{shown}]}}`, "
-        "added to an offset that stands there; a joint that is that far along the strut from where "
-        "the robot file says does the same",
+        "added to the present offset; an equal error of a joint along the strut has the same "
+        "effect",
     )
 
 
 def _other_order(strut_of: Places) -> tuple[_Words, ...]:
     """Return place, sentence and advice for forces, lengths, and both in another order."""
-    moved = [f"{j + 1}" for j in np.flatnonzero(strut_of != np.arange(ACTUATORS))]
-    swapped = f"{join_words(moved)} are in another order"
-    if len(moved) == 2:  # noqa: PLR2004 - two change places
-        swapped = f"{moved[0]} and {moved[1]} are swapped"
-    forces, lengths = (join_words([f"{group}{number}" for number in moved]) for group in "Qq")
-    written = _written(strut_of + 1)
-    mend = "or the columns of the file or the cables the other way"
+    changed = [f"{j + 1}" for j in np.flatnonzero(strut_of != np.arange(ACTUATORS))]
+    swapped = f"{join_words(changed)} are in another order"
+    if len(changed) == 2:  # noqa: PLR2004 - two change places
+        swapped = f"{changed[0]} and {changed[1]} are swapped"
+    forces, lengths = (join_words([f"{group}{number}" for number in changed]) for group in "Qq")
+    written = _format_list(strut_of + 1)
+    remedy = "or swap the columns of the file, or the cables"
     return (
-        (forces, f"the forces {swapped}", f"`data.order: {{Q: {written}}}`, {mend}"),
-        (lengths, f"the lengths {swapped}", f"`data.order: {{q: {written}}}`, {mend}"),
+        (forces, f"the forces {swapped}", f"`data.order: {{Q: {written}}}`, {remedy}"),
+        (lengths, f"the lengths {swapped}", f"`data.order: {{q: {written}}}`, {remedy}"),
         (
             f"{lengths}, {forces}",
             f"lengths and forces {swapped}",
@@ -341,5 +342,5 @@ def _other_order(strut_of: Places) -> tuple[_Words, ...]:
     )
 
 
-def _written(values: NDArray[Any]) -> str:
+def _format_list(values: NDArray[Any]) -> str:
     return f"[{', '.join(str(value) for value in values.tolist())}]"

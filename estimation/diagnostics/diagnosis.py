@@ -1,9 +1,9 @@
-"""All diagnostics of an estimate, or of its prediction of held-out data, and the verdict."""
+"""Diagnosis of an estimate, or of its prediction of held-out data, with the verdict."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,8 @@ from estimation.diagnostics.findings import check_motion_onset, verdict
 from estimation.diagnostics.gain_drift import gain_drift
 from estimation.diagnostics.hypotheses import list_hypotheses
 from estimation.diagnostics.hypothesis import DelayTest, HypothesisResult
-from estimation.diagnostics.joint_system import SolvedSystem, joint_systems
-from estimation.diagnostics.linearisation import Linearisation, linearise
+from estimation.diagnostics.joint_system import JointSystem, SolvedSystem, joint_systems
+from estimation.diagnostics.linearisation import Linearisation, Signature, linearise
 from estimation.diagnostics.noise_result import NoisePictures
 from estimation.diagnostics.noise_tests import NoiseTests, Whiteness, noise_tests, whiteness
 from estimation.diagnostics.plausibility import plausibility
@@ -51,12 +51,13 @@ from estimation.diagnostics.significance import GAIN_DRIFT, LACK_OF_FIT, NOISE
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate
+from estimation.measurement_model import HarmonicMotion
 from expdesign.progress import report_progress, track
 from expdesign.robot import Robot
 from expdesign.runfolder import copied
 
 _Residuals = tuple[Array, ResidualCovariance]
-"""Of forces, N, or lengths, m, with what they may be."""
+"""Residuals of forces, N, or lengths, m, with their covariance under a correct model."""
 
 
 def diagnose(
@@ -69,164 +70,115 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose an estimate, or its prediction of held-out data.
 
-    Each of several experiments gets its share of the levels.
+    Several experiments share the significance levels equally.
 
     Parameters
     ----------
     experiments : sequence of Experiment
-        Those that the estimate was made from, in the same order; or others, with motions of their
-        own, when `held_out`.
+        The experiments of the estimate, in the same order; others if `held_out`.
     priors : ParameterPriors
-        What the estimate knew besides the data.
+        Prior information of the estimate.
     estimate : ParameterEstimate
-        Of any estimator.
+        Result of any estimator.
     held_out : bool
-        The forces of the experiments were not used for the estimate: Cov(p̂) is part of what the
-        residuals may be.
+        The forces of the experiments were not used for the estimate: Cov(p̂) contributes to the
+        covariance of the residuals.
     """
-    weighted, experiments = experiments, [with_empirical_colour(each) for each in experiments]
-    free = priors.free & (np.diag(estimate.covariance) > 0) if held_out else priors.free
-    own_motion = estimate.estimator == "ml" and not held_out
-    motions = [
-        estimate.motions[i] if own_motion else (None if e.fit is None else e.fit.motion)
-        for i, e in enumerate(experiments)
+    cases = _linearise_all(robot, experiments, priors, estimate, held_out=held_out)
+    results = [
+        _diagnose_experiment(robot, case, priors, estimate, shares=len(cases), held_out=held_out)
+        for case in cases
     ]
-    parts = [
-        linearise(robot, experiment, estimate.values, free, motion)
-        for experiment, motion in track(
-            "diagnosis: the model about the estimate",
-            tuple(zip(experiments, motions, strict=True)),
-        )
-    ]
-    known = _known(estimate, priors, free, held_out=held_out)
-    noises = [experiment.noise for experiment in experiments]
-    systems = joint_systems(parts, noises, known, held_out=held_out)
-    # Causes are looked for with the noise that the recording shows: a covariance that was given too
-    # small has its own test, and is none of them.
-    shown = [empirical_noise(experiment) for experiment in experiments]
-    changed = any(one is not other for one, other in zip(shown, noises, strict=True))
-    searched = joint_systems(parts, shown, known, held_out=held_out) if changed else systems
-    # What residuals may be is told behind the filters that make their noise white.
-    white = [part.filtered(e.noise) for part, e in zip(parts, experiments, strict=True)]
     if held_out:
-        laws = [
-            held_out_residual_covariance(p, e, estimate)
-            for p, e in zip(white, experiments, strict=True)
-        ]
-    elif own_motion:
-        laws = [
-            joint_residual_covariance(part, experiment, system.solved)
-            for part, experiment, system in zip(white, experiments, systems, strict=True)
-        ]
-    else:
-        laws = linear_residual_covariances(parts, white, experiments, estimate, priors)
-    results = []
-    for experiment, as_weighted, motion, part, filtered, system, search, law in zip(
-        experiments, weighted, motions, parts, white, systems, searched, laws, strict=True
-    ):
-        candidate_effects = CandidateEffects(robot, experiment, motion, estimate.values, part)
-        families = list_hypotheses(
-            candidate_effects, priors.names, held_out=held_out, experiments=len(parts)
-        )
-        # What may deviate within its tolerance is no cause.
-        tolerated = candidate_effects.tolerated()
-        attribution = attribute(
-            search.with_effects(*tolerated),
-            part,
-            families,
-            experiment.record.step,
-            experiments=len(parts),
-        )
-        tolerant = system.with_effects(*tolerated)
-        left = attribution.last.solved
-        if search is not system:
-            left = tolerant.with_effects(attribution.found).solved
-        forces = filtered.forces, law
-        anew = experiment is not as_weighted
-        if tolerated[0].count or anew:
-            # What tolerances explain is no bias, nor what other weights would have made of it.
-            solved = tolerant.solved
-            forces = (
-                solved.force_residuals(),
-                joint_residual_covariance(filtered, experiment, solved),
-            )
-        lengths = None
-        if experiment.fit is not None and filtered.lengths is not None:
-            k = int(np.count_nonzero(free))
-            own = system.solved.inverse[k:, k:] if own_motion else experiment.fit.covariance
-            beside = tolerated[1], attribution.found
-            lengths = refit_lengths(part, experiment, left, *beside, anew=anew) or (
-                filtered.lengths,
-                length_residual_covariance(filtered, experiment, own),
-            )
-        own_noise = noise_tests(
-            experiment.record,
-            experiment.noise,
-            part.force_rows,
-            part.length_rows,
-            NOISE / len(parts),
-        )
-        if not held_out:
-            k, ratio, p = estimate.largest_colour_ratio()
-            colour = replace(
-                own_noise.whiteness,
-                std_ratio=float(np.sqrt(ratio)),
-                std_ratio_p=p,
-                std_ratio_of=priors.names[k],
-            )
-            own_noise = replace(own_noise, whiteness=colour)
-        tests = _tests(
-            experiment,
-            filtered,
-            attribution,
-            left,
-            (forces, lengths),
-            own_noise,
-            len(parts),
-            held_out,
-        )
-        if not own_motion and not held_out:
-            tests = replace(tests, harmonics_left_out=experiment.harmonics_left_out)
-        results.append(
-            ExperimentDiagnosis(
-                tests=tests,
-                residuals=force_residuals(experiment, part),
-                dependence=tuple(dependence(experiment, part)),
-                pitches=tuple(_pitches(attribution)),
-                **NoisePictures.parts(experiment.noise, own_noise),
-                pointwise=experiment.fit is None,
-                attribution=attribution,
-            )
-        )
-    judged = (
-        verdict(results)
-        if held_out
-        else _of_the_estimate(robot, experiments, priors, estimate, results)
-    )
-    return Diagnosis(estimate.estimator, tuple(results), judged)
+        return Diagnosis(estimate.estimator, tuple(results), verdict(results))
+    used = [case.experiment for case in cases]
+    judgement = _judge_estimate(robot, used, priors, estimate, results)
+    return Diagnosis(estimate.estimator, tuple(results), judgement)
 
 
-def _of_the_estimate(
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """One experiment, linearised at the estimate."""
+
+    experiment: Experiment
+    recoloured: bool
+    """Whether its noise is coloured, although the estimate weighted it as white."""
+    motion: HarmonicMotion | None
+    own_motion: bool
+    """Whether the motion was estimated with the parameters."""
+    part: Linearisation
+    filtered: Linearisation
+    """After the whitening filters: covariances of residuals refer to these rows."""
+    system: JointSystem
+    search_system: JointSystem
+    """With the empirical noise: effects are searched for with this one. A given covariance that is
+    too small has a test for itself and must not appear as an effect."""
+    covariance: ResidualCovariance
+
+
+def _linearise_all(
     robot: Robot,
     experiments: Sequence[Experiment],
     priors: ParameterPriors,
     estimate: ParameterEstimate,
-    results: Sequence[ExperimentDiagnosis],
-) -> DiagnosisVerdict:
-    """Judge the parameters, too, and the channels where anything fails."""
-    own = *check_motion_onset(experiments), plausibility(robot, priors, estimate)
-    judged = verdict(results, *own)
-    if judged.status is Status.ACCEPTED:
-        return judged
-    attributions = [result.attribution for result in results]
-    channels = assignment_findings(robot, experiments, priors, attributions)
-    return verdict(results, *channels, *own)
+    *,
+    held_out: bool,
+) -> list[_Case]:
+    """Linearise all experiments at the estimate."""
+    coloured = [with_empirical_colour(experiment) for experiment in experiments]
+    free = priors.free & (np.diag(estimate.covariance) > 0) if held_out else priors.free
+    own_motion = estimate.estimator == "ml" and not held_out
+    motions = [
+        estimate.motions[i] if own_motion else (None if e.fit is None else e.fit.motion)
+        for i, e in enumerate(coloured)
+    ]
+    parts = [
+        linearise(robot, experiment, estimate.values, free, motion)
+        for experiment, motion in track(
+            "diagnosis: linearisation at the estimate", tuple(zip(coloured, motions, strict=True))
+        )
+    ]
+    prior = _prior_equations(estimate, priors, free, held_out=held_out)
+    noises = [experiment.noise for experiment in coloured]
+    systems = joint_systems(parts, noises, prior, held_out=held_out)
+    empirical = [empirical_noise(experiment) for experiment in coloured]
+    changed = any(one is not other for one, other in zip(empirical, noises, strict=True))
+    search_systems = (
+        joint_systems(parts, empirical, prior, held_out=held_out) if changed else systems
+    )
+    white = [part.apply_filters(e.noise) for part, e in zip(parts, coloured, strict=True)]
+    if held_out:
+        covariances = [
+            held_out_residual_covariance(p, e, estimate)
+            for p, e in zip(white, coloured, strict=True)
+        ]
+    elif own_motion:
+        covariances = [
+            joint_residual_covariance(part, experiment, system.solved)
+            for part, experiment, system in zip(white, coloured, systems, strict=True)
+        ]
+    else:
+        covariances = linear_residual_covariances(parts, white, coloured, estimate, priors)
+    return [
+        _Case(
+            experiment=experiment,
+            recoloured=experiment is not experiments[number],
+            motion=motions[number],
+            own_motion=own_motion,
+            part=parts[number],
+            filtered=white[number],
+            system=systems[number],
+            search_system=search_systems[number],
+            covariance=covariances[number],
+        )
+        for number, experiment in enumerate(coloured)
+    ]
 
 
-def _known(
+def _prior_equations(
     estimate: ParameterEstimate, priors: ParameterPriors, free: NDArray[np.bool_], *, held_out: bool
 ) -> tuple[Array, Array]:
-    """Return information on the free parameters from outside of the experiments, and gradient."""
+    """Return the prior information on the free parameters, (k, k), and its gradient, (k,)."""
     if not held_out:
         off = (priors.prior_mean - estimate.values)[free]
         return priors.precision, priors.precision @ off
@@ -237,36 +189,145 @@ def _known(
     return (inverse + inverse.T) / 2, np.zeros(len(scales))
 
 
+def _judge_estimate(
+    robot: Robot,
+    experiments: Sequence[Experiment],
+    priors: ParameterPriors,
+    estimate: ParameterEstimate,
+    results: Sequence[ExperimentDiagnosis],
+) -> DiagnosisVerdict:
+    """Judge also the parameters and, if any test fails, the assignment of the channels."""
+    own = *check_motion_onset(experiments), plausibility(robot, priors, estimate)
+    judgement = verdict(results, *own)
+    if judgement.status is Status.ACCEPTED:
+        return judgement
+    attributions = [result.attribution for result in results]
+    channels = assignment_findings(robot, experiments, priors, attributions)
+    return verdict(results, *channels, *own)
+
+
+def _diagnose_experiment(
+    robot: Robot,
+    case: _Case,
+    priors: ParameterPriors,
+    estimate: ParameterEstimate,
+    *,
+    shares: int,
+    held_out: bool,
+) -> ExperimentDiagnosis:
+    """Search one experiment for effects and test it, at 1/`shares` of the levels."""
+    experiment, part = case.experiment, case.part
+    effects = CandidateEffects(robot, experiment, case.motion, estimate.values, part)
+    families = list_hypotheses(effects, priors.names, held_out=held_out, experiments=shares)
+    # Deviations within their tolerances are no effects.
+    tolerated = effects.tolerated()
+    attribution = attribute(
+        case.search_system.with_effects(*tolerated),
+        part,
+        families,
+        experiment.record.step,
+        experiments=shares,
+    )
+    tolerant = case.system.with_effects(*tolerated)
+    explained = attribution.last.solved
+    if case.search_system is not case.system:
+        explained = tolerant.with_effects(attribution.found).solved
+    forces = case.filtered.forces, case.covariance
+    if tolerated[0].count or case.recoloured:
+        # Neither effects of tolerances nor those of other weights are a bias.
+        solved = tolerant.solved
+        forces = (
+            solved.force_residuals(),
+            joint_residual_covariance(case.filtered, experiment, solved),
+        )
+    lengths = _length_residuals(case, explained, tolerated[1], attribution.found)
+    noises = _noise_tests(case, priors, None if held_out else estimate, NOISE / shares)
+    tests = _tests(
+        case, attribution, explained, (forces, lengths), noises, shares=shares, held_out=held_out
+    )
+    if not case.own_motion and not held_out:
+        tests = replace(tests, harmonics_left_out=experiment.harmonics_left_out)
+    return ExperimentDiagnosis(
+        tests=tests,
+        residuals=force_residuals(experiment, part),
+        dependence=tuple(dependence(experiment, part)),
+        pitches=tuple(_pitches(attribution)),
+        **NoisePictures.parts(experiment.noise, noises),
+        pointwise=experiment.fit is None,
+        attribution=attribution,
+    )
+
+
+def _length_residuals(
+    case: _Case, explained: SolvedSystem, tolerated: Array, found: Signature
+) -> _Residuals | None:
+    """Return the length residuals with their covariance; None after pointwise kinematics."""
+    experiment = case.experiment
+    if experiment.fit is None or case.filtered.lengths is None:
+        return None
+    k = int(np.count_nonzero(case.part.free))
+    own = case.system.solved.inverse[k:, k:] if case.own_motion else experiment.fit.covariance
+    refitted = refit_lengths(
+        case.part, experiment, explained, tolerated, found, force=case.recoloured
+    )
+    if refitted is not None:
+        return refitted
+    return case.filtered.lengths, length_residual_covariance(case.filtered, experiment, own)
+
+
+def _noise_tests(
+    case: _Case, priors: ParameterPriors, estimate: ParameterEstimate | None, level: float
+) -> NoiseTests:
+    """Test the noise, with its effect on the standard deviations of an estimate."""
+    record, noise, part = case.experiment.record, case.experiment.noise, case.part
+    tests = noise_tests(record, noise, part.force_rows, part.length_rows, level)
+    if estimate is None:
+        return tests
+    k, ratio, p = estimate.largest_colour_ratio()
+    colour = replace(
+        tests.whiteness,
+        std_ratio=float(np.sqrt(ratio)),
+        std_ratio_p=p,
+        std_ratio_of=priors.names[k],
+    )
+    return replace(tests, whiteness=colour)
+
+
 def _tests(
-    experiment: Experiment,
-    part: Linearisation,
+    case: _Case,
     attribution: Attribution,
-    solved: SolvedSystem,
-    laws: tuple[_Residuals, _Residuals | None],
+    explained: SolvedSystem,
+    residuals: tuple[_Residuals, _Residuals | None],
     noises: NoiseTests,
+    *,
     shares: int,
     held_out: bool,
 ) -> ExperimentTests:
-    """Test forces and lengths at this share of the levels.
+    """Test forces and lengths at 1/`shares` of the levels.
 
-    `solved` is the fit with all effects that were found; `laws` are those of both, with residuals.
+    `explained` is the fit with all effects found; `residuals` are those of forces and lengths.
     """
-    report_progress("diagnosis: tests of what is left")
-    (forces, lengths), level = laws, NOISE / shares
+    report_progress("diagnosis: tests of the residuals")
+    experiment, part = case.experiment, case.filtered
+    (forces, lengths), level = residuals, NOISE / shares
     first, last = attribution.first, attribution.last
-    left, left_law = solved.force_residuals(), joint_residual_covariance(part, experiment, solved)
-    both = (forces, (left, left_law))
+    rest = explained.force_residuals()
+    rest_covariance = joint_residual_covariance(part, experiment, explained)
+    both = (forces, (rest, rest_covariance))
     lack = [
         lack_of_fit(part, own, residuals=values, level=LACK_OF_FIT / shares) for values, own in both
     ]
     sizes = [chi_square(values, part.counts, own) for values, own in both]
     length_size, length_whiteness = None, None
     if lengths is not None:
-        rest, of_lengths = lengths
-        length_size = chi_square(rest, part.length_counts, of_lengths)
-        length_whiteness = _whiteness(rest, part.length_counts, of_lengths, level)
-    found, left_found = (
-        {kind: HypothesisResult.of(test, tests.beside) for kind, test in tests.families.items()}
+        values, own = lengths
+        length_size = chi_square(values, part.length_counts, own)
+        length_whiteness = _whiteness(values, part.length_counts, own, level)
+    results, results_with_effects = (
+        {
+            kind: HypothesisResult.of(test, tests.conditional)
+            for kind, test in tests.families.items()
+        }
         for tests in (first, last)
     )
     (delay,) = (hypothesis for hypothesis in attribution.hypotheses if hypothesis.kind == "delay")
@@ -285,21 +346,24 @@ def _tests(
                 first.scans, last.scans, attribution.best_forces, strict=True
             )
         ),
-        causes=tuple(found.values()),
-        causes_with_effects=tuple(left_found.values()),
+        causes=tuple(results.values()),
+        causes_with_effects=tuple(results_with_effects.values()),
         gain_drift=gain_drift(experiment, part, GAIN_DRIFT / shares),
-        delay=DelayTest.of(found["delay"], delay),
-        delay_with_effects=DelayTest.of(left_found["delay"], delay),
+        delay=DelayTest.of(results["delay"], delay),
+        delay_with_effects=DelayTest.of(results_with_effects["delay"], delay),
         whiteness=replace(
             noises.whiteness,
-            force_residuals=_whiteness(left, part.counts, left_law, level),
+            force_residuals=_whiteness(rest, part.counts, rest_covariance, level),
             length_residuals=length_whiteness,
         ),
     )
 
 
-def _whiteness(residuals: Array, counts: Array, law: ResidualCovariance, level: float) -> Whiteness:
-    return whiteness((residuals * np.sqrt(counts)[:, None])[None], law.lagged, level)
+def _whiteness(
+    residuals: Array, counts: Array, covariance: ResidualCovariance, level: float
+) -> Whiteness:
+    scaled = (residuals * np.sqrt(counts)[:, None])[None]
+    return whiteness(scaled, covariance.lagged_covariance, level)
 
 
 def _pitches(attribution: Attribution) -> Iterator[PitchRow]:

@@ -1,4 +1,4 @@
-"""Assumptions of an estimate, what a test of one found, and the verdict on all of them."""
+"""Assumptions of an estimate, findings of their tests, and the verdict on all findings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from expdesign.runfolder import described
 
 
 class FindingOutcome(StrEnum):
-    """What a test says of an assumption."""
+    """Outcome of the test of an assumption."""
 
     HOLDS = "holds"
     FAILS = "fails"
@@ -23,17 +23,19 @@ class FindingOutcome(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """What was found of one assumption."""
+    """Result of the test of one assumption, in words and numbers."""
 
-    assumption: Annotated[str, described("", "what is assumed")]
+    assumption: Annotated[str, described("", "the assumption")]
     outcome: Annotated[FindingOutcome, described("", "holds, fails or not tested")]
-    sentence: Annotated[str, described("", "what was seen")]
-    advice: Annotated[str, described("", "what to do next; empty when the assumption holds")] = ""
+    sentence: Annotated[str, described("", "observation in one sentence")]
+    advice: Annotated[str, described("", "recommended action; empty when the assumption holds")] = (
+        ""
+    )
     serious: Annotated[
-        bool, described("", "its failure makes the result doubtful: values or intervals are wrong")
+        bool, described("", "a failure makes the result doubtful: values or intervals are wrong")
     ] = True
     contradiction: Annotated[
-        str, described("", "what is the case when the assumption fails; empty when it does not")
+        str, described("", "statement that contradicts it; empty unless it fails")
     ] = ""
     p: Annotated[
         float | None,
@@ -49,7 +51,7 @@ class Finding:
         return self.outcome is FindingOutcome.FAILS
 
     def of_experiment(self, number: int) -> Finding:
-        """Return the finding with the number of its experiment in its words."""
+        """Return the finding with the number of its experiment in its sentences."""
         prefix = f"experiment {number}: "
         contradiction = self.contradiction and prefix + self.contradiction
         return replace(self, sentence=prefix + self.sentence, contradiction=contradiction)
@@ -57,7 +59,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Assumption:
-    """What is assumed, what is the case when it fails, and what to do then."""
+    """Assumption, the statement that contradicts it, and the advice if it fails."""
 
     text: str
     contradiction: str
@@ -65,17 +67,17 @@ class Assumption:
     serious: bool = True
 
     def skip(self, reason: str, advice: str = "") -> Finding:
-        """Say why there is no test."""
+        """Return the finding of an assumption without a test, and the reason."""
         return Finding(self.text, FindingOutcome.NOT_TESTED, reason, advice, self.serious)
 
     def report_failure(self, sentence: str) -> Finding:
-        """Say that it was seen to fail where no test of its own asks."""
+        """Return the finding of a failure that was observed without a statistical test."""
         return Finding(
             self.text, FindingOutcome.FAILS, sentence, self.advice, self.serious, self.contradiction
         )
 
     def holds(self, sentence: str, p: float, level: float) -> Finding:
-        """Say that the test found nothing."""
+        """Return the finding of a test that does not reject the assumption."""
         return Finding(
             self.text, FindingOutcome.HOLDS, sentence, serious=self.serious, p=p, level=level
         )
@@ -83,7 +85,7 @@ class Assumption:
     def fails(
         self, sentence: str, p: float, level: float, where: str = "", advice: str = ""
     ) -> Finding:
-        """Say that the test rejects the assumption, and where; with other advice than usual."""
+        """Return the finding of a test that rejects the assumption at a place, with its advice."""
         contradiction = f"{self.contradiction} ({where})" if where else self.contradiction
         advice = advice or self.advice
         return Finding(
@@ -91,14 +93,14 @@ class Assumption:
         )
 
     def decide(self, where: str, absent: str, present: str, p: float, level: float) -> Finding:
-        """Say what the test found: where it rejects the assumption, or nothing."""
+        """Return the finding of a test: it rejects the assumption if it names a place."""
         if where:
             return self.fails(present, p, level, where)
         return self.holds(absent, p, level)
 
 
 class Status(StrEnum):
-    """Of an estimate or a prediction as a whole."""
+    """Overall status of an estimate or a prediction."""
 
     ACCEPTED = "accepted"
     DOUBTFUL = "doubtful"
@@ -106,11 +108,11 @@ class Status(StrEnum):
 
 @dataclass(frozen=True)
 class DiagnosisVerdict:
-    """All findings, and what follows."""
+    """Verdict of a diagnosis, with all its findings."""
 
     status: Annotated[Status, described("", "accepted or doubtful")]
-    summary: Annotated[str, described("", "one sentence")]
-    findings: Annotated[tuple[Finding, ...], described("", "of every assumption")]
+    summary: Annotated[str, described("", "summary in one sentence")]
+    findings: Annotated[tuple[Finding, ...], described("", "findings, one per assumption")]
 
     @property
     def failed(self) -> tuple[Finding, ...]:
@@ -119,12 +121,24 @@ class DiagnosisVerdict:
 
 
 def name_channels(kind: str, flags: NDArray[np.bool_]) -> str:
-    """Return ``"struts 3 and 4"`` for the channels with these flags, (6,); empty for none."""
+    """Name the channels with these flags, (6,); empty if there are none.
+
+    Examples
+    --------
+    >>> name_channels("strut", np.arange(6) == 2), name_channels("strut", np.arange(6) > 3)
+    ('strut 3', 'struts 5 and 6')
+    """
     numbers = [str(j + 1) for j in np.flatnonzero(flags)]
     return f"{kind}{'s' * (len(numbers) > 1)} {join_words(numbers)}" if numbers else ""
 
 
 def join_words(words: Iterable[str]) -> str:
-    """Return ``"a, b and c"`` of the words that are not empty."""
+    """Join the words that are not empty.
+
+    Examples
+    --------
+    >>> join_words(["a", "", "b", "c"])
+    'a, b and c'
+    """
     *first, last = [word for word in words if word] or [""]
     return f"{', '.join(first)} and {last}" if first else last

@@ -1,7 +1,4 @@
-"""What the tests of one experiment found, assumption by assumption, in words.
-
-Whether a recording begins before the motion does.
-"""
+"""Verdict on an estimate, and the findings of every experiment, assumption by assumption."""
 
 from __future__ import annotations
 
@@ -12,8 +9,8 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import (
+    effect_nouns,
     hypothesis_finding,
-    nouns_of,
     position_periodic_finding,
 )
 from estimation.diagnostics.diagnosis_result import ExperimentDiagnosis, ExperimentTests
@@ -32,23 +29,23 @@ from estimation.diagnostics.significance import CHI_SQUARE
 from estimation.estimators.experiment import Experiment
 
 _OfNoise = NoiseTests | ExperimentTests
-"""What has tests of the noise by itself."""
+"""Types with tests of the noise."""
 
 _EXPLAINED = Assumption(
     "the model explains the forces",
     "the model does not explain the forces",
-    "look at the residuals over position and speed for what the model lacks",
+    "look at the residuals over position and speed for unmodelled effects",
 )
 _RESIDUALS_WHITE = Assumption(
-    "what the model leaves of the forces is white",
+    "the residuals of the forces are white",
     "the mean force residuals are correlated in time",
-    "the model lacks something that changes slowly: look at the residuals over time",
+    "the model lacks a slow effect: look at the residuals over time",
 )
 _NOISE_LEVEL = Assumption(
     "the forces are as noisy as assumed",
     "the force residuals do not have the size of the noise",
-    "where nothing else speaks against the model, the noise was stated too small: take the "
-    "covariance that `expdesign noise` finds",
+    "if no other test contradicts the model, the stated noise is too small: use the covariance "
+    "from `expdesign noise`",
 )
 _MOTION = Assumption(
     "the Fourier series is the motion",
@@ -56,68 +53,68 @@ _MOTION = Assumption(
     "allow more harmonics (`estimate.harmonics`), or look for drift and slipping sensors",
 )
 _LENGTHS_WHITE = Assumption(
-    "what the motion leaves of the lengths is white",
+    "the residuals of the lengths are white",
     "the length residuals are correlated in time",
     _MOTION.advice,
 )
 _WHOLE_MOTION = Assumption(
     "the lengths show the whole motion",
     "the forces show more of the motion than the lengths",
-    "estimate with ML, which takes it from both; LS and GM do not count what the lengths hide",
+    "estimate with ML, which uses both; LS and GM neglect the additional motion",
 )
 _NOISE_WHITE = Assumption(
     "the noise is white",
     "the noise is correlated in time",
-    "a filter in the measurement? Sample more slowly or remove it: with correlated noise the "
-    "standard deviations are too small",
+    "check for a filter in the measurement, and remove it or sample more slowly: with correlated "
+    "noise the standard deviations are too small",
 )
 _NOISE_WHITE_OR_COUNTED = Assumption(
     "the noise is white",
     "the noise is correlated in time",
-    "nothing is to be done: the standard deviations count it",
+    "no action needed: the standard deviations account for it",
     serious=False,
 )
 _NO_OUTLIERS = Assumption(
     "no outliers",
     "there are outliers",
-    "look at them, and estimate with the robust loss (`estimate.loss: huber`)",
+    "inspect them, and estimate with the robust loss (`estimate.loss: huber`)",
 )
 _OUTLIERS_COUNT_LESS = Assumption(
     _NO_OUTLIERS.text,
-    "there are outliers, which the robust loss lets count less",
-    "look at what makes them; the estimate does without them",
+    "there are outliers, and the robust loss reduces their weight",
+    "find their source; the estimate is hardly affected",
     serious=False,
 )
 _NORMAL = Assumption(
     "the noise is normal",
     "the noise is not normal",
-    "estimates stay unbiased and intervals hold for many samples; ML is no longer the most "
-    "efficient estimator",
+    "estimates remain unbiased, and intervals are valid for many samples; ML is no longer the "
+    "most efficient estimator",
     serious=False,
 )
 _ALIKE = Assumption(
     "all periods are alike",
     "the periods differ from each other",
-    "let the machine warm up, or leave out the first periods: drift is counted as noise",
+    "let the machine warm up, or leave out the first periods: drift counts as noise",
 )
 _GAINS_STAY = Assumption(
     "the gains of the forces stay the same",
     "the gain of a force drifts during the recording",
-    "let the drives warm up (a motor constant falls with the temperature), or record less; a mean "
-    "gain that is wrong has its tolerance, `tolerances.force_constant`",
+    "let the drives warm up (a motor constant falls with the temperature), or shorten the "
+    "recording; state the uncertainty of the mean gain as `tolerances.force_constant`",
 )
 
 
 _NOT_COMPARED = "no two periods are compared sample by sample"
 """Why, in folders of versions that did not say it."""
 _NOTICEABLE_RATIO = 1.2
-"""Of a standard deviation to that of white noise: what is less is of no consequence."""
+"""Smallest relevant ratio of a standard deviation to that under white noise."""
 
 
 def verdict(
     experiments: Sequence[ExperimentDiagnosis], *of_the_estimate: Finding
 ) -> DiagnosisVerdict:
-    """Judge an estimate by what was found of itself, and by the diagnostics of its experiments."""
+    """Judge an estimate by its own findings and by those of its experiments."""
     findings = (
         *of_the_estimate,
         *(
@@ -129,7 +126,7 @@ def verdict(
     serious = [f.contradiction for f in findings if f.failed and f.serious]
     if serious:
         return DiagnosisVerdict(Status.DOUBTFUL, f"doubtful: {'; '.join(serious)}", findings)
-    summary = "accepted: nothing speaks against the model"
+    summary = "accepted: no test contradicts the model"
     untested = dict.fromkeys(
         f.assumption for f in findings if f.outcome is FindingOutcome.NOT_TESTED
     )
@@ -137,16 +134,16 @@ def verdict(
         summary += f"; assumed, not tested: {', '.join(untested)}"
     minor = [f.contradiction for f in findings if f.failed]
     if minor:
-        summary += f"; seen, of little consequence: {'; '.join(minor)}"
+        summary += f"; minor findings: {'; '.join(minor)}"
     return DiagnosisVerdict(Status.ACCEPTED, summary, findings)
 
 
 def experiment_findings(diagnosis: ExperimentDiagnosis) -> list[Finding]:
-    """Return what was found of every assumption."""
+    """Return the findings of one experiment, one per assumption."""
     tests, white = diagnosis.tests, diagnosis.tests.whiteness.force_residuals
     if white is None:
         raise AssertionError("forces leave residuals")
-    left = "besides the effects named" if diagnosis.attribution.effects else ""
+    left = "given the effects found" if diagnosis.attribution.effects else ""
     return [
         _bias(diagnosis),
         position_periodic_finding(diagnosis.attribution),
@@ -164,12 +161,12 @@ def experiment_findings(diagnosis: ExperimentDiagnosis) -> list[Finding]:
 
 
 def noise_findings(tests: _OfNoise) -> tuple[Finding, ...]:
-    """Return what was found of the noise by itself."""
+    """Return the findings on the noise."""
     return _noise_white(tests), *_distribution(tests), _periods(tests)
 
 
 def _bias(diagnosis: ExperimentDiagnosis) -> Finding:
-    """Which actuators have a bias, and what explains it."""
+    """Report the actuators with a bias, and the effects that explain it."""
     test, left = diagnosis.tests.lack_of_fit, diagnosis.tests.lack_of_fit_with_effects
     if test.refused:
         return _EXPLAINED.skip(test.refused)
@@ -177,33 +174,33 @@ def _bias(diagnosis: ExperimentDiagnosis) -> Finding:
     worst = int(np.nanargmin(test.p_values))
     if not np.any(test.failed):
         sentence = (
-            f"nothing is left of the forces but noise (F = 1 is noise; largest F = "
+            f"the force residuals are noise (F = 1 is noise; largest F = "
             f"{test.statistic[worst]:.3f} in actuator {worst + 1}, p = {test.p_values[worst]:.2g})"
         )
         return _EXPLAINED.holds(sentence, p, test.level)
     where = name_channels("actuator", test.failed)
     values = ", ".join(f"{value:.3f}" for value in test.statistic[test.failed])
-    words = nouns_of(diagnosis.attribution)
+    words = effect_nouns(diagnosis.attribution)
     effects = tuple(dict.fromkeys(words[e.kind] for e in diagnosis.attribution.effects))
     found, verb = join_words(effects), "explains" if len(effects) == 1 else "explain"
     if diagnosis.pointwise:
         advice = (
             "the residuals contain the noise of pointwise differentiation: use "
-            "`differentiation: fourier` before blaming the model"
+            "`differentiation: fourier` first"
         )
     elif not found:
-        advice = f"no effect that was looked for explains it: {_EXPLAINED.advice}"
+        advice = f"no tested effect explains it: {_EXPLAINED.advice}"
     elif np.any(left.failed):
         rest = name_channels("actuator", left.failed)
-        advice = f"{found} {verb} a part; there is more in {rest}: {_EXPLAINED.advice}"
+        advice = f"{found} {verb} a part; a remainder is in {rest}: {_EXPLAINED.advice}"
     else:
         advice = f"{found} {verb} it"
-    sentence = f"more is left of the forces of {where} than noise (F = {values}; 1 is noise)"
+    sentence = f"the force residuals of {where} exceed the noise (F = {values}; 1 is noise)"
     return _EXPLAINED.fails(sentence, p, test.level, where, advice)
 
 
 def _gain_drift(tests: ExperimentTests) -> Finding:
-    """Whether gains drift from period to period."""
+    """Report gains that drift from period to period."""
     test = tests.gain_drift
     if test.refused:
         return _GAINS_STAY.skip(test.refused)
@@ -226,16 +223,18 @@ def _gain_drift(tests: ExperimentTests) -> Finding:
 
 
 def _motion(tests: ExperimentTests, left: str) -> list[Finding]:
-    """Whether the estimated motion explains the lengths."""
+    """Report whether the estimated motion explains the lengths."""
     test, white = tests.chi_square.lengths, tests.whiteness.length_residuals
     if test is None or white is None:
-        reason = "pointwise differentiation has no model of the motion; its error is in the "
-        return [_MOTION.skip(reason + "regressor", "use `differentiation: fourier`")]
+        reason = (
+            "pointwise differentiation has no model of the motion; its error is in the regressor"
+        )
+        return [_MOTION.skip(reason, "use `differentiation: fourier`")]
     findings = [_size(_MOTION, test, "length", left)]
     if tests.harmonics_left_out:
         sentence = (
             f"the forces show {tests.harmonics_left_out} harmonics of the motion that the lengths "
-            "do not"
+            "do not show"
         )
         findings.append(_WHOLE_MOTION.report_failure(sentence))
     return [
@@ -245,7 +244,7 @@ def _motion(tests: ExperimentTests, left: str) -> list[Finding]:
 
 
 def _size(assumption: Assumption, test: ChiSquare, kind: str, left: str = "") -> Finding:
-    """Whether residuals are as large as the noise."""
+    """Report whether residuals have the size of the noise."""
     if test.refused:
         return assumption.skip(test.refused)
     p = min(1.0, 4 * min(test.p_value, test.p_smaller))
@@ -255,14 +254,14 @@ def _size(assumption: Assumption, test: ChiSquare, kind: str, left: str = "") ->
         return assumption.holds(sentence, p, CHI_SQUARE)
     small = test.p_smaller < test.p_value
     sentence = f"the {kind} residuals are too {'small' if small else 'large'} {ratio}"
-    advice = f"the noise of the {kind}s was given too large: intervals are too wide"
+    advice = f"the stated noise of the {kind}s is too large: intervals are too wide"
     return assumption.fails(sentence, p, CHI_SQUARE, advice=advice if small else "")
 
 
 def _white(
     assumption: Assumption, test: Whiteness, kind: str, what: str, left: str = ""
 ) -> Finding:
-    """Whether what was left by a fit is correlated in time."""
+    """Report whether residuals are correlated in time."""
     p = _family_p(test.p_values)
     verb = "are" if what.endswith("s") else "is"
     known = " " * bool(left) + left
@@ -270,8 +269,8 @@ def _white(
     where = name_channels(kind, test.failed)
     return assumption.decide(
         where,
-        f"the {what} {verb} not correlated in time to an extent that matters{known} (largest "
-        f"autocorrelation {worst:.3f})",
+        f"the {what} {verb} not relevantly correlated in time{known} (largest autocorrelation "
+        f"{worst:.3f})",
         f"the {what} {verb} correlated in time{known} in {where}",
         p,
         test.level,
@@ -286,18 +285,18 @@ def _noise_white(tests: _OfNoise) -> Finding:
         reason = white.refused or _NOT_COMPARED
         if white.counted:
             return _NOISE_WHITE_OR_COUNTED.skip(reason)
-        return _NOISE_WHITE.skip(f"{reason}: standard deviations take the noise for white")
+        return _NOISE_WHITE.skip(f"{reason}: standard deviations assume white noise")
     p = min(_family_p(test.p_values) for test in done.values())
     level = next(iter(done.values())).level
     largest = max(float(np.max(np.abs(test.autocorrelation))) for test in done.values())
     where = join_words([name_channels(kind, test.failed) for kind, test in done.items()])
     absent = f"largest autocorrelation between periods {largest:.3f}"
-    seen = where or "over many samples, hardly from one to the next"
+    seen = where or "over many samples, hardly between neighbours"
     present = f"the noise is correlated in time ({seen}; up to {largest:.2f})"
     if not white.counted:
         return _NOISE_WHITE.decide(where, absent, present, p, level)
-    # What matters is what the correlation does to the parameters.
-    ratio = f"it makes standard deviations up to {white.std_ratio:.2g} times those of white noise"
+    # Only the effect of the correlation on the parameters matters.
+    ratio = f"it raises standard deviations up to {white.std_ratio:.2g}-fold"
     ratio += f" ({white.std_ratio_of})"
     if white.std_ratio_p < level and white.std_ratio > _NOTICEABLE_RATIO:
         where = where or white.std_ratio_of
@@ -308,7 +307,7 @@ def _noise_white(tests: _OfNoise) -> Finding:
 
 
 def _distribution(tests: _OfNoise) -> Iterator[Finding]:
-    """Yield whether there are outliers, and whether the noise is normal."""
+    """Report outliers, and whether the noise is normal."""
     kinds = {"force": tests.normality.forces, "length": tests.normality.lengths}
     done = {kind: test for kind, test in kinds.items() if test is not None}
     level = tests.normality.forces.level
@@ -319,12 +318,12 @@ def _distribution(tests: _OfNoise) -> Iterator[Finding]:
         for j in np.flatnonzero(test.with_outliers)
     }
     counts = ", ".join(f"{channel}: {count}" for channel, count in outliers.items())
-    absent = "no more samples are far off than in normal noise"
-    present = f"more samples are far off than normal noise has ({counts})"
+    absent = "no more outlying samples than in normal noise"
+    present = f"more outlying samples than in normal noise ({counts})"
     assumption, taken = _NO_OUTLIERS, tests.normality.taken
     if taken is not None:
         assumption = _OUTLIERS_COUNT_LESS
-        present += f"; the robust loss took the weight of {taken:.3g} samples from them"
+        present += f"; the robust loss removed the weight of {taken:.3g} samples"
     yield assumption.decide(", ".join(outliers), absent, present, p, level)
     p = min(_family_p(test.p_values) for test in done.values())
     shapes = {
@@ -340,7 +339,7 @@ def _distribution(tests: _OfNoise) -> Iterator[Finding]:
 
 
 def _periods(tests: _OfNoise) -> Finding:
-    """Whether the means of the periods differ."""
+    """Report whether the means of the periods differ."""
     force = tests.drift.forces
     if force.refused:
         return _ALIKE.skip(force.refused)
@@ -363,7 +362,7 @@ def _periods(tests: _OfNoise) -> Finding:
 
 
 def _family_p(p_values: Array) -> float:
-    """Return the smallest p of one family, corrected for its size."""
+    """Return the smallest p of a family, corrected for its size."""
     return float(min(1.0, len(p_values) * np.nanmin(p_values)))
 
 
@@ -375,7 +374,7 @@ _MOVING = Assumption(
 
 
 def check_motion_onset(experiments: Sequence[Experiment]) -> tuple[Finding, ...]:
-    """Return the experiments whose recording begins before the motion."""
+    """Return a finding for every experiment whose recording begins before the motion."""
     found = []
     for number, experiment in enumerate(experiments, 1):
         begin = experiment.record.moves_from

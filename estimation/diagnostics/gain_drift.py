@@ -1,11 +1,11 @@
-"""Gains that drift during a recording: a motor constant that falls as the motor warms up.
+"""Test for a drift of the force gains, such as a motor constant that falls as the motor warms up.
 
-The mean forces do not show it, the differences between the periods do, whatever the model lacks:
-what it lacks is the same in every period. In each period the residuals of all actuators are
-regressed on the predicted force and on a constant of each actuator, weighted with Σ⁻¹; the twelve
-coefficients are regressed on the number of the period. Their scatter about these lines, over all
-actuators together, scales the variance that Σ states, so that a noise with memory, or a Σ that was
-given too small, is not taken for a drift.
+Differences between periods show a drift independently of errors of the model, which are the same in
+every period. In each period the residuals of all actuators are regressed on the predicted force and
+on a constant of each actuator, weighted with Σ⁻¹; the twelve coefficients are regressed on the
+number of the period. Their scatter about these lines, over all actuators together, scales the
+variance according to Σ, so that coloured noise, or a given Σ that is too small, does not appear as
+a drift.
 """
 
 from __future__ import annotations
@@ -29,38 +29,38 @@ from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import OpenNumber, described
 
 _FEWEST = 4
-"""Periods, so that lines leave a scatter."""
+"""Smallest number of periods that leaves a scatter about lines."""
 _EXACT = 1e-9
-"""Share of an information that is rounding."""
+"""Share of an information that counts as rounding."""
 
 
 @dataclass(frozen=True)
 class GainDrift:
-    """The drift of one force's gain, or of all of them alike."""
+    """Drift of one force's gain, or of all gains alike."""
 
     actuator: Annotated[Strut, described("1", "number of the actuator; null: all alike")]
-    change: Annotated[OpenNumber, described("1", "of the gain, from the first period to the last")]
+    change: Annotated[OpenNumber, described("1", "change from the first period to the last")]
     std: Annotated[OpenNumber, described("1", "standard deviation of the change")]
     log_p: Annotated[OpenNumber, described("1", "logarithm of p, corrected for their number")]
 
 
 @dataclass(frozen=True)
 class GainDriftTest:
-    """Which gains drift."""
+    """Test of all gains for a drift."""
 
-    refused: Annotated[str, described("", "why there is no test; empty when there is one")]
+    refused: Annotated[str, described("", "reason for an omitted test; otherwise empty")]
     level: Annotated[
         float, Field(alias="family_level"), described("1", "level of all candidates together")
     ] = GAIN_DRIFT
     scale: Annotated[
         OpenNumber,
-        described("1", "variance of the coefficients between periods, relative to what Σ states"),
+        described("1", "variance of the coefficients between periods, relative to Σ"),
     ] = np.nan
     log_p: Annotated[
         OpenNumber, described("1", "logarithm of p of the most significant, corrected")
     ] = np.nan
     found: Annotated[
-        tuple[GainDrift, ...], described("", "what drifts, most significant first")
+        tuple[GainDrift, ...], described("", "drifting gains, most significant first")
     ] = ()
 
     @model_serializer(mode="wrap")
@@ -69,16 +69,16 @@ class GainDriftTest:
 
 
 def gain_drift(experiment: Experiment, part: Linearisation, level: float) -> GainDriftTest:
-    """Test the recording of one experiment, linearised at its estimate."""
+    """Test the recording of one experiment, linearised at its estimate, for drifting gains."""
     if experiment.record.averaged and experiment.record.forces.periods is None:
         return GainDriftTest(why_not_compared(experiment.record), level)
-    blocks, predicted = _by_period(experiment, part)
+    blocks, predicted = _split_periods(experiment, part)
     periods = len(blocks)
     if periods < _FEWEST:
-        return GainDriftTest(f"lines through less than {_FEWEST} periods leave no scatter", level)
+        return GainDriftTest(f"fewer than {_FEWEST} periods leave no scatter about lines", level)
     white = whitening(experiment.noise.forces.covariance)
     coefficients, inverses = zip(
-        *(_fitted(rest, force, white) for rest, force in zip(blocks, predicted, strict=True)),
+        *(_fit_period(rest, force, white) for rest, force in zip(blocks, predicted, strict=True)),
         strict=True,
     )
     values, covariance = np.array(coefficients), np.array(inverses)
@@ -88,15 +88,15 @@ def gain_drift(experiment: Experiment, part: Linearisation, level: float) -> Gai
     rest = values - np.mean(values, axis=0) - np.multiply.outer(time, slope)
     freedom = float(rest.shape[1] * (periods - 2))
     scale = float(np.einsum("mi,mij,mj->", rest, np.linalg.inv(covariance), rest)) / freedom
-    # Constants that drift are no gains: what is left beside them.
+    # Gains, with drifting constants fitted as well.
     own = of_slope[:ACTUATORS, :ACTUATORS] * scale
-    return _selected(slope[:ACTUATORS], own, freedom, periods, GainDriftTest("", level, scale))
+    return _select_drifts(slope[:ACTUATORS], own, freedom, periods, GainDriftTest("", level, scale))
 
 
-def _selected(
+def _select_drifts(
     slope: Array, covariance: Array, freedom: float, periods: int, test: GainDriftTest
 ) -> GainDriftTest:
-    """Select, one by one, a drift of all gains alike or of one."""
+    """Select drifts one by one, of all gains alike or of single ones."""
     design = np.concatenate([np.ones((ACTUATORS, 1)), np.eye(ACTUATORS)], axis=1)
     inverse = np.linalg.inv(covariance)
     information, score = design.T @ inverse @ design, design.T @ inverse @ slope
@@ -105,10 +105,10 @@ def _selected(
     log_ps: list[float] = []
     strongest = np.nan
     while len(chosen) < ACTUATORS:
-        beside = _beside(information, score, chosen, freedom)
-        diagonal = np.diag(beside.information)
-        seen = diagonal > _EXACT * beside.whole
-        statistic = np.where(seen, beside.score / np.sqrt(np.where(seen, diagonal, 1.0)), 0.0)
+        conditional = _conditional_scores(information, score, chosen, freedom)
+        diagonal = np.diag(conditional.information)
+        seen = diagonal > _EXACT * conditional.whole
+        statistic = np.where(seen, conditional.score / np.sqrt(np.where(seen, diagonal, 1.0)), 0.0)
         log_p = log_two_sided(statistic, freedom)
         best = int(np.argmin(log_p))
         corrected = min(0.0, float(log_p[best] + np.log(len(score))))
@@ -133,7 +133,7 @@ def _selected(
     return replace(test, log_p=strongest, found=tuple(found))
 
 
-def _beside(
+def _conditional_scores(
     information: Array, score: Array, chosen: Sequence[int], freedom: float
 ) -> ConditionalScores:
     whole = np.diag(information)
@@ -145,7 +145,7 @@ def _beside(
     )
 
 
-def _by_period(experiment: Experiment, part: Linearisation) -> tuple[list[Array], list[Array]]:
+def _split_periods(experiment: Experiment, part: Linearisation) -> tuple[list[Array], list[Array]]:
     """Return residuals and predicted forces, (n, 6) each, of every whole period."""
     predicted = experiment.forces - part.force_rows
     whitening_filter = experiment.noise.forces.filter
@@ -164,8 +164,8 @@ def _by_period(experiment: Experiment, part: Linearisation) -> tuple[list[Array]
     return [part.force_rows[each] for each in rows], [predicted[each] for each in rows]
 
 
-def _fitted(rest: Array, predicted: Array, white: Array) -> tuple[Array, Array]:
-    """Return coefficients, (12,), of gains and constants in one period, and their covariance."""
+def _fit_period(rest: Array, predicted: Array, white: Array) -> tuple[Array, Array]:
+    """Fit gains and constants in one period: coefficients, (12,), and their covariance."""
     unit = np.broadcast_to(np.eye(ACTUATORS), (len(rest), ACTUATORS, ACTUATORS))
     columns = np.concatenate([predicted[:, :, None] * unit, unit], axis=2)
     ones = np.ones(len(rest))

@@ -1,14 +1,13 @@
-"""The families of causes that residuals are searched for.
+"""Hypotheses on the residuals: families of candidate effects.
 
-The regressor's own columns tell which parameter is wrong, and where. Held-out data: every column,
-over all actuators. Data that were fitted have no score on the columns of the estimated parameters;
-there, each column is tested in one actuator at a time, which finds a parameter that is not the same
-in all struts, and the whole columns of parameters that were fixed. A common gain of all forces
-scales all parameters and leaves nothing: it cannot be seen.
+The regressor's own columns identify the wrong parameter, and the strut. For held-out data every
+column is tested, over all actuators. Fitted data have no score on the columns of the estimated
+parameters; there each column is tested in one actuator at a time, to find a parameter that is not
+the same in all struts, and fixed parameters are tested with their whole columns. A common gain of
+all forces scales all parameters without any residual: it is not observable.
 
-The other families are terms that the robot may lack, and deviations of the machine from its file.
-
-Causes in the drives: an inertia that the model lacks, friction that depends on speed or load.
+The other families are terms that the robot may lack (inertia of the drives, friction depending on
+speed or load, offsets, cables), and deviations of the machine from its file.
 """
 
 from __future__ import annotations
@@ -29,11 +28,11 @@ from expdesign.mechanism.catalogue import term_definitions
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
 _DELAYS = (-3.0, -1.0, 0.1, 1.0, 3.0)
-"""Delays whose secants are tried, in steps of the recording; the small one is a derivative."""
+"""Delays of the tested secants, in steps of the recording; the small one is a derivative."""
 
 _EACH: tuple[Label, ...] = tuple(("", j) for j in range(ACTUATORS))
-_POINTWISE = "pointwise kinematics have no motion that a deviation could move"
-_JOINTLY = "`estimate.systematic: estimated`, which estimates it with everything else"
+_POINTWISE = "pointwise kinematics have no motion model for deviations"
+_JOINTLY = "`estimate.systematic: estimated`, which includes it in the estimate"
 
 
 def list_hypotheses(
@@ -43,23 +42,23 @@ def list_hypotheses(
     held_out: bool,
     experiments: int = 1,
 ) -> tuple[Hypothesis, ...]:
-    """Return the families that are tested; each of several experiments gets its share of a level.
+    """Return the families to test; several experiments share the levels.
 
-    `names` are those of the regressor's columns; when `held_out`, the parameters were not estimated
-    from these data.
+    `names` belong to the regressor's columns; if `held_out`, the parameters were not estimated from
+    these data.
     """
     own = parameter_hypothesis(candidate_effects.part, names, held_out=held_out)
     others = [
         *drive_hypotheses(candidate_effects),
         *_forces(candidate_effects),
-        *_deviating(candidate_effects),
+        *_geometric_errors(candidate_effects),
         _delay(candidate_effects),
         *hum_hypotheses(candidate_effects),
     ]
-    # What is wrong with a prediction is most often a parameter, and so it is where some are fixed.
-    stated = held_out or not np.all(candidate_effects.part.free)
+    # In a prediction, or with fixed parameters, the most frequent error is that of a parameter.
+    parameters_first = held_out or not np.all(candidate_effects.part.free)
     weights = np.ones(1 + len(others))
-    weights[0] = len(others) if stated else 1.0
+    weights[0] = len(others) if parameters_first else 1.0
     levels = (HYPOTHESES / experiments * weights / np.sum(weights)).tolist()
     return tuple(
         replace(
@@ -75,13 +74,13 @@ def list_hypotheses(
 def parameter_hypothesis(
     part: Linearisation, names: tuple[str, ...], *, held_out: bool
 ) -> Hypothesis:
-    """Return the family of the regressor's own columns."""
+    """Return the family of the regressor's columns."""
     assumption = Assumption(
         "one value fits all struts",
         "a parameter is not the same in all struts, or was fixed at a wrong value",
-        "free what was fixed (a fixed value that is wrong by a share looks like a common error of "
-        "the force constants), or look for a fault in the struts named; the model has one value "
-        "for all struts",
+        "estimate the fixed parameters (a relative error of a fixed value looks like a common "
+        "error of the force constants), or look for a fault in these struts; the model has one "
+        "value for all struts",
     )
     if held_out:
         assumption = Assumption(
@@ -98,7 +97,7 @@ def parameter_hypothesis(
         level=HYPOTHESES,
         assumption=assumption,
         noun="another value of",
-        absent="no parameter needs another value in one of the struts (p = {p:.2g})",
+        absent="no parameter needs a different value in one of the struts (p = {p:.2g})",
         reason_untested="every parameter is estimated and acts in one strut only",
     )
 
@@ -124,7 +123,7 @@ def _parameter_columns(
 
 
 def _forces(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
-    """Yield what is wrong in one actuator: its zero, its gain, a spring beside it."""
+    """Yield errors of one actuator: offset, gain, and a spring along the strut."""
     part = candidate_effects.part
     nothing = Signature.of_forces(part, np.zeros((*part.forces.shape, 0)))
     offsets = (
@@ -140,11 +139,11 @@ def _forces(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
         assumption=Assumption(
             "no constant force in an actuator",
             "an actuator has a constant force that the model lacks",
-            "add `force_offset` to the robot's `terms`: the offsets are estimated with everything "
-            "else",
+            "add `force_offset` to the robot's `terms`: the offsets become parameters of the "
+            "estimate",
         ),
         noun="a constant force",
-        absent="no actuator has a constant force beside the model (p = {p:.2g})",
+        absent="no actuator has an unmodelled constant force (p = {p:.2g})",
         reason_untested=THERE,
         unit=lambda _: "N",
     )
@@ -155,19 +154,19 @@ def _forces(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
         level=HYPOTHESES,
         assumption=Assumption(
             "the forces have the same gain",
-            "an actuator's force is measured with another gain than the others'",
-            "state how well the force constants are known, `tolerances.force_constant.each`, with "
+            "the gain of an actuator's force differs from the others",
+            "state the uncertainty of the force constants, `tolerances.force_constant.each`, with "
             + _JOINTLY,
         ),
         noun="a gain error",
-        absent="no actuator's force has a gain of its own (p = {p:.2g})",
+        absent="no actuator's force has a different gain (p = {p:.2g})",
         reason_untested=THERE,
         scale=100.0,
         unit=lambda _: "%",
     )
     springs = nothing
     if candidate_effects.lacks("cable"):
-        # Each with a constant force, since nobody knows its rest length.
+        # Each with a constant force, since the rest length is unknown.
         middle = np.mean(part.position, axis=0)
         stretch = (
             candidate_effects.term("cable", rest_length=0.0).forces - np.eye(ACTUATORS) * middle
@@ -182,9 +181,9 @@ def _forces(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
         level=HYPOTHESES,
         assumption=Assumption(
             "no force linear in a strut's length",
-            "something springs along a strut",
+            "a spring acts along a strut",
             "look for cables and hoses, or add `cable` and `force_offset` to the robot's `terms`: "
-            "the stiffness is estimated with everything else",
+            "the stiffness becomes a parameter of the estimate",
         ),
         noun="a spring",
         absent="no force is linear in a strut's length (p = {p:.2g})",
@@ -195,11 +194,11 @@ def _forces(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
     )
 
 
-def _deviating(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
-    """Yield what the geometry, or gravity's direction, has otherwise than the robot file says."""
+def _geometric_errors(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
+    """Yield deviations of the geometry and of gravity's direction from the robot file."""
     part = candidate_effects.part
     nothing = Signature.of_forces(part, np.zeros((*part.forces.shape, 0)))
-    moved = candidate_effects.motion is not None
+    has_motion = candidate_effects.motion is not None
     joints = [
         tuple(f"{kind}_{axis}" for axis in "xyz")
         for kind in (*numbered("base_joint_"), *numbered("platform_joint_"))
@@ -207,60 +206,62 @@ def _deviating(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
     tilts, zeros = ("gravity_1", "gravity_2"), numbered("strut_length_")
 
     def columns(names: Sequence[str]) -> Signature:
-        return candidate_effects.deviations(names) if moved else nothing
+        return candidate_effects.deviations(names) if has_motion else nothing
 
     yield Hypothesis(
         kind="joint",
         labels=tuple((end, j) for end in ("base", "platform") for j in range(ACTUATORS))
-        if moved
+        if has_motion
         else (),
         columns=columns([name for joint in joints for name in joint]),
-        places=tuple((3 * k, 3 * k + 1, 3 * k + 2) for k in range(len(joints))) if moved else (),
+        places=tuple((3 * k, 3 * k + 1, 3 * k + 2) for k in range(len(joints)))
+        if has_motion
+        else (),
         level=HYPOTHESES,
         assumption=Assumption(
             "the joints are where the robot file says",
-            "a joint is not where the robot file says",
-            "measure it, or state how well joints are known, `tolerances.base_joints` and "
+            "a joint is not at its position in the robot file",
+            "measure it, or state the uncertainty of the joints, `tolerances.base_joints` and "
             "`tolerances.platform_joints`, with " + _JOINTLY,
         ),
-        noun="a joint elsewhere",
-        phrase="{place} elsewhere",
-        absent="no joint is elsewhere (p = {p:.2g})",
-        reason_untested=THERE if moved else _POINTWISE,
+        noun="a displaced joint",
+        phrase="{place} displaced",
+        absent="no joint is displaced (p = {p:.2g})",
+        reason_untested=THERE if has_motion else _POINTWISE,
         scale=1e3,
         unit=lambda _: "mm",
     )
     yield Hypothesis(
         kind="gravity",
-        labels=(("", None),) if moved else (),
+        labels=(("", None),) if has_motion else (),
         columns=columns(tilts),
-        places=((0, 1),) if moved else (),
+        places=((0, 1),) if has_motion else (),
         level=HYPOTHESES,
         assumption=Assumption(
             "gravity has the direction of the robot file",
-            "gravity has another direction than the robot file says",
-            "level the base, or state how well it is level, `tolerances.gravity`, with " + _JOINTLY,
+            "gravity does not have the direction in the robot file",
+            "level the base, or state its uncertainty, `tolerances.gravity`, with " + _JOINTLY,
         ),
         noun="a tilt of gravity",
         absent="gravity is not tilted (p = {p:.2g})",
-        reason_untested=THERE if moved else _POINTWISE,
+        reason_untested=THERE if has_motion else _POINTWISE,
         scale=180 / np.pi,
         unit=lambda _: "deg",
     )
     yield Hypothesis(
         kind="length_zero",
-        labels=_EACH if moved else (),
+        labels=_EACH if has_motion else (),
         columns=columns(zeros),
         level=HYPOTHESES,
         assumption=Assumption(
             "lengths are measured from where the robot file says",
-            "the zero of a length is off",
-            "reference the strut again, or state how well the zeros are known, "
+            "the zero of a length is wrong",
+            "reference the strut again, or state the uncertainty of the zeros, "
             "`tolerances.strut_length`, with " + _JOINTLY,
         ),
         noun="a shifted zero of the length",
-        absent="no zero of a length is off (p = {p:.2g})",
-        reason_untested=THERE if moved else _POINTWISE,
+        absent="no zero of a length is wrong (p = {p:.2g})",
+        reason_untested=THERE if has_motion else _POINTWISE,
         scale=1e3,
         unit=lambda _: "mm",
     )
@@ -268,13 +269,13 @@ def _deviating(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
 
 def _delay(candidate_effects: CandidateEffects) -> Hypothesis:
     part, step = candidate_effects.part, candidate_effects.experiment.record.step
-    moved = candidate_effects.motion is not None
-    seconds = tuple(steps * step for steps in _DELAYS) if moved else ()
+    has_motion = candidate_effects.motion is not None
+    seconds = tuple(steps * step for steps in _DELAYS) if has_motion else ()
     secants = [candidate_effects.delay(each) for each in seconds]
     return Hypothesis(
         kind="delay",
         labels=(("", None),) * len(seconds),
-        columns=Signature.joined(
+        columns=Signature.concatenate(
             [Signature.of_forces(part, np.zeros((*part.forces.shape, 0))), *secants]
         ),
         constants=seconds,
@@ -284,14 +285,14 @@ def _delay(candidate_effects: CandidateEffects) -> Hypothesis:
         assumption=Assumption(
             "forces and lengths are sampled at the same time",
             "the forces lag behind the lengths",
-            "state how well the delay is known, `tolerances.delay`, with "
+            "state the uncertainty of the delay, `tolerances.delay`, with "
             + _JOINTLY
             + "; a delay from the data sheet goes into `data.delay`",
         ),
         noun="a delay of the forces",
-        absent="no delay of the forces is seen ({value:.3g} ± {std:.1g} ms)",
+        absent="no significant delay of the forces ({value:.3g} ± {std:.1g} ms)",
         reason_untested="the forces do not change in time"
-        if moved
+        if has_motion
         else "pointwise kinematics give no derivative of the forces in time",
         scale=1e3,
         number=".3g",
@@ -300,19 +301,19 @@ def _delay(candidate_effects: CandidateEffects) -> Hypothesis:
 
 
 STRIBECK_VELOCITIES = (0.02, 0.05, 0.12)
-"""Speeds at which friction beyond the dry one is tried, m/s: neighbours overlap."""
+"""Tested Stribeck velocities, m/s; neighbouring ones overlap."""
 
 _ALL_AND_EACH: tuple[Label, ...] = (("", None), *(("", j) for j in range(ACTUATORS)))
 
 
 def drive_hypotheses(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
-    """Yield the families: inertia, friction near standstill, friction by load."""
+    """Yield effects of the drives: inertia, friction near standstill, friction by load."""
     yield _inertia(candidate_effects)
     yield from _friction(candidate_effects)
 
 
 def _inertia(candidate_effects: CandidateEffects) -> Hypothesis:
-    """Return what resists the acceleration of a strut: a motor and its screw."""
+    """Return the inertia of motor and screw, which resists a strut's acceleration."""
     part = candidate_effects.part
     columns = Signature.of_forces(part, np.zeros((*part.forces.shape, 0)))
     if candidate_effects.lacks("drive_inertia"):
@@ -324,20 +325,20 @@ def _inertia(candidate_effects: CandidateEffects) -> Hypothesis:
         columns=columns,
         level=HYPOTHESES,
         assumption=Assumption(
-            "the drives have no inertia beside the model",
+            "the drives have no unmodelled inertia",
             "the inertia of the drives is missing in the model",
-            "state the `drive` in the robot file, a screw or gear with lead and inertia: the mass "
-            "that it makes along the struts is estimated with everything else",
+            "state the `drive` in the robot file, a screw or gear with lead and inertia: its "
+            "equivalent mass along the struts becomes a parameter of the estimate",
         ),
         noun="an inertia of the drives",
-        absent="no drive has an inertia beside the model (p = {p:.2g})",
+        absent="no drive has an unmodelled inertia (p = {p:.2g})",
         reason_untested=THERE,
         unit=lambda _: "kg",
     )
 
 
 def _friction(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
-    """Yield friction that depends on speed, or on the load."""
+    """Yield friction that depends on speed or on the load."""
     part = candidate_effects.part
     nothing = Signature.of_forces(part, np.zeros((*part.forces.shape, 0)))
     speeds = STRIBECK_VELOCITIES if candidate_effects.lacks("stribeck") else ()
@@ -345,23 +346,23 @@ def _friction(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
 
     def of_speed(label: Label, speed: float) -> Signature:
         chosen = [_ALL_AND_EACH.index(label)]
-        return _all_and_each(candidate_effects.term("stribeck", velocity=speed)).picked(chosen)
+        return _all_and_each(candidate_effects.term("stribeck", velocity=speed)).select(chosen)
 
     yield Hypothesis(
         kind="stribeck",
         labels=_ALL_AND_EACH * len(speeds),
-        columns=Signature.joined([nothing, *shapes]),
+        columns=Signature.concatenate([nothing, *shapes]),
         constants=tuple(speed for speed in speeds for _ in _ALL_AND_EACH),
         at=of_speed,
         level=HYPOTHESES,
         assumption=Assumption(
             "friction does not rise near standstill",
-            "friction near standstill is not that of the model",
-            "add `stribeck`, with a `velocity` like the one named, to the robot's `terms`: it is "
-            "estimated with everything else, and so is the velocity with `estimate: true`",
+            "friction near standstill differs from the model",
+            "add `stribeck`, with a `velocity` near this one, to the robot's `terms`: it becomes a "
+            "parameter of the estimate, and so does the velocity with `estimate: true`",
         ),
         noun="friction near standstill",
-        absent="friction near standstill is that of the model (p = {p:.2g})",
+        absent="friction near standstill agrees with the model (p = {p:.2g})",
         reason_untested=THERE,
         unit=lambda _: "N",
     )
@@ -378,7 +379,7 @@ def _friction(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
         assumption=Assumption(
             "friction does not depend on the load",
             "friction grows with the load of the actuators",
-            "add `load_friction` to the robot's `terms`: it is estimated with everything else",
+            "add `load_friction` to the robot's `terms`: it becomes a parameter of the estimate",
         ),
         noun="friction by load",
         absent="friction does not depend on the load (p = {p:.2g})",
@@ -389,9 +390,9 @@ def _friction(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
 
 
 def _all_and_each(columns: Signature) -> Signature:
-    """Return the sum of all columns, and the columns."""
+    """Return the sum of all columns, followed by the columns."""
     whole = Signature(
         np.sum(columns.forces, axis=2, keepdims=True),
         np.sum(columns.lengths, axis=2, keepdims=True),
     )
-    return Signature.joined([whole, columns])
+    return Signature.concatenate([whole, columns])

@@ -1,6 +1,7 @@
-"""A family of candidate causes: columns with their names, a level, and words.
+"""Family of candidate effects with a common hypothesis, and its conditional test.
 
-Tests of the candidates of a family of causes, beside effects that are taken as known.
+A `Hypothesis` states the columns of its candidates, their level and their description;
+`evaluate_hypothesis` tests every candidate, given known effects.
 """
 
 from __future__ import annotations
@@ -24,174 +25,176 @@ from expdesign.runfolder import OpenNumber, OpenNumbers, described
 Label = tuple[str, int | None]
 """Parameter, or empty, and actuator (from 0; None: all of them)."""
 
-THERE = "the model has the term, or its columns leave nothing to test"
-"""Why nothing of a family is left to test."""
+THERE = "the model has the term, or its columns explain the effect"
+"""Reason why no candidate of a family can be tested."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A family of candidate causes that are tested alike and named in the same words."""
+    """Family of candidate effects that are tested and described alike."""
 
     kind: str
-    """Of the effects that are found."""
+    """Kind of the effects."""
     labels: tuple[Label, ...]
-    """Of the candidates. Those that share one differ in a constant, such as a speed."""
+    """Labels of the candidates. Candidates with equal labels differ in a constant (a speed)."""
     columns: Signature
-    """Of q columns, per SI unit of the effect."""
+    """Columns of all candidates, per SI unit of the effect."""
     level: float
-    """Of all its candidates together."""
+    """Level of all candidates together."""
     assumption: Assumption
-    """That there is no such effect."""
+    """Assumption that there is no such effect."""
     noun: str
-    """What such an effect is: ``a constant force``."""
+    """Noun for such an effect, such as ``a constant force``."""
     absent: str
-    """The sentence when none was found; a format of `p`, and of `value` and `std` of the most
-    significant candidate."""
+    """Sentence if none was found; a format of `p`, and of `value` and `std` of the most significant
+    candidate."""
     reason_untested: str
-    """Why there is no test when no column is left."""
+    """Reason for an omitted test, if no column remains."""
     places: tuple[tuple[int, ...], ...] = ()
-    """Columns of every candidate; by default one each, in their order."""
+    """Indices of every candidate's columns; by default one each, in their order."""
     constants: tuple[float, ...] = ()
-    """Of every candidate, SI; none by default."""
+    """Constant of every candidate, SI; by default none."""
     at: Callable[[Label, float], Signature] | None = None
-    """The columns of a candidate for another constant: where its best value is looked for."""
+    """Function for the columns of a candidate with another constant, to find the best one."""
     sized_by_constant: bool = False
-    """The best constant is the size of the effect, such as a delay's of its secant."""
+    """Whether the best constant is the size of the effect, such as the delay of its secant."""
     scale: float = 1.0
-    """From SI to the unit shown."""
+    """Factor from SI to the displayed unit."""
     number: str = "+.3g"
-    """Format of a value."""
+    """Format of a displayed value."""
     unit: Callable[[str], str] = parameter_unit
-    """From the parameter to the unit shown."""
+    """Function from the parameter to the displayed unit."""
     values_shown: int | None = None
-    """How many of a candidate's values tell its size; None: all."""
+    """Number of a candidate's values that are displayed; None: all."""
     paired: bool = False
-    """Values are sine and cosine of one sinusoid after the other: amplitudes tell its size."""
+    """Whether values are pairs of sine and cosine; their amplitudes are displayed."""
     phrase: str = "{noun} {place}"
-    """How an effect is named that has a place; a format of both."""
+    """Format of the noun and the place of an effect."""
     contains: str = ""
-    """Kind of the effects that are this one with a part of it zero: no rivals of it."""
+    """Kind of the effects that are special cases of this one, and therefore no rivals."""
     modelled: bool = False
-    """Whether the model has a term for it: then nothing is assumed that could fail."""
+    """Whether the model has a term for it: then there is no assumption to test."""
 
     @property
     def candidates(self) -> int:
-        """How many there are."""
+        """Number of candidates."""
         return len(self.labels)
 
     def columns_of(self, candidate: int) -> Places:
-        """Return the places of a candidate's columns in the family."""
+        """Return the indices of a candidate's columns in the family."""
         own = self.places[candidate] if self.places else (candidate,)
         return np.array(own, dtype=np.intp)
 
     def constant_of(self, candidate: int) -> float:
-        """Return a candidate's constant, NaN where the family has none."""
+        """Return a candidate's constant; NaN if the family has none."""
         return self.constants[candidate] if self.constants else np.nan
 
 
 POWER = 0.8
-"""Of the test, for which the smallest error that is found is stated."""
+"""Power of the test at the smallest detectable values."""
 
 
 @dataclass(frozen=True, eq=False)
 class HypothesisTest:
-    """What is seen of every candidate of a family."""
+    """Tests of every candidate of a family."""
 
     hypothesis: Hypothesis
     first: int
-    """Place of its first column in the projection."""
+    """Index of its first column in the projection."""
     statistic: Array
-    """(n,), χ², NaN where nothing is left to be seen."""
+    """(n,), χ²; NaN if a candidate cannot be tested."""
     rank: Array
-    """(n,), its degrees of freedom."""
+    """(n,), degrees of freedom."""
     log_p: Array
-    """(n,), of each by itself."""
+    """(n,), log p of each candidate alone."""
 
     @property
     def tested(self) -> int:
-        """How many candidates leave something to test."""
+        """Number of candidates that can be tested."""
         return int(np.count_nonzero(np.isfinite(self.log_p)))
 
     @property
     def best(self) -> int:
-        """Number of the most significant candidate; -1 when none is left."""
+        """Index of the most significant candidate; -1 if none can be tested."""
         return int(np.nanargmin(self.log_p)) if self.tested else -1
 
     @property
     def limit(self) -> float:
-        """Largest log p of a candidate that is significant in its family."""
+        """Largest log p of a significant candidate."""
         return float(np.log(self.hypothesis.level / max(self.tested, 1)))
 
     def places(self, candidate: int) -> Places:
-        """Return the places of a candidate's columns in the projection."""
+        """Return the indices of a candidate's columns in the projection."""
         return self.hypothesis.columns_of(candidate) + self.first
 
 
 def evaluate_hypothesis(
-    beside: ConditionalScores, hypothesis: Hypothesis, first: int
+    conditional: ConditionalScores, hypothesis: Hypothesis, first: int
 ) -> HypothesisTest:
-    """Test every candidate by itself; its columns stand in the projection from `first` on."""
+    """Test every candidate alone; the family's columns start at `first` in the projection."""
     count = hypothesis.candidates
     statistic, rank = np.full(count, np.nan), np.ones(count)
     if hypothesis.places:
         for number in range(count):
-            fit = beside.fit(hypothesis.columns_of(number) + first)
+            fit = conditional.fit(hypothesis.columns_of(number) + first)
             if fit.rank:
                 statistic[number], rank[number] = fit.statistic, fit.rank
     else:
         own = slice(first, first + count)
-        seen = beside.seen[own]
-        information = np.where(seen, np.diag(beside.information)[own], np.nan)
-        statistic = beside.score[own] ** 2 / information
+        seen = conditional.seen[own]
+        information = np.where(seen, np.diag(conditional.information)[own], np.nan)
+        statistic = conditional.score[own] ** 2 / information
     log_p = np.full(count, np.nan)
     done = np.isfinite(statistic)
-    log_p[done] = log_tail(statistic[done], rank[done], beside.freedom)
+    log_p[done] = log_tail(statistic[done], rank[done], conditional.freedom)
     return HypothesisTest(hypothesis, first, statistic, rank, log_p)
 
 
 @dataclass(frozen=True, eq=False)
 class CandidateResult:
-    """Test of the residuals on the columns of one candidate."""
+    """Test of one candidate."""
 
-    parameter: Annotated[str, described("", "whose column it is, or base or platform; or empty")]
-    actuator: Annotated[Strut, described("1", "number of the actuator; null: all of them")]
-    constant: Annotated[OpenNumber, described("SI", "a constant of the columns; null: none")]
-    statistic: Annotated[OpenNumber, described("1", "χ²; null where nothing is left to test")]
-    freedom: Annotated[
-        float, Field(alias="degrees_of_freedom"), described("1", "combinations that are seen")
+    parameter: Annotated[
+        str, described("", "parameter of the column, or base or platform; or empty")
     ]
-    log_p: Annotated[OpenNumber, described("1", "logarithm of p of this test")]
-    values: Annotated[OpenNumbers, described("SI", "what is asked for")]
+    actuator: Annotated[Strut, described("1", "number of the actuator; null: all of them")]
+    constant: Annotated[OpenNumber, described("SI", "constant of the columns; null: none")]
+    statistic: Annotated[OpenNumber, described("1", "χ²; null: it cannot be tested")]
+    freedom: Annotated[
+        float, Field(alias="degrees_of_freedom"), described("1", "identifiable combinations")
+    ]
+    log_p: Annotated[OpenNumber, described("1", "logarithm of p, uncorrected")]
+    values: Annotated[OpenNumbers, described("SI", "estimated size")]
     std: Annotated[OpenNumbers, described("SI", "standard deviations of the values")]
     detectable: Annotated[
-        OpenNumbers, described("SI", "smallest values, each by itself, that are found with `power`")
+        OpenNumbers, described("SI", "smallest values, each alone, that are detected with `power`")
     ]
-    failed: Annotated[bool, described("", "residuals lie along the columns")]
+    failed: Annotated[bool, described("", "the effect is significant")]
 
 
 @dataclass(frozen=True, eq=False)
 class HypothesisResult:
-    """Tests of all candidates of a family."""
+    """Tests of all candidates of a family, as stored."""
 
-    kind: Annotated[str, described("", "of the family")]
-    power: Annotated[float, described("1", "of the test")]
+    kind: Annotated[str, described("", "kind of the family")]
+    power: Annotated[float, described("1", "power of the test at `detectable`")]
     family_level: Annotated[float, described("1", "level of all candidates together")]
-    tested: Annotated[int, described("1", "candidates that leave something to test")]
-    candidates: Annotated[tuple[CandidateResult, ...], described("", "one by one")]
+    tested: Annotated[int, described("1", "number of candidates that can be tested")]
+    candidates: Annotated[tuple[CandidateResult, ...], described("", "candidates one by one")]
 
     @classmethod
-    def of(cls, test: HypothesisTest, beside: ConditionalScores) -> Self:
-        """State a test."""
+    def of(cls, test: HypothesisTest, conditional: ConditionalScores) -> Self:
+        """Convert a test, given the known effects."""
         hypothesis = test.hypothesis
         far = scipy.stats.norm.isf(np.exp(test.limit) / 2) + scipy.stats.norm.ppf(POWER)
         rows = []
         own = slice(test.first, test.first + hypothesis.columns.count)
-        information = np.where(beside.seen[own], np.diag(beside.information)[own], np.nan)
-        alone = beside.score[own] / information, 1 / np.sqrt(information)
+        information = np.where(conditional.seen[own], np.diag(conditional.information)[own], np.nan)
+        alone = conditional.score[own] / information, 1 / np.sqrt(information)
         for number, (name, strut) in enumerate(hypothesis.labels):
             values, std = (each[number : number + 1] for each in alone)
             if hypothesis.places:
-                fit = beside.fit(test.places(number))
+                fit = conditional.fit(test.places(number))
                 values, std = fit.values, np.sqrt(np.diag(fit.covariance))
             rows.append(
                 CandidateResult(
@@ -211,28 +214,28 @@ class HypothesisResult:
 
     @property
     def best(self) -> CandidateResult | None:
-        """The most significant candidate; None when nothing was tested."""
+        """Most significant candidate; None if none was tested."""
         found = [each for each in self.candidates if np.isfinite(each.log_p)]
         return min(found, key=lambda each: each.log_p, default=None)
 
 
 @dataclass(frozen=True)
 class DelayTest:
-    """By how much the forces lag behind the lengths, beyond the delays that were given."""
+    """Lag of the forces behind the lengths, beyond the given delays."""
 
-    refused: Annotated[str, described("", "why there is no test; empty when there is one")]
+    refused: Annotated[str, described("", "reason for an omitted test; otherwise empty")]
     delay: Annotated[
         OpenNumber, Field(alias="seconds"), described("s", "positive when the forces lag")
     ] = np.nan
     std: Annotated[OpenNumber, described("s", "standard deviation of the delay")] = np.nan
     log_p: Annotated[
-        OpenNumber, described("1", "logarithm of p of the test of no delay, of all that were tried")
+        OpenNumber, described("1", "logarithm of p of no delay, corrected for the trials")
     ] = np.nan
-    failed: Annotated[bool, described("", "there is a delay")] = False
+    failed: Annotated[bool, described("", "the delay is significant")] = False
 
     @classmethod
     def of(cls, result: HypothesisResult, hypothesis: Hypothesis) -> Self:
-        """Take the most significant of its secants."""
+        """Build the result from the most significant secant."""
         best = result.best
         if best is None:
             return cls(hypothesis.reason_untested)

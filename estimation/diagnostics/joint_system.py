@@ -1,23 +1,19 @@
-"""The linear regression behind all tests of the model: forces and lengths together, whitened.
+"""Joint whitened regression of forces and lengths, the basis of all tests of the model.
 
-One Gauss–Newton step in (p, ξ) takes the residuals of any estimator to where the model explains as
-much of them as it can. What is left, e*, has the covariance W⁻¹ − U J⁻¹ Uᵀ whatever the estimator
-was. A further column z is tested by its score s = zᵀ W e* with the information
-I = zᵀ W z − zᵀ W U J⁻¹ Uᵀ W z: its coefficient is I⁻¹ s, and sᵀ I⁻¹ s is χ² if there is none. A
-column has rows in the forces and in the lengths (`Signature`).
+One Gauss–Newton step in (p, ξ) minimises the residuals of any estimator within the model. The
+remaining residuals e* have the covariance W⁻¹ − U J⁻¹ Uᵀ, independently of the estimator. A further
+column z is tested by its score s = zᵀ W e* with the information I = zᵀ W z − zᵀ W U J⁻¹ Uᵀ W z: its
+coefficient is I⁻¹ s, and without such an effect sᵀ I⁻¹ s follows χ². A column has rows in the
+forces and in the lengths (`Signature`).
 
-For held-out data the parameters are not fitted: they come with the information Cov(p̂)⁻¹.
+For held-out data the parameters are not fitted: they have the prior information Cov(p̂)⁻¹.
 
-How rows of one kind of channel are scaled to unit covariance, so that least squares fit them.
-
-What data say of effects beyond what the unknowns explain, and of some beyond others.
-
-With the rows z of the effects, s = zᵀ e* and I = zᵀ z − zᵀ U J⁻¹ Uᵀ z (all whitened) hold
-everything: the effects C beside the effects S have
+Scores s and information I of all candidate effects (`EffectProjection`) suffice to fit every subset
+of them: conditional on the effects S, the effects C have
 
     s_C − I_CS I_SS⁻¹ s_S,   I_CC − I_CS I_SS⁻¹ I_SC,
 
-so that every subset is fitted, and compared with every other, without going back to the data.
+so that subsets are fitted and compared without returning to the data.
 """
 
 from __future__ import annotations
@@ -40,36 +36,36 @@ from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.noise.spectrum import lines_of, multiplicity
 
 _DETERMINED = 1e-12
-"""Eigenvalues of the scaled J below this share of the largest belong to dependent columns."""
+"""Smallest eigenvalue of the scaled J, relative to the largest, of independent columns."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointSystem:
-    """Whitened rows of one experiment, with what is known of the unknowns from elsewhere."""
+    """Whitened rows of one experiment, with the other information on its unknowns."""
 
     force_rows: RowWhitening
     length_rows: RowWhitening
     forces: Array
     columns: Array
     """(R, 6) and (R, 6, u), whitened: residuals before the step; columns of the unknowns (free
-    parameters, motion, effects that were included)."""
+    parameters, motion, included effects)."""
     information: Array
     gradient: Array
-    """(u, u) and (u,), of the unknowns from the lengths, from other experiments and from priors."""
+    """(u, u) and (u,), information on the unknowns from lengths, other experiments and priors."""
     freedom: float
-    """Degrees of freedom behind Σ; inf when it was given."""
+    """Degrees of freedom of Σ; inf if it was given."""
     lengths: Array
     length_columns: Array
-    """(R', 6) and (R', 6, u), whitened, likewise; what they say of the unknowns is part of
-    `information` and `gradient` already."""
+    """(R', 6) and (R', 6, u), whitened residuals and columns of the lengths; `information` and
+    `gradient` already include them."""
 
     @cached_property
     def solved(self) -> SolvedSystem:
-        """The system after its step."""
+        """System after the Gauss–Newton step."""
         flat = self.columns.reshape(-1, self.columns.shape[2])
         scaled = ScaledInformation.of(flat.T @ flat + self.information)
         values, vectors = np.linalg.eigh(scaled.matrix)
-        # Combinations that nothing determines do not move: their columns are dependent.
+        # Undetermined combinations keep their values: their columns are dependent.
         kept = values > _DETERMINED * values[-1]
         scales = np.where(scaled.scales > 0, scaled.scales, 1.0)
         root = vectors[:, kept] / np.sqrt(values[kept]) / scales[:, None]
@@ -84,8 +80,8 @@ class JointSystem:
         )
 
     def with_effects(self, effects: Signature, precision: Array | None = None) -> JointSystem:
-        """Include effects among the unknowns, known to 1/std², (q,), or not at all."""
-        forces, lengths = self.whitened(effects)
+        """Include effects among the unknowns, with prior precisions 1/std², (q,), or none."""
+        forces, lengths = self.whiten(effects)
         new = lengths.reshape(self.lengths.size, effects.count)
         known = self.length_columns.reshape(self.lengths.size, len(self.gradient))
         cross = known.T @ new
@@ -101,9 +97,9 @@ class JointSystem:
         )
 
     def of_lengths(self, first: int, precision: Array) -> JointSystem:
-        """Return what the lengths alone say of the unknowns from `first` on, which move them.
+        """Return the system of the lengths alone, for the unknowns from `first` on.
 
-        They are known to `precision`, 1/std² of each, beside these data.
+        `precision`, 1/std² of each, is their prior information.
         """
         columns = self.length_columns[:, :, first:]
         return replace(
@@ -117,14 +113,14 @@ class JointSystem:
             length_columns=columns[:0],
         )
 
-    def whitened(self, effects: Signature) -> tuple[Array, Array]:
-        """Return effects as rows of the regression: of the forces, and of the lengths."""
+    def whiten(self, effects: Signature) -> tuple[Array, Array]:
+        """Whiten effects: their rows in the forces and in the lengths."""
         return self.force_rows(effects.forces), self.length_rows(effects.lengths)
 
 
 @dataclass(frozen=True, eq=False)
 class SolvedSystem:
-    """A system after its step."""
+    """System after its Gauss–Newton step."""
 
     system: JointSystem
     inverse: Array
@@ -134,13 +130,13 @@ class SolvedSystem:
     length_rest: Array
     """(R, 6) and (R', 6), whitened e* of forces and lengths."""
 
-    def projection(self, effects: Signature) -> EffectProjection:
-        """Return what the data say of effects beyond the unknowns."""
+    def project(self, effects: Signature) -> EffectProjection:
+        """Project effects onto the part that the unknowns do not explain."""
         system = self.system
         rows = [
             part.reshape(rest.size, effects.count)
             for part, rest in zip(
-                system.whitened(effects), (self.rest, self.length_rest), strict=True
+                system.whiten(effects), (self.rest, self.length_rest), strict=True
             )
         ]
         columns = (system.columns, system.length_columns)
@@ -151,12 +147,12 @@ class SolvedSystem:
         rest = np.concatenate([self.rest.ravel(), self.length_rest.ravel()])
         return EffectProjection(np.concatenate(rows), mixed @ self.root, rest, system.freedom)
 
-    def fitted(self, effects: Signature) -> EffectFit:
-        """Fit effects together."""
-        return self.projection(effects).conditional_on(()).fit(range(effects.count))
+    def fit(self, effects: Signature) -> EffectFit:
+        """Fit effects jointly."""
+        return self.project(effects).conditional_on(()).fit(range(effects.count))
 
     def force_residuals(self) -> Array:
-        """Return e*, (R, 6), N, behind the filter."""
+        """Return e*, (R, 6), N, after the filter."""
         return self.system.force_rows.unscaled(self.rest)
 
 
@@ -174,11 +170,11 @@ def joint_systems(
     parts, noises : sequence
         Linearised experiments and their noise.
     known : (k, k), (k,)
-        Information on the free parameters from outside of the forces and its gradient: the prior
-        of an estimate, or Cov(p̂)⁻¹ and zeros for held-out data.
+        Prior information on the free parameters and its gradient: the prior of an estimate, or
+        Cov(p̂)⁻¹ and zeros for held-out data.
     held_out : bool
-        The parameters were not estimated from these experiments: one experiment then tells
-        nothing about the residuals of another.
+        The parameters were not estimated from these experiments, so that they carry no information
+        on each other's residuals.
     """
     count = len(known[1])
     force_rows = [
@@ -232,46 +228,46 @@ def _length_equations(part: Linearisation, rows: RowWhitening) -> NormalEquation
 
 @dataclass(frozen=True, eq=False)
 class RowWhitening:
-    """Filter, covariance and counts of the rows of forces or lengths."""
+    """Scaling of the rows of forces or lengths to unit covariance."""
 
     white: Array
-    """(6, 6), S: S Σ Sᵀ = 1, with Σ larger by what its estimation adds to a variance."""
+    """(6, 6), S with S Σ Sᵀ = 1; Σ is increased by the loss due to its estimation."""
     counts: Array
-    """(R,), samples that each row is the mean of."""
+    """(R,), number of samples averaged in each row."""
     filter: WhiteningFilter | None
-    """What the rows go through first, where the noise is not white."""
+    """Filter applied first, if the noise is coloured."""
 
     @classmethod
     def of(cls, noise: NoiseEstimate, counts: Array) -> RowWhitening:
-        """Take it from the noise of one sample."""
+        """Build the scaling from the noise of one sample."""
         white = whitening(noise.covariance * noise.weighting_loss)
         return cls(white, counts, noise.filter)
 
     def __call__(self, values: Array) -> Array:
-        """Return residuals, (R, 6), or columns, (R, 6, q), as rows of the regression."""
+        """Whiten residuals, (R, 6), or columns, (R, 6, q)."""
         rows = values if self.filter is None else self.filter(values)
         return whitened(rows, self.white, self.counts)
 
     def equations(self, residuals: Array, columns: Array) -> NormalEquations:
-        """Return what residuals, (R, 6), say of the unknowns of their columns, (R, 6, u)."""
+        """Return the normal equations of residuals, (R, 6), and their columns, (R, 6, u)."""
         rest, rows = self(residuals).ravel(), self(columns).reshape(residuals.size, -1)
         return NormalEquations(float(rest @ rest), rows.T @ rows, rows.T @ rest)
 
     def unscaled(self, rows: Array) -> Array:
-        """Return rows, (R, 6) or (R, 6, q), in N or m again, behind the filter still."""
+        """Return whitened rows, (R, 6) or (R, 6, q), in N or m; they remain filtered."""
         flat = rows.reshape(*rows.shape[:2], -1) / np.sqrt(self.counts)[:, None, None]
         return np.asarray(np.linalg.solve(self.white, flat)).reshape(rows.shape)
 
-    def weighted(self, rows: Array) -> Array:
-        """Return what the inner products of columns with rows, (R, 6, q), are taken with.
+    def apply_weights(self, rows: Array) -> Array:
+        """Return the weighted rows, (R, 6, q), for inner products with unwhitened columns.
 
-        zᵀ W u of a column z and a whitened row of u is zᵀ times this.
+        zᵀ times the result is zᵀ W u, for a column z and the whitened rows of u.
         """
         values = np.matmul(self.white.T, rows) * np.sqrt(self.counts)[:, None, None]
         return values if self.filter is None else self.filter(values)
 
     def quadratic(self, actuator: int) -> Callable[[Array, Array], Array]:
-        """Return zᵀ W y of pairs of series in one actuator, (q, R) each: (q,)."""
+        """Return a function for zᵀ W y of pairs of series in one actuator, (q, R) each: (q,)."""
         if self.filter is None:
             column = self.white[:, actuator]
             weight = float(column @ column) * self.counts
@@ -283,14 +279,14 @@ class RowWhitening:
 
 
 SEEN = 1e-6
-"""Share of an effect's information that the unknowns, and the effects beside it, must leave."""
+"""Smallest share of an effect's information that must remain given all other unknowns."""
 
 Places = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
 class EffectProjection:
-    """Whitened rows of q effects, and their part that the unknowns explain."""
+    """Whitened rows of q effects, and their part explained by the unknowns."""
 
     rows: Array
     """(n, q)."""
@@ -299,7 +295,7 @@ class EffectProjection:
     rest: Array
     """(n,), whitened e*."""
     freedom: float
-    """Degrees of freedom behind Σ; inf when it was given."""
+    """Degrees of freedom of Σ; inf if it was given."""
 
     @cached_property
     def score(self) -> Array:
@@ -316,22 +312,22 @@ class EffectProjection:
         """(q, q), I."""
         return self.gram - self.mixed @ self.mixed.T
 
-    def joined(self, other: EffectProjection) -> EffectProjection:
-        """Append effects of the same system; what was computed of these is kept."""
-        joined = EffectProjection(
+    def append(self, other: EffectProjection) -> EffectProjection:
+        """Append effects of the same system, keeping computed products."""
+        appended = EffectProjection(
             np.concatenate([self.rows, other.rows], axis=1),
             np.concatenate([self.mixed, other.mixed]),
             self.rest,
             self.freedom,
         )
         cross = self.rows.T @ other.rows
-        # The cached properties are filled with what is known already.
-        joined.__dict__["gram"] = np.block([[self.gram, cross], [cross.T, other.gram]])
-        joined.__dict__["score"] = np.concatenate([self.score, other.score])
-        return joined
+        # The cached properties take the products that are already known.
+        appended.__dict__["gram"] = np.block([[self.gram, cross], [cross.T, other.gram]])
+        appended.__dict__["score"] = np.concatenate([self.score, other.score])
+        return appended
 
     def conditional_on(self, known: Sequence[int] | Places) -> ConditionalScores:
-        """Return the effects beside those at some places, which are fitted with them."""
+        """Return scores and information conditional on the effects at some indices."""
         everything = ConditionalScores(
             self.score, self.information, np.diag(self.gram), self.freedom
         )
@@ -340,7 +336,7 @@ class EffectProjection:
 
 @dataclass(frozen=True, eq=False)
 class ConditionalScores:
-    """Scores and information of q effects beside some others."""
+    """Scores and information of q effects, conditional on some others."""
 
     score: Array
     information: Array
@@ -351,11 +347,11 @@ class ConditionalScores:
 
     @property
     def seen(self) -> NDArray[np.bool_]:
-        """(q,) effects of which, one by one, something is left to be seen."""
+        """(q,), effects with enough remaining information, each on its own."""
         return np.diag(self.information) > SEEN * np.where(self.whole > 0, self.whole, np.inf)
 
     def conditional_on(self, known: Sequence[int] | Places) -> ConditionalScores:
-        """Return the effects beside those at some places, too, which are fitted with them."""
+        """Return scores and information conditional also on the effects at some indices."""
         places = np.asarray(known, dtype=np.intp)
         if not len(places):
             return self
@@ -369,7 +365,7 @@ class ConditionalScores:
         )
 
     def fit(self, places: Sequence[int] | Places) -> EffectFit:
-        """Fit the effects at some places together."""
+        """Fit the effects at some indices jointly."""
         chosen = np.asarray(places, dtype=np.intp)
         root, rank = _root(self.information[np.ix_(chosen, chosen)], self.whole[chosen])
         part = root.T @ self.score[chosen]
@@ -378,19 +374,19 @@ class ConditionalScores:
 
 @dataclass(frozen=True, eq=False)
 class EffectFit:
-    """Some effects fitted together."""
+    """Joint fit of some effects."""
 
     statistic: float
-    """χ² of no such effects, or ν-fold of it with an estimated Σ."""
+    """χ² of the hypothesis of no effects (ν-fold with an estimated Σ)."""
     rank: int
-    """Its degrees of freedom: combinations of which something is seen."""
+    """Its degrees of freedom: number of identifiable combinations."""
     values: Array
     covariance: Array
     """(k,) and (k, k), in the units of the effects."""
 
 
 def _root(information: Array, whole: Array) -> tuple[Array, int]:
-    """Return R with R Rᵀ = I⁺, of those combinations of which something is seen; their number."""
+    """Return R with R Rᵀ = I⁺ on the identifiable combinations, and their number."""
     scales = np.sqrt(np.where(whole > 0, whole, 1.0))
     values, vectors = np.linalg.eigh(information / np.multiply.outer(scales, scales))
     kept = values > SEEN

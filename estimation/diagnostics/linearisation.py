@@ -1,16 +1,15 @@
-"""An experiment linearised at an estimate: residuals, and the columns along which they can move.
+"""Linearisation of an experiment at an estimate: residuals and their sensitivities.
 
-Near the estimate the residuals are e = ε − A δp − G δξ of the forces, G = ∂(A p)/∂ξ, and
-r = ε_l − L δξ of the lengths, L = ∂l/∂ξ. Every diagnostic works on these, so that the errors of the
-parameters and of the motion are counted in each of them.
+Near the estimate the residuals of the forces are e = ε − A δp − G δξ, G = ∂(A p)/∂ξ, those of the
+lengths r = ε_l − L δξ, L = ∂l/∂ξ. Every diagnostic uses this linearisation, so that each of them
+accounts for the errors of the parameters and of the motion.
 
-Samples of equal phase are one row. Averaged records have the same phases in every period. In the
-others a cell takes the samples of one controller step of the phase, near replicates in the sense
-of the lack-of-fit test. Residuals and the columns of the model are averaged over the same cells
-with the same weights, so that nothing is approximated but that the model error hardly changes
-within a step.
+Samples of equal phase form one row. Averaged records have the same phases in every period. In other
+records a cell contains the samples within one controller step of the phase, near replicates in the
+sense of the lack-of-fit test. Residuals and columns of the model are averaged over the same cells
+with the same weights; the only approximation is a constant model error within a step.
 
-What an effect adds to measured forces and lengths: columns that a regression can take.
+A `Signature` contains the columns that an effect adds to the forces and lengths.
 """
 
 from __future__ import annotations
@@ -34,28 +33,28 @@ from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
 
 _UNSURE = 1e-3
-"""Variance of a friction sign below which nothing of it is seen in the forces."""
+"""Variance of a friction sign below which its effect on the forces is negligible."""
 
 
 @dataclass(frozen=True, eq=False)
 class PhaseCells:
-    """Which cell every row belongs to."""
+    """Assignment of rows to cells of equal phase."""
 
     index: NDArray[np.intp] | None
     """(T,), cell of each row; None: every row is its own cell (averaged records)."""
     weights: Array
-    """(T,), how many samples (or how much weight) each row stands for."""
+    """(T,), number of samples (or weight) of each row."""
     totals: Array
     """(R,), weight of each cell."""
 
     @classmethod
     def rows(cls, weights: Array) -> PhaseCells:
-        """Leave the rows as they are."""
+        """Make every row its own cell."""
         return cls(None, weights, weights)
 
     @classmethod
     def of(cls, times: Array, weights: Array, period: float, step: float) -> PhaseCells:
-        """Sort rows by their phase into cells that are one step wide; s."""
+        """Sort rows by their phase into cells of one step; times in s."""
         count = max(1, round(period / step))
         cell = np.floor(np.mod(times / period, 1.0) * count).astype(np.intp) % count
         used, index = np.unique(cell, return_inverse=True)
@@ -73,7 +72,7 @@ class PhaseCells:
         return (gather @ flat / self.totals[:, None]).reshape(len(self.totals), *values.shape[1:])
 
     def scatter(self, values: Array) -> NoiseEstimate | None:
-        """Return the covariance of the scatter in the cells; None when no cell has two rows."""
+        """Return the covariance of the scatter within cells; None if no cell has two rows."""
         if self.index is None:
             return None
         freedom = float(np.sum(self.weights) - len(self.totals))
@@ -85,48 +84,48 @@ class PhaseCells:
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """Residuals and columns of one experiment, one row per phase."""
+    """Residuals and sensitivities of one experiment, one row per phase."""
 
     times: Array
-    """(R,), of the rows, s."""
+    """(R,), times of the rows, s."""
     counts: Array
-    """(R,), samples that each row is the mean of."""
+    """(R,), number of samples averaged in each row."""
     forces: Array
     """(R, 6), measured minus predicted, N: means over the periods."""
     regressors: Array
-    """(R, 6, m), A, all parameters."""
+    """(R, 6, m), A of all parameters."""
     motion_columns: Array
     """(R, 6, x), G; x = 0 after pointwise kinematics."""
     free: NDArray[np.bool_]
     """(m,), parameters that were estimated."""
     sign_variance: Array
-    """(R, 6), variance of the predicted force that the unknown signs of dry friction make, N²."""
+    """(R, 6), variance of the predicted force due to unknown signs of dry friction, N²."""
     lengths: Array | None
     """(R', 6), measured minus predicted, m; None after pointwise kinematics."""
     length_counts: Array
-    """(R',)."""
+    """(R',), number of samples averaged in each row of the lengths."""
     length_columns: Array
     """(R', 6, x), L."""
     force_scatter: NoiseEstimate | None
-    """Of one sample about the means, from repetition alone."""
+    """Covariance of one sample about the means, from repetition alone."""
     position: Array
     speed: Array
     """(R, 6), strut lengths and rates along the motion, m and m/s."""
     force_rows: Array
     """(T, 6), residuals of the record's single rows, N."""
     length_rows: Array | None
-    """(T, 6), likewise, m."""
+    """(T, 6), residual lengths of the single rows, m."""
     cells: PhaseCells
     length_cells: PhaseCells
-    """Over which forces, and lengths, were averaged."""
+    """Cells in which forces and lengths were averaged."""
 
     @property
     def columns(self) -> Array:
-        """(R, 6, k + x) columns of the free parameters and of the motion."""
+        """(R, 6, k + x), columns of the free parameters and of the motion."""
         return np.concatenate([self.regressors[:, :, self.free], self.motion_columns], axis=2)
 
-    def filtered(self, noise: NoiseModel) -> Linearisation:
-        """Return what stands behind the filters that make the noise white."""
+    def apply_filters(self, noise: NoiseModel) -> Linearisation:
+        """Apply the filters that whiten coloured noise."""
         changes: dict[str, Any] = {}
         if noise.forces.filter is not None:
             names = ("forces", "regressors", "motion_columns")
@@ -149,7 +148,7 @@ def linearise(
     Parameters
     ----------
     values, free : (m,)
-        Parameters, SI, and which of them were estimated.
+        Parameters, SI, and flags of those that were estimated.
     motion : HarmonicMotion or None
         None: the pointwise motion of the experiment.
     """
@@ -210,12 +209,12 @@ def _cells(experiment: Experiment, times: Array, counts: Array) -> PhaseCells:
 
 
 def _sign_variance(robot: Robot, state: Array, signs: Array, values: Array) -> Array:
-    """Return Σ_i (∂Q/∂sign_i)² Var(sign_i), (S, 6); nearly all samples have no doubtful sign."""
+    """Return Σ_i (∂Q/∂sign_i)² Var(sign_i), (S, 6); only few samples have an uncertain sign."""
     result = np.zeros((len(state), ACTUATORS))
     kernel = force_kernel(robot.terms)
-    unsure = 1 - signs**2
+    variance = 1 - signs**2
     for column in range(signs.shape[1]):
-        rows = np.flatnonzero(unsure[:, column] > _UNSURE)
+        rows = np.flatnonzero(variance[:, column] > _UNSURE)
         if not len(rows):
             continue
         ends = []
@@ -224,13 +223,13 @@ def _sign_variance(robot: Robot, state: Array, signs: Array, values: Array) -> A
             changed[:, column] = end
             regressors, _ = kernel(state[rows], changed, robot.machine, values)
             ends.append(regressors @ values)
-        result[rows] += ((ends[1] - ends[0]) / 2) ** 2 * unsure[rows, column][:, None]
+        result[rows] += ((ends[1] - ends[0]) / 2) ** 2 * variance[rows, column][:, None]
     return result
 
 
 @dataclass(frozen=True, eq=False)
 class Signature:
-    """Columns of q effects, per unit of each."""
+    """Columns of q effects in forces and lengths, per unit of each effect."""
 
     forces: Array
     """(R, 6, q), N."""
@@ -239,13 +238,13 @@ class Signature:
 
     @classmethod
     def of_forces(cls, part: Linearisation, columns: Array) -> Self:
-        """Take effects, (R, 6, q), that move no length."""
+        """Build the signature of effects on the forces alone, (R, 6, q)."""
         rows = len(part.length_counts)
         return cls(columns, np.zeros((rows, *columns.shape[1:])))
 
     @classmethod
-    def joined(cls, parts: Sequence[Signature]) -> Self:
-        """Put effects side by side; at least one part."""
+    def concatenate(cls, parts: Sequence[Signature]) -> Self:
+        """Concatenate effects; at least one part."""
         return cls(
             np.concatenate([part.forces for part in parts], axis=2),
             np.concatenate([part.lengths for part in parts], axis=2),
@@ -253,10 +252,10 @@ class Signature:
 
     @property
     def count(self) -> int:
-        """How many effects, q."""
+        """Number of effects, q."""
         return self.forces.shape[2]
 
-    def picked(self, places: Sequence[int] | NDArray[np.intp]) -> Signature:
-        """Return the effects at these places."""
+    def select(self, places: Sequence[int] | NDArray[np.intp]) -> Signature:
+        """Return the effects at these indices."""
         chosen = np.asarray(places, dtype=np.intp)
         return Signature(self.forces[:, :, chosen], self.lengths[:, :, chosen])

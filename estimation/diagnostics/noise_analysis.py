@@ -1,10 +1,7 @@
-"""The noise of a recording by itself, without model or parameters (the paper's Figs. 4, 5).
+"""Analysis of the noise of a recording, without model or parameters (the paper's Figs. 4, 5).
 
-Everything comes from contrasts between the periods.
-
-What the search for a hum in the noise of a recording found, in words.
-
-The noise of a recording as lines for the robot file: `noise.yaml`.
+All results derive from contrasts between the periods: tests, spectra, a search for a hum of the
+mains, and the lines of `noise.yaml` for the robot file.
 """
 
 from __future__ import annotations
@@ -36,7 +33,7 @@ from expdesign.progress import report_progress
 from expdesign.runfolder import copied
 
 _ROUNDING = 1e-12
-"""Of a mean over equal numbers, as a share of them."""
+"""Relative rounding error of a mean over equal numbers."""
 
 
 def analyse_noise(record: PeriodicRecording, source: str = "") -> NoiseRecord:
@@ -45,19 +42,19 @@ def analyse_noise(record: PeriodicRecording, source: str = "") -> NoiseRecord:
     Raises
     ------
     ValueError
-        Fewer periods show no scatter.
+        There is a single period, and therefore no scatter.
     """
-    still = _still(record.lengths)
+    still = _find_constant(record.lengths)
     if np.any(still):
-        record = replace(record, lengths=_resolution_only(record.lengths, still))
+        record = replace(record, lengths=_remove_rounding_noise(record.lengths, still))
     forces, lengths = record.forces.noise(), record.lengths.noise()
     if forces is None or lengths is None:
         raise ValueError(
-            f"{record.periods:.3g} periods show no scatter between periods: the noise of a "
-            "recording takes two periods or more"
+            f"{record.periods:.3g} periods show no scatter between periods: an analysis of the "
+            "noise needs two or more"
         )
     noise = NoiseModel(forces, lengths)
-    # What a long Fourier series leaves; the periods serve where there are any.
+    # Residuals of a long Fourier series; values if there are separate periods.
     force_rows, length_rows = (
         each.values if each.periods is not None else record.about_series(each)[1]
         for each in (record.forces, record.lengths)
@@ -97,15 +94,15 @@ def analyse_noise(record: PeriodicRecording, source: str = "") -> NoiseRecord:
     )
 
 
-def _still(channels: Channels) -> Mask:
-    """Return which channels do not change at all, (6,): their resolution hides the noise."""
+def _find_constant(channels: Channels) -> Mask:
+    """Return the constant channels, (6,): their resolution hides the noise."""
     rows = channels.values if channels.periods is None else channels.periods.reshape(-1, ACTUATORS)
     extent: Mask = np.ptp(rows, axis=0) <= _ROUNDING * np.max(np.abs(rows), axis=0)
     return extent
 
 
-def _resolution_only(channels: Channels, still: Mask) -> Channels:
-    """Return them without periods, of which nothing could be tested, and without rounding noise."""
+def _remove_rounding_noise(channels: Channels, still: Mask) -> Channels:
+    """Remove the periods, which cannot be tested, and the rounding noise of constant channels."""
     scatter = channels.scatter
     if scatter is not None:
         moving = ~still
@@ -117,51 +114,51 @@ def _resolution_only(channels: Channels, still: Mask) -> Channels:
 _NO_HUM = Assumption(
     "no hum of the mains",
     "the mains hum in the noise",
-    "earth and shield the measurement; until then hand the spectrum on to `noise.force_spectrum` "
-    "or `noise.length_spectrum`: a design then keeps its multiples away from it",
+    "earth and shield the measurement; until then state the spectrum as `noise.force_spectrum` or "
+    "`noise.length_spectrum`: a design then keeps the motion's multiples away from it",
     serious=False,
 )
 _UNITS = {"force": (1.0, "N"), "length": (1e3, "mm")}
 
 
 _SEEN_ELSEWHERE = (
-    "the estimate looks for it in what the model leaves; or state it in "
-    "`noise.force_spectrum.hum` and design again: the motion then keeps away from it"
+    "the estimate searches the residuals for it; or state it in `noise.force_spectrum.hum` and "
+    "design again: the motion then avoids it"
 )
 
 
 def hum_finding(searches: Mapping[str, HumSearch | None], refused: str = "") -> Finding:
-    """Say what was found.
+    """Report the search for a hum.
 
     Parameters
     ----------
     searches : mapping of str to HumSearch
-        Those in the forces and lengths, where there were any.
+        Searches in the forces and lengths.
     refused : str
-        Why there was none.
+        Reason if there was none.
     """
     done = {kind: search for kind, search in searches.items() if search is not None}
     if not done:
-        return _NO_HUM.skip(refused or "the samples are no means of equally many")
+        return _NO_HUM.skip(refused or "the samples are not means of equal numbers of samples")
     hidden = sorted({frequency for search in done.values() for frequency in search.hidden})
     unseen = ""
     if hidden:
         unseen = (
-            f"; at {_listed(hidden)} Hz, a multiple of the motion's frequency, none can be seen "
-            "between periods"
+            f"; at {_join_frequencies(hidden)} Hz, a multiple of the motion's frequency, a hum "
+            "would be the same in all periods and not visible"
         )
     p = min(1.0, len(done) * min(search.p for search in done.values()))
-    found = [_words(kind, line) for kind, search in done.items() for line in search.lines]
+    found = [_describe_hum(kind, line) for kind, search in done.items() for line in search.lines]
     if not found:
         absent = f"no sinusoid at 50 or 60 Hz and their multiples (p = {p:.2g}){unseen}"
         if set(MAINS) & set(hidden):
             return _NO_HUM.skip(absent, _SEEN_ELSEWHERE)
         return _NO_HUM.holds(absent, p, HUM)
-    where = f"{_listed({line.frequency for s in done.values() for line in s.lines})} Hz"
+    where = f"{_join_frequencies({line.frequency for s in done.values() for line in s.lines})} Hz"
     return _NO_HUM.fails(f"a hum: {'; '.join(found)}{unseen}", p, HUM, where)
 
 
-def _words(kind: str, line: HumLine) -> str:
+def _describe_hum(kind: str, line: HumLine) -> str:
     factor, unit = _UNITS[kind]
     strut = int(np.argmax(line.amplitudes))
     return (
@@ -170,7 +167,7 @@ def _words(kind: str, line: HumLine) -> str:
     )
 
 
-def _listed(frequencies: Iterable[float]) -> str:
+def _join_frequencies(frequencies: Iterable[float]) -> str:
     return ", ".join(f"{frequency:.4g}" for frequency in sorted(frequencies))
 
 
@@ -184,27 +181,25 @@ _KINDS = {"force": ("N", 1.0), "length": ("mm", 1e3)}
 
 
 def noise_block(noise: NoiseFile, densities: dict[str, NoiseDensity]) -> str:
-    """Return `noise:` with units, ready to be pasted into a robot or run file.
+    """Return the `noise:` section with units, to paste into a robot or run file.
 
-    Correlations stand in it where the recording shows any. A spectrum is named in a comment: it is
-    a file of its own. What the recording does not show is left out and said.
+    It contains significant correlations. A comment names the file of a spectrum, and a comment
+    replaces a standard deviation that the recording does not show.
 
     Parameters
     ----------
     densities : dict of str to NoiseDensity
-        By kind, force or length; without rows where there is none.
+        By kind, force or length; without rows if there is none.
     """
     lines = [
         *_comment(
             f"Noise of one sample of the recording {Path(noise.recording).name}, {noise.rows} "
-            f"samples {'at rest' if noise.at_rest else f'in {noise.periods:.4g} periods'}. For the "
-            "robot file or the run file, in place of the `noise:` there.",
+            f"samples {'at rest' if noise.at_rest else f'in {noise.periods:.4g} periods'}. It "
+            "replaces `noise:` in the robot file or the run file.",
             "",
         ),
         *(
-            _comment(
-                "In motion it may be larger: a recording of any motion that repeats tells.", ""
-            )
+            _comment("In motion it may be larger: record any periodic motion to find out.", "")
             if noise.at_rest
             else ()
         ),
@@ -226,7 +221,7 @@ def noise_block(noise: NoiseFile, densities: dict[str, NoiseDensity]) -> str:
         sizes = ", ".join(f"{factor * size:.4g} {unit}" for size in std)
         lines.append(f"  {kind}_std: [{sizes}]")
         lines += _correlation(kind, covariance, freedoms[kind])
-        lines += _memory(noise, kind, densities[kind])
+        lines += _spectrum_comment(noise, kind, densities[kind])
     return "\n".join(lines) + "\n"
 
 
@@ -236,21 +231,21 @@ def _correlation(kind: str, covariance: Array, freedom: float) -> list[str]:
     seen = scipy.stats.norm.isf(_LEVEL / len(upper) / 2) / np.sqrt(freedom)
     if np.max(upper) <= max(seen, _NOTICEABLE):
         return []
-    # Rounding must leave it positive definite.
+    # After rounding, the correlation must remain positive definite.
     digits = _COARSE if np.linalg.eigvalsh(correlation)[0] > _CLOSE else _FINE
     rows = [", ".join(f"{value:.{digits}f}" for value in row) for row in correlation]
     return [f"  {kind}_correlation:", *(f"    - [{row}]" for row in rows)]
 
 
-def _memory(noise: NoiseFile, kind: str, density: NoiseDensity) -> list[str]:
+def _spectrum_comment(noise: NoiseFile, kind: str, density: NoiseDensity) -> list[str]:
     test = getattr(noise.whiteness, f"{kind}_noise")
     hum = any(line.quantity == kind for line in noise.hum)
     if not len(density.frequency) or not (hum or (test is not None and np.any(test.failed))):
         return []
     why = "hums" if hum else "is not white"
     return _comment(
-        f"The noise of the {kind}s {why}. With tables/{kind}_spectrum.csv of this folder beside "
-        f"the robot file: {kind}_spectrum: {kind}_spectrum.csv"
+        f"The noise of the {kind}s {why}. Copy tables/{kind}_spectrum.csv of this folder to the "
+        f"folder of the robot file and add {kind}_spectrum: {kind}_spectrum.csv"
     )
 
 

@@ -1,15 +1,13 @@
-"""Tests of the noise of six channels: whiteness, distribution and outliers, change over periods.
+"""Tests of the noise of six channels: whiteness, distribution, outliers, drift between periods.
 
-Whiteness: autocorrelations up to a lag of 20 samples, of which the largest is tested, with
-Bonferroni's correction over the lags. (The sum of their squares after Ljung and Box exceeds its χ²
-far too often in the tail that levels over many channels need: at 200 samples 6 times as often as 1
-in 6 000.) Distribution: D'Agostino and Pearson (the paper's Fig. 4). Change between periods:
-one-way analysis of variance of their means.
+Whiteness: the largest autocorrelation up to a lag of 20 samples, with Bonferroni's correction over
+the lags. (The sum of squares after Ljung and Box exceeds its χ² far too often in the tail that
+levels over many channels need: at 200 samples 6 times as often as 1 in 6 000.) Distribution:
+D'Agostino and Pearson (the paper's Fig. 4). Drift between periods: one-way analysis of variance of
+their means.
 
-Whether the periods of a record are compared sample by sample, and why not.
-
-Only contrasts between periods hold noise and no signal whatever the model is: the tests of memory,
-of change from period to period and of a hum are made from them.
+Contrasts between periods contain noise and no signal, independently of the model. The tests of
+whiteness, of drift and of a hum use them; `why_not_compared` states why a record has none.
 """
 
 from __future__ import annotations
@@ -34,11 +32,11 @@ from expdesign.runfolder import OpenNumber, OpenNumbers, WholeNumbers, described
 
 _LAGS = 20
 _NOTICEABLE = 0.05
-"""Autocorrelation that changes a standard error by about as many percent."""
+"""Relevant autocorrelation: it changes a standard error by about the same share."""
 _SKEWED, _KURTIC = 0.1, 0.3
-"""Sizes of skewness and excess kurtosis below which they change nothing that is estimated here."""
+"""Skewness and excess kurtosis below which their effect on the estimates is negligible."""
 _FAR = 4.5
-"""Distance of an outlier in robust standard deviations: 7 of a million normal samples."""
+"""Distance of an outlier in robust standard deviations: 7 in a million normal samples."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -49,13 +47,13 @@ class Whiteness(ChannelTest):
     autocorrelation: Annotated[
         OpenNumbers,
         sized(ACTUATORS, None),
-        described("1", "6 × lags, less what the fit takes away"),
+        described("1", "6 × lags, minus the part due to the fit"),
     ]
     statistic: Annotated[OfEach, described("1", "largest autocorrelation in standard deviations")]
 
     @property
     def failed(self) -> NDArray[np.bool_]:
-        """(6,) channels that are not white to an extent that matters."""
+        """(6,), channels with a relevant autocorrelation."""
         return self.significant & (np.max(np.abs(self.autocorrelation), axis=1) > _NOTICEABLE)
 
 
@@ -71,8 +69,8 @@ def whiteness(
     values : (K, N, 6)
         K independent series, in time.
     expected : callable, optional
-        (channel, lag) → Σ_t Cov(e_t, e_{t + lag}) / σ² of residuals whose model is right; the fit
-        makes neighbours correlated.
+        (channel, lag) → Σ_t Cov(e_t, e_{t + lag}) / σ² of residuals of a correct model, whose
+        neighbours are correlated by the fit.
     """
     series, samples, channels = values.shape
     lags = max(1, min(_LAGS, samples // 5))
@@ -101,7 +99,8 @@ def whiteness(
 class Normality(ChannelTest):
     """Test of six channels for a normal distribution, and for outliers.
 
-    An outlier is in the contrasts of its own and of all later periods: instants count it once.
+    An outlier affects the contrasts of its own and of all later periods; it counts once, by its
+    instant.
     """
 
     std: Annotated[OfEach, described("SI", "standard deviation")]
@@ -115,27 +114,29 @@ class Normality(ChannelTest):
         sized(ACTUATORS),
         described("1", "instants with a sample further away than 4.5 robust standard deviations"),
     ]
-    outliers_expected: Annotated[float, described("1", "of normal noise, in each channel")]
+    outliers_expected: Annotated[
+        float, described("1", "expected number for normal noise, per channel")
+    ]
     outlier_p_values: Annotated[
-        OfEach, Field(alias="outlier_p"), described("1", "of as many outliers")
+        OfEach, Field(alias="outlier_p"), described("1", "p of as many outliers")
     ]
     samples: Annotated[int, described("1", "number of samples of each channel")]
     mean: Annotated[OfEach, described("SI", "mean")] = field(default_factory=no_numbers)
 
     @property
     def failed(self) -> NDArray[np.bool_]:
-        """(6,) channels that are not normal to an extent that matters."""
+        """(6,), channels with a relevant deviation from the normal distribution."""
         large = (np.abs(self.skewness) > _SKEWED) | (np.abs(self.kurtosis) > _KURTIC)
         return self.significant & large
 
     @property
     def with_outliers(self) -> NDArray[np.bool_]:
-        """(6,) channels with more outliers than normal noise has."""
+        """(6,), channels with more outliers than normal noise."""
         return below_level(self.outlier_p_values, self.level)
 
 
 def normality(values: Array, level: float = NOISE) -> Normality:
-    """Test independent samples, (K, N, 6): K series at N instants, 20 samples or more."""
+    """Test independent samples, (K, N, 6), K series at N instants; at least 20 samples."""
     samples = values.reshape(-1, values.shape[2])
     centred = np.abs(values - np.median(samples, axis=0))
     scale = np.median(centred, axis=(0, 1)) / NORMAL_MEDIAN
@@ -161,7 +162,7 @@ def normality(values: Array, level: float = NOISE) -> Normality:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Drift(ChannelTest):
-    """Test of six channels for change from period to period, or why it was not done."""
+    """Test of six channels for a drift from period to period."""
 
     means: Annotated[
         OpenNumbers,
@@ -169,7 +170,7 @@ class Drift(ChannelTest):
         Field(alias="period_means"),
         described("SI", "periods × 6: mean of every period, less the mean of all"),
     ] = field(default_factory=lambda: np.zeros((0, ACTUATORS)))
-    std_error: Annotated[OfEach, described("SI", "of each of these means")] = field(
+    std_error: Annotated[OfEach, described("SI", "standard error of each of these means")] = field(
         default_factory=no_numbers
     )
     slope: Annotated[
@@ -181,7 +182,7 @@ class Drift(ChannelTest):
 
     @property
     def extent(self) -> Array:
-        """(6,) largest less smallest mean."""
+        """(6,), largest minus smallest mean."""
         return np.ptp(self.means, axis=0) if len(self.means) else np.full(ACTUATORS, np.nan)
 
 
@@ -191,15 +192,15 @@ def drift(values: Array, block: NDArray[np.intp], phases: int, level: float = NO
     Parameters
     ----------
     values : (T, 6)
-        Deviations from what repeats in every period.
+        Deviations from the signal that repeats in every period.
     block : (T,)
         Period of each row, from 0.
     phases : int
-        How many means over the periods were taken out of the values (0: none).
+        Number of means over the periods that were subtracted from the values (0: none).
     """
     count = int(block[-1]) + 1
     if count < 2:  # noqa: PLR2004 - a difference takes two
-        return Drift(refused="one period shows no change between periods", level=level)
+        return Drift(refused="one period shows no drift between periods", level=level)
     sizes = np.bincount(block, minlength=count).astype(float)
     sums = np.stack([np.bincount(block, column, minlength=count) for column in values.T], axis=1)
     centred = sums / sizes[:, None] - values.mean(axis=0)
@@ -223,12 +224,12 @@ def drift(values: Array, block: NDArray[np.intp], phases: int, level: float = NO
 class Normalities:
     """Tests of the noise's distribution."""
 
-    source: Annotated[str, described("", "periods, or residuals where they cannot be compared")]
-    forces: Annotated[Normality, described("", "of the forces")]
-    lengths: Annotated[Normality | None, described("", "of the lengths")]
+    source: Annotated[str, described("", "periods; residuals if periods cannot be compared")]
+    forces: Annotated[Normality, described("", "test of the forces")]
+    lengths: Annotated[Normality | None, described("", "test of the lengths")]
     taken: Annotated[
         float | None,
-        described("1", "samples' worth of weight that the robust loss took; null: it was not used"),
+        described("1", "weight removed by the robust loss, in samples; null: not used"),
     ] = None
 
 
@@ -236,43 +237,41 @@ class Normalities:
 class Drifts:
     """Tests for change from period to period."""
 
-    forces: Annotated[Drift, described("", "of the forces")]
-    lengths: Annotated[Drift | None, described("", "of the lengths")]
+    forces: Annotated[Drift, described("", "test of the forces")]
+    lengths: Annotated[Drift | None, described("", "test of the lengths")]
 
 
 @dataclass(frozen=True, eq=False)
 class Whitenesses:
-    """Tests for autocorrelation; null where there is nothing to test.
+    """Tests for autocorrelation; null if a test is impossible.
 
-    Those of residuals are taken behind the filter that makes the noise white.
+    The residuals are tested after the whitening filter.
     """
 
     force_noise: Annotated[Whiteness | None, described("", "scatter between periods")]
     length_noise: Annotated[Whiteness | None, described("", "scatter between periods")]
     force_residuals: Annotated[
-        Whiteness | None, described("", "mean residuals, with the effects found taken as known")
+        Whiteness | None, described("", "mean residuals, given the effects found")
     ] = None
     length_residuals: Annotated[Whiteness | None, described("", "mean residuals")] = None
     counted: Annotated[
         bool,
-        described("", "the standard deviations count the noise as it is, white or not"),
+        described("", "the standard deviations account for the colour of the noise"),
     ] = False
     refused: Annotated[
-        str, described("", "why the noise is not tested; empty: its periods are compared")
+        str, described("", "reason for an omitted test of the noise; otherwise empty")
     ] = ""
     std_ratio: Annotated[
         OpenNumber,
-        described("1", "largest standard deviation over the one that white noise would make"),
+        described("1", "largest ratio of a standard deviation to that under white noise"),
     ] = np.nan
-    std_ratio_p: Annotated[
-        OpenNumber, described("1", "p of a ratio so large if the noise is white")
-    ] = np.nan
-    std_ratio_of: Annotated[str, described("", "the parameter whose ratio that is")] = ""
+    std_ratio_p: Annotated[OpenNumber, described("1", "p of this ratio under white noise")] = np.nan
+    std_ratio_of: Annotated[str, described("", "parameter with this ratio")] = ""
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseTests:
-    """Samples of the forces' noise, (K N, 6) in N, and the tests of the noise."""
+    """Tests of the noise, with the samples of the forces' noise, (K N, 6), N."""
 
     samples: Array
     whiteness: Whitenesses
@@ -289,22 +288,21 @@ def noise_tests(
 ) -> NoiseTests:
     """Test the noise of a record.
 
-    Distribution and change over the periods are told behind the filters that make the noise white.
+    Distribution and drift are tested after the whitening filters.
 
     Parameters
     ----------
     noise : NoiseModel
-        Whose filters and spectra were used.
+        Noise with the filters and spectra in use.
     forces, lengths : (T, 6)
-        Residuals of the record's rows, which serve where periods cannot be compared; None: there
-        are none.
+        Residuals of the record's rows, used if periods cannot be compared; None: there are none.
     """
-    samples, white, normal, change = _of_one_kind(
+    samples, white, normal, change = _test_channels(
         record, record.forces.periods, noise.forces.filter, forces, level
     )
     if samples is None or normal is None or change is None:
         raise AssertionError("forces leave residuals")
-    lengths_tested = _of_one_kind(
+    lengths_tested = _test_channels(
         record, record.lengths.periods, noise.lengths.filter, lengths, level
     )
     _, length_white, length_normal, length_change = lengths_tested
@@ -324,7 +322,7 @@ def noise_tests(
     )
 
 
-def _of_one_kind(
+def _test_channels(
     record: PeriodicRecording,
     periods: Array | None,
     noise_filter: WhiteningFilter | None,
@@ -338,7 +336,7 @@ def _of_one_kind(
         white = whiteness(samples, level=level)
         if noise_filter is not None:
             periods = np.stack([noise_filter(period) for period in periods])
-            # What it makes of the jump from a period's end to its begin looks like outliers.
+            # The jump between a period's end and beginning appears as outliers after the filter.
             ends = noise_filter.reach(samples.std(axis=(0, 1)))
             samples = contrasts(periods)[:, ends : noise_filter.samples - ends]
     elif rows is not None:
@@ -359,19 +357,19 @@ _FEWEST = 2
 
 
 def why_not_compared(record: PeriodicRecording) -> str:
-    """Return why no two periods are compared sample by sample; empty where they are."""
+    """Return the reason why periods are not compared sample by sample; empty if they are."""
     if record.averaged and record.forces.periods is not None:
         few = len(record.forces.periods) < _FEWEST
-        return "there is one period, and nothing to compare it with" if few else ""
+        return "a comparison needs two or more periods" if few else ""
     if record.lost:
         missing = "1 sample is" if record.lost == 1 else f"{record.lost} samples are"
         return (
-            f"{missing} missing in the recording, and periods are compared sample by sample only "
-            "where none is"
+            f"{missing} missing in the recording: periods are compared sample by sample only "
+            "if it is complete"
         )
     if record.stamped:
-        return "stamped samples keep their own times, and no two periods have the same"
+        return "stamped samples have different times in every period"
     return (
-        "samples keep their own times where the frequency is estimated or a period is no whole "
-        f"number of them ({record.period / record.step:.6g}), and no two periods have the same"
+        "samples have different times in every period if the frequency is estimated or a period is "
+        f"not a whole number of samples ({record.period / record.step:.6g})"
     )

@@ -1,17 +1,17 @@
-"""Forces periodic in a strut's length (cogging): a scan of the pitch, strut by strut.
+"""Periodic forces: cogging, with a scan of the pitch, and hum locked to the motion.
 
-For strut j and pitch τ the columns sin(2π l_j/τ) and cos(2π l_j/τ) of actuator j are tested
-together. Their statistic is χ² with two degrees of freedom at every pitch; over all of them, the
-largest exceeds u with a probability of at most (Davies, Biometrika 74, 1987)
+Cogging is periodic in a strut's length. For strut j and pitch τ the columns sin(2π l_j/τ) and
+cos(2π l_j/τ) of actuator j are tested jointly. Their statistic is χ² with two degrees of freedom at
+every pitch; its maximum over all pitches exceeds u with a probability of at most (Davies,
+Biometrika 74, 1987)
 
     P ≤ e^(−u/2) (1 + √(u/2π) ∫ √λ₂ df),   √λ₂ = 2π std(l_j),
 
-by Rice's rate at which the envelope of the two components crosses a level upwards, f = 1/τ.
+with Rice's rate of upcrossings of the envelope of the two components, f = 1/τ.
 
-A hum that is a multiple of the motion's frequency, as a cause of residuals.
-
-It is the same in every period: contrasts do not hold it, and the mean over the periods keeps it.
-In the mean residuals it is one line, at the multiple of the base frequency that it is next to.
+A hum at a multiple of the motion's frequency is the same in every period: contrasts between periods
+cancel it, and the mean over the periods keeps it. In the mean residuals it is one line, at the
+nearest multiple of the base frequency.
 """
 
 from __future__ import annotations
@@ -36,36 +36,36 @@ from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import described
 
 SAMPLES_PER_PITCH = 4.0
-"""Fewest samples in one pitch at the largest speed: shorter pitches are not looked for."""
+"""Smallest number of samples per pitch at the largest speed; shorter pitches are not scanned."""
 _OVERSAMPLING = 4
 _SEEN = 1e-6
-"""Share of a column's information that the model's own columns must leave."""
+"""Smallest share of a column's information that must remain given the model's columns."""
 
 
 @dataclass(frozen=True, eq=False)
 class PitchScan:
-    """What was found in one strut."""
+    """Scan of the pitches of one strut."""
 
     strut: int
     pitches: Array
     statistic: Array
-    """(P,), m, descending, and the statistic of each, with two degrees of freedom; empty when
-    the strut moves too little or too fast for any."""
+    """(P,), pitches, m, descending, and the statistic of each, with two degrees of freedom; empty
+    if the strut moves too little or too fast."""
     best_pitch: float
     best: float
-    """Where it is largest, refined between the points of the scan, and its value there; NaN
+    """Pitch of the largest statistic, refined between the points of the scan, and its value; NaN
     and 0 for an empty scan."""
     log_p: float
-    """Logarithm of the probability of one so large, over all pitches of this strut."""
+    """Logarithm of p, over all pitches of this strut."""
     critical: float
-    """What the statistic must exceed to be significant over all struts and pitches."""
+    """Statistic that is significant over all struts and pitches."""
     reach: float
     """∫ √λ₂ df over the scan."""
 
 
 @dataclass(frozen=True)
 class PeriodicForce:
-    """amplitude · sin(2π length / pitch + phase) in one strut."""
+    """Force amplitude · sin(2π length / pitch + phase) in one strut."""
 
     pitch: Annotated[float, described("m", "period in the strut's length")]
     pitch_std: Annotated[float, described("m", "its standard deviation")]
@@ -85,9 +85,9 @@ def scan_pitches(
     step: float,
     level: float = POSITION_PERIODIC,
 ) -> PitchScan:
-    """Scan the pitches of one strut, whose samples are `step` apart, s.
+    """Scan the pitches of one strut, with samples `step` apart, s.
 
-    The level is that of all struts and pitches together.
+    The level covers all struts and pitches together.
     """
     length = part.position[:, strut]
     frequencies = _frequencies(length, part.speed[:, strut], step)
@@ -124,14 +124,14 @@ def scan_pitches(
 def log_exceedance(statistic: float, reach: float, freedom: float) -> float:
     """Return the logarithm of the bound on P(largest statistic of one strut > statistic).
 
-    `reach` is ∫ √λ₂ df over the scan, `freedom` that behind Σ.
+    `reach` is ∫ √λ₂ df over the scan, `freedom` the degrees of freedom of Σ.
     """
     log_p = float(log_pair_tail(np.array(statistic), freedom))
     return min(0.0, log_p + float(np.log1p(np.sqrt(statistic / (2 * np.pi)) * reach)))
 
 
 def critical_value(level: float, reach: float, freedom: float) -> float:
-    """Return the statistic that is exceeded with at most this probability in one strut."""
+    """Return the statistic with at most this probability of being exceeded in one strut."""
     highest = 100.0
     while log_exceedance(highest, reach, freedom) > np.log(level):
         highest *= 2
@@ -156,7 +156,7 @@ def periodic_columns(
 def periodic_force(
     part: Linearisation, strut: int, pitch: float, coefficients: Array, covariance: Array
 ) -> PeriodicForce:
-    """Turn the coefficients of the three columns into amplitude, pitch and phase."""
+    """Convert the coefficients of the three columns to amplitude, pitch and phase."""
     a, b, shift = coefficients
     frequency = 1 / pitch + shift
     amplitude = float(np.hypot(a, b))
@@ -174,7 +174,7 @@ def periodic_force(
         pitch_std=float(np.sqrt(covariance[2, 2]) / frequency**2),
         amplitude=amplitude,
         amplitude_std=std(to_amplitude),
-        phase=_wrapped(centre_phase - 2 * np.pi * frequency * centre),
+        phase=_wrap(centre_phase - 2 * np.pi * frequency * centre),
         phase_std=std(to_origin),
         centre=centre,
         centre_phase=centre_phase,
@@ -182,12 +182,12 @@ def periodic_force(
     )
 
 
-def _wrapped(angle: float) -> float:
+def _wrap(angle: float) -> float:
     return float(np.mod(angle + np.pi, 2 * np.pi) - np.pi)
 
 
 def _frequencies(length: Array, speed: Array, step: float) -> Array:
-    """Return 1/pitch from one pitch per stroke to the shortest that the samples resolve."""
+    """Return 1/pitch, from one pitch per stroke to the shortest resolved by the samples."""
     stroke = float(np.ptp(length))
     if stroke <= 0:
         return np.zeros(0)
@@ -202,11 +202,11 @@ def _frequencies(length: Array, speed: Array, step: float) -> Array:
 def _pair_statistic(
     solved: SolvedSystem, strut: int, length: Array
 ) -> Callable[[Array | float], Array]:
-    """Return what tells χ² of sine and cosine of a strut's length from their frequencies."""
+    """Return a function for χ² of sine and cosine of a strut's length, by their frequencies."""
     system = solved.system
     # zᵀ W e* and zᵀ W U of a column z in this actuator alone.
-    residual = system.force_rows.weighted(solved.rest[:, :, None])[:, strut, 0]
-    mixed = system.force_rows.weighted(system.columns)[:, strut] @ solved.root
+    residual = system.force_rows.apply_weights(solved.rest[:, :, None])[:, strut, 0]
+    mixed = system.force_rows.apply_weights(system.columns)[:, strut] @ solved.root
     weight = system.force_rows.quadratic(strut)
     one = np.ones((1, len(length)))
     whole = float(weight(one, one)[0])
@@ -230,13 +230,14 @@ def _pair_statistic(
 
 _FEWEST_PERIODS = 2
 _MULTIPLES = 3
-"""Of the mains: a hum that shows in others alone is none."""
+"""Number of multiples of the mains that are considered."""
 
 
 def hidden_hums(record: PeriodicRecording) -> tuple[tuple[float, int], ...]:
-    """Return frequencies of the mains, Hz, within a line of the record from a multiple; and that.
+    """Return the mains frequencies, Hz, within one line of a multiple of the motion's frequency.
 
-    Below half of the sampling. Of a single period every frequency is: none is returned.
+    Each is returned with that multiple; all are below half of the sampling frequency. For a single
+    period none is returned, since every frequency would be.
     """
     if record.periods < _FEWEST_PERIODS:
         return ()
@@ -250,7 +251,7 @@ def hidden_hums(record: PeriodicRecording) -> tuple[tuple[float, int], ...]:
 
 
 def hum_hypotheses(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
-    """Yield the family of hums that no contrast sees; nothing where there are none."""
+    """Yield the family of hums that contrasts between periods cancel, if there are any."""
     part, record = candidate_effects.part, candidate_effects.experiment.record
     hidden = hidden_hums(record)
     if not hidden:
@@ -272,12 +273,11 @@ def hum_hypotheses(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
             "no hum that repeats in every period",
             "the mains hum at a multiple of the motion's frequency",
             "earth and shield the measurement, or state the frequency in "
-            "`noise.force_spectrum.hum` of the run and design again: the motion then keeps away "
-            "from it",
+            "`noise.force_spectrum.hum` of the run and design again: the motion then avoids it",
         ),
         noun="a hum",
         absent="no hum of the mains at a multiple of the motion's frequency (p = {p:.2g})",
-        reason_untested="the model's own columns leave nothing of it",
+        reason_untested="the model's columns explain it",
         unit=lambda _: "N",
         paired=True,
     )

@@ -1,6 +1,6 @@
-"""Whether estimates are what a machine can have, and of the size that was expected.
+"""Plausibility of estimates: physical consistency, expected size, and a common factor.
 
-Whether all bodies are wrong by one factor: forces of another unit, or of the other sign.
+A common factor of all inertial parameters indicates another unit, or the wrong sign, of the forces.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ from expdesign.mechanism.terms.rigid_platform import MASS
 from expdesign.robot import Robot
 
 ORDER = 10.0
-"""Factor between an estimate and what was expected from which it is not plausible."""
+"""Factor between an estimate and its a-priori value from which it is not plausible."""
 MATTERS = 0.1
-"""Share of what the robot's mass and length make, and of the largest of its kind, below which a
-difference is no reason for doubt: nobody knows small parameters of bodies to an order of magnitude,
-and every fault of a model shows in them first."""
+"""Smallest relevant difference, relative to the robot's mass and length and to the largest value of
+its kind. The a-priori values of small inertial parameters are hardly known to an order of
+magnitude, and they absorb every error of the model first."""
 SIGMAS = 3.0
 
-_OF_BODIES = {"kg": 0, "kg m": 1, "kg m^2": 2}
+_INERTIAL_UNITS = {"kg": 0, "kg m": 1, "kg m^2": 2}
 """Unit → power of the length."""
 _LEVEL = float(ndtr(-SIGMAS))
-_TOLD = 4
+_MOST_SHOWN = 4
 
 _PLAUSIBLE = Assumption(
-    "the estimates are what a machine can have",
-    "the estimates are not those of such a machine",
+    "the estimates are plausible for a machine",
+    "the estimates are not plausible for this machine",
     "look for a force with the wrong sign (`data.sign`), forces or lengths in another unit "
     "(`data.units`, `data.force_constants`), channels in another order than the struts "
     "(`data.order`), a wrong zero of a length (`data.offset`), gravity that points the other "
@@ -48,7 +48,7 @@ _PLAUSIBLE = Assumption(
 
 @dataclass(frozen=True)
 class _Doubt:
-    """What is not plausible, why in words, and by how much the noise speaks."""
+    """Implausible estimate: place, explanation, and p of the gap under noise."""
 
     where: str
     sentence: str
@@ -56,37 +56,37 @@ class _Doubt:
 
 
 def plausibility(robot: Robot, priors: ParameterPriors, estimate: ParameterEstimate) -> Finding:
-    """Hold estimates against what bodies and friction can be, and against the a-priori values.
+    """Compare estimates with physical limits of bodies and friction, and with a-priori values.
 
-    What noise and tolerances may make, 3 σ, is left out. Not plausible are
+    Gaps within 3 σ, which noise and tolerances may cause, are accepted. Not plausible are
 
-    - less or more than any machine has: a negative mass or friction, or a negative moment of
-      inertia where that matters;
-    - masses, first moments and moments of inertia that no bodies of positive density have
-      together: a pseudo-inertia (`Lump`) that is not positive semidefinite;
-    - parameters of bodies that differ from the a-priori value by a factor of ten, or in sign, where
-      the difference matters beside the robot's mass and length, and the largest of its kind;
-    - parameters of bodies that all differ by one factor, which is ten or that of a unit.
+    - values outside of physical limits: a negative mass or friction, or a negative moment of
+      inertia of relevant size;
+    - physically inconsistent masses, first moments and moments of inertia: a pseudo-inertia
+      (`Lump`) that is not positive semidefinite;
+    - inertial parameters that differ from the a-priori value by a factor of ten, or in sign, if the
+      difference is relevant compared with the robot's mass and length and the largest of its kind;
+    - inertial parameters that differ by a common factor, of ten or of a unit.
 
-    Friction and springs may be of any size.
+    Friction and springs may have any size.
     """
     parameters = parameters_of(robot.terms)
     count = len(parameters)
     values, std = estimate.values[:count], estimate.std[:count]
     judged = priors.free[:count] & (std > 0) & np.isfinite(std)
-    tests = [*_single(robot, parameters, estimate, judged)]
+    tests = [*_check_parameters(robot, parameters, estimate, judged)]
     alone = {test.where for test in tests if test.p < _LEVEL}
-    # A fixed value is the user's, whatever it is.
+    # A fixed value is the user's choice.
     alone |= {
         parameter.name
         for parameter, value, free in zip(parameters, values, judged, strict=True)
         if not free and not parameter.lower <= value <= parameter.upper
     }
-    tests += _lumped(robot, parameters, estimate, alone)
+    tests += _check_lumps(robot, parameters, estimate, alone)
     doubts = [test for test in tests if test.p < _LEVEL]
     expected = np.array(robot.parameters)
-    of_bodies = np.array([parameter.unit in _OF_BODIES for parameter in parameters])
-    scale = ForceScale.of(values, std, expected, judged & of_bodies)
+    inertial = np.array([parameter.unit in _INERTIAL_UNITS for parameter in parameters])
+    scale = ForceScale.of(values, std, expected, judged & inertial)
     advice = "" if scale is None else scale.advice
     if scale is not None and not doubts:
         doubts = [_Doubt(scale.where(tuple(p.name for p in parameters)), scale.sentence, scale.p)]
@@ -94,29 +94,31 @@ def plausibility(robot: Robot, priors: ParameterPriors, estimate: ParameterEstim
     smallest = min((test.p for test in (*tests, *doubts)), default=1.0)
     if not doubts:
         return _PLAUSIBLE.holds(
-            "masses, moments of inertia and friction are such as bodies can have, and bodies are "
-            "of the size that was expected",
+            "masses, moments of inertia and friction are physically consistent, and the inertial "
+            "parameters have the expected size",
             smallest,
             _LEVEL,
         )
-    # The mass tells most of what is wrong.
+    # The mass is the most informative parameter.
     doubts.sort(key=lambda doubt: doubt.where != MASS)
     names = [doubt.where for doubt in doubts]
-    told = "; ".join(doubt.sentence for doubt in doubts[:_TOLD])
-    more = f"; and {len(doubts) - _TOLD} more" if len(doubts) > _TOLD else ""
+    sentences = "; ".join(doubt.sentence for doubt in doubts[:_MOST_SHOWN])
+    more = f"; and {len(doubts) - _MOST_SHOWN} more" if len(doubts) > _MOST_SHOWN else ""
     where = join_words(
-        names if len(names) <= _TOLD else [*names[:_TOLD], f"{len(names) - _TOLD} more"]
+        names
+        if len(names) <= _MOST_SHOWN
+        else [*names[:_MOST_SHOWN], f"{len(names) - _MOST_SHOWN} more"]
     )
-    return _PLAUSIBLE.fails(f"{told}{more}", smallest, _LEVEL, where, advice)
+    return _PLAUSIBLE.fails(f"{sentences}{more}", smallest, _LEVEL, where, advice)
 
 
-def _single(
+def _check_parameters(
     robot: Robot,
     parameters: Sequence[Parameter],
     estimate: ParameterEstimate,
     judged: NDArray[np.bool_],
 ) -> Iterator[_Doubt]:
-    """Yield the most doubtful of each parameter by itself, with the p of its gap."""
+    """Yield the most doubtful gap of each single parameter."""
     mass, length = abs(robot.description.parameters.get(MASS, 0.0)), robot.characteristic_length
     for k in np.flatnonzero(judged).tolist():
         parameter, std = parameters[k], float(estimate.std[k])
@@ -125,7 +127,7 @@ def _single(
             for other, value in zip(parameters, robot.parameters, strict=True)
             if other.unit == parameter.unit
         ]
-        size = max(mass * length ** _OF_BODIES.get(parameter.unit, 0), *alike)
+        size = max(mass * length ** _INERTIAL_UNITS.get(parameter.unit, 0), *alike)
         freedom = float(estimate.freedom[k])
         found = [
             _Doubt(parameter.name, sentence, float(scipy.stats.t.sf(gap / std, freedom)))
@@ -140,11 +142,11 @@ def _single(
 def _gaps(
     parameter: Parameter, value: float, std: float, expected: float, size: float
 ) -> Iterator[tuple[float, str]]:
-    """Yield by how much an estimate is beyond what is plausible, with words for it."""
+    """Yield the gaps between an estimate and plausible values, with an explanation."""
     unit = "" if parameter.unit == "1" else f" {parameter.unit}"
     found = f"{parameter.name} = {value:.3g} ± {std:.1g}{unit}"
-    # A small moment of inertia takes what the model lacks: only where it matters it is none.
-    slack = MATTERS * size if _OF_BODIES.get(parameter.unit, 0) else 0.0
+    # Small moments of inertia absorb errors of the model: only relevant gaps count.
+    slack = MATTERS * size if _INERTIAL_UNITS.get(parameter.unit, 0) else 0.0
     if np.isfinite(parameter.lower):
         yield (
             parameter.lower - value - slack,
@@ -155,24 +157,24 @@ def _gaps(
             value - parameter.upper - slack,
             f"{found} is positive" if parameter.upper == 0 else f"{found} is too large",
         )
-    if parameter.unit not in _OF_BODIES or expected == 0:
+    if parameter.unit not in _INERTIAL_UNITS or expected == 0:
         return
     if abs(value - expected) <= MATTERS * size:
         return
-    against = f"{found} where {expected:.3g}{unit} was expected"
+    against = f"{found}, expected {expected:.3g}{unit}"
     yield abs(expected) / ORDER - abs(value), against
     yield abs(value) - ORDER * abs(expected), against
     if min(abs(value), abs(expected)) > MATTERS * size:
         yield -value * np.sign(expected), against
 
 
-def _lumped(
+def _check_lumps(
     robot: Robot,
     parameters: Sequence[Parameter],
     estimate: ParameterEstimate,
     alone: set[str],
 ) -> Iterator[_Doubt]:
-    """Yield what no bodies have together, but of parameters that stand out alone."""
+    """Yield inconsistent lumps, except those with parameters that are implausible alone."""
     names = tuple(parameter.name for parameter in parameters)
     for lump in (lump for term in robot.terms for lump in term.lumps):
         if not set(lump.parameters) <= set(names) - alone:
@@ -186,10 +188,10 @@ def _lumped(
 def _lump(
     lump: Lump, places: NDArray[np.intp], robot: Robot, estimate: ParameterEstimate
 ) -> _Doubt | None:
-    """Judge the matrix of a lump along the direction in which it is least; None: it is positive.
+    """Test the matrix M of a lump along its smallest eigenvector v; None if M is positive.
 
-    vᵀ M v is linear in the parameters. v is taken from them, so the bound is that over all
-    combinations of them (Scheffé).
+    vᵀ M v is linear in the parameters. Since v depends on the estimate, the bound covers all
+    combinations of the parameters (Scheffé).
     """
     scales = dict(zip(lump.parameters, robot.scales[places], strict=True))
     sizes = np.sqrt(np.abs(np.diag(lump.matrix(scales))))
@@ -215,22 +217,24 @@ def _lump(
     p = float(scipy.stats.t.sf(sigmas, freedom))
     if len(whole) > 1:
         rank = np.count_nonzero(free)
-        # F with endless freedom below is chi-square.
-        law = (
+        # F with infinite freedom of the denominator is chi-square.
+        distribution = (
             scipy.stats.chi2(rank)
             if np.isinf(freedom)
             else scipy.stats.f(rank, freedom, scale=rank)
         )
-        p = float(law.sf(sigmas**2))
+        p = float(distribution.sf(sigmas**2))
     first, last = lump.parameters[0], lump.parameters[-1]
-    which = f"{first} … {last}" if len(lump.parameters) > _TOLD else join_words(lump.parameters)
-    return _Doubt(which, f"no bodies have {lump.meaning} ({which} together)", p)
+    which = (
+        f"{first} … {last}" if len(lump.parameters) > _MOST_SHOWN else join_words(lump.parameters)
+    )
+    return _Doubt(which, f"{lump.meaning} are physically inconsistent ({which} together)", p)
 
 
 _FAR = 9.0
-"""Factor from which it is no other machine of the kind; kilograms in place of newtons make 9.8."""
+"""Factor that excludes another machine of the kind; kilograms instead of newtons give 9.8."""
 _NEAR = 0.15
-"""How well a factor must be that of a unit: masses are known that well."""
+"""Tolerance, in the logarithm, between a factor and that of a unit: accuracy of masses."""
 _LARGE = 2.5
 _KNOWN_WELL = 0.1
 _ALIKE = 0.3
@@ -240,22 +244,22 @@ _FEWEST = 2
 
 @dataclass(frozen=True, eq=False)
 class ForceScale:
-    """The factor between estimated parameters of bodies and those expected."""
+    """Common factor between estimated and expected inertial parameters."""
 
     factor: float
     alike: NDArray[np.bool_]
-    """(m,), the parameters that differ by it."""
+    """(m,), parameters that differ by this factor."""
     p: float
-    """That noise makes the difference in the least certain of these."""
+    """p of the difference under noise, for the least certain of these."""
 
     @classmethod
     def of(
         cls, values: Array, std: Array, expected: Array, judged: NDArray[np.bool_]
     ) -> Self | None:
-        """Return the factor of most parameters that are known well, (m,) each; None without one.
+        """Find the common factor of most precise parameters, (m,) each; None if there is none.
 
-        `judged` are the parameters of bodies that were estimated. A factor counts when it is
-        negative, nine or more, a ninth or less, or that between newtons and another unit.
+        `judged` are the estimated inertial parameters. A factor counts if it is negative, at least
+        nine, at most a ninth, or that between newtons and another unit.
         """
         known = judged & (expected != 0) & (std < _KNOWN_WELL * np.abs(values))
         if np.count_nonzero(known) < _FEWEST:
@@ -273,17 +277,17 @@ class ForceScale:
         return cls(factor, alike, float(scipy.stats.norm.sf(np.min(gaps))))
 
     def where(self, names: tuple[str, ...]) -> str:
-        """Return the parameters in words."""
+        """Return the names of the parameters in words."""
         return join_words([name for name, one in zip(names, self.alike, strict=True) if one])
 
     @property
     def sentence(self) -> str:
-        """What was seen."""
-        return f"the bodies' parameters are about {self.factor:.2g} times what was expected"
+        """Observation in one sentence."""
+        return f"the inertial parameters are about {self.factor:.2g} times the expected ones"
 
     @property
     def advice(self) -> str:
-        """What makes that, and what to write."""
+        """Probable causes, with the keys to change."""
         size, words = abs(self.factor), []
         if self.factor < 0:
             words.append(
@@ -301,9 +305,9 @@ class ForceScale:
             )
         if size <= 1 / _FAR:
             words.append(
-                "currents were taken for newtons (`data.units: {Q: A}` with `data.force_constants` "
-                f"of about {float(f'{1 / size:.2g}'):g} N/A), or the force constants that are "
-                "given are too small by that factor"
+                "currents were read as newtons (`data.units: {Q: A}` with `data.force_constants` "
+                f"of about {float(f'{1 / size:.2g}'):g} N/A), or the given force constants are "
+                "too small by that factor"
             )
         elif size >= _FAR and unit is None:
             words.append(
@@ -313,9 +317,9 @@ class ForceScale:
 
 
 def _unit_of(factor: float) -> str | None:
-    """Return the unit whose numbers were taken for newtons, by what that makes of all parameters.
+    """Return the unit whose values were read as newtons, by the factor of all parameters.
 
-    Newtons themselves: numbers in newtons were taken for those of another unit.
+    The result is newtons if values in newtons were read as another unit.
     """
     if 1 / _LARGE < factor < _LARGE:
         return None

@@ -1,14 +1,14 @@
-"""The covariance that residuals have if the model is right, channel by channel.
+"""Covariance of the residuals under a correct model, channel by channel.
 
 With rows scaled to the noise of one sample, e = ε − U g, where g are the errors of parameters and
 motion. Cov(g, ε) = X Vᵀ and Cov(g) = C give
 
-    Cov(e_j) = σ_j² 1 − U_j X V_jᵀ − V_j Xᵀ U_jᵀ + U_j C U_jᵀ + what unknown friction signs make.
+    Cov(e_j) = σ_j² 1 − U_j X V_jᵀ − V_j Xᵀ U_jᵀ + U_j C U_jᵀ + variance of unknown friction signs.
 
 LS: V = Σ W A, X = F⁻¹ (parameters only); Gauss–Markov: V = U; maximum likelihood: V = U,
 X = C = J⁻¹; held-out data: X = 0.
 
-The noise that a recording shows, where it was weighted with another one.
+`empirical_noise` and `with_empirical_colour` replace an assumed noise by that of the recording.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class ResidualCovariance:
     noise: NoiseEstimate
     columns: Array
     partner: Array
-    """(R, 6, u), U and V, times the roots of the counts."""
+    """(R, 6, u), U and V, times the square roots of the counts."""
     cross: Array
     covariance: Array
     """(u, u), X and C."""
@@ -48,7 +48,7 @@ class ResidualCovariance:
     def weights(self, channel: int) -> Array:
         """Return the eigenvalues of B = Cov(e_j) / σ_j², (R,): variances of independent parts.
 
-        Few rows have an unknown sign of friction: what it adds there counts as a part of its own.
+        Few rows have an unknown sign of friction; its variance counts as a separate part.
         """
         variance = float(self.noise.covariance[channel, channel])
         factor, kernel = self._low_rank(channel)
@@ -59,7 +59,7 @@ class ResidualCovariance:
         result[len(result) - len(values) :] += values
         return np.maximum(result, 0.0)
 
-    def lagged(self, channel: int, lag: int) -> float:
+    def lagged_covariance(self, channel: int, lag: int) -> float:
         """Return Σ_t Cov(e_t, e_{t + lag}) / σ_j² within the rows of one channel."""
         factor, kernel = self._low_rank(channel)
         variance = float(self.noise.covariance[channel, channel])
@@ -83,19 +83,21 @@ class ResidualCovariance:
 def joint_residual_covariance(
     part: Linearisation, experiment: Experiment, solved: SolvedSystem
 ) -> ResidualCovariance:
-    """Return the law of e*, the residuals after the joint fit of (p, ξ) and effects."""
+    """Return the covariance of e*, the residuals after the joint fit of (p, ξ) and effects."""
     system = solved.system
     columns = system.force_rows.unscaled(system.columns) * np.sqrt(part.counts)[:, None, None]
-    return _force_law(part, experiment, columns, solved.inverse, solved.inverse)
+    return _force_residual_covariance(part, experiment, columns, solved.inverse, solved.inverse)
 
 
 def held_out_residual_covariance(
     part: Linearisation, experiment: Experiment, estimate: ParameterEstimate
 ) -> ResidualCovariance:
-    """Return the law of a prediction's residuals: nothing was fitted to these forces."""
+    """Return the covariance of a prediction's residuals: no unknown was fitted to these forces."""
     covariance = _errors(part, experiment, estimate.covariance)
     columns = part.columns * np.sqrt(part.counts)[:, None, None]
-    return _force_law(part, experiment, columns, np.zeros_like(covariance), covariance)
+    return _force_residual_covariance(
+        part, experiment, columns, np.zeros_like(covariance), covariance
+    )
 
 
 def linear_residual_covariances(
@@ -105,25 +107,25 @@ def linear_residual_covariances(
     estimate: ParameterEstimate,
     priors: ParameterPriors,
 ) -> list[ResidualCovariance]:
-    """Return the laws of the residuals of LS or Gauss–Markov, experiment by experiment.
+    """Return the covariances of the residuals of LS or Gauss–Markov, experiment by experiment.
 
-    `white` are the parts behind the filters that make their noise white, where LS does not look.
+    `white` are the parts after the whitening filters, which LS does not use.
     """
-    seen = parts if estimate.estimator == "ls" else white
+    used = parts if estimate.estimator == "ls" else white
     weightings = [
         weighting_covariance(estimate.estimator, e.noise.forces.covariance) for e in experiments
     ]
     equations = [
         NormalEquations.of([(part.forces, part.columns, part.counts)], weighting)
-        for part, weighting in zip(seen, weightings, strict=True)
+        for part, weighting in zip(used, weightings, strict=True)
     ]
     k = int(np.count_nonzero(priors.free))
     inverse = priors.inverse(priors.precision + sum(each.matrix[:k, :k] for each in equations))
-    laws = []
+    covariances = []
     for raw, part, experiment, weighting, own in zip(
         parts, white, experiments, weightings, equations, strict=True
     ):
-        # What all samples share by the tolerances is no error of the fit to them.
+        # The systematic part is common to all samples: it is no error of the fit to them.
         covariance = _errors(part, experiment, estimate.covariance_random)
         if experiment.fit is not None:
             covariance[:k, k:] = -inverse @ own.matrix[:k, k:] @ experiment.fit.covariance
@@ -140,14 +142,16 @@ def linear_residual_covariances(
             if noise.filter is not None:
                 weighted = noise.filter.undone(weighted)  # H C H = Σ: H C W A = Σ H⁻¹ W A
             partner[:, :, :k] = np.matmul(noise.covariance, weighted) * scale
-        laws.append(_force_law(part, experiment, columns, cross, covariance, partner))
-    return laws
+        covariances.append(
+            _force_residual_covariance(part, experiment, columns, cross, covariance, partner)
+        )
+    return covariances
 
 
 def length_residual_covariance(
     part: Linearisation, experiment: Experiment, motion_covariance: Array
 ) -> ResidualCovariance:
-    """Return the law of the length residuals; `motion_covariance` is Cov(ξ̂), (x, x)."""
+    """Return the covariance of the length residuals; `motion_covariance` is Cov(ξ̂), (x, x)."""
     columns = part.length_columns * np.sqrt(part.length_counts)[:, None, None]
     extra = np.zeros(columns.shape[:2])
     return ResidualCovariance(
@@ -162,34 +166,34 @@ def refit_lengths(
     tolerated: Array,
     found: Signature,
     *,
-    anew: bool = False,
+    force: bool = False,
 ) -> tuple[Array, ResidualCovariance] | None:
-    """Return what a motion leaves of the lengths, (R', 6), m, and its law, beside known effects.
+    """Refit the motion to the lengths alone, given effects; return residuals and covariance.
 
-    None where these effects move no length, unless the motion is wanted `anew`. It is fitted to the
-    lengths alone.
+    The residuals are (R', 6), m. None if the effects do not change any length, unless `force`.
 
     Parameters
     ----------
     solved : SolvedSystem
-        With all effects: first what has a tolerance, known to `tolerated`, 1/std² of each, (t,).
+        Includes all effects; first those with tolerances, of prior precisions `tolerated`, 1/std²,
+        (t,).
     found : Signature
-        The effects behind these.
+        The effects found, which follow them.
     """
     first = int(np.count_nonzero(part.free))
     motion = first + part.length_columns.shape[2]
-    if not anew and not np.any(solved.system.length_columns[:, :, motion:]):
+    if not force and not np.any(solved.system.length_columns[:, :, motion:]):
         return None
     known = np.concatenate([np.zeros(motion - first), tolerated, np.zeros(found.count)])
     alone = solved.system.of_lengths(first, known).solved
     system, scale = alone.system, np.sqrt(part.length_counts)[:, None, None]
     columns = system.force_rows.unscaled(system.columns) * scale
     noise, extra = experiment.noise.lengths, np.zeros(columns.shape[:2])
-    law = ResidualCovariance(noise, columns, columns, alone.inverse, alone.inverse, extra)
-    return alone.force_residuals(), law
+    covariance = ResidualCovariance(noise, columns, columns, alone.inverse, alone.inverse, extra)
+    return alone.force_residuals(), covariance
 
 
-def _force_law(
+def _force_residual_covariance(
     part: Linearisation,
     experiment: Experiment,
     columns: Array,
@@ -203,7 +207,7 @@ def _force_law(
 
 
 def _errors(part: Linearisation, experiment: Experiment, own: Array) -> Array:
-    """Return Cov(p̂, ξ̂) as if they were independent, (k + x, k + x); `own` is Cov(p̂), (m, m)."""
+    """Return Cov(p̂, ξ̂) under independence, (k + x, k + x); `own` is Cov(p̂), (m, m)."""
     k = int(np.count_nonzero(part.free))
     size = k + part.motion_columns.shape[2]
     covariance = np.zeros((size, size))
@@ -214,39 +218,39 @@ def _errors(part: Linearisation, experiment: Experiment, own: Array) -> Array:
 
 
 def with_empirical_colour(experiment: Experiment) -> Experiment:
-    """Return an experiment with the memory that its noise shows, though it was weighted as white.
+    """Return an experiment with the colour of its noise, even if it was weighted as white.
 
-    Who takes noise with a memory for white does not make a fault of the model of it.
+    Coloured noise that was assumed white must not appear as an error of the model.
     """
 
-    def seen(weighted: NoiseEstimate, channels: Channels) -> NoiseEstimate:
+    def coloured(weighted: NoiseEstimate, channels: Channels) -> NoiseEstimate:
         shown = channels.shown_noise
         known = weighted.source == "estimated" and weighted.lines is not None
         if not known or weighted.filter is not None or shown is None or shown.filter is None:
             return weighted
         return shown
 
-    noise = _chosen(experiment, seen)
+    noise = _choose_noise(experiment, coloured)
     return experiment if noise is experiment.noise else replace(experiment, noise=noise)
 
 
 def empirical_noise(experiment: Experiment) -> NoiseModel:
-    """Return the noise that a recording shows, where it shows enough; else what was given."""
+    """Return the noise estimated from a recording if it has enough periods; else the given one."""
 
-    def shown(given: NoiseEstimate, channels: Channels) -> NoiseEstimate:
+    def empirical(given: NoiseEstimate, channels: Channels) -> NoiseEstimate:
         repeated = channels.scatter
         if given.source != "given" or repeated is None or repeated.freedom < ENOUGH_FREEDOM:
             return given
         found = repeated if experiment.pointwise is not None else channels.shown_noise
         return given if found is None else found
 
-    return _chosen(experiment, shown)
+    return _choose_noise(experiment, empirical)
 
 
-def _chosen(
+def _choose_noise(
     experiment: Experiment, choose: Callable[[NoiseEstimate, Channels], NoiseEstimate]
 ) -> NoiseModel:
-    """Return the noise chosen for forces and lengths: the experiment's own where both stay."""
+    """Choose the noise of forces and lengths; the experiment's own object if both stay."""
     noise, record = experiment.noise, experiment.record
     forces, lengths = choose(noise.forces, record.forces), choose(noise.lengths, record.lengths)
     if forces is noise.forces and lengths is noise.lengths:

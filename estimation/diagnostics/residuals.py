@@ -1,16 +1,15 @@
-"""Sizes of the residuals: their χ² with the full covariance of the noise, and bias per actuator.
+"""Residuals of an estimate: χ², lack of fit per actuator, and their display.
 
-Bias per actuator: are the means over the periods further off than noise allows.
+`chi_square` uses the full covariance of the noise. `lack_of_fit` tests every actuator for a bias,
+comparing the means over the periods with the scatter between them:
 
     MS_lof = M Σ(period-mean residual)² / (N − ν_j),   MS_pe = scatter between the M periods,
     F_j = MS_lof / MS_pe.
 
-ν_j is the share of the degrees of freedom that the parameters (and the motion) take: N less the
-trace of Cov(e_j) in units of the noise, so that E[MS_lof] = σ_j² if the model is right. For
-held-out data ν_j = 0 and A Cov(p̂) Aᵀ adds to the expected variance instead. The p-value is that of
-the sum of squares with all eigenvalues of Cov(e_j), which is F's where Cov(e_j) is a projection.
-
-Residuals of an estimate, as they are shown.
+ν_j is the number of degrees of freedom that the parameters (and the motion) take: N minus the trace
+of Cov(e_j) in units of the noise, so that E[MS_lof] = σ_j² for a correct model. For held-out data
+ν_j = 0, and A Cov(p̂) Aᵀ adds to the expected variance. The p-value belongs to the sum of squares
+with all eigenvalues of Cov(e_j); it is that of F if Cov(e_j) is a projection.
 """
 
 from __future__ import annotations
@@ -46,22 +45,22 @@ class ChiSquare:
     freedom: Annotated[
         OpenNumber,
         Field(alias="degrees_of_freedom"),
-        described("1", "its expectation when the model and the noise are right"),
+        described("1", "expectation for a correct model and noise"),
     ]
     ratio: Annotated[
         OpenNumber,
         described("1", "value / freedom, with an estimated Σ corrected for its uncertainty"),
     ]
-    p_value: Annotated[OpenNumber, Field(alias="p_larger"), described("1", "of a larger value")]
+    p_value: Annotated[OpenNumber, Field(alias="p_larger"), described("1", "p of a larger value")]
     p_smaller: Annotated[
         OpenNumber,
-        described("1", "of a smaller value: the noise was given too large, or the model fits it"),
+        described("1", "p of a smaller value: noise given too large, or overfitted"),
     ]
-    refused: Annotated[str, described("", "why there are no p-values; empty when there are")] = ""
+    refused: Annotated[str, described("", "reason for missing p-values; otherwise empty")] = ""
 
 
-def chi_square(residuals: Array, counts: Array, law: ResidualCovariance) -> ChiSquare:
-    """Test the size of residuals, (R, 6), each the mean of as many samples as `counts` says, (R,).
+def chi_square(residuals: Array, counts: Array, expected: ResidualCovariance) -> ChiSquare:
+    """Test the size of residuals, (R, 6), that are means of `counts` samples, (R,).
 
     Notes
     -----
@@ -69,16 +68,16 @@ def chi_square(residuals: Array, counts: Array, law: ResidualCovariance) -> ChiS
     (Biometrika 61, 1974).
     """
     channels = residuals.shape[1]
-    inverse = np.asarray(np.linalg.inv(law.noise.covariance), dtype=np.float64)
+    inverse = np.asarray(np.linalg.inv(expected.noise.covariance), dtype=np.float64)
     value = float(np.einsum("r,ri,ij,rj->", counts, residuals, inverse, residuals))
-    freedom = _expectation(law, inverse)
+    freedom = _expectation(expected, inverse)
     ratio, upper, lower, refused = value / freedom, np.nan, np.nan, ""
-    if law.noise.includes_model_error:
-        refused = "the noise comes from these residuals: their χ² says nothing"
-    elif not np.isfinite(law.noise.freedom):
+    if expected.noise.includes_model_error:
+        refused = "the noise was estimated from these residuals: their χ² carries no information"
+    elif not np.isfinite(expected.noise.freedom):
         upper, lower = scipy.stats.chi2.sf(value, freedom), scipy.stats.chi2.cdf(value, freedom)
     else:
-        p, h, nu = channels, freedom / channels, law.noise.freedom
+        p, h, nu = channels, freedom / channels, expected.noise.freedom
         big = (nu + h - p - 1) * (nu - 1) / ((nu - p - 3) * (nu - p))
         a = p * h
         b = 4 + (a + 2) / (big - 1)
@@ -89,21 +88,21 @@ def chi_square(residuals: Array, counts: Array, law: ResidualCovariance) -> ChiS
     return ChiSquare(value, freedom, ratio, float(upper), float(lower), refused)
 
 
-def _expectation(law: ResidualCovariance, inverse: Array) -> float:
-    """Return E Σ eᵀ Σ⁻¹ e: 6 R less what was fitted."""
-    rows = law.columns.shape[0] * law.columns.shape[1]
-    weighted = np.matmul(inverse, law.columns).reshape(rows, -1)
-    own = law.columns.reshape(rows, -1)
-    partner = law.partner.reshape(rows, -1)
-    fitted = 2 * np.sum((partner.T @ weighted) * law.cross.T)
-    spread = np.sum((own.T @ weighted) * law.covariance)
-    extra = np.sum(law.extra @ np.diag(inverse))
+def _expectation(expected: ResidualCovariance, inverse: Array) -> float:
+    """Return E Σ eᵀ Σ⁻¹ e: 6 R minus the fitted degrees of freedom."""
+    rows = expected.columns.shape[0] * expected.columns.shape[1]
+    weighted = np.matmul(inverse, expected.columns).reshape(rows, -1)
+    own = expected.columns.reshape(rows, -1)
+    partner = expected.partner.reshape(rows, -1)
+    fitted = 2 * np.sum((partner.T @ weighted) * expected.cross.T)
+    spread = np.sum((own.T @ weighted) * expected.covariance)
+    extra = np.sum(expected.extra @ np.diag(inverse))
     return float(rows - fitted + spread + extra)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LackOfFit(ChannelTest):
-    """The test of all six actuators for a bias, or why it was not done."""
+    """Test of six actuators for a bias."""
 
     samples: Annotated[int, described("1", "N, phases per period")] = 0
     fitted_freedom: Annotated[
@@ -113,8 +112,8 @@ class LackOfFit(ChannelTest):
         OfEach,
         described(
             "1",
-            "variance expected besides the noise, relative to it: of unknown friction signs, and "
-            "for held-out data of the parameters and the motion",
+            "expected variance in addition to the noise, relative to it: of unknown friction "
+            "signs, and for held-out data of the parameters and the motion",
         ),
     ] = field(default_factory=no_numbers)
     mean_square: Annotated[OfEach, Field(alias="ms_lof"), described("N^2", "MS_lof")] = field(
@@ -131,7 +130,7 @@ class LackOfFit(ChannelTest):
     statistic_freedom: Annotated[
         OfEach,
         Field(alias="degrees_of_freedom"),
-        described("1", "of F's numerator, effective: (tr B)² / tr B², B = Cov(e_j) / σ_j²"),
+        described("1", "effective, of F's numerator: (tr B)² / tr B², B = Cov(e_j) / σ_j²"),
     ] = field(default_factory=no_numbers)
     pure_error_freedom: Annotated[
         float, Field(alias="pure_error_degrees_of_freedom"), described("1", "(M − 1) N")
@@ -140,7 +139,7 @@ class LackOfFit(ChannelTest):
 
 def lack_of_fit(
     part: Linearisation,
-    law: ResidualCovariance,
+    expected: ResidualCovariance,
     *,
     residuals: Array | None = None,
     level: float = LACK_OF_FIT,
@@ -149,30 +148,30 @@ def lack_of_fit(
 
     Parameters
     ----------
-    law : ResidualCovariance
-        Of the residuals; its cross part is zero for held-out data.
+    expected : ResidualCovariance
+        Covariance of the residuals; its cross part is zero for held-out data.
     residuals : (R, 6), optional
-        Other residuals than those of the estimate, N.
+        Residuals, N; by default those of the estimate.
     """
-    if law.noise.includes_model_error:
+    if expected.noise.includes_model_error:
         return LackOfFit(
-            refused="the noise was taken from the residuals of the model, so it includes the "
-            "error of the model: measure two or more periods, or give the noise"
+            refused="the noise of the residuals includes the error of the model: "
+            "measure two or more periods, or give the noise"
         )
     scatter = part.force_scatter
     if scatter is None:
         return LackOfFit(
-            refused="without a second period nothing tells the noise from the error of the "
-            "model: measure two or more"
+            refused="without a second period, noise and error of the model cannot be separated: "
+            "measure two or more"
         )
     rest = part.forces if residuals is None else residuals
-    weights = [law.weights(j) for j in range(rest.shape[1])]
+    weights = [expected.weights(j) for j in range(rest.shape[1])]
     trace = np.array([np.sum(w) for w in weights])
     square = np.array([np.sum(w**2) for w in weights])
     squares = np.sum(part.counts[:, None] * rest**2, axis=0)
     samples = len(rest)
-    signs = np.sum(law.extra, axis=0) / np.diag(law.noise.covariance)
-    fitted = samples - trace + signs if np.any(law.cross) else np.zeros_like(trace)
+    signs = np.sum(expected.extra, axis=0) / np.diag(expected.noise.covariance)
+    fitted = samples - trace + signs if np.any(expected.cross) else np.zeros_like(trace)
     mean_square = squares / (samples - fitted)
     added = trace / (samples - fitted) - 1
     pure = np.diag(scatter.covariance).copy()
@@ -202,13 +201,13 @@ _FEWEST = 4
 
 @dataclass(frozen=True, eq=False)
 class ForceResiduals:
-    """Measured minus predicted forces along a motion, in the order of time."""
+    """Force residuals along the motion, measured minus predicted, in the order of time."""
 
     time: Annotated[Array, Column("t", "s", "time")]
     forces: Annotated[Array, strutwise("e", "N", "residual force, mean over the periods,")]
     std: Annotated[
         Array,
-        strutwise("e", "N", "what the noise alone makes of the residual force", suffix="_std"),
+        strutwise("e", "N", "standard deviation due to the noise alone", suffix="_std"),
     ]
 
 
@@ -226,7 +225,7 @@ def _force_std(experiment: Experiment, part: Linearisation) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class VarianceComparison:
-    """The paper's comparison, over all single samples of each actuator."""
+    """Comparison of variances as in the paper, over all single samples of each actuator."""
 
     model_error: Annotated[
         Numbers, sized(ACTUATORS), described("N^2", "mean square of measured minus predicted force")
@@ -234,13 +233,13 @@ class VarianceComparison:
     measurement_error: Annotated[
         Numbers, sized(ACTUATORS), described("N^2", "variance of the noise of one sample")
     ]
-    note: Annotated[str, described("", "how it is to be read")] = (
+    note: Annotated[str, described("", "interpretation")] = (
         "information as in the paper, not a test: a residual contains the noise"
     )
 
 
 def variance_comparison(experiment: Experiment, part: Linearisation) -> VarianceComparison:
-    """Compare as the paper does, over the single samples where periods were averaged."""
+    """Compare variances as in the paper; of averaged periods, over the single samples."""
     single, periods = part.force_rows, experiment.record.forces.periods
     noise = np.diag(experiment.noise.forces.covariance)
     averaged = 0.0
@@ -249,7 +248,7 @@ def variance_comparison(experiment: Experiment, part: Linearisation) -> Variance
             periods = periods[:, experiment.pointwise.rows]
         single = (periods - (experiment.forces - part.force_rows)).reshape(-1, single.shape[1])
     else:
-        # Means, where samples were lost: a single one has more noise.
+        # If samples were lost, rows are means: a single sample has more noise.
         averaged = float(np.mean(1 - 1 / np.maximum(experiment.counts, 1.0)))
     return VarianceComparison(np.mean(single**2, axis=0) + averaged * noise, noise.copy())
 
@@ -262,21 +261,21 @@ class BinRow:
     over: Annotated[str, described("", "length or speed")]
     centre: Annotated[float, described("m or m/s", "mean length or speed in the bin")]
     mean: Annotated[float, described("N", "weighted mean residual force")]
-    half_width: Annotated[float, described("N", "of its 95 % interval, from the forces' noise")]
+    half_width: Annotated[float, described("N", "half width of its 95 % interval, due to noise")]
 
 
 def dependence(experiment: Experiment, part: Linearisation) -> Iterator[BinRow]:
-    """Yield the residuals in bins of every strut's length, and of its speed."""
+    """Yield the mean residuals in bins of every strut's length and speed."""
     weights = 1 / _force_std(experiment, part) ** 2
     for name, values in (("length", part.position), ("speed", part.speed)):
         for j, (over, forces, weight) in enumerate(
             zip(values.T, part.forces.T, weights.T, strict=True), start=1
         ):
-            for row in _binned(over, forces, weight).tolist():
+            for row in _bin_means(over, forces, weight).tolist():
                 yield BinRow(j, name, *row)
 
 
-def _binned(over: Array, forces: Array, weights: Array) -> Array:
+def _bin_means(over: Array, forces: Array, weights: Array) -> Array:
     """Return centres, weighted means and half widths of the bins with enough samples, (B, 3)."""
     count = int(np.clip(len(over) // _PER_BIN, _FEWEST_BINS, _MOST_BINS))
     edges = np.linspace(over.min(), over.max(), count + 1)

@@ -1,13 +1,13 @@
-"""What the tests of six channels have in common, in memory and in a file, and their levels.
+"""Significance levels, tail probabilities, and the common base of tests of six channels.
 
 A level is the share of sound experiments that each family of tests may reject.
 
-Tail probabilities: logarithms where they underflow, and sums of squares of unequal variances.
-
-P(Σ λ_i z_i² / (χ²_ν / ν) > x) for independent standard normal z: the F distribution when all λ are
-one. With badly known parameters a prediction's residuals have a few large λ, and an F of matched
-moments rejects too often. The saddlepoint approximation of Lugannani and Rice (1980), used for
-quadratic forms by Kuonen (Biometrika 86, 1999), has relative errors of about a percent.
+Tail probabilities are returned as logarithms where they would underflow. `ratio_tail` treats sums
+of squares with unequal variances, P(Σ λ_i z_i² / (χ²_ν / ν) > x) for independent standard normal z,
+which is the F distribution if all λ are one. With poorly known parameters the residuals of a
+prediction have a few large λ, and an F distribution of matched moments rejects too often. The
+saddlepoint approximation of Lugannani and Rice (1980), applied to quadratic forms by Kuonen
+(Biometrika 86, 1999), has relative errors of about a percent.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import OpenNumbers, described, sized
 
 LACK_OF_FIT = 0.01
-"""Over the six actuators."""
+"""Level over the six actuators."""
 HYPOTHESES = 0.02
-"""Over all families of causes together."""
+"""Level over all families of hypotheses together."""
 POSITION_PERIODIC = 0.001
-"""Over six struts and all pitches."""
+"""Level over six struts and all pitches."""
 GAIN_DRIFT = 0.002
-"""Over all gains."""
+"""Level over all gains."""
 NOISE = 0.001
-"""Each of whiteness, normality, outliers and drift, over six channels. Long records show what
-matters beyond any doubt; what they hardly show need not alarm anybody."""
+"""Level of whiteness, normality, outliers and drift, each over six channels. In long recordings
+every relevant deviation is highly significant; marginal ones need no alarm."""
 CHI_SQUARE = 0.001
-"""Over both tails of forces and lengths."""
+"""Level over both tails of forces and lengths."""
 
 
 def _from_one(index: int | None) -> int | None:
@@ -56,11 +56,11 @@ Strut = Annotated[
 
 
 OfEach = Annotated[OpenNumbers, sized(ACTUATORS)]
-"""A number of each channel, of which some may be missing."""
+"""One number per channel, of which some may be missing."""
 
 
 def no_numbers() -> Array:
-    """Return what stands in place of six numbers that are not known."""
+    """Return six missing numbers."""
     return np.full(ACTUATORS, np.nan)
 
 
@@ -68,13 +68,12 @@ def no_numbers() -> Array:
 class ChannelTest:
     """Base of the tests of six channels.
 
-    A file has the numbers of the channels that fail; of a test that was not done it has the reason
-    and nothing else.
+    A file lists the numbers of the channels that fail; for an omitted test, only the reason.
     """
 
-    refused: Annotated[str, described("", "why there is no test; empty when there is one")] = ""
-    p_values: Annotated[OfEach, Field(alias="p"), described("1", "of each channel")] = field(
-        default_factory=no_numbers
+    refused: Annotated[str, described("", "reason for an omitted test; otherwise empty")] = ""
+    p_values: Annotated[OfEach, Field(alias="p"), described("1", "p-value of each channel")] = (
+        field(default_factory=no_numbers)
     )
     level: Annotated[
         float, Field(alias="family_level"), described("1", "level of each family of six")
@@ -82,12 +81,12 @@ class ChannelTest:
 
     @property
     def significant(self) -> NDArray[np.bool_]:
-        """(6,) channels of which the test rejects the assumption."""
+        """(6,), channels whose assumption is rejected."""
         return below_level(self.p_values, self.level)
 
     @property
     def failed(self) -> NDArray[np.bool_]:
-        """(6,) channels of which the assumption does not hold to an extent that matters."""
+        """(6,), channels that violate the assumption to a relevant extent."""
         return self.significant
 
     @model_serializer(mode="wrap")
@@ -98,7 +97,13 @@ class ChannelTest:
 
 
 def below_level(p_values: Array, level: float) -> NDArray[np.bool_]:
-    """Tell which tests of one family are significant, after Bonferroni."""
+    """Return which tests of one family are significant, after Bonferroni's correction.
+
+    Examples
+    --------
+    >>> below_level(np.array([0.004, 0.02]), 0.01).tolist()
+    [True, False]
+    """
     return p_values < level / len(p_values)
 
 
@@ -114,23 +119,28 @@ def log_two_sided(values: Array, freedom: float) -> Array:
     if not np.isfinite(freedom):
         return normal
     direct = 2 * scipy.stats.t.sf(size, freedom)
-    # Beyond what numbers hold, the leading term of the tail.
+    # Beyond the range of floating-point numbers, the leading term of the tail.
     far = np.log(2 / np.sqrt(2 * np.pi)) - np.log(np.maximum(size, 1.0))
     far = far - 0.5 * freedom * np.log1p(size**2 / freedom)
     return np.where(direct > _SMALLEST, np.log(np.maximum(direct, _SMALLEST)), far)
 
 
 def log_pair_tail(statistic: Array, freedom: float) -> Array:
-    """Return log P(T > statistic), T of two degrees of freedom: χ², or 2 F with an estimated Σ."""
+    """Return log P(T > statistic) for two degrees of freedom: χ², or 2 F with an estimated Σ."""
     if not np.isfinite(freedom):
         return -0.5 * statistic
     return -0.5 * freedom * np.log1p(statistic / freedom)
 
 
 def log_tail(statistic: Array, count: Array, freedom: float) -> Array:
-    """Return log P(T > statistic) of χ² with `count` ≥ 1 degrees, or `count` F with ν.
+    """Return log P(T > statistic) of χ² with `count` ≥ 1 degrees of freedom.
 
-    ν, `freedom`, is that of an estimated Σ; T is then `count` times an F of (count, ν).
+    With an estimated Σ of ν degrees of freedom, `freedom`, T is `count` times an F of (count, ν).
+
+    Examples
+    --------
+    >>> float(log_tail(np.array(9.21), np.array(2), np.inf).round(3))
+    -4.605
     """
     half = np.asarray(count) / 2
     if np.isfinite(freedom):
@@ -138,7 +148,7 @@ def log_tail(statistic: Array, count: Array, freedom: float) -> Array:
         size = freedom * np.log1p(statistic / freedom) / 2
     else:
         direct, size = scipy.stats.chi2.sf(statistic, 2 * half), np.asarray(statistic) / 2
-    # Beyond what numbers hold, the leading term of the tail.
+    # Beyond the range of floating-point numbers, the leading term of the tail.
     far = (half - 1) * np.log(np.maximum(size, 1.0)) - size - gammaln(half)
     return np.where(direct > _SMALLEST, np.log(np.maximum(direct, _SMALLEST)), far)
 
@@ -178,7 +188,7 @@ def ratio_tail(value: float, weights: Array, freedom: float) -> float:
     while slopes(lowest)[1] > 0 and known:
         lowest *= 2
     while slopes(lowest)[1] > 0:
-        # Between the present end and the pole.
+        # Between the current end and the pole.
         lowest = (lowest + 1 / (2 * below)) / 2
     point = float(brentq(lambda s: slopes(s)[1], lowest, highest, xtol=1e-15, rtol=1e-12))
     cumulant, _, curvature = slopes(point)

@@ -124,7 +124,7 @@ def test_subsets_are_fitted_as_by_least_squares():
     basis, _ = np.linalg.qr(model)
     left = rest - basis @ (basis.T @ rest)
     projection = EffectProjection(rows, rows.T @ basis, left, np.inf)
-    grown = EffectProjection(rows[:, :2], rows[:, :2].T @ basis, left, np.inf).joined(
+    grown = EffectProjection(rows[:, :2], rows[:, :2].T @ basis, left, np.inf).append(
         EffectProjection(rows[:, 2:], rows[:, 2:].T @ basis, left, np.inf)
     )
 
@@ -265,7 +265,7 @@ def test_rivals_leave_nothing_of_an_effect(lab, palida):
     first = attribution.first
     for hypothesis in attribution.hypotheses:
         test = first.families[hypothesis.kind]
-        again = evaluate_hypothesis(first.beside, hypothesis, test.first)
+        again = evaluate_hypothesis(first.conditional, hypothesis, test.first)
         np.testing.assert_array_equal(again.log_p, test.log_p)
 
 

@@ -60,7 +60,7 @@ def test_signs_and_order(change, place, advice):
 def test_it_is_the_first_finding():
     verdict = judged(counted_otherwise(recording(1, 1.0), sign=[1, 1, -1, 1, 1, 1]))
     assert verdict.status is Status.DOUBTFUL
-    assert verdict.summary.startswith("doubtful: a channel is not what it is taken for (Q3); ")
+    assert verdict.summary.startswith("doubtful: a channel is assigned wrongly (Q3); ")
     assert verdict.findings[0].assumption == CHANNELS
 
 

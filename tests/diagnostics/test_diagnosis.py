@@ -59,7 +59,7 @@ class DiagnosisFile(JsonFile):
 
 def _written(result, folder):
     """Return what a file says of a diagnosis, which is the same after it was read."""
-    path = DiagnosisFile(result.keys).write(folder)
+    (path,) = DiagnosisFile(result.keys).write(folder)
     text = path.read_text(encoding="utf-8")
     DiagnosisFile.read(path).write(folder)
     assert path.read_text(encoding="utf-8") == text

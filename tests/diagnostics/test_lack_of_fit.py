@@ -64,7 +64,7 @@ def test_law_is_the_covariance_of_the_residuals(twin, kind):
         assert abs(sums.mean() - trace) < 4 * np.sqrt(2 * square / DRAWS)
         assert sums.var() == pytest.approx(2 * square, rel=0.35)
         ahead = np.sum(drawn[:, :-1, j] * drawn[:, 1:, j], axis=1) / variance[j]
-        assert abs(ahead.mean() - law.lagged(j, 1)) < 4 * ahead.std() / np.sqrt(DRAWS)
+        assert abs(ahead.mean() - law.lagged_covariance(j, 1)) < 4 * ahead.std() / np.sqrt(DRAWS)
 
 
 @pytest.mark.parametrize("kind", KINDS)

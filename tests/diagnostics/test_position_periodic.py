@@ -106,9 +106,9 @@ def test_amplitude_pitch_and_phase_come_back_within_their_errors(twin):
         solved = _system(part, forces).solved
         pitch = scan_pitches(solved, part, 1, 1e-3).best_pitch
         waves = periodic_columns(part, 1, pitch, (0.0, 0.0))[:, :, :2]
-        a, b = solved.fitted(Signature.of_forces(part, waves)).values
+        a, b = solved.fit(Signature.of_forces(part, waves)).values
         waves = periodic_columns(part, 1, pitch, (a, b))
-        fit = solved.fitted(Signature.of_forces(part, waves))
+        fit = solved.fit(Signature.of_forces(part, waves))
         found = periodic_force(part, 1, pitch, fit.values, fit.covariance)
         turned = np.angle(np.exp(1j * (found.phase - 0.4)))
         centred = np.angle(np.exp(1j * (found.centre_phase - centre_phase)))
