@@ -40,7 +40,7 @@ class ControllerSettings:
     """The controller of every strut, the same in all cases."""
 
     sampling: Annotated[float, described("Hz", "samples per second; forces are held between")]
-    bandwidth: Annotated[float, described("Hz", "natural frequency of a strut by itself")]
+    bandwidth: Annotated[float, described("Hz", "natural frequency of a single strut")]
     damping_ratio: Annotated[float, described("1", "of the same")]
     integral_corner: Annotated[float, described("Hz", "of the integral action; 0: none")]
     filter: Annotated[float, described("Hz", "corner of the filter of the error's rate")]
@@ -129,7 +129,7 @@ class FeedforwardResult(RunFile, StageResult):
     motion: Annotated[str, described("", "which motion is followed")]
     period: Annotated[float, described("s", "its duration")]
     periods: Annotated[float, described("1", "number that was simulated; the last is judged")]
-    controller: Annotated[ControllerSettings, described("", "gains, and what they come from")]
+    controller: Annotated[ControllerSettings, described("", "gains and their design parameters")]
     integration: Annotated[IntegrationSettings, described("", "steps of the simulation")]
     cases: Annotated[tuple[FeedforwardCase, ...], described("", "feed-forward by feed-forward")]
     seconds: Annotated[float, described("s", "how long it took")]

@@ -156,7 +156,7 @@ class EstimatorKeys:
     ] = None
     systematic: Annotated[
         SystematicKeys | None,
-        described("", "what is not known exactly, and what it does; null: taken as exact"),
+        described("", "quantities with a tolerance and their effect; null: taken as exact"),
     ] = None
     constants: Annotated[
         tuple[ConstantKeys, ...],
@@ -168,7 +168,7 @@ class EstimatorKeys:
     ] = None
     consistent: Annotated[
         ConsistentKeys | None,
-        described("", "the nearest parameters that some bodies have; null: what is fixed forbids"),
+        described("", "the nearest physically consistent parameters; null: excluded by fixed ones"),
     ] = None
     combinations: Annotated[
         tuple[Combination, ...], described("", "what is known of parameters not identified")
@@ -214,7 +214,7 @@ class EstimateFile(RunFile):
     parameters: Annotated[tuple[str, ...], described("", "order of rows and columns")]
     fixed: Annotated[tuple[str, ...], described("", "parameters that were not estimated")]
     best: Annotated[str, described("", "the estimator to use")]
-    recordings: Annotated[tuple[RecordingKeys, ...], described("", "what it was made from")]
+    recordings: Annotated[tuple[RecordingKeys, ...], described("", "recordings of the estimate")]
     estimators: Annotated[dict[str, EstimatorKeys], described("", "what each of them found")]
     cramer_rao_covariance: Annotated[
         Numbers | None, described("SI", "the bound with noise in forces and lengths, m × m")

@@ -102,7 +102,7 @@ class ExperimentKeys:
 
 @dataclass(frozen=True)
 class DisturbanceKeys:
-    """What disturbs the experiment besides the noise, as the run file names it; null when off."""
+    """Disturbances of the experiment in addition to the noise, as in the run file; null when off."""
 
     tracking_error: Annotated[dict[str, Any] | None, described("m, rad", "of the execution")]
     drift: Annotated[
@@ -221,7 +221,7 @@ class Truth(RunFile):
         ExecutedTableTruth | None,
         described("", "the controller table that was executed; null for a design"),
     ] = None
-    disturbances: Annotated[DisturbanceKeys, described("", "besides the noise")]
+    disturbances: Annotated[DisturbanceKeys, described("", "in addition to the noise")]
     seeds: Annotated[SeedKeys, described("", "of the random numbers")]
 
     @property

@@ -101,7 +101,7 @@ class ValidationFile(RunFile):
         bool,
         described(
             "",
-            "every motion keeps its tolerance or, without one, does not speak against the model",
+            "every motion keeps its tolerance or, without one, does not contradict the model",
         ),
     ]
     motions: Annotated[tuple[MotionKeys, ...], described("", "motion by motion")]

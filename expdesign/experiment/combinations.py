@@ -35,7 +35,7 @@ class KnownCombination:
     std_alone: Annotated[
         OpenNumber,
         described(
-            "see unit", "of that parameter by itself; empty where no motion tells it from others"
+            "see unit", "of that parameter alone; empty if no motion distinguishes it from others"
         ),
     ]
     rel_std_percent: Annotated[

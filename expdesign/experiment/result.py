@@ -130,7 +130,7 @@ class DesignResult(FourierKeys, StageResult):
     units: Annotated[str, described("", "of all values: SI and radians")] = "SI and radians"
     name: Annotated[str, described("", "name of the run")]
     robot_name: Annotated[str, described("", "name of the robot", name="robot")]
-    criterion: Annotated[str, described("", "what was optimised: d, a, e or condition")]
+    criterion: Annotated[str, described("", "the optimised criterion: d, a, e or condition")]
     scaling: Annotated[str, described("", "of the parameters in the criterion: si or nominal")]
     parameter_names: Annotated[
         tuple[str, ...], described("", "the parameters that are judged", name="parameters")

@@ -63,7 +63,7 @@ class SweptDesign:
     ] = np.nan
     iterations: Annotated[int, described("1", "of the search")] = 0
     evaluations: Annotated[int, described("1", "of functions and derivatives, in the search")] = 0
-    reason: Annotated[str, described("", "why there is no design, or none that is complete")] = ""
+    reason: Annotated[str, described("", "reason for a missing or incomplete design")] = ""
 
     @property
     def made(self) -> bool:

@@ -44,7 +44,7 @@ class LimitCheck:
         described(
             "1",
             "excess over the bound as a share of the limit's range (max - min; |bound| of a "
-            "one-sided limit); negative: what is left",
+            "one-sided limit); negative: margin",
         ),
     ]
     time: Annotated[OpenNumber, described("s", "when, from the start of the period")]

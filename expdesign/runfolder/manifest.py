@@ -26,7 +26,7 @@ class StageEntry:
 
     Its status is ``"done"``, ``"limits broken"``, ``"incomplete"`` (parts of it failed),
     ``"interrupted"`` or ``"failed"``. `files` has the SHA-256 of every file that it wrote, by path
-    in the run folder; `inputs` is the hash of what it was made from. `run.yaml` is not among the
+    in the run folder; `inputs` is the hash of its inputs. `run.yaml` is not among the
     files.
     """
 
@@ -46,10 +46,10 @@ class Manifest(JsonFile):
     WRITTEN_BY: ClassVar[str] = "`expdesign run`"
     versions: Annotated[dict[str, str], described("", "of Python and the packages")]
     seeds: Annotated[dict[str, int], described("", "by stage")]
-    evaluation: Annotated[str, described("", "what evaluates the graph")]
-    stages: Annotated[dict[str, StageEntry], described("", "what became of each, by name")]
+    evaluation: Annotated[str, described("", "evaluator of the graph")]
+    stages: Annotated[dict[str, StageEntry], described("", "status of each stage, by name")]
     warnings: Annotated[
-        tuple[str, ...], described("", "of robot and run that were told: they are told once")
+        tuple[str, ...], described("", "of robot and run, shown once per folder")
     ] = ()
 
     @classmethod
