@@ -102,7 +102,7 @@ class ExperimentKeys:
 
 @dataclass(frozen=True)
 class DisturbanceKeys:
-    """Disturbances of the experiment in addition to the noise, as in the run file; null when off."""
+    """Disturbances of the experiment beyond the noise, as in the run file; null when off."""
 
     tracking_error: Annotated[dict[str, Any] | None, described("m, rad", "of the execution")]
     drift: Annotated[
