@@ -25,7 +25,7 @@ matter."""
 
 @dataclass(frozen=True)
 class KnownCombination:
-    """A combination, with what is known of it."""
+    """An identified combination of parameters."""
 
     combination: Annotated[str, described("", "sum of parameters, such as p5 + 0.98 p4")]
     parameter: Annotated[str, described("", "the one that has the coefficient one, its base")]
@@ -71,12 +71,12 @@ def known_combinations(
     covariance: Array,
     scales: Mapping[str, float],
 ) -> tuple[KnownCombination, ...]:
-    """Return what is known of combinations.
+    """Return value and standard deviation of combinations.
 
     Parameters
     ----------
     base : BaseParameters
-        Of those of `structure`: what the experiment identifies of what its motions can tell.
+        The identified ones of the base parameters of `structure`.
     structure : BaseParameters
     values, covariance : (m,), (m, m)
         Of the parameters of `structure`, SI; zero covariance of those that regroup there.

@@ -28,7 +28,7 @@ FOLDER = "designs"
 _VALUE = "value_"
 
 FAILED, NOT_BEGUN, INTERRUPTED, BROKEN = "failed", "not begun", "interrupted", "limits broken"
-"""The statuses of a row that is no complete design."""
+"""Statuses of a row without a complete design."""
 
 
 @dataclass(frozen=True)

@@ -28,10 +28,10 @@ from expdesign.recheck.limit_check import (
     TOLERANCE,
     LimitCheck,
     Recheck,
+    limit_check,
     worst_sampled,
 )
 from expdesign.robot import LimitModel
-from expdesign.runfolder import copied
 from expdesign.trajectory import FourierTrajectory
 
 CLOSE = 5e-7
@@ -236,15 +236,9 @@ class _Proof:
         # Where there was something to keep, and no value of it was found: it may be any.
         unknown = np.isfinite(proved) | (proved > 0)
         for k, (limit, best) in enumerate(zip(self._model.limits, self._best, strict=True)):
-            check = copied(
-                LimitCheck,
-                limit,
-                best,
-                violation=np.inf if best.row < 0 and unknown[k] else best.violation,
-                title=limit.definition.title,
-                row=limit.labels[max(best.row, 0)],
-                bound=limit.nearest_bound(max(best.row, 0), best.value),
-                stated=limit.nearest_stated(max(best.row, 0), best.value),
+            violation = np.inf if best.row < 0 and unknown[k] else best.violation
+            check = replace(
+                limit_check(limit, max(best.row, 0), best.value, violation, best.time),
                 proved=float(max(proved[k], best.violation)),
                 cells=int(self._cells[k]),
                 open_time=float(left[k]),

@@ -14,7 +14,7 @@ from constraints.arrays import Array, Mask
 from expdesign.configuration import quantity_text
 from expdesign.configuration.open_rows import named_rows, open_in_words, open_rows
 from expdesign.robot import LimitModel, Robot
-from expdesign.runfolder import OpenNumber, copied, described
+from expdesign.runfolder import OpenNumber, described
 from expdesign.trajectory import PoseSamples
 
 TOLERANCE = 1e-6
@@ -200,19 +200,26 @@ def worst_sampled(limits: LimitModel, times: Array, values: Array) -> tuple[Limi
         part = violations[:, columns]
         moment, row = np.unravel_index(int(np.argmax(part)), part.shape)
         value = float(values[moment, columns.start + row])
-        check = copied(
-            LimitCheck,
-            limit,
-            title=limit.definition.title,
-            row=limit.labels[row],
-            value=value,
-            bound=limit.nearest_bound(int(row), value),
-            stated=limit.nearest_stated(int(row), value),
-            violation=float(part[moment, row]),
-            time=float(times[moment]),
-        )
-        checks.append(check)
+        violation = float(part[moment, row])
+        checks.append(limit_check(limit, int(row), value, violation, float(times[moment])))
     return tuple(checks)
+
+
+def limit_check(limit: Limit, row: int, value: float, violation: float, time: float) -> LimitCheck:
+    """Return the check of a limit whose worst moment is in a row; nothing is proved of it."""
+    return LimitCheck(
+        key=limit.key,
+        title=limit.definition.title,
+        row=limit.labels[row],
+        unit=limit.unit,
+        value=value,
+        bound=limit.nearest_bound(row, value),
+        violation=violation,
+        time=time,
+        origin=limit.origin,
+        stated=limit.nearest_stated(row, value),
+        reserve=limit.reserve,
+    )
 
 
 def local_worst(rows: Array, *, periodic: bool) -> Mask:

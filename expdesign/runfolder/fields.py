@@ -1,4 +1,4 @@
-"""What a value in a file is: its unit and its meaning, beside its type."""
+"""Fields of stored data: unit and meaning as annotations, and the checks of their values."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class Column:
     """One column of a table, or one key of a JSON file. Values are SI and radians."""
 
     name: str
-    """As it stands in the file; empty in an annotation: the name of the field."""
+    """Name in the file; empty in an annotation: the name of the field."""
     unit: str
-    """``"1"`` for a pure number, empty for a text, ``"see unit"`` where another column tells it."""
+    """``"1"`` for a pure number, empty for a text, ``"see unit"``: in the column `unit`."""
     meaning: str
     """In words."""
 
@@ -41,7 +41,11 @@ def described(unit: str, meaning: str, name: str = "") -> Column:
 
 
 def strutwise(prefix: str, unit: str, meaning: str, suffix: str = "") -> tuple[Column, ...]:
-    """Return a column for every strut: ``q1`` … ``q6``."""
+    """Return a column for every strut.
+
+    >>> [column.name for column in strutwise("q", "m", "length")]
+    ['q1', 'q2', 'q3', 'q4', 'q5', 'q6']
+    """
     names = enumerate(numbered(prefix, suffix), start=1)
     return tuple(Column(name, unit, f"{meaning} of strut {number}") for number, name in names)
 
@@ -106,7 +110,7 @@ def cached_by_type(function: Callable[[Any], Value]) -> Callable[[Any], Value]:
 
 
 checker: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
-"""Returns what checks data against a type; made once for each, since that takes long."""
+"""Validator of a type, which takes long to build and is built once for each."""
 
 
 def _numbers(value: object) -> Array:
@@ -139,7 +143,7 @@ def _whole_numbers(value: object) -> NDArray[np.int64]:
 
 
 def sized(*shape: int | None) -> AfterValidator:
-    """Return what refuses an array of another shape; None: any number, at least one."""
+    """Return the check of an array's shape; None: any number, at least one."""
     wanted = " × ".join("any number of" if size is None else str(size) for size in shape)
 
     def check(array: Array) -> Array:
@@ -159,7 +163,7 @@ Numbers = Annotated[Array, BeforeValidator(_numbers)]
 """Finite numbers, in a JSON file lists of them."""
 
 OpenNumbers = Annotated[Array, BeforeValidator(_open_numbers)]
-"""Numbers of which some may be missing: NaN, null in a JSON file."""
+"""Numbers, some of them missing: NaN, null in a JSON file."""
 
 
 def _variances(covariance: Array) -> Array:
@@ -171,13 +175,13 @@ def _variances(covariance: Array) -> Array:
 
 
 def negative_variance(covariance: Array) -> int | None:
-    """Return the first place on the diagonal with a negative number, None without one."""
+    """Return the place of the first negative number on the diagonal, None without one."""
     places = np.flatnonzero(np.diag(covariance) < 0)
     return int(places[0]) if places.size else None
 
 
 Covariance = Annotated[Numbers, sized(ACTUATORS, ACTUATORS), AfterValidator(_variances)]
-"""That of six channels, (6, 6)."""
+"""Covariance of six channels, (6, 6)."""
 
 WholeNumbers = Annotated[NDArray[np.int64], BeforeValidator(_whole_numbers)]
 """Whole numbers, in a JSON file a list of them."""
@@ -192,16 +196,16 @@ MAY_BE_EMPTY = BeforeValidator(_none_if_empty)
 def wrong_shape(
     key: str, numbers: Array | None, shape: tuple[int, ...], of: str
 ) -> Iterator[Problem]:
-    """Yield that an array has not the shape that the file asks for; nothing for None.
+    """Yield a problem for an array of another shape than the file requires; none for None.
 
     Parameters
     ----------
     key : str
-        Of the array.
+        Key of the array.
     numbers : array or None
     shape : tuple of int
     of : str
-        What its rows and columns are counted by, in words.
+        Entries that determine the shape, in words.
     """
     if numbers is not None and numbers.shape != shape:
         found, wanted = (" × ".join(map(str, each)) for each in (numbers.shape, shape))
@@ -209,7 +213,7 @@ def wrong_shape(
 
 
 def wrong_covariance(key: str, numbers: Array | None, count: int, of: str) -> Iterator[Problem]:
-    """Yield that a matrix is no covariance of as many; arguments as of `wrong_shape`."""
+    """Yield a problem for a matrix of another size or with a negative variance."""
     wrong = list(wrong_shape(key, numbers, (count, count), of))
     yield from wrong
     place = None if wrong or numbers is None else negative_variance(numbers)
@@ -220,7 +224,7 @@ def wrong_covariance(key: str, numbers: Array | None, count: int, of: str) -> It
 
 
 def wrong_count(key: str, entries: Collection[object], count: int, of: str) -> Iterator[Problem]:
-    """Yield that a list has not as many entries as the file asks for; `of`: of what, in words."""
+    """Yield a problem for a list with another number of entries than the file requires."""
     if len(entries) != count:
         yield Problem(
             f"the list has {len(entries)}", key=key, allowed=f"{count}, one for each of {of}"
@@ -230,7 +234,7 @@ def wrong_count(key: str, entries: Collection[object], count: int, of: str) -> I
 def unknown_names(
     key: str, names: Iterable[str], known: Collection[str], of: str
 ) -> Iterator[Problem]:
-    """Yield the first name that the file does not have elsewhere; `of`: where, in words."""
+    """Yield a problem for the first name that is missing elsewhere; `of`: where, in words."""
     for name in names:
         if name not in known:
             yield Problem(
@@ -242,7 +246,7 @@ def unknown_names(
 def wrong_names(
     key: str, names: Collection[str], wanted: Collection[str], of: str
 ) -> Iterator[Problem]:
-    """Yield that names are not all of those that the file has elsewhere; `of`: where, in words."""
+    """Yield a problem for an unknown or missing name; `of`: where the names are, in words."""
     yield from unknown_names(key, names, wanted, of)
     missing = [name for name in wanted if name not in names]
     if missing:

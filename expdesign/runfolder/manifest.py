@@ -22,7 +22,7 @@ _PACKAGES = (
 
 @dataclass(frozen=True)
 class StageEntry:
-    """One stage of a run: how it ended, and when, UTC in ISO 8601.
+    """Entry of a stage: its status and the time of its end, UTC in ISO 8601.
 
     Its status is ``"done"``, ``"limits broken"``, ``"incomplete"`` (parts of it failed),
     ``"interrupted"`` or ``"failed"``. `files` has the SHA-256 of every file that it wrote, by path
@@ -40,7 +40,7 @@ class StageEntry:
 
 @dataclass(frozen=True)
 class Manifest(JsonFile):
-    """The run as a whole."""
+    """Versions, seeds and stages of a run."""
 
     FILE: ClassVar[str] = "manifest.json"
     WRITTEN_BY: ClassVar[str] = "`expdesign run`"
@@ -79,9 +79,9 @@ class Manifest(JsonFile):
     def is_done(
         self, name: str, inputs: str, folder: Path, *, growing: Collection[str] = ()
     ) -> bool:
-        """Tell whether a stage was done from these inputs and its files are still as written.
+        """Return whether a stage was done from these inputs and its files are unchanged.
 
-        Those that are `growing` have to be there, whatever they hold.
+        Files that are `growing` only have to exist.
         """
         entry = self.stages.get(name)
         if entry is None or entry.inputs != inputs or entry.status != "done":

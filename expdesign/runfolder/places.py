@@ -1,4 +1,4 @@
-"""Places of a result's fields besides its JSON file: tables, matrices, texts, the run file."""
+"""Places of a result's fields outside its JSON file: tables, matrices, texts, the run file."""
 
 from __future__ import annotations
 
@@ -214,7 +214,7 @@ class Matrix(Place):
 
 @dataclass(frozen=True)
 class Text(Place):
-    """A text in a file; None: there is no file."""
+    """A text in a file; None without the file."""
 
     file: str
     meaning: str
