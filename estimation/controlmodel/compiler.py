@@ -24,7 +24,7 @@ _TIME = re.compile(r"^forces +median (\S+) us, 99.9 % (\S+) us, worst (\S+) us",
 
 @dataclass(frozen=True)
 class SelfTest:
-    """What a self-test has shown here."""
+    """Result of a self-test on this computer."""
 
     precision: Annotated[str, described("", "double or float")]
     compiler: Annotated[str, described("", "that built it, or Python, with its version")]
@@ -57,7 +57,7 @@ def build(compiler: str, folder: Path, sources: Sequence[str], target: str, *fla
 
 
 def run_self_test(command: Sequence[str], folder: Path, precision: str, by: str) -> SelfTest:
-    """Run a self-test that was built, and return what it shows.
+    """Run a compiled self-test and return its result.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a control model computes, as functions of the shared graph.
+"""Functions of a control model, built from the shared graph.
 
 Poses, rates and accelerations are λ, λ̇, λ̈: (6, 1) each, SI and radians.
 """

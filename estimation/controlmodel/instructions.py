@@ -1,7 +1,7 @@
 """CasADi functions as lines of C or NumPy, one line to an instruction.
 
-CasADi's own C generator is not used: it keeps double constants and double functions when it is told
-to compute with `float`, its unused arguments and functions do not compile without warnings, and the
+CasADi's own C generator is not used: it keeps double constants and double functions when
+`float` is requested, its unused arguments and functions do not compile without warnings, and the
 robot's numbers would be strewn over the code. Here they stay named constants on top of the file.
 """
 

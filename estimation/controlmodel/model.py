@@ -24,7 +24,7 @@ DOUBLE, SINGLE = 4e-12, 1e-5
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """Where a model's numbers come from."""
+    """Origin of a model's numbers."""
 
     file: Annotated[str, described("", "the robot file")]
     sha256: Annotated[str, described("", "its SHA-256")]
@@ -45,7 +45,7 @@ class Origin:
 
 @dataclass(frozen=True, eq=False)
 class ControlModel:
-    """What all formats are written from."""
+    """Common input of all formats."""
 
     robot: Robot
     origin: Origin
@@ -67,12 +67,12 @@ class ControlModel:
 
     @property
     def functions(self) -> dict[str, ModelFunction]:
-        """What it computes."""
+        """Functions of the model."""
         return dict(model_functions(self.robot.terms))
 
     @cached_property
     def vectors(self) -> Vectors:
-        """States and what it returns there."""
+        """Test states with the model's outputs."""
         return vectors_of(self.robot, self.width, _COUNT, _SEED)
 
     @property

@@ -33,7 +33,7 @@ class Constant:
 
     @property
     def places(self) -> tuple[str, ...]:
-        """What its elements are called in C and Python, row by row."""
+        """Names of its elements in C and Python, row by row."""
         indices = np.ndindex(*self.values.shape)
         return tuple(self.name + "".join(f"[{k}]" for k in index) for index in indices)
 

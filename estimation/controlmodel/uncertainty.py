@@ -1,4 +1,4 @@
-"""How uncertain the forces of a control model are: what the estimate's covariance makes of them.
+"""Uncertainty of a control model's forces by the covariance of the estimate.
 
 With Q = A p and the covariance C of p, the covariance of Q is A C Aᵀ at every instant. C has the
 random share, which another recording draws anew, and the systematic one of the tolerances. Where

@@ -31,7 +31,7 @@ def in_si(
 
     A column's unit is that of the file, else that of `section.units` for the channel or its
     group, else SI. Currents are multiplied by the force constants. Then a length or force is
-    sign · channel + offset, and what stands in the file as q1 is the length of the first strut of
+    sign · channel + offset, and q1 of the file is the length of the first strut of
     `section.order`.
 
     Parameters
@@ -134,9 +134,9 @@ def unit_factor(channel: str, table: RawTable, section: DataSection) -> float:
 def _factor(
     channel: str, place: str, table: RawTable, section: DataSection
 ) -> tuple[float, Dimension | None, list[str]]:
-    """Return what a column's unit is in SI and of which quantity, None without one; warnings.
+    """Return the SI factor and quantity of a column's unit, None without a unit; warnings.
 
-    `channel` is that of the file, `place` where it stands in the table.
+    `channel` is that of the file, `place` its position in the table.
     """
     stated = section.units.get(channel, section.units.get(channel[0]))
     given = table.columns[place].unit if place in table.columns else None
@@ -253,7 +253,7 @@ class LengthRange:
         return cls(lower, np.where(np.isfinite(high), high, home * 2), limit.origin)
 
     def fits(self, middle: Array) -> NDArray[np.bool_]:
-        """Tell for which struts a median length, (6,), m, is plausible."""
+        """Return for which struts a median length, (6,), m, is plausible."""
         margin = _MARGIN * self.upper
         return (middle >= self.lower - margin) & (middle <= self.upper + margin)
 

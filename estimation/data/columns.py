@@ -1,4 +1,4 @@
-"""Which column of a file is which channel: names, units in headers, what is missing."""
+"""Assignment of a file's columns to channels: names, units in headers, missing columns."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class RecordedColumn:
 
     @property
     def spellings(self) -> tuple[str, str, str]:
-        """What it may be called, the most exact first."""
+        """Accepted names of the column, the most exact first."""
         return self.text, self.name, self.short
 
 

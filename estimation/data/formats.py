@@ -1,8 +1,8 @@
-"""What a format of recordings is, and reading with its library: every failure is bad input.
+"""Formats of recordings, read by their libraries; every failure is bad input.
 
-SciPy's reader of MATLAB files, HDF5, asammdf and rosbags trust the sizes and addresses that stand
-in a file: one wrong byte may end the process that reads it, or take all its memory. They read in a
-process of their own.
+SciPy's reader of MATLAB files, HDF5, asammdf and rosbags trust the sizes and addresses in a file:
+one wrong byte may crash the reading process or exhaust its memory. They read in a separate
+process.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class FileFormat:
     """The file by which a folder is of this format; without one no folder is."""
 
     def claims(self, path: Path) -> bool:
-        """Tell whether a file or folder that exists is of this format."""
+        """Return whether an existing file or folder has this format."""
         if path.is_dir():
             return bool(self.folder_file) and (path / self.folder_file).is_file()
         known = path.suffix.lower() in self.extensions

@@ -44,7 +44,7 @@ def format_of(path: Path) -> FileFormat:
     Raises
     ------
     InputError
-        There is no such file, no format claims it, or its library is not installed.
+        The file does not exist, no format claims it, or its library is not installed.
     """
     if not path.exists():
         raise InputError("there is no such file", path)

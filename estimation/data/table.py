@@ -1,4 +1,4 @@
-"""What is read of a file: the channels' columns as they stand there."""
+"""Raw table: the columns of the channels as the file has them."""
 
 from __future__ import annotations
 

@@ -156,7 +156,7 @@ def gaps(stamps: Array) -> list[tuple[int, int]]:
     """Return where samples are missing: the row after the gap, and how many.
 
     An interval between increasing stamps, (T,), that is too long is a gap when the stamps after it
-    stay late. After a stamp that is late by itself the following ones are back on the grid.
+    stay late. A single late stamp is no gap: the following ones are back on the grid.
     """
     intervals = np.diff(stamps)
     # Over several samples, so that jitter averages out, but few, so that most have no gap.
@@ -176,7 +176,7 @@ def gaps(stamps: Array) -> list[tuple[int, int]]:
 
 
 def _median_of(values: Array, rows: NDArray[np.intp], places: range) -> Array:
-    """Return the median of the values at places beside each row, of those that there are."""
+    """Return the median of the existing values at places around each row."""
     index = rows[:, None] + np.array(places)
     there = (index >= 0) & (index < len(values))
     return np.nanmedian(np.where(there, values[index % len(values)], np.nan), axis=1)

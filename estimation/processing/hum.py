@@ -1,8 +1,8 @@
 """Hum of the mains in repeated periods: sinusoids at 50 or 60 Hz and their multiples.
 
-The mean over the periods is taken out first, and with it the motion. What is left of a sinusoid of
-frequency f is the share g = 1 − |D|² of its power, D the mean of its phase factors over the
-periods; at a multiple of the base frequency nothing is left, and no contrast shows it.
+The mean over the periods, and with it the motion, is removed first. A sinusoid of frequency f
+keeps the share g = 1 − |D|² of its power, D the mean of its phase factors over the periods; at a
+multiple of the base frequency g = 0, and no contrast shows it.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class HumLine:
 
 @dataclass(frozen=True, eq=False)
 class HumSearch:
-    """What was found, and where nothing can be seen."""
+    """Detected hum, and the frequencies at which hum is invisible."""
 
     lines: tuple[HumLine, ...]
     """In the order of their frequencies."""
@@ -154,7 +154,7 @@ class _Periodogram:
 
 
 def _grid(centre: float, duration: float) -> Array:
-    """Return the frequencies about a multiple of the mains that a record tells apart, Hz."""
+    """Return the resolved frequencies around a multiple of the mains frequency, Hz."""
     steps = int(np.ceil(_WANDER * centre * duration * _OVERSAMPLING))
     return centre + np.arange(-steps, steps + 1) / (_OVERSAMPLING * duration)
 
@@ -166,7 +166,7 @@ def _share_left(turns: Array, count: int) -> Array:
 
 
 def _beside(spectrum: ComplexArray, line: float) -> ComplexArray:
-    """Return the mean spectrum beside a line, (6, 6): a hum at the line has no part in it."""
+    """Return the mean spectrum around a line, (6, 6), without the line itself."""
     distance = np.abs(np.arange(len(spectrum)) - line)
     chosen = (distance >= _NEAR) & (distance <= _FAR)
     if not np.any(chosen):

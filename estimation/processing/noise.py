@@ -54,7 +54,7 @@ class NoiseEstimate:
 
     @property
     def spectrum_words(self) -> str:
-        """What is known of its spectrum, and what the weights take it for."""
+        """Description of the spectrum that the weights assume."""
         if self.lines is None:
             return "taken for white"
         weights = "white" if self.filter is None else self.filter.smoothing
@@ -101,7 +101,7 @@ class NoiseEstimate:
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """What the estimators weight with: Σ of the forces, N², and Δ of the lengths, m²."""
+    """Weights of the estimators: Σ of the forces, N², and Δ of the lengths, m²."""
 
     forces: NoiseEstimate
     lengths: NoiseEstimate
@@ -117,7 +117,7 @@ class NoiseModel:
 
     @property
     def source(self) -> str:
-        """Where both come from."""
+        """Source of both."""
         forces, lengths = self.forces.source, self.lengths.source
         return forces if forces == lengths else f"forces {forces}, lengths {lengths}"
 

@@ -25,7 +25,7 @@ _MUCH_BETTER = 4.0
 
 
 class PeriodSource(Enum):
-    """Where the period came from."""
+    """Source of the period."""
 
     DESIGN = "design"
     COLUMN = "period column"
@@ -67,7 +67,7 @@ def omega_from_column(data: Measurement) -> float:
 
 
 def omega_from_data(data: Measurement) -> float:
-    """Return ω, rad/s, of a recording of which nothing else is known.
+    """Estimate ω, rad/s, from the recording alone.
 
     The autocorrelation of the lengths gives the period to a step, the residual of a Fourier
     series refines it.

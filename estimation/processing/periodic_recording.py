@@ -1,7 +1,7 @@
-"""What the estimators work on: one trajectory's samples, averaged over periods where that is right.
+"""Input of the estimators: the samples of one motion, averaged over periods where possible.
 
-A period that is a whole number of samples gives the same phases again and again: their mean and
-scatter hold all that the samples tell, also where some samples were lost. Otherwise, and with
+A period that is a whole number of samples repeats the same phases: their mean and scatter are
+sufficient statistics, even with lost samples. Otherwise, and with
 stamps that jitter, every sample keeps its own time and nothing is rounded.
 """
 
@@ -248,7 +248,7 @@ def _first_row(data: Measurement) -> int:
 
 @dataclass(frozen=True, eq=False)
 class _Phases:
-    """Where rows stand in whole periods: their places, (T,), in M periods of N samples each."""
+    """Positions of rows in whole periods: places (T,) in M periods of N samples each."""
 
     places: NDArray[np.intp]
     periods: int

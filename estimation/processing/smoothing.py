@@ -1,8 +1,8 @@
-"""The spectrum of the noise, smoothed over neighbouring lines as far as the data allow.
+"""Noise spectrum, smoothed over neighbouring lines with a width chosen by the data.
 
 The spectrum at a line is the mean over its neighbours without the line itself. Weights made of it
 are then independent of the line's own contrasts, and a variance that is computed from these (a
-sandwich) is right whatever the weights are. Only a line that stands out of its neighbours, such as
+sandwich) is valid for any weights. Only a line that exceeds its neighbours, such as
 a drive's hum, keeps its own size. What is smoothed is flat already but for what an
 autoregressive model of each channel leaves (prewhitening: Blackman and Tukey, 1958). The order of
 that model and the number of neighbours are those that predict the lines left out best (Beltrão and
@@ -37,7 +37,7 @@ _MIDDLE_WIDTH = 32
 
 @dataclass(frozen=True, eq=False)
 class SmoothedSpectrum:
-    """What the noise of one sample is taken for at every line."""
+    """Assumed noise spectrum of one sample at every line."""
 
     matrices: ComplexArray
     """(L, 6, 6)."""
@@ -170,7 +170,7 @@ def _coloured(matrices: ComplexArray, response: ComplexArray) -> ComplexArray:
 def _neighbours(lines: NoiseLines, width: int, kept: Array) -> tuple[ComplexArray, Array]:
     """Return the mean over ± width lines without the line itself, (L, 6, 6), and its freedom.
 
-    It is no number where none of these is kept.
+    NaN where no line is kept.
     """
     samples, count = lines.samples, len(kept)
     own = np.arange(count)
@@ -196,7 +196,7 @@ def _neighbours(lines: NoiseLines, width: int, kept: Array) -> tuple[ComplexArra
 
 
 def _own_size(lines: NoiseLines, spectrum: ComplexArray, freedom: Array) -> Array:
-    """Return the size of lines that stand out of the spectrum, (L, 6): 1 for all others."""
+    """Return the relative size of lines that exceed the spectrum, (L, 6): 1 for all others."""
     count, channels = len(lines.matrices), spectrum.shape[1]
     doubled = multiplicity(lines.samples) * lines.freedom
     level = _STANDING_OUT / count / 2

@@ -89,10 +89,10 @@ def resolution_only(values: Array) -> bool:
 
 
 def omega_at_rest(data: Measurement) -> float:
-    """Return ω, rad/s, of the parts into which a recording at rest is cut to be compared.
+    """Return ω, rad/s, of the equal parts into which a recording at rest is divided.
 
-    A part is a whole number of samples, and the multiples of the mains are as far as can be
-    from its harmonics: what repeats in every part is taken out with them.
+    A part is a whole number of samples, chosen with its harmonics as distant as possible from
+    the multiples of the mains frequency: anything that repeats in every part is removed.
 
     Raises
     ------

@@ -2,8 +2,8 @@
 
 Weighting every line of the DFT with the inverse of its own 6 × 6 spectrum C̄ is the same as
 filtering measurement and model alike with H, H C̄ Hᴴ = Σ, and weighting with Σ⁻¹ afterwards
-(Pintelon and Schoukens, *System Identification*, 2012, chapter 9): everything that is right for
-white noise is right behind the filter.
+(Pintelon and Schoukens, *System Identification*, 2012, chapter 9): every method for
+white noise is valid behind the filter.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ class WhiteningFilter:
     def reach(self, std: Array) -> int:
         """Return how far from a jump it is seen, in samples: a quarter of the period at most.
 
-        The jump is one by the noise's standard deviation, (6,), in one channel, and what is left of
-        it is the sum of the response to an impulse from there on. (A share of the response itself
+        The jump has the size of the noise's standard deviation, (6,), in one channel, and its
+        remainder is the sum of the impulse response from there on. (A share of the response itself
         will not do: with more memory it falls off alike, but is larger.)
         """
         impulse = np.zeros((self.samples, ACTUATORS, ACTUATORS))
@@ -97,7 +97,7 @@ def given_filter(covariance: Array, spectrum: ComplexArray, samples: int) -> Whi
 def estimated_filter(
     lines: NoiseLines, covariance: Array, *, always: bool = False
 ) -> WhiteningFilter | None:
-    """Return the filter for measured lines; None when nothing speaks against white noise.
+    """Return the filter for measured lines; None if white noise is not rejected.
 
     With `always` the best one is returned even so; None is then left for periods of too few
     samples to smooth over.

@@ -1,6 +1,6 @@
-"""What an experiment has beside the designed motion: disturbances, some of them drawn at random.
+"""Disturbances of a simulated experiment: tracking error, noise, cogging, drift and others.
 
-Each is drawn from a stream of its own, so that none depends on what else is switched on. All
+Each has a separate random stream, so that none depends on the others being switched on. All
 streams are spawned from a seed by the key (repetition, purpose). Repetitions count from 1; the key
 0 is that of the experiment itself, whose draws all repetitions share.
 """
@@ -36,14 +36,14 @@ _EXPERIMENT = 0
 
 
 class Shared(IntEnum):
-    """What belongs to the experiment and is the same in all its repetitions."""
+    """Random draws of the experiment that all its repetitions share."""
 
     TRACKING_ERROR = 0
     DRIFT = 1
 
 
 class Repeated(IntEnum):
-    """What every repetition draws anew."""
+    """Random draws of one repetition."""
 
     FORCE_NOISE = 0
     LENGTH_NOISE = 1
@@ -158,7 +158,7 @@ def hum_force(hum: Hum, time: Array, rng: np.random.Generator) -> Array:
 
 
 def kept_samples(lost: Lost, count: int, rng: np.random.Generator) -> Mask:
-    """Tell for each of (T,) samples whether the recording has it."""
+    """Return for each of (T,) samples whether the recording has it."""
     if lost.share is not None:
         return rng.random(count) >= lost.share
     kept = np.ones(count, dtype=bool)
@@ -203,16 +203,16 @@ class NoiseSource:
 
     @cached_property
     def _continuous(self) -> NoiseSpectrum:
-        """What of the spectrum is no hum."""
+        """Return the continuous part of the spectrum, without hum."""
         parts = () if self.spectrum is None else self.spectrum.parts
         return NoiseSpectrum(tuple(part for part in parts if not isinstance(part, SpectralHum)))
 
     @cached_property
     def _length(self) -> int:
-        """L of the series that is drawn, as long as its spectrum needs; T of it are taken.
+        """Return the length L of the random series, of which T samples are used.
 
-        The DFT makes a periodic series of it: twice the record's length, no sample is beside
-        another one's repetition. A narrow band needs more, to have lines in it.
+        The DFT makes the series periodic: with twice the record's length no sample is correlated
+        with a repetition. A narrow band needs more, to have lines in it.
         """
         length, longest = 2 * self.count, min(_LONGEST * self.count, 2 * SAMPLES.most)
         wanted = np.diag(self._continuous.covariance)

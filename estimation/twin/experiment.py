@@ -308,7 +308,7 @@ class SampleGrid:
 
     @property
     def duration(self) -> float:
-        """Of all periods, s."""
+        """Duration of all periods, s."""
         return self.periods * self.period
 
     @property

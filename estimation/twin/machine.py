@@ -158,7 +158,7 @@ class Machine:
         return lengths, carried + at_motor @ (robot.parameters * beside)
 
     def _shares(self) -> tuple[Mask, Mask, Mask]:
-        """Return which parameters are of smooth carried terms, of others, and beside the motor."""
+        """Return masks of parameters: smooth load terms, other terms, terms outside the motor."""
         kinds = [
             (term.name in CARRIED and not term.rates, term.name in CARRIED and bool(term.rates))
             for term in self.robot.terms

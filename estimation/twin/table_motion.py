@@ -1,4 +1,4 @@
-"""What a machine does in the measurement window of a controller table."""
+"""Motion of a machine in the measurement window of a controller table."""
 
 from __future__ import annotations
 

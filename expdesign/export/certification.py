@@ -1,4 +1,4 @@
-"""What is proved of a table: how far its path uses each limit, at and between all rows."""
+"""Certificate of a controller table: use of each limit at and between all rows."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def _sampled(table: ExecutedTable, model: LimitModel) -> tuple[LimitCheck, ...]:
 
 
 def _at_rows(table: ExecutedTable, model: LimitModel) -> tuple[LimitCheck, ...]:
-    """Return the worst of the rows, where second differences stand for accelerations."""
+    """Return the worst row of each limit; second differences approximate accelerations."""
     checks: list[LimitCheck] = []
     for times in track("judging the table at its rows", tuple(blocks(table.rows.times))):
         checks += worst_sampled(model, times, model.values(np.hstack(table.smoothed(times).states)))
@@ -188,7 +188,7 @@ class PoseLines:
 
     @cached_property
     def _mean_speeds(self) -> list[TaylorModel]:
-        """Of the six struts over each row, m/s."""
+        """Return the mean speeds of the six struts over each row, m/s."""
         at_rows = self._kinematics.lengths(self._pose(np.repeat(self.breaks[:, None], 2, axis=1)))
         steps = 1 / np.diff(self.breaks)
         per_second = TaylorModel(steps[None, :], 2 * EPS * steps)

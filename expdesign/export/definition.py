@@ -1,4 +1,4 @@
-"""What a controller table is: rows of axes, its format, and what one export has been asked for."""
+"""Controller tables: rows of axes, their format, and the settings of an export."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class TableError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """What a table says at each of its times."""
+    """Values of a table at each of its times."""
 
     times: Array
     """(N,), s from the start of the motion."""
@@ -87,7 +87,7 @@ class Rows:
 
 
 def in_window(times: Array, window: tuple[float, float]) -> NDArray[np.bool_]:
-    """Tell which times are in the measurement window; its end is the first after it."""
+    """Return which times are in the measurement window, its end excluded."""
     first, last = window
     return (times >= first - ON_THE_EDGE) & (times < last - ON_THE_EDGE)
 
@@ -219,7 +219,7 @@ class Settings:
 
     @property
     def title(self) -> str:
-        """What the table holds, for its first line: the run's name, and a scale other than 1."""
+        """Title of the table for its first line: the run's name, and a scale other than 1."""
         factor = self.section.factor
         scaled = "" if factor == 1 else f", {scaled_in_words(factor)}"
         return f"{self.task.name}{scaled}"

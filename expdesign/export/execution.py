@@ -1,4 +1,4 @@
-"""What the machine does when a controller executes a table, and how far that is from the design."""
+"""Execution of a table by a controller: the machine's motion and its deviation from the design."""
 
 from __future__ import annotations
 

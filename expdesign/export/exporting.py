@@ -74,7 +74,7 @@ class ExportError(ComputationError):
 class Export:
     """A file that was written and checked; `digest` is its SHA-256 then.
 
-    What belongs to it in files of their own is `beside` it.
+    Its companion files are `beside` it.
     """
 
     path: Path
@@ -107,7 +107,7 @@ def file_name(section: ExportSection) -> str:
 
 
 def refuse_unreadable_name(section: ExportSection, path: Path, key: str) -> None:
-    """Refuse a name under which nobody can read the file: a bag is recognised by its ending."""
+    """Refuse a name that makes the file unreadable: a bag is recognised by its ending."""
     if section.encoding == "mcap" and path.suffix != _BAG:
         raise InputError(
             f"'{path.name}' does not end in {_BAG}: ROS 2 would not know it for an MCAP bag",
@@ -117,7 +117,7 @@ def refuse_unreadable_name(section: ExportSection, path: Path, key: str) -> None
 
 
 def refuse_missing_library(section: ExportSection, place: str = "") -> None:
-    """Refuse a table that needs a library which is not installed, and tell how to install it."""
+    """Refuse a table whose library is not installed; the message says how to install it."""
     if section.encoding == "mcap" and find_spec("rosbags") is None:
         raise InputError(
             "MCAP bags are written with the library rosbags, which is not installed",
@@ -185,9 +185,9 @@ def export_table(
 def export_job(
     task: Task, monitor: Monitor, section: ExportSection, path: Path, place: str, name: str
 ) -> Export | InputError | ComputationError:
-    """Do `export_table` in a worker process; report what is told meanwhile, under a name.
+    """Run `export_table` in a worker process and report its progress under a name.
 
-    Why there is no table is returned: those of other jobs are written all the same.
+    An error is returned instead of raised: the tables of other jobs are still written.
     """
     with listening(lambda *told: monitor.report(told)), progress_prefix(name):
         try:

@@ -40,7 +40,7 @@ _STEP = 1e-9
 
 @dataclass(frozen=True)
 class ReadBack:
-    """What a file does when it is executed."""
+    """Result of executing a file."""
 
     rows: int = 0
     points: int = 0
@@ -107,7 +107,7 @@ def read_back(path: Path, settings: Settings) -> ReadBack:
 
 
 def _row_error(rows: Rows, settings: Settings) -> tuple[float, list[str]]:
-    """Return the largest error of the rows in units of what it may be, and what is wrong."""
+    """Return the largest error of the rows, relative to its tolerance, and its description."""
     ideal = ideal_rows(settings, rows.times)
     worst, failures = 0.0, []
     pairs = [("position", rows.position, ideal.position)]

@@ -1,4 +1,4 @@
-"""`README.txt`: how to run what stands in the folder."""
+"""`README.txt`: instructions for the tables of the folder."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _CONVENTION = (
 
 
 def readme(record: ExportResult) -> str:
-    """Return the text that tells how to run every file of a record."""
+    """Return the instructions for every file of an export."""
     motion = record.motion
     first, last = motion.window
     parts = [
@@ -98,7 +98,7 @@ def _of_scaled(record: ExportResult) -> str:
 
 
 def _scaled(file: ExportedTable, motion: ExportedMotion) -> list[str]:
-    """Say of a table for a first run what it is, and when its own window begins and ends."""
+    """Describe a table for a first run, with the times of its measurement window."""
     if file.scale == 1:
         return []
     first, last = file.window(motion)

@@ -99,7 +99,7 @@ def _flat(shape: Any, found: Any) -> list[float]:
 
 
 def rows_of(message: Mapping[str, Any], settings: Settings) -> Rows:
-    """Return the rows that a message states; a `TableError` tells where it is not as written."""
+    """Return the rows of a message; raises `TableError` at a deviation from the written form."""
     strut = settings.axes.space == "strut"
     names = settings.axes.names if strut else (PLATFORM_JOINT,)
     if tuple(message["joint_names"]) != names:

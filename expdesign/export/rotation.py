@@ -70,7 +70,7 @@ def angle_derivatives(angles: Array, velocity: Array, acceleration: Array) -> tu
 
 @cache
 def _functions() -> tuple[ca.Function, ca.Function]:
-    """Make ω and ω̇ of the graph a function, and its inverse: both are linear in what they take."""
+    """Build the function of ω and ω̇ by the angles and its inverse; both are linear in the rates."""
     angles, first, second = (ca.SX.sym(name, 3) for name in ("angles", "first", "second"))
     velocity = angular_velocity(angles, first)
     acceleration = angular_acceleration(angles, first, second)

@@ -26,7 +26,7 @@ class TableFile:
 
     `settings` are those with which it was written, `digest` is the SHA-256 of the file; it is
     `changed` when that is not the one that was exported and checked. `described_in` is the file
-    that tells what the table holds, and `exported_as` its name there.
+    that describes the table, and `exported_as` its name there.
     """
 
     path: Path
@@ -74,7 +74,7 @@ def _refuse_crashing(path: Path, settings: Settings) -> None:
 def find_table_file(
     path: Path, robot: Robot, trajectory: FourierTrajectory, exports: Path | None = None
 ) -> TableFile:
-    """Read a table with what `expdesign export` wrote beside it about its axes and its motion.
+    """Read a table with the description of its axes and motion by `expdesign export`.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def find_table_file(
     trajectory : FourierTrajectory
         The design that the table was made of.
     exports : Path, optional
-        An `exports.json` that knows the table by its SHA-256, for one without a record beside it.
+        An `exports.json` that lists the table by its SHA-256, for a table in another folder.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def _refusal(message: str, path: Path, allowed: str = _AGAIN) -> InputError:
 
 @dataclass(frozen=True, eq=False)
 class _Described:
-    """What a record says of a table, under a name."""
+    """Entry of a table in an `exports.json`, with its name."""
 
     place: Path
     record: ExportResult
@@ -138,10 +138,10 @@ class _Described:
 
 
 def _described(path: Path, exports: Path | None) -> _Described:
-    """Return the record that tells what a table holds, and what it says of this file.
+    """Return the description of a table and its entry there.
 
-    A table may have been replaced after one of the records was written: the one with its digest
-    is taken. Where none has it, the table was changed by hand, and the only record is taken.
+    A table may have been replaced after a description was written: the description with the
+    table's digest counts. Without one, the table was changed by hand, and the only one counts.
     """
     places = (path.with_name(RECORD), result_file(path))
     found: list[_Described] = []

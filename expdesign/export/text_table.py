@@ -1,6 +1,6 @@
-"""What formats of text share: rows, marks of the window, and reading them strictly back.
+"""Common parts of text formats: rows, marks of the window, and their strict readers.
 
-What reads raises `TableError`, which names the line.
+The readers raise `TableError`, which names the line.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def marked(text: Iterable[str], times: Array, settings: Settings, comment: str) 
     text : iterable of str
         One line for every row, at the times (N,), s.
     comment : str
-        A comment of the format, with ``{}`` for what it says.
+        A comment of the format, with ``{}`` for its text.
     """
     inside = in_window(times, settings.window)
     edges = np.diff(inside.astype(int), prepend=0, append=0)

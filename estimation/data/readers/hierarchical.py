@@ -27,7 +27,7 @@ _MOST_COLUMNS = 256
 
 
 def _is_hdf5(path: Path) -> bool:
-    """Tell by its signature whether a file is HDF5."""
+    """Return whether a file has the signature of HDF5."""
     with path.open("rb") as file:
         for place in _PLACES:
             file.seek(place)
@@ -142,11 +142,10 @@ def _refuse_long(picked: Mapping[str, RecordedColumn], path: Path) -> None:
 def _loaded(
     picked: Mapping[str, RecordedColumn], load: Callable[[Any], NDArray[Any]]
 ) -> dict[str, Array]:
-    """Return the numbers of the columns that were picked; each array is loaded once.
+    """Return the numbers of the picked columns; each array is loaded once.
 
-    Those that are too long are refused before: compressed they may be few bytes.
-
-    `load` gives the array of a place that `_array_columns` was told.
+    Arrays that are too long are refused before: they may be few bytes in compressed form.
+    `load` returns the array at a place of `_array_columns`.
     """
     loaded: dict[Any, NDArray[Any]] = {}
     values = {}

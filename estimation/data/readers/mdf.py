@@ -22,7 +22,7 @@ _MASTER = "time stamps"
 def read(path: Path, section: DataSection) -> RawTable:
     """Read channels by their names; time is that of their group unless `columns` names a channel.
 
-    A name that occurs in several groups is told apart by the group's number from zero: ``2/q1``.
+    A name in several groups is qualified by the group's number from zero: ``2/q1``.
 
     Raises
     ------

@@ -161,7 +161,7 @@ def _of_lines(text: str) -> dict[str, Any] | None:
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return a mapping; refuse a key that stands there twice."""
+    """Return a mapping; refuse a repeated key."""
     found = dict(pairs)
     if len(found) < len(pairs):
         raise ValueError("a key stands there twice")

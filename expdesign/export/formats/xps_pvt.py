@@ -69,7 +69,7 @@ def _mask(settings: Settings) -> int:
 
 
 def _read_events(path: Path, settings: Settings) -> list[tuple[int, bool]]:
-    """Return the rows behind which the output is switched; none where no events are beside."""
+    """Return the rows after which the output is switched; none without an events file."""
     beside = path.with_name(f"{path.stem}{_EVENTS}")
     if settings.section.trigger is None or not beside.is_file():
         return []
