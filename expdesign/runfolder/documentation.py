@@ -146,11 +146,13 @@ def all_results() -> list[type[JsonFile]]:
         for module in pkgutil.walk_packages(package.__path__, f"{name}."):
             if not module.name.endswith("__main__"):
                 importlib.import_module(module.name)
-    plugin_modules()
+    plugins = {module.__name__ for module in plugin_modules().values()}
     found = {
         kind.FILE: kind
         for kind in _subclasses(JsonFile)
-        if "FILE" in vars(kind) and not kind.WRITTEN_BY_HAND
+        if "FILE" in vars(kind)
+        and not kind.WRITTEN_BY_HAND
+        and (kind.__module__.partition(".")[0] in _PACKAGES or kind.__module__ in plugins)
     }
     return [found[file] for file in sorted(found)]
 

@@ -209,7 +209,7 @@ def test_names_of_a_matrix_that_contradict_the_keys_are_refused(tmp_path):
         Swing.read(tmp_path)
 
 
-def test_contradictions_are_told_with_their_file(tmp_path):
+def test_contradictions_are_reported_with_their_file(tmp_path):
     _swing(rate=-1.0, samples=Samples(np.zeros(2), np.zeros((2, 6)))).write(tmp_path)
     with pytest.raises(InputError) as caught:
         Swing.read(tmp_path)
@@ -229,7 +229,7 @@ def test_derived_keys_are_checked(tmp_path, value):
         Swing.read(tmp_path)
 
 
-def test_missing_files_are_told_with_the_command_that_writes_them(tmp_path):
+def test_missing_files_are_reported_with_the_command_that_writes_them(tmp_path):
     with pytest.raises(MissingFileError, match="expdesign swing"):
         Swing.read(tmp_path)
     _swing(2).write(tmp_path)

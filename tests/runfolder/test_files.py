@@ -1,14 +1,26 @@
+"""Files of a run folder are complete or absent; temporary files of ended processes are removed."""
+
 import errno
 import json
 import os
 import re
 import stat
+import subprocess
+import sys
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from expdesign.runfolder.files import atomic_write, write_csv, write_json, write_text
+from expdesign.runfolder.files import (
+    atomic_write,
+    remove_leftovers,
+    temporary_prefix,
+    write_csv,
+    write_json,
+    write_text,
+)
+from expdesign.runfolder.manifest import text_hash
 
 
 def names(folder):
@@ -18,8 +30,8 @@ def names(folder):
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
 def test_nothing_is_half_written_when_the_writer_raises(tmp_path, error):
     def write():
-        with atomic_write(tmp_path / "new.txt") as beside:
-            beside.write_text("half")
+        with atomic_write(tmp_path / "new.txt") as temporary:
+            temporary.write_text("half")
             raise error("in the middle")
 
     with pytest.raises(error):
@@ -27,7 +39,7 @@ def test_nothing_is_half_written_when_the_writer_raises(tmp_path, error):
     assert names(tmp_path) == []
 
 
-def test_what_was_there_stays_when_the_writer_raises(tmp_path):
+def test_the_old_file_stays_when_the_writer_raises(tmp_path):
     path = tmp_path / "old.json"
     write_text(path, "old")
     with pytest.raises(TypeError):
@@ -38,14 +50,14 @@ def test_what_was_there_stays_when_the_writer_raises(tmp_path):
 
 def test_the_file_appears_only_when_it_is_complete(tmp_path):
     path = tmp_path / "a" / "b" / "file.txt"
-    with atomic_write(path) as beside:
-        beside.write_text("first")
+    with atomic_write(path) as temporary:
+        temporary.write_text("first")
         assert not path.exists()
-        assert beside.parent == path.parent
-        assert beside.name.startswith(".")
+        assert temporary.parent == path.parent
+        assert temporary.name.startswith(".")
     assert path.read_text() == "first"
-    with atomic_write(path) as beside:
-        beside.write_text("second")
+    with atomic_write(path) as temporary:
+        temporary.write_text("second")
         assert path.read_text() == "first"
     assert path.read_text() == "second"
     assert names(path.parent) == ["file.txt"]
@@ -62,7 +74,7 @@ def test_permissions_are_those_of_ordinary_files(tmp_path, mask, mode):
     assert stat.S_IMODE((tmp_path / "file.txt").stat().st_mode) == mode
 
 
-def test_json_has_no_numbers_that_json_does_not_know(tmp_path):
+def test_numbers_that_json_does_not_have_become_null(tmp_path):
     path = tmp_path / "data.json"
     write_json(
         path,
@@ -114,7 +126,7 @@ def test_an_error_of_the_system_names_the_file_and_leaves_nothing(tmp_path):
         with atomic_write(path):
             raise OSError(errno.ENOSPC, "full", name)
 
-    for name in (None, str(tmp_path / "what-stands-for-it")):
+    for name in (None, str(tmp_path / "temporary")):
         with pytest.raises(OSError, match=re.escape(str(path))) as caught:
             write(name)
         assert caught.value.errno == errno.ENOSPC
@@ -122,3 +134,67 @@ def test_an_error_of_the_system_names_the_file_and_leaves_nothing(tmp_path):
         write("/elsewhere/other.csv")
     assert caught.value.filename == "/elsewhere/other.csv"
     assert names(tmp_path) == []
+
+
+@pytest.fixture
+def ended():
+    """Return the prefix of temporary names of a process that has ended."""
+    code = "from expdesign.runfolder.files import temporary_prefix; print(temporary_prefix())"
+    answer = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
+    )
+    return answer.stdout.strip()
+
+
+def place_of(prefix):
+    """Return the part of a name that identifies the computer."""
+    return prefix.split("-")[1]
+
+
+def test_temporary_files_of_ended_processes_are_removed(tmp_path, ended):
+    (tmp_path / f"{ended}x").write_text("half", encoding="utf-8")
+    (tmp_path / f"{ended}folder").mkdir()
+    (tmp_path / f"{ended}folder" / "table.csv").write_text("half", encoding="utf-8")
+    # An earlier process of the same number on the same computer.
+    token = temporary_prefix().split("-")[3]
+    again = temporary_prefix().replace(token, "0" * len(token))
+    (tmp_path / f"{again}x").write_text("half", encoding="utf-8")
+    remove_leftovers(tmp_path)
+    assert names(tmp_path) == []
+
+
+def test_temporary_files_of_running_processes_stay(tmp_path, ended):
+    living = f"{temporary_prefix()}x"
+    parent = ended.replace(ended.split("-")[2], str(os.getppid())) + "x"
+    elsewhere = ended.replace(place_of(ended), "0" * 8) + "x"
+    others = {".expdesign-notes", ".hidden", "table.csv"}
+    kept = {living, parent, elsewhere} | others
+    for name in kept:
+        (tmp_path / name).write_text("whole", encoding="utf-8")
+    remove_leftovers(tmp_path)
+    assert names(tmp_path) == sorted(kept)
+    # Unless they are a day old.
+    os.utime(tmp_path / elsewhere, (0, 0))
+    remove_leftovers(tmp_path)
+    assert names(tmp_path) == sorted(kept - {elsewhere})
+
+
+def test_the_next_file_in_the_folder_removes_them(tmp_path, ended):
+    (tmp_path / f"{ended}x").write_text("half", encoding="utf-8")
+    write_text(tmp_path / "file.txt", "whole")
+    assert names(tmp_path) == ["file.txt"]
+
+
+def test_a_missing_folder_has_no_temporary_files(tmp_path):
+    remove_leftovers(tmp_path / "none")
+    assert names(tmp_path) == []
+
+
+def test_a_hash_of_texts_depends_on_their_borders():
+    assert text_hash("ab", "c") != text_hash("a", "bc")
+    assert text_hash("a") != text_hash("a", "")
+    assert text_hash("a", 1) == text_hash("a", 1)

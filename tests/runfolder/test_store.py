@@ -93,7 +93,7 @@ def test_a_json_file_comes_back_with_every_digit(tmp_path):
         (lambda data: data.pop("format"), "format", "earlier"),
     ],
 )
-def test_a_json_file_that_is_wrong_is_told_by_its_key(tmp_path, change, key, word):
+def test_a_wrong_value_is_reported_with_its_key(tmp_path, change, key, word):
     (path,) = _result().write(tmp_path)
     data = json.loads(path.read_text(encoding="utf-8"))
     change(data)
@@ -126,7 +126,7 @@ def test_unknown_keys_are_ignored(tmp_path):
     "text",
     ["", "{", "[]", "3", "\udcff", '{"format": 1, "omega": Infinity, "values": []}', "[" * 9999],
 )
-def test_no_json_is_told_with_the_file(tmp_path, text):
+def test_a_file_that_is_not_json_is_named(tmp_path, text):
     path = tmp_path / "result.json"
     path.write_bytes(text.encode("utf-8", "surrogateescape"))
     with pytest.raises(InputError) as caught:
@@ -134,7 +134,7 @@ def test_no_json_is_told_with_the_file(tmp_path, text):
     assert {problem.file for problem in caught.value.problems} == {path}
 
 
-def test_a_missing_file_tells_what_writes_it(tmp_path):
+def test_a_missing_file_is_reported_with_the_command_that_writes_it(tmp_path):
     for read in (Result.read, PARTS.read, MOTION.read, MATRIX.read):
         with pytest.raises(MissingFileError, match="expdesign try"):
             read(tmp_path)
@@ -162,7 +162,7 @@ def test_tables_come_back_with_every_digit(tmp_path):
     np.testing.assert_array_equal(matrix, [[1, 1 / 3], [0, 2]])
 
 
-def test_columns_are_told_of_every_table(tmp_path):
+def test_the_columns_of_every_table_are_described(tmp_path):
     PARTS.write(tmp_path, ROWS)
     MATRIX.write(tmp_path, [([("a",)], ("a",), np.eye(1))])
     told = json.loads((tmp_path / "columns.json").read_text(encoding="utf-8"))
@@ -180,7 +180,7 @@ def test_columns_are_told_of_every_table(tmp_path):
         (MOTION, "t,x,y\n0,1,inf\n", 2, "y"),
     ],
 )
-def test_a_cell_that_is_wrong_is_told_by_line_and_column(tmp_path, table, text, line, column):
+def test_a_wrong_cell_is_reported_with_line_and_column(tmp_path, table, text, line, column):
     path = tmp_path / table.file
     path.parent.mkdir(exist_ok=True)
     path.write_text(text, encoding="utf-8")
@@ -196,7 +196,7 @@ def test_missing_columns_are_named(tmp_path):
         MOTION.read(tmp_path)
 
 
-def test_a_field_without_a_description_is_a_fault_of_ours(tmp_path):
+def test_a_field_without_a_description_is_a_type_error(tmp_path):
     @dataclass(frozen=True)
     class Bare:
         number: float
@@ -221,7 +221,7 @@ class Chosen(JsonFile):
         ({"count": [], "parts": {}}, ["count", "parts"]),
     ],
 )
-def test_a_value_of_several_kinds_is_told_once_and_under_its_own_key(changes, keys, tmp_path):
+def test_a_value_of_several_kinds_is_reported_once_under_its_key(changes, keys, tmp_path):
     data = {"format": 1, "count": 1, "parts": [1.0]} | changes
     (tmp_path / Chosen.FILE).write_text(json.dumps(data), encoding="utf-8")
     with pytest.raises(InputError) as caught:
