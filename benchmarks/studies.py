@@ -16,7 +16,9 @@ from estimation.montecarlo.study import NAME as JOURNAL
 from estimation.twin import Twin
 from expdesign.configuration import RunConfiguration, load_run
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
-from results import record_figures
+from results import draw_figures
+from results.views.folder import RunFolder
+from results.views.montecarlo import montecarlo_view
 
 CLEAR_BIAS = 3.5
 """Standard errors from which on a bias is no chance."""
@@ -92,7 +94,8 @@ def palida_study(
     folder = study_folder(name)
     study = run_study(run, palida_design(), folder / JOURNAL)
     study.write(folder)
-    record_figures(study, folder)
+    view = montecarlo_view(RunFolder(folder, {}, run, results={MonteCarloResult: study}))
+    draw_figures(view, folder)
     return study
 
 

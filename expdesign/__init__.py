@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from expdesign.configuration import InputError, load_run
     from expdesign.experiment import DesignResult, design
     from expdesign.robot import Robot, load_robot
-    from expdesign.stages.outcome import Progress, StageFailed
     from expdesign.stages.run import RunResult, estimate, load_measurement, report, run, simulate
+    from expdesign.stages.workspace import Progress, StageFailed
     from expdesign.trajectory import FourierTrajectory
 
 __all__ = [
@@ -45,8 +45,8 @@ _HOMES = {
     "design": "expdesign.experiment",
     "load_robot": "expdesign.robot",
     "load_run": "expdesign.configuration",
-    "Progress": "expdesign.stages.outcome",
-    "StageFailed": "expdesign.stages.outcome",
+    "Progress": "expdesign.stages.workspace",
+    "StageFailed": "expdesign.stages.workspace",
     **dict.fromkeys(
         ("RunResult", "estimate", "load_measurement", "report", "run", "simulate"),
         "expdesign.stages.run",

@@ -15,15 +15,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperOption
 
-from expdesign.cli import commands
-from expdesign.cli.certify import certify
-from expdesign.cli.check import check
-from expdesign.cli.compare import compare
+from expdesign.cli import controller_commands, machine_commands, run_commands
 from expdesign.cli.errors import ended_plainly
-from expdesign.cli.export import export
-from expdesign.cli.init import init
-from expdesign.cli.model import model
-from expdesign.cli.robots import robots
 
 app = typer.Typer(
     name="expdesign",
@@ -74,20 +67,20 @@ def _expdesign(
 
 
 for _command in (
-    robots,
-    init,
-    check,
-    commands.design,
-    commands.simulate,
-    commands.montecarlo,
-    commands.noise,
-    commands.estimate,
-    commands.validate,
-    model,
-    export,
-    certify,
-    commands.report,
-    compare,
-    commands.run,
+    machine_commands.robots,
+    machine_commands.init,
+    machine_commands.check,
+    run_commands.design,
+    run_commands.simulate,
+    run_commands.montecarlo,
+    run_commands.noise,
+    run_commands.estimate,
+    run_commands.validate,
+    controller_commands.model,
+    controller_commands.export,
+    controller_commands.certify,
+    run_commands.report,
+    run_commands.compare,
+    run_commands.run,
 ):
     app.command(cls=_Command)(ended_plainly(_command))

@@ -114,7 +114,7 @@ def _bad_input(problems: Iterable[Problem], as_json: bool) -> int:
         ]
         write_json({"status": BAD_INPUT, "problems": data})
         return BAD_INPUT
-    from expdesign.stages.outcome import short
+    from expdesign.stages.workspace import short
 
     console = messages()
     found = list(problems)

@@ -1,25 +1,34 @@
-"""What `expdesign check --machine` prints: the machine at home, and how far it gets from there."""
+"""Machine at home: lengths, forces, angles and reach, with a drawing, for `check --machine`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich import box
 from rich.table import Table
 
 from constraints import Limit, limit_definitions
-from expdesign.cli.output import results
+from constraints.arrays import Array
+from expdesign.cli.output import results, say
 from expdesign.cli.robots import range_text
+from expdesign.cli.terminal import working
+from expdesign.configuration import (
+    RunConfiguration,
+)
 from expdesign.configuration.limits import row_labels, shared_rows
+from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.mechanism.hexapod import ACTUATORS, POSE
-from expdesign.recheck.reach import SINGULAR, Reach, Stop
+from expdesign.recheck.excitable import Excitable, excitable
+from expdesign.recheck.reach import SINGULAR, Reach, Stop, reach
+from expdesign.robot import LimitModel, Robot
+from expdesign.stages.folder import refuse_unwritable
+from expdesign.stages.workspace import short
 from results.notation import DisplayUnit, handy_unit
-
-if TYPE_CHECKING:
-    from constraints.arrays import Array
-    from expdesign.robot import Robot
+from results.render.figures import draw_machine
 
 _LIMIT, _FREE = "limit", range_text((-np.inf, np.inf))
 _NOTHING = 1e-9
@@ -28,6 +37,68 @@ _STRUTS = {"strut_length": "length", "actuator_force": "force", "alpha": "α", "
 """What is told of every strut, and how its column is called."""
 _WHOLE = ("jacobian_condition", "strut_clearance", "tilt", "platform_joint_angle")
 """What is told of the machine: its worst row."""
+
+
+def show_machine(
+    configuration: RunConfiguration, robot: Robot, folder: Path, *, quiet: bool
+) -> dict[str, Any]:
+    """Compute, print and draw the machine at home; return the same for machines."""
+    refuse_unwritable(folder)
+    with working("check"):
+        at_home, reaches = LimitModel.boundless(robot).at_home(), reach(robot)
+        shown = excitable(robot)
+        files = draw_machine(robot, folder, configuration.run.report.figures)
+    if not quiet:
+        print_machine(robot, at_home, reaches)
+        say(f"{_shown_in_words(shown)}\n")
+        say(f"drawn: {', '.join(short(file) for file in files)}")
+    units = {key: definition.unit for key, definition in limit_definitions().items()}
+    return {
+        "machine": {
+            "at_home": {
+                key: {"values": values.tolist(), "unit": units[key]}
+                for key, values in at_home.items()
+            },
+            "reach": {one.coordinate: asdict(one) for one in reaches},
+            "base_parameters": {name: shown.base.members(name) for name in shown.base.base},
+            "files": [str(file) for file in files],
+        },
+        "warnings": _not_shown(configuration, robot, shown),
+    }
+
+
+def _shown_in_words(found: Excitable) -> str:
+    """Return how many parameters some motion within the limits tells apart."""
+    told, every = len(found.base.base), len(found.base.names)
+    if told == every:
+        return f"Motions within the limits tell all {every} parameters apart."
+    combined = [found.base.text(name) for name in found.base.combined]
+    text = f"Motions within the limits tell {told} of {every} parameters"
+    return f"{text}, together with others: {', '.join(combined)}." if combined else f"{text}."
+
+
+def _not_shown(configuration: RunConfiguration, robot: Robot, found: Excitable) -> list[str]:
+    """Return warnings of parameters that no motion within the limits shows, or none measures."""
+    warnings = []
+    if found.base.regrouped:
+        told = "; ".join(found.base.sentences())
+        warnings.append(
+            f"no motion within the limits tells all parameters: {told}. Design and estimate what "
+            "shows (design.parameters: base, estimate.parameters: base), or leave a term out"
+        )
+    run, noise = configuration.run, configuration.robot.noise
+    if noise is None or noise.force_covariance is None or noise.force_spectrum is not None:
+        return warnings
+    longest = run.experiment.periods / run.trajectory.frequency[0]
+    weak = found.beyond_noise(robot, longest * run.experiment.sampling)
+    if weak:
+        told = ", ".join(f"{name} ({100 * share:.2g} %)" for name, share in weak.items())
+        warnings.append(
+            f"no motion within the limits identifies {told} in {longest:.4g} s of measuring, the "
+            "longest of this run: in brackets the standard deviation at best, which is to be below "
+            f"{100 * IDENTIFIABLE:g} % of the value"
+        )
+    return warnings
 
 
 def print_machine(robot: Robot, at_home: Mapping[str, Array], reaches: Sequence[Reach]) -> None:

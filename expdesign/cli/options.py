@@ -1,8 +1,9 @@
-"""Options of a command that are keys of a section: their text is for the schema to read."""
+"""Options of commands that are keys of a section; the schema reads their texts."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from inspect import Parameter, signature
 from typing import Annotated, Any, NamedTuple
 
@@ -10,7 +11,7 @@ import typer
 
 
 class Option(NamedTuple):
-    """An option of a command that is a key of a section; `read` gives what would stand there."""
+    """An option of a command for a key of a section; `read` returns the value of the key."""
 
     metavar: str
     help: str
@@ -20,7 +21,7 @@ class Option(NamedTuple):
 def with_options(
     options: Mapping[str, Option],
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator: a command has every option of the table in place of its ``**options``."""
+    """Return a decorator that replaces the ``**options`` of a command by those of the table."""
 
     def decorated(command: Callable[..., None]) -> Callable[..., None]:
         own = signature(command, eval_str=True)
@@ -45,5 +46,85 @@ def with_options(
 
 
 def flag(key: str) -> str:
-    """Return the option that a key is."""
+    """Return the option of a key: ``base_radius`` → ``--base-radius``."""
     return f"--{key.replace('_', '-')}"
+
+
+def _whole(text: str) -> int | str:
+    """Return a whole number; the schema refuses any other text."""
+    try:
+        return int(text)
+    except ValueError:
+        return text
+
+
+def _items(text: str, read: Callable[[str], Any] = str) -> Any:
+    """Return one item, or a list of several."""
+    items = [read(item.strip()) for item in text.split(",")]
+    return items[0] if len(items) == 1 else items
+
+
+_wholes = partial(_items, read=_whole)
+
+
+EXPORT_OPTIONS = {
+    "file": Option("NAME", "Name in DIR/exports; selects one of several tables of the run."),
+    "space": Option("strut|pose", "Coordinates of the table."),
+    "segment": Option("TIME", "Between two rows, such as '10 ms'; the longest for PVT."),
+    "scale": Option("F", "Smaller and slower, for a first run: home + F (λ(F t) − home)."),
+    "digits": Option("N", "Digits after the decimal point.", _whole),
+    "units": Option("m|mm|um|in", "Unit of lengths."),
+    "angles": Option("rad|deg", "Unit of angles."),
+    "axes": Option("A,B,…", "Six names, in the controller's order.", _items),
+    "order": Option("1,2,…", "Number of the strut on each axis.", _wholes),
+    "sign": Option("1,-1,…", "Of struts 1 to 6; one for all or six.", _wholes),
+    "offset": Option("L,…", "Strut length at which its axis reads zero, or `home`.", _items),
+    "counts_per_metre": Option("C,…", "Motor counts; one for all or six.", _items),
+    "tolerance": Option("L", "Largest deviation of a strut, such as '1 um'."),
+    "blend": Option("L", "P of G64 for LinuxCNC."),
+    "encoding": Option("yaml|mcap", "Of ros2."),
+    "trigger": Option("N", "Digital output that is on in the measurement window.", _whole),
+}
+"""Options by the keys of `export:`."""
+
+
+def _pair(text: str) -> list[str]:
+    return [end.strip() for end in text.split(",")]
+
+
+def _points(text: str) -> list[list[str]]:
+    return [_pair(point) for point in text.strip().strip(";").split(";")]
+
+
+INIT_OPTIONS = {
+    "base_radius": Option("L", "Radius of the circle of the base joints, such as '450 mm'."),
+    "base_half_angle": Option(
+        "ANGLE", "Between a base joint and the middle of its pair, such as '8 deg'."
+    ),
+    "platform_radius": Option("L", "Radius of the circle of the platform joints."),
+    "platform_half_angle": Option(
+        "ANGLE", "Between a platform joint and the middle of its pair; struts 2 and 3 meet there."
+    ),
+    "home_height": Option("L", "Height of the TCP over the base at home; negative: it hangs."),
+    "platform_z": Option("L", "Height of the platform joints over the TCP; 0 by default."),
+    "base_joints": Option(
+        "'X,Y,Z; …'", "Six base joints, base frame, instead of a circle.", _points
+    ),
+    "platform_joints": Option(
+        "'X,Y,Z; …'", "Six platform joints from the TCP, instead of a circle.", _points
+    ),
+    "strut_length": Option(
+        "MIN,MAX", "Lengths of a strut, joint to joint, such as '600 mm, 900 mm'.", _pair
+    ),
+    "stroke": Option("L", "Stroke of a drive, with home in its middle, instead of lengths."),
+    "strut_speed": Option("SPEED", "Largest speed of a strut, such as '300 mm/s'."),
+    "strut_acceleration": Option("A", "Largest acceleration of a strut, such as '5 m/s^2'."),
+    "actuator_force": Option("FORCE", "Force that a drive holds for long, such as '2 kN'."),
+    "mass": Option("MASS", "Mass of the platform with what it carries, such as '30 kg'."),
+    "drive": Option("direct|screw|gear", "What moves the struts."),
+    "lead": Option("L", "Travel of a strut in one turn of the motor, such as '5 mm'."),
+    "inertia": Option("J", "Inertia of motor and screw about their axis, such as '6e-5 kg m^2'."),
+    "force_std": Option("FORCE", "Standard deviation of a measured force."),
+    "length_std": Option("L", "Standard deviation of a measured length."),
+}
+"""Options by the keys of `MachineDescription`."""

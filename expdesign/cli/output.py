@@ -1,4 +1,4 @@
-"""Where a command writes: results to standard output, everything else to standard error."""
+"""Output of commands: results to standard output, everything else to standard error."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ JsonOption = Annotated[
 
 
 _PIPED_WIDTH = 200
-"""Characters: what is no terminal has no width, and nothing is to be cut for it."""
+"""Characters of a line where the output is no terminal, so that nothing is cut."""
 
 
 def results() -> Console:

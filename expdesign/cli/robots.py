@@ -1,29 +1,24 @@
-"""`expdesign robots`: the robots that ship."""
+"""Command `robots`: the robots that ship."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from expdesign.cli.output import JsonOption, results, write_json
+import numpy as np
+from rich.table import Table
 
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from constraints import Limit
-    from expdesign.configuration import ResolvedRobot
+from constraints import Limit
+from expdesign.cli.output import results, write_json
+from expdesign.configuration import ResolvedRobot
+from expdesign.configuration.robot import load_robot_description
+from expdesign.library import robot_files
 
 _WIDEST = 100
 """Characters of a line that is still easy to read."""
 
 
-def robots(as_json: JsonOption = False) -> None:
-    """List the robots that ship, with geometry, limits and source.
-
-    Any of the names can stand as `robot:` in a run file; so can the path of a file of your own.
-    """
-    from expdesign.configuration.robot import load_robot_description
-    from expdesign.library import robot_files
-
+def list_robots(*, as_json: bool) -> None:
+    """List the robots that ship."""
     found = [load_robot_description(name) for name in robot_files()]
     if as_json:
         write_json([_as_data(robot) for robot in found])
@@ -37,7 +32,6 @@ def robots(as_json: JsonOption = False) -> None:
 
 
 def _block(robot: ResolvedRobot, width: int) -> Table:
-    from rich.table import Table
 
     block = Table.grid(padding=(0, 2, 0, 0))
     block.width = width
@@ -51,7 +45,6 @@ def _block(robot: ResolvedRobot, width: int) -> Table:
 
 
 def _geometry(robot: ResolvedRobot) -> str:
-    import numpy as np
 
     home = _home(robot)
     shortest, longest = (f"{end(home['strut_length']):.4g}" for end in (min, max))
@@ -78,7 +71,6 @@ def _home(robot: ResolvedRobot) -> dict[str, Any]:
 
 
 def _limit(limit: Limit) -> str:
-    import numpy as np
 
     definition = limit.definition
     unit, factor = definition.unit, 1.0
@@ -99,8 +91,6 @@ def _limit(limit: Limit) -> str:
 
 def range_text(row: tuple[float, float]) -> str:
     """Return the bounds of a row as text: ``"±2"``, ``"0.45 … 0.95"``, ``"≤ 10"``, ``"free"``."""
-    import numpy as np
-
     low, high = row
     if np.isinf(low) and np.isinf(high):
         return "free"

@@ -6,23 +6,23 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from typing import TYPE_CHECKING
 
 from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from expdesign.cli import shown
 from expdesign.cli.activity import HEARTBEAT, Activity, left_text, time_text
-from expdesign.cli.output import messages, note, warn
+from expdesign.cli.output import messages, note, results, warn
+from expdesign.configuration import RunConfiguration
+from expdesign.information.criteria import CRITERIA, Criterion
 from expdesign.progress import Listener, listening
-from expdesign.stages.outcome import Outcome, Progress
-
-if TYPE_CHECKING:
-    from expdesign.configuration import RunConfiguration
-    from expdesign.information.criteria import Criterion
-    from expdesign.solver.events import SearchEvent
+from expdesign.recheck.limit_check import TOLERANCE
+from expdesign.solver.events import PHASE_TITLES, SearchEvent
+from expdesign.solver.jobs import GIVEN_UP
+from expdesign.solver.search import FINISHED, REFINED, groups
+from expdesign.stages.workspace import Outcome, Progress, short
+from results.render.terminal import print_view
 
 _TRUE = ("done", "finished")
 """Phases whose objective is by the unsmoothed model."""
@@ -52,9 +52,9 @@ class Terminal(Progress):
         note(text, self._console)
 
     def finished(self, outcome: Outcome) -> None:
-        """Print what a stage has made."""
-        if not self._quiet:
-            getattr(shown, outcome.stage)(outcome)
+        """Print the view of a stage's result."""
+        if not self._quiet and outcome.view is not None:
+            print_view(outcome.view, results(), short(outcome.folder))
 
     @contextmanager
     def working(self, what: str) -> Iterator[Listener]:
@@ -69,8 +69,6 @@ class Terminal(Progress):
     @contextmanager
     def search(self, configuration: RunConfiguration) -> Iterator[Callable[[SearchEvent], None]]:
         """Show every running start and the best so far."""
-        from expdesign.information.criteria import CRITERIA
-
         section = configuration.run.design
         hops = section.hops if section.search == "hopping" else 0
         display = SearchDisplay(
@@ -134,8 +132,6 @@ class SearchDisplay:
 
     def report(self, event: SearchEvent) -> None:
         """Show one event."""
-        from expdesign.recheck.limit_check import TOLERANCE
-
         if not self._built:
             self._built, self._searches = True, time.monotonic()
             self._line(f"design: the search begins after {time_text(self._seconds)}")
@@ -190,8 +186,6 @@ class SearchDisplay:
 
     def _count(self, event: SearchEvent) -> None:
         """Count a start or hop that has ended."""
-        from expdesign.solver.jobs import GIVEN_UP
-
         hop = event.start > self._starts
         self._starts_ended += not hop
         self._hops_ended += hop
@@ -204,8 +198,6 @@ class SearchDisplay:
 
         A rough search counts what refinements, a hop or a finish count.
         """
-        from expdesign.solver.search import FINISHED, REFINED, groups
-
         finishes = max(min(FINISHED, self._starts + self._hops), self._finished)
         refined = sum(min(REFINED, len(group)) for group in groups(self._starts))
         done = float(len(self._rough) + self._refined + self._finished)
@@ -224,8 +216,6 @@ class SearchDisplay:
 
     def _objective(self, event: SearchEvent) -> str:
         """Return an event's objective with its name: criterion, and smoothed or true."""
-        from expdesign.information.criteria import CRITERIA
-
         # The rough search of a criterion that is flat far off is that of log det F.
         of_d = event.phase == "blunt" and self._criterion.flat
         title = (CRITERIA["d"] if of_d else self._criterion).named(self._information)
@@ -274,8 +264,6 @@ class SearchDisplay:
 
 def _stage(event: SearchEvent) -> str:
     """Return what stage of a start an event is of, in words."""
-    from expdesign.solver.events import PHASE_TITLES
-
     number, count = event.place
     title = PHASE_TITLES.get(event.phase, event.phase)
     return f"{title} ({number} of {count})" if count > 1 else title

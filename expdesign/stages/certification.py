@@ -20,8 +20,7 @@ from expdesign.robot import ForwardKinematicsError, LimitModel, Robot, robot_fro
 from expdesign.runfolder.files import RUN_FILE
 from expdesign.runfolder.manifest import Manifest, file_hash
 from expdesign.stages.folder import refuse_run_file
-from expdesign.stages.outcome import StageFailed, short
-from expdesign.stages.workspace import Workspace
+from expdesign.stages.workspace import StageFailed, Workspace, short
 from expdesign.trajectory import FourierTrajectory
 
 

@@ -1,111 +1,96 @@
-"""The stages of a recording: the estimate of the parameters, its validation, the noise alone."""
+"""Stage that estimates the parameters from recordings, and judges the estimate."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from numpy.linalg import LinAlgError
 
-from estimation import identification
-from estimation.data.measurement import Measurement
-from estimation.diagnostics import noise_analysis
-from estimation.diagnostics.diagnosis import diagnose
-from estimation.diagnostics.diagnosis_result import Diagnosis
-from estimation.identification import EstimationResult
-from estimation.identification.periods import fold_noise_recording
-from estimation.identification.record import EstimateRecord
-from estimation.validation.validate import ValidationFile, validate
 from expdesign.configuration import InputError
 from expdesign.configuration.sizes import SAMPLES
-from expdesign.progress import report_progress, track
-from expdesign.stages.outcome import Outcome, StageFailed
-from expdesign.stages.workspace import Workspace
+from expdesign.progress import track
+from expdesign.stages.stage import TABLES, Stage, run_sections
+from expdesign.stages.workspace import ESTIMATE_FILE, Outcome, StageFailed, Workspace
+from results.views.folder import RunFolder
+from results.views.view import StageView
+
+if TYPE_CHECKING:
+    from estimation.data.measurement import Measurement
+    from estimation.diagnostics.diagnosis_result import Diagnosis
+    from estimation.identification import EstimationResult
 
 
-def perform(work: Workspace) -> Outcome:
-    """Estimate, and judge the estimate.
+class EstimateStage(Stage):
+    """Estimate of the parameters."""
 
-    The result is the `EstimationResult` and the `Diagnosis`, which is None where the intervals
-    do not cover.
-    """
-    configuration, files = work.configuration, work.data_files()
-    designs = work.recorded_designs(len(files))
-    recordings: list[Measurement] = []
-    for file in track("reading recordings", files):
-        recordings.append(work.recording(file))
-        count = sum(len(recording.time) for recording in recordings)
-        if excess := SAMPLES.excess(count, f"{len(recordings)} recordings"):
-            raise InputError(excess.message, key="--data", allowed=excess.allowed)
-    try:
-        result = identification.estimate(configuration, recordings, designs)
-    except LinAlgError as error:
-        raise StageFailed(
-            f"no parameters follow from these data: is a channel constant? ({error})"
-        ) from error
-    diagnosis = None
-    if result.intervals_cover:
-        diagnosis = diagnose(result.robot, result.experiments, result.knowledge, result.best)
-    summary = _summary(result, diagnosis)
-    return Outcome(
-        result=(result, diagnosis),
-        record=EstimateRecord.of(result, diagnosis),
-        summary=summary,
-        message="; ".join(f"{name}: {e.status}" for name, e in result.estimates.items()),
-        warnings=result.warnings[len(configuration.warnings) :],
-        doubt="" if summary["verdict"] == "accepted" else "a diagnostic failed",
-    )
+    name = "estimate"
+    does = "estimates the parameters from a recording"
+    file = ESTIMATE_FILE
+    writes = ("estimates.csv", "identified-robot.yaml", *TABLES)
+    sections = run_sections("trajectory", "data", "estimate", experiment={"payload"})
+    needs = ("recording",)
+    compared = "estimates.csv"
 
+    def result_type(self) -> type[Any]:
+        """Return the type of the stored result."""
+        from estimation.identification.record import EstimateRecord
 
-def analyse_noise(work: Workspace) -> Outcome:
-    """Analyse the noise of a recording without any model."""
-    (file,) = work.data_files()
-    (trajectory,) = work.recorded_designs(1)
-    report_progress("reading the recording")
-    recording = work.recording(file)
-    for warning in recording.warnings:
-        work.progress.warn(warning)
-    samples = fold_noise_recording(
-        work.configuration, recording, trajectory, certain=bool(work.sources.designs)
-    )
-    try:
-        record = noise_analysis.analyse_noise(samples, str(file))
-    except LinAlgError as error:
-        raise StageFailed(
-            "no noise follows from these data: are channels sums of others, or is one constant? "
-            f"({error})"
-        ) from error
-    return Outcome(
-        result=samples,
-        record=record,
-        summary={**record.summary.as_data(), "for_the_robot_file": record.block},
-    )
+        return EstimateRecord
 
+    def view(self, folder: RunFolder, *, brief: bool = False) -> StageView:
+        """Return the view of the estimate."""
+        from results.views.estimate import estimate_view
 
-def predict(work: Workspace) -> Outcome:
-    """Predict motions that were not used for the estimate, and compare with what was measured."""
-    configuration, saved = work.estimate()
-    record = validate(configuration, saved)
-    summary, warnings = record.summary, record.summary.warnings
-    return Outcome(
-        result=record,
-        record=record,
-        summary={
-            "accepted": summary.accepted,
-            "motions": {each.name: each.diagnostics.verdict.summary for each in summary.motions},
-            "within_tolerance": {each.name: each.within for each in summary.motions},
-            "seconds": summary.seconds,
-            "warnings": list(warnings),
-        },
-        message="accepted" if summary.accepted else "doubtful",
-        warnings=warnings[len(configuration.warnings) :],
-        doubt="" if summary.accepted else _doubt(summary),
-    )
+        del brief
+        return estimate_view(folder)
 
+    def compare(
+        self, folders: Mapping[str, RunFolder], *, precision: float, quick: bool
+    ) -> StageView:
+        """Return the comparison of estimates."""
+        from results.comparison.estimates import compare_estimates
 
-def _doubt(summary: ValidationFile) -> str:
-    if any(each.within is False for each in summary.motions):
-        return "a motion is not predicted within its tolerance"
-    return "a motion speaks against the model"
+        del precision, quick
+        return compare_estimates(folders)
+
+    def run(self, work: Workspace) -> Outcome:
+        """Estimate, and judge the estimate.
+
+        The result is the `EstimationResult` and the `Diagnosis`, which is None where the intervals
+        do not cover.
+        """
+        from estimation import identification
+        from estimation.diagnostics.diagnosis import diagnose
+        from estimation.identification.record import EstimateRecord
+
+        configuration, files = work.configuration, work.data_files()
+        designs = work.recorded_designs(len(files))
+        recordings: list[Measurement] = []
+        for file in track("reading recordings", files):
+            recordings.append(work.recording(file))
+            count = sum(len(recording.time) for recording in recordings)
+            if excess := SAMPLES.excess(count, f"{len(recordings)} recordings"):
+                raise InputError(excess.message, key="--data", allowed=excess.allowed)
+        try:
+            result = identification.estimate(configuration, recordings, designs)
+        except LinAlgError as error:
+            raise StageFailed(
+                "the parameters cannot be determined from these data: is a channel constant? "
+                f"({error})"
+            ) from error
+        diagnosis = None
+        if result.intervals_cover:
+            diagnosis = diagnose(result.robot, result.experiments, result.knowledge, result.best)
+        summary = _summary(result, diagnosis)
+        return Outcome(
+            result=(result, diagnosis),
+            record=EstimateRecord.of(result, diagnosis),
+            summary=summary,
+            message="; ".join(f"{name}: {e.status}" for name, e in result.estimates.items()),
+            warnings=result.warnings[len(configuration.warnings) :],
+            doubt="" if summary["verdict"] == "accepted" else "a diagnostic failed",
+        )
 
 
 def _summary(result: EstimationResult, diagnosis: Diagnosis | None) -> dict[str, Any]:

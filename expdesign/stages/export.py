@@ -1,274 +1,47 @@
-"""The stage that writes controller tables, what describes them, and the motion that they hold."""
+"""Stage that writes controller tables of the motion."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from copy import copy
-from dataclasses import replace
-from functools import partial
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from constraints.arrays import Array
-from expdesign.configuration import ComputationError, ExportSection, InputError, RunConfiguration
-from expdesign.experiment.setup import judged_parameters
-from expdesign.export.definition import Task
-from expdesign.export.exporting import (
-    Export,
-    export_job,
-    export_table,
-    file_name,
-    refuse_missing_library,
-    refuse_unreadable_name,
-)
-from expdesign.export.readme import readme
-from expdesign.export.result import (
-    FOLDER,
-    RECORD,
-    ExportedMotion,
-    ExportedTable,
-    ExportResult,
-    exported_motion,
-    exported_table,
-    result_file,
-)
-from expdesign.motion.executable import ExecutableMotion
-from expdesign.motion.planning import executable_motion
-from expdesign.motion.ramp_problem import check_motion, has_enclosure
-from expdesign.progress import forward_progress, progress_prefix, report_progress
-from expdesign.robot import robot_from
-from expdesign.runfolder.files import remove_leftovers, write_text
-from expdesign.runfolder.manifest import package_versions, text_hash
-from expdesign.stages.folder import refuse_unwritable
-from expdesign.stages.outcome import Outcome, short
-from expdesign.stages.record import added_to, clear_outdated, keep_configuration, sections_text
-from expdesign.stages.workspace import Workspace, trajectory_text
-from expdesign.trajectory import FourierTrajectory
-from expdesign.workers import Job, Monitor, run_jobs
-
-NAME = "export"
-README = "README.txt"
+from expdesign.stages.stage import Stage, run_sections
+from expdesign.stages.workspace import Outcome, Workspace
+from results.views.folder import RunFolder
+from results.views.view import StageView
 
 
-def perform(work: Workspace) -> Outcome:
-    """Write every table that the run names, with README.txt and exports.json.
+class ExportStage(Stage):
+    """Controller tables."""
 
-    Both go on telling of the tables of the same motion that were exported by hand.
-    """
-    configuration, target = work.configuration, work.folder / FOLDER
-    sections = configuration.run.export
-    for number, section in enumerate(sections, start=1):
-        refuse_missing_library(section, f"export[{number}]")
-        _refuse_taken_name(target / file_name(section), f"export[{number}].file")
-    task = export_task(work)
-    before = ExportResult.known(target / RECORD)
-    clear_outdated(NAME, work)
-    own = {file_name(section) for section in sections}
-    motion = exported_motion(task)
-    files = _described_files(before, motion, own, work)
-    places = target / RECORD, target / README
-    described = _describe(ExportResult(motion, files), *places) if files else ()
-    made, refused = [], list[Exception]()
-    for one in _exported(task, sections, target, configuration.run.workers or 1):
-        if isinstance(one, Exception):
-            refused.append(one)
-            continue
-        made.append(one)
-        # After each: when another one fails, this one is not without its description, and
-        # `expdesign export` does not replace it by one with the options of an earlier run.
-        files[one.path.name] = exported_table(one)
-        described = _describe(ExportResult(motion, files), *places)
-        keep_configuration(configuration, work.folder)
-    if refused:
-        for error in refused[1:]:
-            work.progress.warn(f"failed, too: {error}")
-        raise refused[0]
-    return Outcome(
-        result=made,
-        files=(*(path for one in made for path in (one.path, *one.beside)), *described),
-        summary=_summary(motion, made),
+    name = "export"
+    does = "writes controller tables of the motion"
+    file = "exports/exports.json"
+    writes = ("exports/*",)
+    sections = run_sections(
+        "trajectory",
+        "motion",
+        "export",
+        design={"parameters"},
+        experiment={"periods", "sampling", "payload"},
     )
+    needs = ("design",)
+    shown_after = "design"
 
+    def result_type(self) -> type[Any]:
+        """Return the type of the stored result."""
+        from expdesign.export.record import ExportsRecord
 
-def _exported(
-    task: Task, sections: Sequence[ExportSection], target: Path, workers: int
-) -> Iterator[Export | InputError | ComputationError]:
-    """Yield the tables in their order, which worker processes write, or why there is none."""
-    jobs = [
-        Job(export_job, (section, target / name, f"export[{k}]", f"{name}, table {k} of {count}"))
-        for count in [len(sections)]
-        for k, section in enumerate(sections, start=1)
-        for name in [file_name(section)]
-    ]
-    try:
-        yield from run_jobs(partial(copy, task), jobs, workers, Monitor(report=forward_progress()))
-    finally:
-        # Of a worker that was ended in the midst of a table.
-        remove_leftovers(target)
+        return ExportsRecord
 
+    def view(self, folder: RunFolder, *, brief: bool = False) -> StageView:
+        """Return the view of the controller tables."""
+        from results.views.export import export_view
 
-def export_one(section: ExportSection, work: Workspace, out: Path | None) -> Outcome:
-    """Write one table, as `expdesign export` does.
+        del brief
+        return export_view(folder)
 
-    Parameters
-    ----------
-    section : ExportSection
-    work : Workspace
-        Of the run folder whose design is exported.
-    out : Path or None
-        The file; in ``exports/`` of the run folder by default.
-    """
-    refuse_missing_library(section)
-    target = work.folder / FOLDER
-    path = target / file_name(section) if out is None else out.absolute()
-    refuse_unreadable_name(section, path, "--out")
-    in_folder = path.parent.resolve() == target.resolve()
-    if in_folder:
-        _refuse_taken_name(path, "--file" if out is None else "--out")
-    refuse_unwritable(path.parent)
-    work.warn(work.configuration.warnings_before("export"))
-    task = export_task(work)
-    with progress_prefix(path.name):
-        made = export_table(section, task, path)
-    motion, entry = exported_motion(task), {path.name: exported_table(made)}
-    if in_folder:
-        known = ExportResult.known(target / RECORD)
-        others = _described_files(known, motion, {path.name}, work)
-        places = target / RECORD, target / README
-        with added_to(work.folder, places):
-            _describe(ExportResult(motion, others | entry), *places)
-    else:
-        _describe_beside(path, ExportResult(motion, entry))
-    files = (path, *made.beside)
-    return Outcome(result=[made], files=files, summary=_summary(motion, [made]))
+    def run(self, work: Workspace) -> Outcome:
+        """Write every table that the run names."""
+        from expdesign.stages.exporting import export_tables
 
-
-def _refuse_taken_name(path: Path, key: str) -> None:
-    """Refuse a table under the name of what describes the tables of its folder."""
-    if path.name.casefold() in {README.casefold(), RECORD.casefold()}:
-        message = f"{path.name} is what describes the tables of this folder"
-        allowed = f"another name than {README} and {RECORD}"
-        raise InputError(message, key=key, allowed=allowed)
-
-
-def export_task(work: Workspace) -> Task:
-    """Return what is exported: the design with its ways from and to rest.
-
-    The ways that the folder's tables have are taken when they were made from the same
-    configuration, design and versions.
-    """
-    configuration = work.configuration
-    run, noise = configuration.run, configuration.robot.noise
-    robot = robot_from(configuration.robot)
-    trajectory = work.design().trajectory
-    made_from = _made_from(configuration, trajectory)
-    record = work.folder / FOLDER / RECORD
-    motion = _known_motion(record, made_from, trajectory, robot.home)
-    if motion is not None and motion.periods == run.experiment.periods:
-        work.progress.note(
-            f"the ways from rest into the motion and back are those of {short(record)}"
-        )
-    else:
-        report_progress("lead-in and lead-out")
-        motion = executable_motion(configuration, trajectory)
-    check = check_motion(configuration, motion) if has_enclosure(motion) else None
-    if check is not None and not check.certified:
-        left = (one for one in check.limits if not one.certified)
-        worst = max(left, key=lambda one: one.possible)
-        reason = "nothing is proved of it"
-        if np.isfinite(worst.proved):
-            reason = f"it may be beyond its bound by {100 * worst.proved:.2g} % of its range"
-        work.progress.warn(
-            f"the motion from rest to rest is not proved to keep {worst.title}: {reason}"
-        )
-    return Task(
-        check=check,
-        name=run.name,
-        robot=robot,
-        motion=motion,
-        controller_period=run.controller_period,
-        sampling=run.experiment.sampling,
-        parameters=judged_parameters(configuration, robot),
-        force_covariance=None if noise is None else noise.force_covariance,
-        made_from=made_from,
-    )
-
-
-def _made_from(configuration: RunConfiguration, trajectory: FourierTrajectory) -> str:
-    """Return the hash of everything that the ways depend on."""
-    sections = {
-        "robot": True,
-        "motion": True,
-        "trajectory": {"controller_period"},
-        "experiment": {"periods", "sampling"},
-    }
-    text, versions = sections_text(configuration, sections), sorted(package_versions().items())
-    return text_hash("executable motion", text, trajectory_text(trajectory), versions)
-
-
-def _known_motion(
-    path: Path, made_from: str, trajectory: FourierTrajectory, home: Array
-) -> ExecutableMotion | None:
-    record = ExportResult.known(path)
-    if record is None or record.motion.made_from != made_from or record.motion.ways is None:
-        return None
-    try:
-        return record.motion.ways.motion(trajectory, home)
-    except ValueError:
-        return None
-
-
-def _described_files(
-    before: ExportResult | None, motion: ExportedMotion, replaced: set[str], work: Workspace
-) -> dict[str, ExportedTable]:
-    """Return what is known of the folder's tables of this motion; warn of those of another.
-
-    `before` is what exports.json says, or said before outdated files were removed. Of the tables
-    that are `replaced` now, nothing is warned.
-    """
-    if before is None:
-        return {}
-    folder = work.folder / FOLDER
-    present = {name: entry for name, entry in before.files.items() if (folder / name).is_file()}
-    if before.motion == motion:
-        return present
-    if others := sorted(present.keys() - replaced):
-        work.progress.warn(
-            f"not of the motion that is exported now, and no longer in {README} and {RECORD}: "
-            f"{', '.join(others)}"
-        )
-    return {}
-
-
-def _describe_beside(path: Path, record: ExportResult) -> None:
-    """Write the same of one table beside it, under names that tell whose they are.
-
-    Where the table has replaced one of another run's `exports/`, what is said there of the old
-    one goes.
-    """
-    _describe(record, result_file(path), path.with_name(f"{path.name}.{README}"))
-    shared, guide = path.with_name(RECORD), path.with_name(README)
-    other = ExportResult.known(shared)
-    if other is not None and path.name in other.files:
-        rest = {name: entry for name, entry in other.files.items() if name != path.name}
-        if rest:
-            _describe(replace(other, files=rest), shared, guide)
-        else:
-            shared.unlink()
-            guide.unlink(missing_ok=True)
-
-
-def _describe(record: ExportResult, path: Path, guide: Path) -> tuple[Path, Path]:
-    """Write what tables are, for programs and for people; return both paths."""
-    record.write_as(path)
-    write_text(guide, readme(record))
-    return path, guide
-
-
-def _summary(motion: ExportedMotion, made: list[Export]) -> dict[str, Any]:
-    record = ExportResult(motion, {str(one.path): exported_table(one) for one in made})
-    data = record.as_data()
-    data["motion"].pop("ways")
-    return data
+        return export_tables(self, work)

@@ -12,7 +12,7 @@ from tempfile import TemporaryFile
 from expdesign.configuration import InputError, RunConfiguration, load_run, shown
 from expdesign.library import run_files
 from expdesign.runfolder.manifest import Manifest
-from expdesign.stages.outcome import Outcome, StageFailed, short
+from expdesign.stages.workspace import Outcome, StageFailed, short
 
 Place = str | PathLike[str]
 

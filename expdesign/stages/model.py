@@ -29,8 +29,7 @@ from expdesign.robot.deviation import FORCE_CONSTANT, deviations, estimated_cons
 from expdesign.runfolder.files import atomic_write
 from expdesign.runfolder.manifest import Manifest, file_hash, package_versions
 from expdesign.stages.folder import refuse_unwritable
-from expdesign.stages.outcome import Outcome, Progress, short
-from expdesign.stages.table import STAGES
+from expdesign.stages.workspace import Outcome, Progress, short
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 
 _ESTIMATE = "estimate"
@@ -122,7 +121,7 @@ def _identified(folder: Path, progress: Progress) -> Path:
     """Return the robot file of a run folder's estimate; warn when it was changed since."""
     path = folder / IDENTIFIED
     if not path.is_file():
-        made = (folder / STAGES[_ESTIMATE].record).is_file()
+        made = (folder / EstimateFile.FILE).is_file()
         message = "of an earlier version: it has no robot file" if made else "there is no estimate"
         raise InputError(
             f"{message}, {IDENTIFIED}",

@@ -1,1 +1,1 @@
-"""What a comparison says of several run folders."""
+"""Comparison of several run folders."""

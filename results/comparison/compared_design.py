@@ -1,4 +1,4 @@
-"""Designs side by side: what each is, for which machine, and the basis of their comparison.
+"""Basis of a comparison of designs: information, precision and machine of each.
 
 F of a motion is decided by joints, first cardan axes, gravity, the model and the noise of the
 forces. Between machines that differ in one of them, det F differs by the machine and not by the
@@ -25,7 +25,7 @@ from expdesign.information.fisher import (
 )
 
 COUNTED = "joints, first cardan axes, gravity and noise of the forces"
-"""What makes a machine, in words, where the parameters are the same."""
+"""Properties of a machine, in words, where the parameters are the same."""
 
 _SAME = 1e-9
 """Difference, relative to the largest number of the kind, up to which machines are the same."""
@@ -126,7 +126,7 @@ class DesignComparison:
         )
 
     def differences(self) -> tuple[str, ...]:
-        """Return what else differs between the designs and bears on the comparison."""
+        """Return further differences between the designs that affect the comparison."""
         first, found = self.designs[0], []
         if not self.comparable:
             found.append(
@@ -158,7 +158,7 @@ class DesignComparison:
 
 
 def differing(one: ResolvedRobot, other: ResolvedRobot) -> tuple[str, ...]:
-    """Return what makes two robots different machines, in words; empty for the same machine."""
+    """Return the differences that make two robots different machines, in words."""
     pairs: tuple[tuple[str, Array | None, Array | None], ...] = (
         ("joints of the base", one.base_joints, other.base_joints),
         ("joints of the platform", one.platform_joints, other.platform_joints),

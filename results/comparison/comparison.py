@@ -7,92 +7,72 @@ import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from estimation.identification.record import EstimateRecord
-from estimation.montecarlo.result import MonteCarloResult
 from expdesign.configuration import InputError, Problem
-from expdesign.experiment import DesignResult
-from expdesign.experiment.sensitivity import limit_sensitivity
-from expdesign.progress import report_progress, track
+from expdesign.progress import track
 from expdesign.runfolder.files import write_text
 from expdesign.runfolder.manifest import file_hash
-from results.comparison.compared_design import ComparedDesign, DesignComparison
-from results.comparison.designs import designs_report, precision_series
-from results.comparison.estimates import ComparedEstimate, estimates_report, estimates_series
-from results.figures.drawing import FigureDefinition, save_figures
-from results.figures.parameters import (
-    ParameterSeries,
-    compared_estimates_figure,
-    compared_precision_figure,
-)
-from results.notation import counted
-from results.render.html import latex_table, rendered
-from results.render.run_report import NAME
-from results.views.estimate import NAMES
-from results.views.folder import ReportedStage, RunFolder, embedded
-from results.views.view import (
-    FigureBlock,
-    Level,
-    Page,
-    ReportSection,
-    ReportTable,
-    StageVerdict,
-    StageView,
-    TableColumn,
-    text_columns,
-)
+from results.render.figures import draw_figures
+from results.render.html import html_page
+from results.render.latex import latex_table
+from results.render.run_report import NAME, page_section
+from results.views.folder import RunFolder, ViewedStage
+from results.views.view import Page, ReportSection, ReportTable, StageView, text_columns
 
 _FORMATS = ("png", "svg", "pdf")
 _MOST_NAMED = 4
 _FEWEST = 2
-COMPARED = {
-    "design": "trajectory.csv",
-    "estimate": "estimates.csv",
-    "montecarlo": "tables/montecarlo.csv",
-}
-"""Stages that can be compared, and the table that is the result of each: the same seeds give the
-same bytes, while the documents beside them hold times."""
 
 
 def write_comparison(
     paths: Sequence[Path],
     out: Path,
-    stages: Mapping[str, ReportedStage],
+    stages: Mapping[str, ViewedStage],
     *,
     precision: float,
-    with_sensitivity: bool = True,
+    quick: bool = False,
 ) -> list[Path]:
-    """Compare run folders and write `report.html`, `tables/` and `figures/`.
+    """Compare run folders and write `report.html`, `tables/` and `figures/`; return the files.
 
-    Return the files. Two or more folders are compared, none of them the one to write to, by the
-    stages that they may hold. Periods are counted for a precision, a relative standard deviation;
-    what every limit costs takes one local solve per design.
+    Parameters
+    ----------
+    paths : sequence of Path
+        Two or more run folders.
+    out : Path
+        Another folder.
+    stages : mapping of str to ViewedStage
+        Stages in the order of their sections; those with a `compared` table are compared.
+    precision : float
+        Relative standard deviation for which the periods of designs are counted.
+    quick : bool
+        Whether the costs of limits are left out, which take one local solve per design.
 
     Raises
     ------
     InputError
-        Folders that cannot be compared, or a file of one is missing or does not hold what it
-        should.
+        The folders cannot be compared, or a file of one is missing or invalid.
     """
     folders = open_folders(paths, stages)
     if out.resolve() in {path.resolve() for path in paths}:
         raise InputError(
-            "the comparison would overwrite the report of a folder that it compares",
+            "the comparison would overwrite the report of a compared folder",
             file=out,
             key="--out",
             allowed="another folder",
         )
-    page, written = _page(folders, out, precision, with_sensitivity=with_sensitivity)
+    views = _compare(folders, stages, precision, quick=quick)
+    written = [file for view in views for file in draw_figures(view, out, _FORMATS)]
+    page = _page(folders, views, out)
     for table in page.tables:
         for ending, text in ((".csv", csv_table(table)), (".tex", latex_table(table))):
             file = out / "tables" / f"{table.key}{ending}"
             write_text(file, text)
             written.append(file)
-    write_text(out / NAME, rendered(page))
+    write_text(out / NAME, html_page(page))
     return [*written, out / NAME]
 
 
 def csv_table(table: ReportTable) -> str:
-    """Return a table as CSV, with all digits; empty where there is nothing."""
+    """Return a table as CSV, with all digits; empty where a value is missing."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([column.heading for column in table.columns])
@@ -101,101 +81,45 @@ def csv_table(table: ReportTable) -> str:
     return text.getvalue()
 
 
-def _page(
-    folders: dict[str, RunFolder], out: Path, precision: float, *, with_sensitivity: bool
-) -> tuple[Page, list[Path]]:
-    reports: list[StageView] = []
-    written: list[Path] = []
+def _compare(
+    folders: Mapping[str, RunFolder],
+    stages: Mapping[str, ViewedStage],
+    precision: float,
+    *,
+    quick: bool,
+) -> list[StageView]:
+    """Return the comparison of every stage that some of the folders hold."""
+    found = []
+    for name, stage in track("comparing", tuple(stages.items())):
+        holding = {label: folder for label, folder in folders.items() if folder.has(name)}
+        if stage.compared and holding:
+            found.append(stage.compare(holding, precision=precision, quick=quick))
+    return [view for view in found if view is not None]
 
-    def drawn(figure: FigureDefinition[ParameterSeries], series: ParameterSeries) -> FigureBlock:
-        written.extend(save_figures((figure,), series, out / "figures", formats=_FORMATS))
-        return embedded(out / "figures" / f"{figure.key}.svg", figure.caption)
 
-    def holding(stage: str) -> dict[str, RunFolder]:
-        return {label: folder for label, folder in folders.items() if folder.has(stage)}
-
-    designs = tuple(
-        ComparedDesign(label, folder.record(DesignResult))
-        for label, folder in holding("design").items()
-    )
-    if designs:
-        comparison = DesignComparison(designs, precision)
-        figure = None
-        if comparison.comparable:
-            report_progress("drawing figures")
-            figure = drawn(compared_precision_figure, precision_series(comparison))
-        costs = {}
-        if with_sensitivity:
-            costs = {
-                design.label: limit_sensitivity(
-                    design.record.configuration, design.record.trajectory
-                )
-                for design in track("what each limit costs", designs)
-            }
-        reports.append(designs_report(comparison, costs, figure))
-    estimates = tuple(
-        ComparedEstimate(label, folder, folder.record(EstimateRecord).summary)
-        for label, folder in holding("estimate").items()
-    )
-    if estimates:
-        pictured = None
-        if len(estimates) >= _FEWEST:  # one alone differs from no other
-            pictured = drawn(compared_estimates_figure, estimates_series(estimates))
-        reports.append(estimates_report(estimates, pictured))
-    if studies := holding("montecarlo"):
-        reports.append(_achieved_report(studies))
-    page = Page(
+def _page(folders: Mapping[str, RunFolder], views: Sequence[StageView], out: Path) -> Page:
+    sections = [page_section(view.section, out) for view in views]
+    return Page(
         title=" · ".join(folders) if len(folders) <= _MOST_NAMED else f"{len(folders)} runs",
         subtitle="Comparison",
         description="",
-        verdicts=tuple(report.verdict for report in reports),
-        facts=tuple(fact for report in reports for fact in report.facts),
-        sections=(*(report.section for report in reports), sources_section(folders)),
-        warnings=tuple(warning for report in reports for warning in report.warnings),
+        verdicts=tuple(view.verdict for view in views),
+        facts=tuple(fact for view in views for fact in view.facts),
+        sections=(*sections, sources_section(folders)),
+        warnings=tuple(warning for view in views for warning in view.warnings),
     )
-    return page, written
 
 
-def _achieved_report(folders: dict[str, RunFolder]) -> StageView:
-    """Return what is to be said of Monte-Carlo studies side by side."""
-    found = {label: folder.record(MonteCarloResult).rows for label, folder in folders.items()}
-    keys = dict.fromkeys((row.parameter, row.unit) for rows in found.values() for row in rows)
-    columns = [
-        TableColumn("parameter", kind="parameter", of=[parameter for parameter, _ in keys]),
-        TableColumn("unit", kind="text", of=[unit for _, unit in keys]),
-    ]
-    for label, rows in found.items():
-        bounds = {(row.parameter, row.unit): row.bound for row in rows}
-        columns.append(
-            TableColumn(f"bound, {label}", digits=3, of=[bounds.get(key) for key in keys])
-        )
-        for estimator in dict.fromkeys(row.estimator for row in rows):
-            own = [row for row in rows if row.estimator == estimator]
-            spread = {(row.parameter, row.unit): row.spread for row in own}
-            title = f"{NAMES.get(estimator, estimator)}, {label}"
-            columns.append(TableColumn(title, digits=3, of=[spread.get(key) for key in keys]))
-    caption = (
-        "Standard deviations that the estimators achieved in simulated experiments, beside the "
-        "Cramér–Rao bound of each, SI units"
-    )
-    table = ReportTable.of("achieved", caption, columns)
-    number = counted(len(folders), "study", "studies")
-    sentence = f"{number}: achieved standard deviations beside the bound."
-    title = "Monte-Carlo studies"
-    return StageView(StageVerdict(title, Level.NEUTRAL, "compared", sentence, "studies"), (table,))
-
-
-def open_folders(
-    paths: Sequence[Path], stages: Mapping[str, ReportedStage]
-) -> dict[str, RunFolder]:
-    """Open run folders; the keys are the shortest ends of their paths that tell them apart.
+def open_folders(paths: Sequence[Path], stages: Mapping[str, ViewedStage]) -> dict[str, RunFolder]:
+    """Open run folders by the shortest ends of their paths that differ.
 
     Raises
     ------
     InputError
-        There are fewer than two, one is named twice, one is no run folder, or has nothing that
-        could be compared.
+        Fewer than two folders, a folder named twice, a folder without a run, or one without a stage
+        that is compared.
     """
+    compared = [name for name, stage in stages.items() if stage.compared]
     problems = []
     if len(paths) < _FEWEST:
         problems.append(
@@ -214,37 +138,37 @@ def open_folders(
     )
     problems += [
         Problem(
-            "it has nothing that could be compared",
+            "the folder has no result that can be compared",
             file=folder.path,
             key="DIR",
-            allowed=f"folders with {', '.join(stages[stage].file for stage in COMPARED)}",
+            allowed=f"folders with {', '.join(stages[name].file for name in compared)}",
         )
         for folder in folders.values()
-        if not any(folder.has(stage) for stage in COMPARED)
+        if not any(folder.has(name) for name in compared)
     ]
     if problems:
         raise InputError(problems)
     return folders
 
 
-def sources_section(folders: dict[str, RunFolder]) -> ReportSection:
-    """Return what was compared: folders, versions and the hashes of their files."""
+def sources_section(folders: Mapping[str, RunFolder]) -> ReportSection:
+    """Return the sources of a comparison: folders, versions and hashes of their results."""
     rows = []
     for label, folder in folders.items():
         versions = {} if folder.manifest is None else folder.manifest.versions
         rows += [
             (
                 label,
-                stage,
+                name,
                 str(folder.path),
                 versions.get("expdesign", ""),
-                file_hash(folder.path / table) if (folder.path / table).is_file() else None,
+                file_hash(file) if (file := folder.path / stage.compared).is_file() else None,
             )
-            for stage, table in COMPARED.items()
-            if folder.has(stage)
+            for name, stage in folder.stages.items()
+            if stage.compared and folder.has(name)
         ]
     columns = text_columns("name", "stage", "folder", "expdesign", "SHA-256 of the result")
-    table = ReportTable.of("sources", "What was compared", columns, rows)
+    table = ReportTable.of("sources", "Compared results", columns, rows)
     return ReportSection("sources", "Sources", (table,))
 
 

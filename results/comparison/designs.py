@@ -1,21 +1,26 @@
-"""Designs side by side: criteria, precision, effort, limits and what these cost."""
+"""Comparison of designs: criteria, precision, effort, limits and their costs."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 
 from constraints.arrays import Array, Mask
-from expdesign.experiment.sensitivity import LimitSensitivity
+from expdesign.experiment import DesignResult
+from expdesign.experiment.sensitivity import LimitSensitivity, limit_sensitivity
 from expdesign.information.criteria import CRITERIA
 from expdesign.information.identifiable import IDENTIFIABLE
+from expdesign.progress import track
 from results.comparison.compared_design import COUNTED, ComparedDesign, DesignComparison
-from results.figures.parameters import ParameterSeries
+from results.figures.parameters import ParameterSeries, compared_precision_figure
 from results.notation import counted, duration, percent
-from results.views.limit_gains import EXPLAINED, costliest_fact, gains_table
+from results.views.design import EXPLAINED, costliest_fact, gains_table
+from results.views.folder import RunFolder
 from results.views.view import (
     Block,
+    Drawing,
     Fact,
-    FigureBlock,
     Level,
     ReportTable,
     StageVerdict,
@@ -26,18 +31,32 @@ from results.views.view import (
 )
 
 
-def designs_report(
-    comparison: DesignComparison, costs: dict[str, LimitSensitivity], figure: FigureBlock | None
+def compare_designs(
+    folders: Mapping[str, RunFolder], precision: float, *, quick: bool = False
 ) -> StageView:
-    """Return what is to be said of designs, with what their limits cost and the figure."""
+    """Return the comparison of the designs of folders; a quick one without the costs of limits."""
+    designs = tuple(
+        ComparedDesign(label, folder.result(DesignResult)) for label, folder in folders.items()
+    )
+    costs: dict[str, LimitSensitivity] = {}
+    if not quick:
+        costs = {
+            design.label: limit_sensitivity(design.record.configuration, design.record.trajectory)
+            for design in track("cost of each limit", designs)
+        }
+    return designs_view(DesignComparison(designs, precision), costs)
+
+
+def designs_view(comparison: DesignComparison, costs: Mapping[str, LimitSensitivity]) -> StageView:
+    """Return the view of a comparison of designs, with the costs of their limits."""
     designs = comparison.designs
     blocks: list[Block] = []
     facts: list[Fact] = []
     sentence = f"{counted(len(designs), 'design')}."
-    if figure is not None:
+    if comparison.comparable:
         blocks += [
             _criteria_table(comparison),
-            figure,
+            Drawing(compared_precision_figure, precision_series(comparison)),
             _effort_table(comparison),
             _precision_table(comparison),
         ]
@@ -46,13 +65,13 @@ def designs_report(
         facts += best
     blocks.append(_limits_table(designs))
     if costs:
-        blocks.append(gains_table(costs, "the optimum beside the design"))
+        blocks.append(gains_table(costs, "the optimum next to the design"))
         found = (costliest_fact(cost, f"{label}: ") for label, cost in costs.items())
         facts += [fact for fact in found if fact is not None]
         if any(each.unexplained > EXPLAINED for each in costs.values()):
             text = (
                 "Where the limits leave more than 10 % of the cost's gradient unexplained, the "
-                "design is not near an optimum, and what its limits cost is not shown."
+                "design is not near an optimum, and the costs of its limits are not shown."
             )
             blocks.append(TextBlock(text, Level.CAUTION))
     # No column of a table: tables are the same bytes whenever the same seeds were used.
@@ -64,7 +83,7 @@ def designs_report(
 
 
 def _efficiencies_in_words(comparison: DesignComparison) -> tuple[str, list[Fact]]:
-    """Return which design has most information, and what the others have of it, by machine."""
+    """Return the design with the most information and the others' efficiencies, by machine."""
     every = _efficiencies(comparison)
     several, log_det = len(comparison.machines) > 1, _log_det(comparison)
     text, facts = "", []
@@ -92,7 +111,7 @@ def _efficiencies_in_words(comparison: DesignComparison) -> tuple[str, list[Fact
 
 
 def _information(comparison: DesignComparison) -> str:
-    """Return the symbol of what is compared: F, or S of designs with a prior."""
+    """Return the symbol of the compared information: F, or S of designs with a prior."""
     sections = [design.record.configuration.run.design for design in comparison.designs]
     symbols = sorted({one.information for one in sections})
     return symbols[0] if len(symbols) == 1 else f"({' or '.join(symbols)})"
@@ -206,7 +225,7 @@ def _precision_table(comparison: DesignComparison) -> ReportTable:
 
 
 def precision_series(comparison: DesignComparison) -> ParameterSeries:
-    """Return what the figure of the precision is drawn from."""
+    """Return the series of the precision figure."""
     samples, designs = comparison.experiment_samples, comparison.designs
     percents = {design.label: 100 * _relative_std(design, samples) for design in designs}
     return ParameterSeries(designs[0].names, percents)
@@ -239,14 +258,14 @@ def _effort_table(comparison: DesignComparison) -> ReportTable:
     if np.any(hopeless):
         left_out = ", ".join(np.array(designs[0].names)[hopeless])
         caption += (
-            f"; without {left_out}, of which no design tells half of the value in its experiment: "
-            "fix it, or give a prior"
+            f"; without {left_out}, which no design identifies in its experiment: fix it, or give "
+            "a prior"
         )
     return ReportTable.of("effort", caption, columns)
 
 
 def _hopeless(comparison: DesignComparison) -> Mask:
-    """Return which parameters no design identifies in the common experiment, (m,)."""
+    """Return the parameters that no design identifies in the common experiment, (m,)."""
     samples = comparison.experiment_samples
     shares = [_relative_std(design, samples) for design in comparison.designs]
     return np.all([~(share <= IDENTIFIABLE) for share in shares], axis=0)

@@ -1,7 +1,8 @@
-"""Estimates side by side: parameters with intervals, and whether they differ."""
+"""Comparison of estimates: parameters with intervals, and tests of their differences."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -11,12 +12,13 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.estimator_result import shared_response
+from estimation.identification.record import EstimateRecord
 from estimation.twin.truth import Truth
 from estimation.uncertainty.differences import Differences, difference_test
 from expdesign.configuration.identification import machine_name
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder.manifest import file_hash
-from results.figures.parameters import ParameterSeries
+from results.figures.parameters import ParameterSeries, compared_estimates_figure
 from results.notation import counted
 from results.views.estimate import NAMES
 from results.views.findings import (
@@ -28,8 +30,8 @@ from results.views.findings import (
 from results.views.folder import RunFolder
 from results.views.view import (
     Block,
+    Drawing,
     Fact,
-    FigureBlock,
     Level,
     ReportTable,
     StageVerdict,
@@ -66,8 +68,8 @@ class ComparedEstimate:
     def difference_covariance(self, other: ComparedEstimate, names: tuple[str, ...]) -> Array:
         """Return the covariance of the difference to an estimate from independent data, (m, m), SI.
 
-        What the tolerances make is shared by estimates of one machine: only what it does
-        differently to both is a difference.
+        The effect of the tolerances is shared by estimates of one machine; only the difference
+        between its effects on both counts.
         """
         total = self.covariance(names) + other.covariance(names)
         if machine_name(self.summary.robot) != machine_name(other.summary.robot):
@@ -89,12 +91,16 @@ def common_parameters(found: tuple[ComparedEstimate, ...]) -> tuple[str, ...]:
     return tuple(name for name in first if all(name in other for other in others))
 
 
-def estimates_report(found: tuple[ComparedEstimate, ...], figure: FigureBlock | None) -> StageView:
-    """Return what is to be said of estimates side by side, beside their figure."""
+def compare_estimates(folders: Mapping[str, RunFolder]) -> StageView:
+    """Return the comparison of the best estimates of folders."""
+    found = tuple(
+        ComparedEstimate(label, folder, folder.result(EstimateRecord).summary)
+        for label, folder in folders.items()
+    )
     names = common_parameters(found)
     blocks: list[Block] = [_values_table(found, names)]
-    if figure is not None:
-        blocks.append(figure)
+    if len(found) > 1:
+        blocks.append(Drawing(compared_estimates_figure, estimates_series(found)))
     different, tested = 0, 0
     for number, (one, other) in enumerate(combinations(found, 2), start=1):
         title = f"{other.label} − {one.label}"
@@ -108,7 +114,7 @@ def estimates_report(found: tuple[ComparedEstimate, ...], figure: FigureBlock | 
         tested += 1
         different += test.differ
         blocks.append(TextBlock(_sentence(title, test)))
-        caption = f"{title}: each parameter against what noise and tolerances make of it"
+        caption = f"{title}: each parameter against the uncertainty from noise and tolerances"
         blocks.append(differences_table(f"difference_{number}", caption, names, test))
     for each in found:
         test_of_information = information_test(each.summary)
@@ -127,7 +133,7 @@ def estimates_report(found: tuple[ComparedEstimate, ...], figure: FigureBlock | 
 
 
 def estimates_series(found: tuple[ComparedEstimate, ...]) -> ParameterSeries:
-    """Return what the figure of the estimates is drawn from."""
+    """Return the series of the figure of the estimates."""
     names = common_parameters(found)
     first, std = found[0].of(names)
     chosen = {each.label: each.of(names) for each in found}
@@ -137,14 +143,14 @@ def estimates_series(found: tuple[ComparedEstimate, ...]) -> ParameterSeries:
 
 
 def not_independent(one: ComparedEstimate, other: ComparedEstimate) -> str:
-    """Return why two estimates are not from independent data; empty when nothing tells so."""
+    """Return the reason why the data of two estimates are not independent; empty without one."""
     if _recordings(one) & _recordings(other):
         return (
             "Both come from the same data, so that their errors are not independent and the sum "
             "of their covariances is not that of the difference."
         )
     if one.folder.has("experiment") and other.folder.has("experiment"):
-        first, second = (each.folder.record(Truth).seeds for each in (one, other))
+        first, second = (each.folder.result(Truth).seeds for each in (one, other))
         if first.repetitions == second.repetitions:
             return (
                 "Both experiments were simulated with the same seed, so that their noise may be "
@@ -154,7 +160,7 @@ def not_independent(one: ComparedEstimate, other: ComparedEstimate) -> str:
 
 
 def _recordings(each: ComparedEstimate) -> set[str]:
-    """Return what identifies the data of an estimate: contents where they are there, else names."""
+    """Return hashes of the recordings of an estimate; their names where the files are missing."""
     found = set()
     for recording in each.summary.recordings:
         source = Path(recording.source)
@@ -170,7 +176,7 @@ def _sentence(title: str, test: Differences) -> str:
     return (
         f"{title}: the estimates {outcome} (jointly χ² = {test.statistic:.4g} with "
         f"{test.freedom:.3g} degrees of freedom, p = {test.p_joint:.2g}; {which} of "
-        f"{test.difference.size} parameters differ by themselves)."
+        f"{test.difference.size} parameters differ individually)."
     )
 
 

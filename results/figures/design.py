@@ -319,15 +319,14 @@ def _mark_stages(axes: Axes, trace: Trace, longest: float) -> None:
 
 def _objective_axis(axes: Axes, record: DesignResult, found: Sequence[Trace]) -> list[Line2D]:
     """Name the axis, scale it to what matters; draw and return the written design's value."""
-    summary = record
-    criterion = CRITERIA.get(summary.criterion)
+    criterion = CRITERIA.get(record.criterion)
     information = record.configuration.run.design.information
-    title = summary.criterion if criterion is None else criterion.named(information)
-    scaling = {"si": "SI units", "nominal": "nominal scaling"}.get(summary.scaling, summary.scaling)
+    title = record.criterion if criterion is None else criterion.named(information)
+    scaling = {"si": "SI units", "nominal": "nominal scaling"}.get(record.scaling, record.scaling)
     invariant = criterion is not None and criterion.invariant
     axes.set_title("Objective, smoothed as the optimiser sees it", pad=13)
     axes.set_ylabel(f"{title} ({'SI units' if invariant else scaling})")
-    settled, value = _settled(found), summary.criterion_value
+    settled, value = _settled(found), record.criterion_value
     shown = np.append(settled, value) if np.isfinite(value) else settled
     if np.isfinite(value) and criterion is not None and criterion.larger_is_better:
         # What is better by far has left the limits behind, and does not set the scale.

@@ -35,8 +35,8 @@ def feedforward_figure(figure: Figure, record: FeedforwardResult) -> None:
     from matplotlib.lines import Line2D
 
     above, below = figure.subplots(2, 1, height_ratios=(3, 2))
-    cases = [each.case for each in record.summary.cases]
-    unit = handy_unit("m", [each.max_position for each in record.summary.cases])
+    cases = [each.case for each in record.cases]
+    unit = handy_unit("m", [each.max_position for each in record.cases])
     for case, tracking in zip(cases, record.tracking, strict=True):
         look = {"linestyle": (0, (2, 1.5))} if case == "true" else {}
         above.plot(

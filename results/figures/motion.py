@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations, product
 from typing import TYPE_CHECKING, Any
 
@@ -131,25 +132,35 @@ def _workspace(record: DesignResult) -> Array | None:
 
 
 @dataclass(frozen=True, eq=False)
-class WholeMotion:
-    """The motion from rest to rest at the controller's steps, both ends included.
+class ExportedMotion:
+    """The motion of controller tables, from rest to rest."""
 
-    With the names of its segments and when each begins, and the end of the last, (K + 1,), s.
-    """
+    configuration: RunConfiguration
+    executable: ExecutableMotion
 
-    motion: SampledMotion
-    names: tuple[str, ...]
-    starts: Array
-    robot: Robot
+    @cached_property
+    def robot(self) -> Robot:
+        """Robot of the run."""
+        return robot_from(self.configuration.robot)
 
-    @classmethod
-    def of(cls, configuration: RunConfiguration, motion: ExecutableMotion) -> WholeMotion:
-        """Sample a motion of a run."""
-        step = configuration.run.controller_period
-        robot = robot_from(configuration.robot)
-        time = np.minimum(step * np.arange(sum(motion.steps(step)) + 1.0), motion.duration)
-        names = tuple(segment.name for segment in motion.segments)
-        return cls(SampledMotion.of(robot, motion, time), names, motion.starts, robot)
+    @cached_property
+    def motion(self) -> SampledMotion:
+        """Motion at the controller's steps, both ends included."""
+        step, executable = self.configuration.run.controller_period, self.executable
+        steps = np.arange(sum(executable.steps(step)) + 1.0)
+        return SampledMotion.of(
+            self.robot, executable, np.minimum(step * steps, executable.duration)
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the segments."""
+        return tuple(segment.name for segment in self.executable.segments)
+
+    @property
+    def starts(self) -> Array:
+        """Beginning of every segment, and the end of the last, (K + 1,), s."""
+        return self.executable.starts
 
 
 _SHARE = 6.0
@@ -228,7 +239,7 @@ def _draw_period(record: DesignResult, panels: Any, quantities: Sequence[StrutQu
     "to rest. Left and right the ramps, close up; what the limits forbid is hatched.",
     height=6.2,
 )
-def motion_figure(figure: Figure, record: WholeMotion) -> None:
+def motion_figure(figure: Figure, record: ExportedMotion) -> None:
     """Draw lengths, speeds and forces: the whole motion, and its two ramps close up."""
     panels = figure.subplots(3, 3, sharex="col", sharey="row", width_ratios=_WIDTHS)
     end = float(record.starts[-1])
@@ -254,7 +265,7 @@ def motion_figure(figure: Figure, record: WholeMotion) -> None:
     strut_legend(figure)
 
 
-def _name_segments(axes: Axes, record: WholeMotion, names: tuple[str, ...]) -> None:
+def _name_segments(axes: Axes, record: ExportedMotion, names: tuple[str, ...]) -> None:
     """Write each segment's name above the middle of what is in view of it."""
     low, high = axes.get_xlim()
     for name in names:
@@ -272,7 +283,9 @@ def _name_segments(axes: Axes, record: WholeMotion, names: tuple[str, ...]) -> N
         )
 
 
-def _limited_panel(axes: Axes, quantity: StrutQuantity, record: DesignResult | WholeMotion) -> None:
+def _limited_panel(
+    axes: Axes, quantity: StrutQuantity, record: DesignResult | ExportedMotion
+) -> None:
     """Draw the curves, shade what the limit forbids and write the bounds into the shade.
 
     Where bounds differ from strut to strut, the shade begins at the widest, and each strut's own

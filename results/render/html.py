@@ -1,4 +1,4 @@
-"""From what a report says to one HTML file that needs nothing else, and to tables for LaTeX."""
+"""HTML: a page in one file that needs nothing else."""
 
 from __future__ import annotations
 
@@ -12,55 +12,18 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 from plotly.offline import get_plotlyjs
 
-from results.notation import GREEK, parts, symbol, symbol_parts
-from results.views.view import Page, ReportTable, TableColumn, Value, cell_text, sort_key
+from results.notation import GREEK, symbol_parts
+from results.views.view import Page, cell_text, sort_key
 
 _TEMPLATES = "templates"
 _POWER = re.compile(r"\^(-?\d+)")
-_SPECIAL = {
-    "\\": r"\textbackslash{}",
-    "{": r"\{",
-    "}": r"\}",
-    "$": r"\$",
-    "&": r"\&",
-    "#": r"\#",
-    "%": r"\%",
-    "_": r"\_",
-    "^": r"\textasciicircum{}",
-    "~": r"\textasciitilde{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-    "−": "$-$",
-    "·": r"$\cdot$",
-    "±": r"$\pm$",
-    "×": r"$\times$",
-    "≤": r"$\leq$",
-    "≥": r"$\geq$",
-    "∞": r"$\infty$",
-    "²": r"$^{2}$",
-    "µ": r"$\mu$",
-    "°": r"$^{\circ}$",
-    "…": r"\ldots{}",
-    "–": "--",
-    "⁻": r"$^{-}$",
-    "α": r"$\alpha$",
-    "β": r"$\beta$",
-    "φ": r"$\varphi$",
-    "θ": r"$\theta$",
-    "ψ": r"$\psi$",
-    "σ": r"$\sigma$",
-    "Δ": r"$\Delta$",
-    "Σ": r"$\Sigma$",
-    "√": r"$\surd$",
-}
 
 
-def rendered(page: Page) -> str:
+def html_page(page: Page) -> str:
     """Return the page as HTML.
 
-    Styles, scripts and the plotting library stand in it, figures are data URIs, and its content
-    security policy forbids the browser to load anything else. Every text is escaped.
+    It contains styles, scripts and the plotting library, and figures as data URIs; its content
+    security policy forbids the browser to load anything. Every text is escaped.
     """
     template = _environment().get_template("page.html.j2")
     return template.render(
@@ -115,62 +78,6 @@ def _environment() -> Environment:
 
 
 def _asset(name: str) -> Markup:
-    """Return a style sheet or script of ours; it goes into the page as it is."""
+    """Return a style sheet or script of the package, for the page as it is."""
     text = files("results.render").joinpath(_TEMPLATES, name).read_text(encoding="utf-8")
     return Markup(text)
-
-
-def latex_table(table: ReportTable) -> str:
-    """Return a `tabular` with booktabs rules; numbers to the right, everything else to the left."""
-    layout = "".join("r" if column.kind == "number" else "l" for column in table.columns)
-    lines = [
-        f"% {_one_line(table.caption)}",
-        r"% needs \usepackage{booktabs}",
-        rf"\begin{{tabular}}{{{layout}}}",
-        r"\toprule",
-        " & ".join(_heading(column) for column in table.columns) + r" \\",
-        r"\midrule",
-    ]
-    for row in table.rows:
-        cells = [_cell(column, value) for column, value in zip(table.columns, row, strict=True)]
-        lines.append(" & ".join(cells) + r" \\")
-    lines += [r"\bottomrule", r"\end{tabular}"]
-    return "\n".join(lines) + "\n"
-
-
-def escaped(text: str) -> str:
-    """Return text that LaTeX sets as it is."""
-    return "".join(_SPECIAL.get(letter, letter) for letter in _one_line(text))
-
-
-def _heading(column: TableColumn) -> str:
-    unit = f" [{_unit(column.unit)}]" if column.unit else ""
-    return f"{escaped(column.title)}{unit}"
-
-
-def _unit(unit: str) -> str:
-    pieces = _POWER.split(unit)
-    return "".join(
-        f"$^{{{piece}}}$" if position % 2 else escaped(piece)
-        for position, piece in enumerate(pieces)
-    )
-
-
-def _cell(column: TableColumn, value: Value) -> str:
-    if column.kind == "parameter" and isinstance(value, str):
-        name = symbol(value)
-        return name if name != value else escaped(value)
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        mantissa, power = parts(float(value), column.digits)
-        if mantissa == "–":
-            return "--"
-        mantissa = mantissa.replace("∞", r"\infty")
-        return f"${mantissa}$" if power is None else rf"${mantissa} \cdot 10^{{{power}}}$"
-    text = cell_text(column, value)
-    if column.title == "unit":
-        return _unit(text)
-    return escaped(text)
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())

@@ -1,26 +1,28 @@
-"""The report of one run folder: every stage it holds, summary and verdict first."""
+"""The report of one run folder: a page with the view of every stage, summary and verdicts first."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import Any
 
-from estimation.controlmodel import FOLDER
 from expdesign.configuration import RunConfiguration
 from expdesign.progress import report_progress, track
 from expdesign.runfolder.files import write_text
 from results.notation import duration
-from results.render.html import latex_table, rendered
-from results.views.folder import ReportedStage, RunFolder
-from results.views.robot_motion import robot_view
+from results.render.figures import draw_figures, embed_drawings, other_figures
+from results.render.html import html_page
+from results.render.latex import latex_table
+from results.views.control_models import control_models_section
+from results.views.folder import RunFolder, ViewedStage
+from results.views.robot_motion import robot_animation
 from results.views.view import (
     Block,
+    EmbeddedFigure,
     Fact,
     Facts,
-    FigureBlock,
+    FindingsBlock,
     Level,
     ListingBlock,
     Page,
@@ -35,124 +37,111 @@ from results.views.view import (
 
 NAME = "report.html"
 OWN_STAGE = "report"
-"""Stage of the manifest that tells of the report itself: a report says nothing of it."""
-
-LATEX_TABLES = (
-    "limits",
-    "parameters",
-    "estimates",
-    "estimators",
-    "validation",
-    "montecarlo",
-    "sweep",
-)
-"""Tables that are written as LaTeX too."""
-
-_DRAWN = {
-    "design": ("expdesign.experiment:DesignResult", "excitation"),
-    "montecarlo": ("estimation.montecarlo.result:MonteCarloResult", "montecarlo_bias"),
-    "estimate": ("estimation.identification.record:EstimateRecord", "estimates"),
-    "validate": ("estimation.validation.validate:ValidationRecord", "prediction_1"),
-    "feedforward": ("estimation.feedforward.result:FeedforwardResult", "feedforward"),
-    "sweep": ("expdesign.experiment.sweep:SweepResult", "sweep"),
-}
-"""What a stage leaves, and a figure of it: where that is missing, all of them are drawn."""
+"""Stage of the report itself in the manifest, without a section."""
 
 
 def write_report(
     path: Path,
-    stages: Mapping[str, ReportedStage],
+    stages: Mapping[str, ViewedStage],
     configuration: RunConfiguration | None = None,
-    records: Iterable[Any] = (),
+    results: Iterable[Any] = (),
 ) -> list[Path]:
     """Write `report.html` and `tables/*.tex` into a run folder; return the files.
 
-    The same folder gives the same bytes. Figures that are missing in a format of `report.figures`
-    are drawn.
+    The same folder gives the same bytes. Figures without a file in a format of `report.figures` are
+    drawn.
 
     Parameters
     ----------
-    stages : mapping of str to ReportedStage
-        Those that are reported, in the order of their sections.
+    path : Path
+    stages : mapping of str to ViewedStage
+        Stages in the order of their sections.
     configuration : RunConfiguration, optional
-        Whose `report` section counts; the folder's `run.yaml` by default, which the stage that
-        wrote last has left.
-    records : iterable
-        What is in memory of the folder, such as a `DesignResult`; it is not read again.
+        Run whose `report` section is used; by default the folder's `run.yaml`, which the last stage
+        has written.
+    results : iterable
+        Results in memory, such as a `DesignResult`; they are not read again.
 
     Raises
     ------
     InputError
-        It is no run folder, or a file of it is missing or does not hold what it should.
+        The folder is no run folder, or a file of it is missing or invalid.
     """
-    folder = RunFolder.open(path, stages, records)
+    folder = RunFolder.open(path, stages, results)
     if configuration is not None:
         run = folder.configuration.run.model_copy(update={"report": configuration.run.report})
         folder = replace(folder, configuration=replace(folder.configuration, run=run))
-    written = _missing_figures(folder)
-    page = run_page(folder)
+    formats = folder.configuration.run.report.figures
+    views = {name: stages[name].view(folder) for name in track("sections", folder.held)}
+    report_progress("drawing missing figures")
+    written = [
+        file for view in views.values() for file in draw_figures(view, path, formats, missing=True)
+    ]
+    page = run_page(folder, views)
     for table in page.tables:
-        if table.key in LATEX_TABLES and table.rows:
+        if table.latex and table.rows:
             file = path / "tables" / f"{table.key}.tex"
             write_text(file, latex_table(table))
             written.append(file)
     report_progress("writing the page")
-    write_text(path / NAME, rendered(page))
+    write_text(path / NAME, html_page(page))
     return [*written, path / NAME]
 
 
-def run_page(folder: RunFolder) -> Page:
-    """Return what the report of a folder says."""
-    held = [key for key in folder.stages if folder.has(key)]
-    reports = {key: folder.stages[key].report(folder) for key in track("sections", held)}
+def run_page(folder: RunFolder, views: Mapping[str, StageView]) -> Page:
+    """Return the page of a folder with the views of its stages."""
     run = folder.configuration.run
-    view = robot_view(folder)
-    sections = [report.section for report in reports.values()]
-    if view is not None:
-        sections.insert(0, ReportSection("motion", "Robot in motion", (view,)))
-    if (folder.path / FOLDER).is_dir():
-        from results.views.control_models import control_model_section
-
-        models = control_model_section(folder)
-        if models is not None:
-            sections.append(models)
+    sections = [view.section for view in views.values()]
+    animation = robot_animation(folder)
+    if animation is not None:
+        sections.insert(0, ReportSection("motion", "Robot in motion", (animation,)))
+    models = control_models_section(folder)
+    if models is not None:
+        sections.append(models)
+    sections = [page_section(section, folder.path) for section in sections]
     blocks = (block for section in sections for block in section.blocks)
-    further = folder.other_figures({b.key for b in blocks if isinstance(b, FigureBlock)})
-    if further:
+    known = {block.key for block in blocks if isinstance(block, EmbeddedFigure)}
+    if further := other_figures(folder.path, known):
         sections.append(ReportSection("further", "Further figures", further))
     sections.append(_provenance(folder))
-    warnings = [text for report in reports.values() for text in report.warnings]
+    warnings = [text for view in views.values() for text in view.warnings]
     return Page(
         title=run.report.title or run.name,
         subtitle=f"Run {run.name}, robot {folder.configuration.robot.name}",
         description=run.description,
-        verdicts=tuple(_with_failures(folder, reports)),
-        facts=tuple(fact for report in reports.values() for fact in report.facts),
+        verdicts=tuple(_with_failures(folder, views)),
+        facts=tuple(fact for view in views.values() for fact in view.facts),
         sections=tuple(sections),
         warnings=tuple(dict.fromkeys(warnings or folder.configuration.warnings)),
     )
 
 
-def _with_failures(folder: RunFolder, reports: dict[str, StageView]) -> list[StageVerdict]:
-    """Return the stages' verdicts, and what the manifest says of stages that failed."""
-    verdicts = [report.verdict for report in reports.values()]
+def page_section(section: ReportSection, folder: Path) -> ReportSection:
+    """Return a section for a page: figures from files of the folder, findings as tables."""
+    blocks = (b.table if isinstance(b, FindingsBlock) else b for b in section.blocks)
+    return replace(section, blocks=embed_drawings(blocks, folder))
+
+
+def _with_failures(folder: RunFolder, views: Mapping[str, StageView]) -> list[StageVerdict]:
+    """Return the stages' verdicts, and the manifest's entries of failed stages."""
+    verdicts = [view.verdict for view in views.values()]
     stages = {} if folder.manifest is None else folder.manifest.stages
     for name, entry in stages.items():
         if entry.status == "failed" and name != OWN_STAGE:
             sentence = f"The last attempt failed: {entry.message}"
-            if name in reports:
-                sentence += " What is shown here is of an earlier one."
+            if name in views:
+                sentence += " The section shows an earlier one."
             verdicts.append(StageVerdict(f"Stage {name}", Level.BAD, "failed", sentence))
     return verdicts
 
 
 def _provenance(folder: RunFolder) -> ReportSection:
-    """Return what made a run folder: stages, versions, seeds, files and the configuration."""
+    """Return the origin of a run folder: stages, versions, seeds, files and the configuration."""
     blocks: list[Block] = []
     manifest = folder.manifest
     if manifest is None:
         known = ", ".join(stage.file for stage in folder.stages.values())
-        text = f"The folder has no manifest.json: a stage is there when its file is, of {known}."
+        text = f"The folder has no manifest.json; its stages are known by their files: {known}."
         blocks.append(TextBlock(text, Level.CAUTION))
     else:
         stages = {name: entry for name, entry in manifest.stages.items() if name != OWN_STAGE}
@@ -181,30 +170,3 @@ def _provenance(folder: RunFolder) -> ReportSection:
     resolved = folder.text(folder.path / "run.yaml")
     blocks.append(ListingBlock("run.yaml: the resolved configuration", resolved))
     return ReportSection("provenance", "Configuration and versions", tuple(blocks))
-
-
-def _missing_figures(folder: RunFolder) -> list[Path]:
-    """Draw what is missing in a format that is wanted, and the motion of controller tables."""
-    formats = folder.configuration.run.report.figures
-
-    def missing(stem: str) -> bool:
-        place = folder.path / "figures"
-        return any(not (place / f"{stem}.{ending}").is_file() for ending in {*formats, "svg"})
-
-    drawn: list[Path] = []
-    report_progress("looking for figures")
-    for stage, (kind, figure) in _DRAWN.items():
-        if folder.has(stage) and missing(figure):
-            from results.saving import record_figures
-
-            record = folder.record(resolve_name(kind))
-            drawn += record_figures(record, folder.path, formats)
-    if folder.has("design") and folder.has("export"):
-        # Always: a table that was exported by hand may be of another motion than the figure.
-        from expdesign.experiment import DesignResult
-        from expdesign.export.result import ExportResult
-        from results.saving import whole_motion_figure
-
-        design, exports = folder.record(DesignResult), folder.record(ExportResult)
-        drawn += whole_motion_figure(design, exports, folder.path, formats)
-    return drawn

@@ -1,4 +1,4 @@
-"""What a report says of the control models in a folder."""
+"""View of control models: self-tests and uncertainty of the forces."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from results.views.view import (
     Level,
     ReportSection,
     ReportTable,
+    StageVerdict,
+    StageView,
     TableColumn,
     TextBlock,
     Value,
@@ -21,29 +23,36 @@ from results.views.view import (
 )
 
 
-def control_model_section(folder: RunFolder) -> ReportSection | None:
-    """Return the models that `expdesign model` wrote into a run folder; None without any."""
+def control_models_section(folder: RunFolder) -> ReportSection | None:
+    """Return the section on a run folder's control models; None without any."""
     places = sorted(folder.path.glob(f"{FOLDER}/*/{ControlModelFile.FILE}"))
     models = {f"{FOLDER}/{one.parent.name}": ControlModelFile.read(one) for one in places}
     if not models:
         return None
-    blocks: list[Block] = [TextBlock(f"The identified robot for a controller: {_origins(models)}.")]
+    blocks = list(control_models_view(models).blocks)
     robot = folder.path / IDENTIFIED
     digest = file_hash(robot) if robot.is_file() else ""
     old = [name for name, one in models.items() if one.origin.sha256 != digest]
     if old:
-        text = f"Not of the robot that the folder holds now: {', '.join(old)}. Write them again."
-        blocks.append(TextBlock(text, Level.CAUTION))
-    blocks.append(_tests_table(models))
-    stated = [one for one in models.values() if one.uncertainty]
-    if stated:
-        # That of all formats, unless some are of an earlier estimate, which is said.
-        blocks.append(_uncertainty_table(stated[0]))
+        text = f"Made from another robot than the folder's: {', '.join(old)}. Write them again."
+        blocks.insert(1, TextBlock(text, Level.CAUTION))
     return ReportSection("model", "Control models", tuple(blocks))
 
 
-def _origins(models: Mapping[str, ControlModelFile]) -> str:
-    return "; ".join(dict.fromkeys(one.origin.sentence for one in models.values()))
+def control_models_view(models: Mapping[str, ControlModelFile]) -> StageView:
+    """Return the view of control models, by their folders."""
+    first = next(iter(models.values()))
+    origins = "; ".join(dict.fromkeys(one.origin.sentence for one in models.values()))
+    verdict = StageVerdict("Control model", Level.NEUTRAL, first.title, f"From {origins}.", "model")
+    blocks: list[Block] = [
+        TextBlock(f"The identified robot for a controller: {origins}."),
+        _tests_table(models),
+    ]
+    stated = [one for one in models.values() if one.uncertainty]
+    if stated:
+        # One table for all formats; models of an earlier estimate are named.
+        blocks.append(_uncertainty_table(stated[0]))
+    return StageView(verdict, tuple(blocks))
 
 
 def _tests_table(models: Mapping[str, ControlModelFile]) -> ReportTable:
@@ -60,10 +69,10 @@ def _tests_table(models: Mapping[str, ControlModelFile]) -> ReportTable:
         *(TableColumn(title, "µs", digits=3, factor=1e6) for title in times),
     )
     caption = (
-        "What the self-tests showed on the machine that wrote the models: worst deviation from the "
-        "identified robot's forces, and the time of one call of the inverse dynamics"
+        "Self-tests on the computer that wrote the models: largest deviation from the identified "
+        "robot's forces, and the time of one call of the inverse dynamics"
     )
-    return ReportTable.of("control_models", caption, columns, rows)
+    return ReportTable.of("control_models", caption, columns, rows, screen=True)
 
 
 def _uncertainty_table(model: ControlModelFile) -> ReportTable:
@@ -78,4 +87,5 @@ def _uncertainty_table(model: ControlModelFile) -> ReportTable:
         f"Standard deviation σ of the model's forces along {model.motion}, from the covariance of "
         "the parameters"
     )
-    return ReportTable.of("force_uncertainty", caption, columns, model.uncertainty)
+    rows = model.uncertainty
+    return ReportTable.of("force_uncertainty", caption, columns, rows, screen=True)

@@ -1,25 +1,26 @@
-"""What a report says of a design."""
+"""View of a design: limits, predicted precision, search, and the cost of each limit."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from constraints import limit_definitions
+from expdesign.configuration import InputError
 from expdesign.configuration.open_rows import held_in_words
 from expdesign.experiment import DesignResult
-from expdesign.experiment.sensitivity import LimitSensitivity
+from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity, sensitivity_at_design
+from expdesign.experiment.setup import plan_search
 from expdesign.information.criteria import CRITERIA, OF_A_CHANGE
+from expdesign.information.fisher import SingularInformationError
 from expdesign.information.identifiable import IDENTIFIABLE
+from expdesign.recheck.information import Evaluator
 from expdesign.recheck.limit_check import REACHED, LimitCheck
+from expdesign.solver.feasibility import InfeasibleLimitsError
 from results.figures.design import DESIGN_FIGURES
 from results.notation import DisplayUnit, duration, handy_unit, percent, readable
 from results.views.folder import RunFolder
-from results.views.limit_gains import (
-    EXPLAINED,
-    costliest_fact,
-    design_sensitivity,
-    gains_table,
-    reserve_in_words,
-)
 from results.views.parameter_blocks import combination_blocks
 from results.views.view import (
     Block,
@@ -31,6 +32,7 @@ from results.views.view import (
     StageView,
     TableColumn,
     TextBlock,
+    drawings,
 )
 
 _LEVELS = {
@@ -39,32 +41,43 @@ _LEVELS = {
     "interrupted": Level.BAD,
     "limits broken": Level.BAD,
 }
+_FIGURE_NOTES = {
+    "interrupted": "interrupted: the best found until then",
+    "limits broken": "this design breaks a limit",
+}
 _SCALINGS = {"si": "SI units", "nominal": "nominal scaling"}
 
 
-def design_report(folder: RunFolder) -> StageView:
-    """Return what is to be said of the design in a folder."""
-    record = folder.record(DesignResult)
-    sensitivity = design_sensitivity(record)
+def design_view(folder: RunFolder, *, brief: bool = False) -> StageView:
+    """Return the view of the design in a folder; a brief one computes no costs of limits."""
+    record = folder.result(DesignResult)
+    sensitivity = None if brief else design_sensitivity(record)
     cost = None if sensitivity is None else costliest_fact(sensitivity)
+    figures = drawings(DESIGN_FIGURES, record)
     blocks: tuple[Block, ...] = (
-        Facts((*_details(record), *([] if cost is None else [cost]))),
-        *([TextBlock(f"{OF_A_CHANGE}.")] if record.configuration.run.design.prior else []),
+        Facts(_details(record), screen=True),
+        *([Facts((cost,))] if cost else []),
+        *(
+            [TextBlock(f"{OF_A_CHANGE}.", screen=True)]
+            if record.configuration.run.design.prior
+            else []
+        ),
         limits_table(record),
-        *_reserve(record, sensitivity),
+        *([] if brief else _reserve(record, sensitivity)),
         *_gains(sensitivity),
-        *folder.figures(*DESIGN_FIGURES[:5]),
+        *figures[:5],
         parameters_table(record),
         *combination_blocks("design_combinations", record.base_parameters, record.parameter_names),
-        *folder.figures(*DESIGN_FIGURES[5:7]),
+        *figures[5:7],
         _starts_table(record),
-        *folder.figures(*DESIGN_FIGURES[7:]),
+        *figures[7:],
     )
-    return StageView(_verdict(record), blocks, _facts(record), record.warnings)
+    note = _FIGURE_NOTES.get(record.status, "")
+    return StageView(_verdict(record), blocks, _facts(record), record.warnings, figure_note=note)
 
 
 def limits_table(record: DesignResult) -> ReportTable:
-    """Return the worst moment of every limit."""
+    """Return the table of limits with the worst moment of each."""
 
     def unit(check: LimitCheck) -> DisplayUnit:
         return handy_unit(check.unit, [check.value, check.bound])
@@ -74,11 +87,7 @@ def limits_table(record: DesignResult) -> ReportTable:
         TableColumn("stated", of=lambda check: unit(check).factor * check.stated),
         TableColumn("reserve", "%", digits=3, of="reserve", factor=100),
     )
-    # Earlier versions sampled, and proved nothing.
     certified = all(check.certified for check in record.checks)
-    proved = (
-        () if _sampled(record) else (TableColumn("left", "%", digits=3, of="proved", factor=-100),)
-    )
     columns = (
         TableColumn("limit", kind="text", of="title"),
         TableColumn("where", kind="text", of=lambda check: check.row or "–"),
@@ -87,24 +96,22 @@ def limits_table(record: DesignResult) -> ReportTable:
         *(reserved if kept else ()),
         TableColumn("unit", kind="text", of=lambda check: unit(check).symbol or "–"),
         TableColumn("used", "%", of="used", factor=100),
-        *proved,
+        TableColumn("left", "%", digits=3, of="proved", factor=-100),
         TableColumn("time", "s", of="time"),
     )
-    caption = "Worst moment of every limit over the whole period, unsmoothed model"
-    if proved:
-        caption += "; left: what of the range is proved to be left at every instant"
-    if proved and not certified:
+    caption = (
+        "Worst moment of every limit over the whole period, exact friction model; left: proved "
+        "distance to the limit at every instant, share of its range"
+    )
+    if not certified:
         open_time = max(check.open_time for check in record.checks)
-        caption += f", where it is not below zero: {open_time:.3g} s are not proved"
+        caption += f"; negative where {open_time:.3g} s are not proved"
     if kept:
-        caption += "; the bounds are the stated ones, drawn in by the reserve"
+        caption += "; the bounds are the stated ones less the reserve"
     held = [f". {text[:1].upper()}{text[1:]}" for text in held_in_words(record.configuration.robot)]
-    return ReportTable.of("limits", f"{caption}{''.join(held)}", columns, record.checks)
-
-
-def _sampled(record: DesignResult) -> bool:
-    """Return whether the limits were only looked at on a grid, as earlier versions did."""
-    return all(np.isnan(check.proved) for check in record.checks)
+    return ReportTable.of(
+        "limits", f"{caption}{''.join(held)}", columns, record.checks, screen=True, latex=True
+    )
 
 
 def parameters_table(record: DesignResult) -> ReportTable:
@@ -127,11 +134,11 @@ def parameters_table(record: DesignResult) -> ReportTable:
         f"{experiment.samples} samples; percent of the nominal value"
         f"{_TOLERANCES if shared else ''}"
     )
-    return ReportTable.of("parameters", caption, columns, record.parameters)
+    return ReportTable.of("parameters", caption, columns, record.parameters, latex=True)
 
 
 _TOLERANCES = (
-    "; what the robot's tolerances make comes on top of either, and more periods do not reduce it"
+    "; the share of the robot's tolerances adds to both, and more periods do not reduce it"
 )
 
 
@@ -150,46 +157,42 @@ def _starts_table(record: DesignResult) -> ReportTable:
 
 
 def _verdict(record: DesignResult) -> StageVerdict:
-    summary = record
-    level = _LEVELS.get(summary.status, Level.NEUTRAL)
+    level = _LEVELS.get(record.status, Level.NEUTRAL)
     held = [check.title for check in record.checks if check.used >= REACHED]
     sentence = (
-        f"Trajectory of {summary.harmonics} harmonics with a period of "
-        f"{readable(2 * np.pi / summary.omega)} s."
+        f"Trajectory of {record.harmonics} harmonics with a period of "
+        f"{readable(2 * np.pi / record.omega)} s."
     )
-    if summary.status == "limits broken":
+    if record.status == "limits broken":
         broken = [check.key for check in record.checks if not check.kept]
         sentence += f" It breaks {', '.join(broken) or 'a limit'}."
-    elif summary.status == "interrupted":
+    elif record.status == "interrupted":
         sentence += " The search was interrupted: this is the best found until then."
     else:
         left = [check.key for check in record.checks if not check.certified]
-        how = "proved for every instant"
+        how = "proved for every instant with the exact (unsmoothed) friction model"
         if left:
-            how = f"as far as was found; not proved for every instant: {', '.join(left)}"
-            if _sampled(record):
-                how = "checked anew between the samples"
+            how = f"but not proved for every instant: {', '.join(left)}"
         sentence += f" Every limit is kept over the whole period, {how}."
     if held:
-        sentence += f" It is held by {', '.join(held)}."
-    if summary.status == "not converged":
-        sentence += f" Best start: {summary.status_text}."
-    return StageVerdict("Design", level, summary.status, sentence, "design")
+        sentence += f" Active limits: {', '.join(held)}."
+    if record.status == "not converged":
+        sentence += f" Best start: {record.status_text}."
+    return StageVerdict("Design", level, record.status, sentence, "design")
 
 
 def _facts(record: DesignResult) -> tuple[Fact, ...]:
-    summary = record
-    criterion = CRITERIA.get(summary.criterion)
+    criterion = CRITERIA.get(record.criterion)
     information = record.configuration.run.design.information
     percents = np.array([parameter.rel_std_percent_experiment for parameter in record.parameters])
     relative = percents[np.isfinite(percents)]
-    finite = np.isfinite(summary.criterion_value)
-    value = readable(summary.criterion_value, 6) if finite else "singular"
+    finite = np.isfinite(record.criterion_value)
+    value = readable(record.criterion_value, 6) if finite else "singular"
     facts = [
         Fact(
-            criterion.named(information) if criterion else summary.criterion,
+            criterion.named(information) if criterion else record.criterion,
             value,
-            f"one period, {summary.samples} samples, {_SCALINGS.get(summary.scaling, '')}",
+            f"one period, {record.samples} samples, {_SCALINGS.get(record.scaling, '')}",
         )
     ]
     if relative.size:
@@ -206,20 +209,26 @@ def _facts(record: DesignResult) -> tuple[Fact, ...]:
 
 
 def _details(record: DesignResult) -> tuple[Fact, ...]:
-    summary, solver = record, record.solver
+    solver = record.solver
     facts = [
-        Fact("base frequency", f"{readable(summary.omega / (2 * np.pi))} Hz"),
+        Fact("base frequency", f"{readable(record.omega / (2 * np.pi))} Hz"),
         Fact(
             "period",
-            f"{readable(2 * np.pi / summary.omega)} s",
-            f"{readable(summary.samples_per_period, 6)} controller steps",
+            f"{readable(2 * np.pi / record.omega)} s",
+            f"{readable(record.samples_per_period, 6)} controller steps",
         ),
-        Fact("harmonics", str(summary.harmonics)),
+        Fact("harmonics", str(record.harmonics)),
     ]
-    if np.isfinite(summary.log_det_information):
+    if np.isfinite(record.log_det_information):
         log_det = CRITERIA["d"].named(record.configuration.run.design.information)
-        facts.append(Fact(log_det, readable(summary.log_det_information, 6), "SI units"))
-    facts.append(Fact("search", duration(solver.seconds), f"{solver.iterations} iterations"))
+        facts.append(Fact(log_det, readable(record.log_det_information, 6), "SI units"))
+    starts = record.configuration.run.design.starts
+    hop = solver.best_start - starts
+    best = f"{solver.best_start} of {starts}" if hop <= 0 else f"{solver.best_start} (hop {hop})"
+    facts += [
+        Fact("search", duration(solver.seconds), f"{solver.iterations} iterations"),
+        Fact("best start", best, solver.ended),
+    ]
     return tuple(facts)
 
 
@@ -235,7 +244,129 @@ def _gains(sensitivity: LimitSensitivity | None) -> tuple[Block, ...]:
     if sensitivity.unexplained > EXPLAINED:
         text = (
             f"The limits leave {percent(sensitivity.unexplained)} of the cost's gradient: the "
-            "design is not near an optimum, and what each limit costs is not shown."
+            "design is not near an optimum, and the costs of the limits are not shown."
         )
         return (TextBlock(text),)
     return (gains_table({"gain": sensitivity}, "the design itself"),)
+
+
+EXPLAINED = 0.1
+"""Largest share of the cost's gradient that the limits may leave for multipliers to be shown."""
+
+_REST = "unexplained"
+
+_NOTHING = 1e-4
+"""Share of the criterion up to which a reserve costs nothing."""
+
+_SAME = 1e-6
+"""Relative difference up to which a number computed again is the same."""
+
+
+def design_sensitivity(record: DesignResult) -> LimitSensitivity | None:
+    """Return the approximate cost of every limit of a folder's design.
+
+    None where `run.yaml` no longer belongs to this design: later stages write their own.
+    """
+    run = record.configuration.run
+    if (record.criterion, record.scaling, record.harmonics, record.samples) != (
+        run.design.criterion,
+        run.design.scaling,
+        run.trajectory.harmonics,
+        run.trajectory.samples,
+    ):
+        return None
+    try:
+        plan = plan_search(record.configuration)
+        if not (_same_limits(record) and _same_criterion(record, plan.evaluator)):
+            return None
+        return sensitivity_at_design(plan, record.trajectory)
+    except (InputError, InfeasibleLimitsError, SingularInformationError):
+        return None
+
+
+def costliest(sensitivity: LimitSensitivity) -> str | None:
+    """Return the key of the costliest limit; None where no cost is known."""
+    if sensitivity.unexplained > EXPLAINED or not sensitivity.gains:
+        return None
+    key = max(sensitivity.gains, key=lambda name: sensitivity.gains[name])
+    return key if sensitivity.gains[key] > 0 else None
+
+
+def costliest_fact(sensitivity: LimitSensitivity, whose: str = "") -> Fact | None:
+    """Return the cost of the costliest limit; None where no cost is known."""
+    key = costliest(sensitivity)
+    if key is None:
+        return None
+    gain = f"+{readable(100 * sensitivity.gains[key], 2)} %"
+    return Fact("costliest limit", gain, f"{whose}10 % more {limit_title(key)}")
+
+
+def reserve_in_words(
+    sensitivity: LimitSensitivity | None, reserves: Mapping[str, float], criterion: str
+) -> str:
+    """Return a sentence on the cost of reserves, by limit; empty without a reserve.
+
+    The cost of a design by log det F is in D-efficiency, otherwise in the criterion's value.
+    """
+    kept = {key: share for key, share in reserves.items() if share}
+    if not kept:
+        return ""
+    shares = sorted(set(kept.values()))
+    span = " to ".join(dict.fromkeys(percent(share) for share in (shares[0], shares[-1])))
+    which = "every limit" if len(kept) == len(reserves) else ", ".join(map(limit_title, kept))
+    text = f"A reserve of {span} of the range of {which} is kept free."
+    if sensitivity is None or sensitivity.unexplained > EXPLAINED:
+        return f"{text} Its cost is not known: the design is not near an optimum."
+    text += (
+        f" It costs about {percent(sensitivity.reserve, 2)} of "
+        f"{'the D-efficiency' if CRITERIA[criterion].invariant else 'what the criterion has'} "
+        "with the stated bounds, to first order from the limits' multipliers"
+    )
+    costly = sorted(sensitivity.reserved, key=lambda key: -sensitivity.reserved[key])
+    parts = [
+        f"{limit_title(key)} {percent(sensitivity.reserved[key], 2)}"
+        for key in costly
+        if sensitivity.reserved[key] > _NOTHING
+    ]
+    return f"{text}: {', '.join(parts)}." if parts else f"{text}."
+
+
+def limit_title(key: str) -> str:
+    """Return the title of a limit, of the bounds of the base frequency, or of the rest."""
+    titles = {FREQUENCY: "base frequency", _REST: "unexplained by the limits"}
+    return titles.get(key) or limit_definitions()[key].title
+
+
+def gains_table(found: Mapping[str, LimitSensitivity], where: str) -> ReportTable:
+    """Return the costs of the limits, one column per design.
+
+    `where` names the origin of the multipliers.
+    """
+    keys = dict.fromkeys(key for sensitivity in found.values() for key in sensitivity.gains)
+    columns = [TableColumn("limit", kind="text", of=limit_title)]
+    for label, sensitivity in found.items():
+        known = sensitivity.gains if sensitivity.unexplained <= EXPLAINED else {}
+        shares = {**known, _REST: sensitivity.unexplained}
+        columns.append(TableColumn(label, "%", digits=3, of=shares.get, factor=100))
+    caption = (
+        "Gain from 10 % more of each limit alone, in percent of the D-efficiency (of the "
+        f"criterion's value for other criteria), to first order from the multipliers of {where}"
+    )
+    return ReportTable.of("limit_gains", caption, columns, [*keys, _REST])
+
+
+def _same_limits(record: DesignResult) -> bool:
+    checked = {check.key: check.bound for check in record.checks}
+    limits = {limit.key: (*limit.lower, *limit.upper) for limit in record.robot.limits}
+    return checked.keys() == limits.keys() and all(
+        bool(np.any(np.isclose(limits[key], bound, rtol=_SAME, atol=0)))
+        for key, bound in checked.items()
+    )
+
+
+def _same_criterion(record: DesignResult, evaluator: Evaluator) -> bool:
+    information = evaluator.information(record.trajectory, record.samples)
+    return bool(
+        np.isclose(evaluator.log_det(information), record.log_det_information, rtol=_SAME, atol=0)
+        and np.isclose(evaluator.value(information), record.criterion_value, rtol=_SAME, atol=0)
+    )

@@ -1,4 +1,4 @@
-"""What a report says of an estimate."""
+"""View of an estimate: parameters, uncertainty, diagnostics and the noise behind them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from estimation.identification.estimate_file import EstimateFile
+from estimation.identification.estimate_file import EstimateFile, RecordingKeys
 from estimation.identification.record import EstimateRecord
 from estimation.twin.truth import Truth
 from estimation.uncertainty.differences import Differences
@@ -17,9 +17,10 @@ from results.figures.parameters import ESTIMATE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES
 from results.notation import counted, readable
 from results.views.findings import (
-    against,
+    contradictions,
+    count_findings,
     differences_table,
-    findings_table,
+    findings_block,
     information_sentence,
     information_test,
     verdict_level,
@@ -46,15 +47,16 @@ from results.views.view import (
     TableColumn,
     TextBlock,
     Value,
+    drawings,
 )
 
 NAMES = {"ls": "LS", "gm": "GM", "ml": "ML"}
 _TITLE = "Estimate"
 
 
-def estimate_report(folder: RunFolder) -> StageView:
-    """Describe the estimate in a folder."""
-    record = folder.record(EstimateRecord)
+def estimate_view(folder: RunFolder) -> StageView:
+    """Return the view of the estimate in a folder."""
+    record = folder.result(EstimateRecord)
     truth = _truth(folder, record.summary)
     return StageView(
         _verdict(record.summary),
@@ -65,14 +67,14 @@ def estimate_report(folder: RunFolder) -> StageView:
 
 
 def estimates_table(record: EstimateRecord, truth: Mapping[str, float] | None) -> ReportTable:
-    """Return the parameters of the best estimator, beside the truth where it is known."""
+    """Return the parameters of the best estimator, with the truth where it is known."""
     best = record.summary.best
     columns = [
         TableColumn("parameter", kind="parameter", of="parameter"),
         TableColumn("unit", kind="text", of="unit"),
         TableColumn("a priori", of="a_priori"),
         TableColumn("estimate", digits=5, of="value"),
-        TableColumn("σ", digits=3, of="std"),
+        TableColumn("σ", kind="error", digits=3, of="std"),
         *share_columns(record),
         TableColumn("95 % from", digits=5, of="ci_low"),
         TableColumn("95 % to", digits=5, of="ci_high"),
@@ -88,9 +90,11 @@ def estimates_table(record: EstimateRecord, truth: Mapping[str, float] | None) -
             TableColumn("truth", of=lambda row: truth[row.parameter]),
             TableColumn("error / σ", digits=2, of=error),
         ]
-    known = ", beside the truth of the simulated experiment" if truth is not None else ""
+    known = " and the truth of the simulated experiment" if truth is not None else ""
     caption = f"Parameters of the {NAMES.get(best, best)} estimate with 95 % intervals{known}"
-    return ReportTable.of("estimates", caption, columns, record.by_estimator()[best])
+    screen = len(record.summary.estimators) == 1
+    rows = record.by_estimator()[best]
+    return ReportTable.of("estimates", caption, columns, rows, screen=screen, latex=True)
 
 
 def _estimators_table(record: EstimateRecord) -> ReportTable:
@@ -99,39 +103,40 @@ def _estimators_table(record: EstimateRecord) -> ReportTable:
     columns = [
         TableColumn("parameter", kind="parameter", of=[row.parameter for row in first]),
         TableColumn("unit", kind="text", of=[row.unit for row in first]),
+        TableColumn("a priori", digits=5, of=[row.a_priori for row in first]),
     ]
     for key, rows in tables.items():
         columns += [
             TableColumn(NAMES.get(key, key), digits=5, of=[row.value for row in rows]),
-            TableColumn("σ", digits=3, of=[row.std for row in rows]),
+            TableColumn("σ", kind="error", digits=3, of=[row.std for row in rows]),
         ]
-    caption = "All estimators side by side"
-    return ReportTable.of("estimators", caption, columns, folded=True)
+    caption = "All estimators with their standard deviations"
+    return ReportTable.of("estimators", caption, columns, folded=True, screen=True, latex=True)
 
 
 def _blocks(
     folder: RunFolder, record: EstimateRecord, truth: Mapping[str, float] | None
 ) -> tuple[Block, ...]:
     summary = record.summary
-    blocks: list[Block] = [Facts(_details(folder, summary))]
+    blocks: list[Block] = [Facts(_details(folder, summary), screen=True)]
     if not summary.intervals_cover:
-        blocks.append(TextBlock(summary.intervals_note, Level.CAUTION))
+        blocks.append(TextBlock(summary.intervals_note, Level.CAUTION, screen=True))
     blocks += payload_blocks(record, _true_payload(folder, record.summary))
     blocks.append(estimates_table(record, truth))
+    if len(summary.estimators) > 1:
+        blocks.append(_estimators_table(record))
     blocks += constants_blocks(record)
-    blocks += selection_blocks(folder, record)
+    blocks += selection_blocks(record)
     blocks += budget_blocks(record)
     together = summary.best_estimator.base_parameters
     free = {*summary.parameters} - {*summary.fixed}
     blocks += combination_blocks("estimate_combinations", together, free)
     blocks += consistency_blocks(record)
-    weak = [combination.text for combination in summary.best_estimator.combinations]
-    if weak and not together:  # a folder of an earlier version
-        text = "What counts only together with others: " + "; ".join(weak)
-        blocks.append(TextBlock(text, Level.CAUTION))
-    blocks += folder.figures(*ESTIMATE_FIGURES)
-    if len(summary.estimators) > 1:
-        blocks.append(_estimators_table(record))
+    if not together and summary.best_estimator.combinations:
+        weak = "; ".join(combination.text for combination in summary.best_estimator.combinations)
+        text = f"Identified only in combination with others: {weak}."
+        blocks.append(TextBlock(text, Level.CAUTION, screen=True))
+    blocks += drawings(ESTIMATE_FIGURES, record)
     test = information_test(summary)
     if test is not None:
         disturbed = isinstance(test, Differences) and test.differ
@@ -142,10 +147,10 @@ def _blocks(
         blocks.append(differences_table("hausman", caption, summary.parameters, test, folded=True))
     if summary.diagnostics is not None:
         found = summary.diagnostics.verdict.findings
-        blocks.append(findings_table("findings", found, "the estimate"))
-    blocks += folder.figures(*DIAGNOSTIC_FIGURES)
+        blocks.append(findings_block("findings", found, "the estimate"))
+    blocks += drawings(DIAGNOSTIC_FIGURES, record.experiments, numbered=True)
     if not shows_noise(folder):
-        blocks += folder.figures(*NOISE_FIGURES)
+        blocks += drawings(NOISE_FIGURES, record.experiments, numbered=True)
     blocks.append(_noise_table(summary))
     return tuple(blocks)
 
@@ -175,10 +180,10 @@ def _noise_table(summary: EstimateFile) -> ReportTable:
 
 
 def _own_truth(folder: RunFolder, summary: EstimateFile) -> Truth | None:
-    """Return what is true when the estimate is of the folder's own simulated experiment."""
+    """Return the truth when the estimate is of the folder's simulated experiment."""
     sources = [PurePath(recording.source).name for recording in summary.recordings]
     own = folder.configuration.run.data.file is None and sources == ["measurement.csv"]
-    return folder.record(Truth) if own and folder.has("experiment") else None
+    return folder.result(Truth) if own and folder.has("experiment") else None
 
 
 def _true_payload(folder: RunFolder, summary: EstimateFile) -> Mapping[str, float] | None:
@@ -209,9 +214,9 @@ def _verdict(summary: EstimateFile) -> StageVerdict:
             reason = summary.intervals_note
         return StageVerdict(_TITLE, Level.CAUTION, "not judged", f"{begin}; {reason}.", "estimate")
     verdict = summary.diagnostics.verdict
-    problems = against(verdict)
+    problems = contradictions(verdict)
     if problems:
-        sentence = f"{begin}. Against the model: {problems}."
+        sentence = f"{begin}; {count_findings(verdict).partition(': ')[2]}: {problems}."
     else:
         sentence = f"{begin}: {verdict.summary.partition(': ')[2] or verdict.summary}."
     return StageVerdict(_TITLE, verdict_level(verdict), verdict.status.value, sentence, "estimate")
@@ -251,7 +256,9 @@ def _details(folder: RunFolder, summary: EstimateFile) -> tuple[Fact, ...]:
         Fact(
             f"recording {number}" if several else "recording",
             f"{recording.rows} samples",
-            f"{readable(recording.periods)} periods; {folder.named(recording.source)}",
+            f"{readable(recording.periods, 6)} periods of {_period(recording)} s "
+            f"(from the {recording.period_source}); noise {recording.noise.source}; "
+            f"{folder.named(recording.source)}",
         )
         for number, recording in enumerate(summary.recordings, start=1)
     ]
@@ -261,3 +268,7 @@ def _details(folder: RunFolder, summary: EstimateFile) -> tuple[Fact, ...]:
         alone = f"{first.harmonics} in the lengths alone" if together > first.harmonics else ""
         facts.append(Fact("harmonics of the motion", str(together), alone))
     return tuple(facts)
+
+
+def _period(recording: RecordingKeys) -> str:
+    return readable(2 * np.pi / recording.omega, 6)

@@ -1,4 +1,4 @@
-"""What a report says of the controller tables of a folder."""
+"""View of the controller tables of a folder."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from constraints import limit_definitions
-from expdesign.export.result import ExportedTable, ExportResult
+from expdesign.experiment import DesignResult
+from expdesign.export.record import ExportsRecord, FileEntry
 from expdesign.runfolder.manifest import file_hash
-from results.figures.motion import motion_figure
+from results.figures.motion import ExportedMotion, motion_figure
 from results.notation import counted, percent, readable
 from results.views.folder import RunFolder
 from results.views.view import (
     Block,
+    Drawing,
     Fact,
     Facts,
     Level,
@@ -25,9 +27,9 @@ from results.views.view import (
 )
 
 
-def export_report(folder: RunFolder) -> StageView:
-    """Return what is to be said of the controller tables in a folder."""
-    record = folder.record(ExportResult)
+def export_view(folder: RunFolder) -> StageView:
+    """Return the view of the controller tables in a folder."""
+    record = folder.result(ExportsRecord)
     motion, files = record.motion, record.files
     place = folder.stage_file("export").parent
     missing = [name for name in files if not (place / name).is_file()]
@@ -40,7 +42,7 @@ def export_report(folder: RunFolder) -> StageView:
     duration = f"{readable(motion.duration)} s"
     sentence = (
         f"{counted(len(files), 'table')} of a motion of {duration} from rest to rest. Each was "
-        "read again, executed as its controller would, and kept every tolerance."
+        "read back, executed as by its controller, and kept every tolerance."
     )
     for name, entry in files.items():
         if not all(limit.kept for limit in entry.read_back.limits):
@@ -48,7 +50,7 @@ def export_report(folder: RunFolder) -> StageView:
     if missing:
         sentence += f" No longer in the folder: {', '.join(missing)}."
     if changed:
-        sentence += f" Changed since, and not checked as they are now: {', '.join(changed)}."
+        sentence += f" Changed since the check: {', '.join(changed)}."
     level, word = (Level.CAUTION, "changed") if changed else (Level.GOOD, "checked")
     verdict = StageVerdict(
         "Controller tables",
@@ -66,12 +68,13 @@ def export_report(folder: RunFolder) -> StageView:
                 f"{motion.periods} periods of {readable(motion.period)} s",
             ),
             Fact("record at", f"{readable(motion.sampling)} Hz"),
-        )
+        ),
+        screen=True,
     )
     listed = [_File(name, entry) for name, entry in files.items()]
     blocks: list[Block] = [
         details,
-        *folder.figures(motion_figure),
+        *_motion_drawings(folder, record),
         _files_table(listed),
         _read_back_table(listed),
         _axes_table(files),
@@ -81,6 +84,21 @@ def export_report(folder: RunFolder) -> StageView:
         title = "README.txt: how to run each table, and what to record"
         blocks.append(ListingBlock(title, folder.text(readme)))
     return StageView(verdict, tuple(blocks))
+
+
+def _motion_drawings(folder: RunFolder, record: ExportsRecord) -> tuple[Drawing, ...]:
+    """Return the figure of the whole motion; nothing where the tables are of another design.
+
+    It is renewed for every report: a table exported later may be of another motion.
+    """
+    if record.motion.ways is None or not folder.has("design"):
+        return ()
+    design = folder.result(DesignResult)
+    try:
+        motion = record.motion.ways.motion(design.trajectory, design.robot.home)
+    except ValueError:
+        return ()
+    return (Drawing(motion_figure, ExportedMotion(design.configuration, motion), renewed=True),)
 
 
 @dataclass(frozen=True)
@@ -97,10 +115,10 @@ def _files_table(files: Sequence[_File]) -> ReportTable:
         TableColumn("rows", of="entry.rows"),
         TableColumn("shortest step", "ms", of="entry.shortest_step", factor=1e3),
         TableColumn("longest step", "ms", of="entry.longest_step", factor=1e3),
-        TableColumn("between rows", kind="text", of="entry.interpolation"),
-        TableColumn("decimals", of="entry.digits"),
+        TableColumn("between rows", kind="text", of="entry.interpolation", screen=False),
+        TableColumn("decimals", of="entry.digits", screen=False),
     )
-    return ReportTable.of("exports", "Files in exports/", columns, files)
+    return ReportTable.of("exports", "Files in exports/", columns, files, screen=True)
 
 
 def _read_back_table(files: Sequence[_File]) -> ReportTable:
@@ -116,26 +134,30 @@ def _read_back_table(files: Sequence[_File]) -> ReportTable:
         TableColumn("struts off by", "µm", digits=3, of=f"{check}.position_error", factor=1e6),
         TableColumn("allowed", "µm", digits=3, of=f"{check}.tolerances.position", factor=1e6),
         TableColumn("speed off by", "mm/s", digits=3, of=f"{check}.velocity_error", factor=1e3),
-        TableColumn("acceleration off by", "%", digits=2, of=acceleration, factor=100),
-        TableColumn("force off by", "%", digits=2, of=force, factor=100),
+        TableColumn(
+            "acceleration off by", "%", digits=2, of=acceleration, factor=100, screen=False
+        ),
+        TableColumn("force off by", "%", digits=2, of=force, factor=100, screen=False),
         TableColumn("tightest limit, used", kind="text", of=_tightest),
         TableColumn("limits proved", kind="text", of=_proved),
-        TableColumn("change of log det F", digits=2, of=f"{change}.log_det_change"),
-        TableColumn("change of σ", "%", digits=2, of=f"{change}.std_change", factor=100),
-        TableColumn("largest for", kind="parameter", of=decisive),
+        TableColumn("change of log det F", digits=2, of=f"{change}.log_det_change", screen=False),
+        TableColumn(
+            "change of σ", "%", digits=2, of=f"{change}.std_change", factor=100, screen=False
+        ),
+        TableColumn("largest for", kind="parameter", of=decisive, screen=False),
     )
     caption = (
-        "What the files do when they are executed, against the design: largest deviations "
+        "Execution of the files against the design: largest deviations "
         "(acceleration and force in percent of their limits' range), tightest limit, whether every "
-        "limit that the path defines is proved to be kept at every instant, and what "
-        "resampling and rounding change in log det F and in the predicted standard deviations σ "
-        "over the measurement window"
+        "limit that the path defines is proved to be kept at every instant, and the changes of "
+        "log det F and of the predicted standard deviations σ over the measurement window by "
+        "resampling and rounding"
     )
-    return ReportTable.of("read_back", caption, columns, files)
+    return ReportTable.of("read_back", caption, columns, files, screen=True)
 
 
 def _proved(file: _File) -> str:
-    """Return whether the limits are proved to be kept."""
+    """Return whether every limit is proved to be kept."""
     return "yes" if file.entry.read_back.certified else "no"
 
 
@@ -160,5 +182,5 @@ def _axes_table(files: Mapping[str, ExportedTable]) -> ReportTable:
         for axis in entry.axes
     ]
     columns = (*text_columns("file", "axis", "moves", "unit"), TableColumn("start", digits=9))
-    caption = "Axes of every file, and where they stand at the start"
+    caption = "Axes of every file and their positions at the start"
     return ReportTable.of("export_axes", caption, columns, rows, folded=True)

@@ -1,4 +1,4 @@
-"""What a report says of the comparison of feed-forwards."""
+"""View of the comparison of feed-forwards."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from results.views.estimate import NAMES
 from results.views.folder import RunFolder
 from results.views.view import (
     Block,
+    Drawing,
     Fact,
     Level,
     ReportTable,
@@ -23,10 +24,9 @@ from results.views.view import (
 _DEGREES = float(np.degrees(1))
 
 
-def feedforward_report(folder: RunFolder) -> StageView:
-    """Describe the comparison in a folder."""
-    record = folder.record(FeedforwardResult)
-    summary = record.summary
+def feedforward_view(folder: RunFolder) -> StageView:
+    """Return the view of the comparison in a folder."""
+    summary = folder.result(FeedforwardResult)
     best, without = summary.case("identified"), summary.case("none")
     good = best.reduction > 1
     sentence = (
@@ -38,18 +38,18 @@ def feedforward_report(folder: RunFolder) -> StageView:
     )
     blocks: list[Block] = [
         TextBlock(_machine(summary)),
-        *folder.figures(feedforward_figure),
+        Drawing(feedforward_figure, summary),
         _cases(summary),
-        _struts(record),
+        _struts(summary),
         _controller(summary),
         TextBlock(_integration(summary)),
     ]
     if any(each.limited > 0 for each in summary.cases):
         text = (
-            "Forces reach their limits: what is compared there is not the model but the machine's "
-            "strength."
+            "Forces reach their limits: the comparison is then one of the machine's strength and "
+            "not of the model."
         )
-        blocks.insert(3, TextBlock(text, Level.CAUTION))
+        blocks.insert(3, TextBlock(text, Level.CAUTION, screen=True))
     level, word = (Level.GOOD, "smaller error") if good else (Level.BAD, "no smaller error")
     if good and not summary.within_limits:
         level, word = Level.CAUTION, "smaller error, in a motion beyond the limits"
@@ -59,7 +59,7 @@ def feedforward_report(folder: RunFolder) -> StageView:
         f"struts' rms by feed-forward of the identified model, {summary.motion}",
     )
     judged = StageVerdict("Feed-forward", level, word, sentence, "feedforward")
-    heading = "What the identified model buys"
+    heading = "Feed-forward of the identified model"
     return StageView(judged, tuple(blocks), (fact,), summary.warnings, heading)
 
 
@@ -71,17 +71,17 @@ def _machine(summary: FeedforwardResult) -> str:
     who = "The digital twin, with the noise of its lengths in the loop,"
     if summary.machine == "drawn":
         who = (
-            "A machine that is drawn from the estimate's covariance (parameters together with "
-            "constants, geometry and force constants that are not exact), because the measured "
-            "one is not known,"
+            "A machine drawn from the estimate's covariance (parameters together with inexact "
+            "constants, geometry and force constants), because the measured one is not known,"
         )
     return (
-        f"{who} follows the motion under the same controller in every case; what differs is the "
-        "force that is added to the controller's: the inverse dynamics along the wanted motion. "
+        f"{who} follows the motion under the same controller in every case; the cases differ in "
+        "the force added to the controller's: the inverse dynamics along the wanted motion. "
         "The identified model keeps the struts within "
-        f"{_micro(summary.case('identified').rms_from_true)} rms of where the true one would bring "
-        f"them, {percent(summary.left, 2)} of the error without feed-forward; what is left beside "
-        "that is the controller's answer to the noise of its sensors and what both models lack."
+        f"{_micro(summary.case('identified').rms_from_true)} rms of their motion with the true "
+        "one, "
+        f"{percent(summary.left, 2)} of the error without feed-forward; the rest of the error is "
+        "the controller's response to sensor noise and to effects that both models lack."
     )
 
 
@@ -101,14 +101,16 @@ def _cases(summary: FeedforwardResult) -> ReportTable:
         TableColumn("largest", "µm", digits=3, of="max_struts", factor=1e6),
         TableColumn("TCP, rms", "µm", digits=3, of="rms_position", factor=1e6),
         TableColumn("largest", "µm", digits=3, of="max_position", factor=1e6),
-        TableColumn("turned, rms", "°", digits=3, of="rms_rotation", factor=_DEGREES),
-        TableColumn("beside the true model's", "µm", digits=3, of="rms_from_true", factor=1e6),
+        TableColumn("turned, rms", "°", digits=3, of="rms_rotation", factor=_DEGREES, screen=False),
+        TableColumn(
+            "from the true model's", "µm", digits=3, of="rms_from_true", factor=1e6, screen=False
+        ),
         TableColumn("feedback, rms", "N", digits=3, of="rms_feedback"),
-        TableColumn("at limit", "%", digits=2, of="limited", factor=100),
+        TableColumn("at limit", "%", digits=2, of="limited", factor=100, screen=False),
         TableColumn("times better", digits=3, of="reduction"),
     )
-    caption = "How well the motion is followed with each feed-forward"
-    return ReportTable.of("feedforward_cases", caption, columns, summary.cases)
+    caption = "Tracking error with each feed-forward"
+    return ReportTable.of("feedforward_cases", caption, columns, summary.cases, screen=True)
 
 
 def _struts(record: FeedforwardResult) -> ReportTable:
@@ -119,7 +121,7 @@ def _struts(record: FeedforwardResult) -> ReportTable:
         TableColumn("largest", "µm", digits=3, of="max", factor=1e6),
         TableColumn("feedback, rms", "N", digits=3, of="rms_feedback"),
     )
-    caption = "The same strut by strut"
+    caption = "Tracking error strut by strut"
     return ReportTable.of("feedforward", caption, columns, record.rows, folded=True)
 
 

@@ -1,4 +1,4 @@
-"""What tests of an estimate found: assumptions, the model, differences between estimates."""
+"""Findings of tests: assumptions of an estimate, the model, differences between estimates."""
 
 from __future__ import annotations
 
@@ -7,40 +7,62 @@ from collections.abc import Sequence
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.finding import DiagnosisVerdict, Finding, FindingOutcome, Status
+from estimation.diagnostics.finding import DiagnosisVerdict, Finding, Status
 from estimation.identification.estimate_file import EstimateFile
 from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, difference_test
-from results.views.view import Level, ReportTable, TableColumn
+from results.views.view import FindingLine, FindingsBlock, Level, ReportTable, TableColumn
 
 
 def verdict_level(verdict: DiagnosisVerdict) -> Level:
-    """Return how a verdict is to be taken."""
+    """Return the level of a verdict."""
     return Level.GOOD if verdict.status is Status.ACCEPTED else Level.BAD
 
 
-def findings_table(key: str, findings: Sequence[Finding], what: str) -> ReportTable:
-    """Return every assumption with its outcome."""
+def findings_block(
+    key: str, findings: Sequence[Finding], subject: str, *, every: bool = False
+) -> FindingsBlock:
+    """Return the findings on a subject, such as ``"the estimate"``.
+
+    The terminal lists the failed ones with their advice, or with `every` all of them with their
+    outcomes.
+    """
     columns = (
         TableColumn("assumption", kind="text", of="assumption"),
         TableColumn("outcome", kind="outcome", of="outcome.value"),
-        TableColumn("what was seen", kind="text", of="sentence"),
-        TableColumn("what to do", kind="text", of="advice"),
+        TableColumn("observation", kind="text", of="sentence"),
+        TableColumn("advice", kind="text", of="advice"),
     )
-    return ReportTable.of(key, f"Assumptions of {what} and what became of them", columns, findings)
+    table = ReportTable.of(key, f"Assumptions of {subject} and their tests", columns, findings)
+    shown = findings if every else [finding for finding in findings if finding.failed]
+    return FindingsBlock(subject, table, tuple(_line(finding, every) for finding in shown))
 
 
-def against(verdict: DiagnosisVerdict) -> str:
-    """Return what speaks against the model, and where; empty when nothing does.
+def _line(finding: Finding, every: bool) -> FindingLine:
+    begin = ""
+    if every:
+        begin = f"{finding.assumption}: {finding.outcome.value}. "
+        if finding.failed:
+            # A failed assumption that denies something would have to be decoded.
+            begin = f"{finding.contradiction}. "
+    return FindingLine(f"{begin}{finding.sentence}", finding.advice)
 
-    How large it is, and what to do, stands with the finding.
+
+def contradictions(verdict: DiagnosisVerdict) -> str:
+    """Return the serious contradictions to the model and their places; empty without any.
+
+    Their sizes and the advice are with the findings.
     """
     serious = [finding for finding in verdict.failed if finding.serious]
     return "; ".join(finding.contradiction or finding.sentence for finding in serious)
 
 
-def failures(findings: Sequence[Finding]) -> tuple[str, ...]:
-    """Return what was seen where an assumption fails."""
-    return tuple(f.sentence for f in findings if f.outcome is FindingOutcome.FAILS)
+def count_findings(verdict: DiagnosisVerdict) -> str:
+    """Return the verdict with the number of serious findings: ``"doubtful: 2 findings …"``."""
+    serious = sum(finding.serious for finding in verdict.failed)
+    if not serious:
+        return verdict.summary
+    count = "1 finding contradicts" if serious == 1 else f"{serious} findings contradict"
+    return f"{verdict.status.value}: {count} the model"
 
 
 def estimated_values(summary: EstimateFile, estimator: str) -> Array:
@@ -50,7 +72,7 @@ def estimated_values(summary: EstimateFile, estimator: str) -> Array:
 
 
 def information_test(summary: EstimateFile) -> Differences | str | None:
-    """Return the Hausman-type test of ML − GM, or why there is none; None without both."""
+    """Return the Hausman-type test of ML − GM, or the reason against it; None without both."""
     covariance = summary.covariance_ml_less_gm
     if covariance is None or not {"gm", "ml"} <= set(summary.estimators):
         return None
@@ -62,11 +84,11 @@ def information_test(summary: EstimateFile) -> Differences | str | None:
 
 
 def information_sentence(test: Differences | str) -> str:
-    """Return what the test of ML − GM says, in words."""
+    """Return the result of the test of ML − GM in words."""
     if not isinstance(test, str) and not test.freedom and not test.differ_jointly:
         test = "GM and ML differ by less than a sixth of their standard deviations"
     if isinstance(test, str):
-        return f"Whether errors of the measured motion bias GM is not tested: {test}"
+        return f"Bias of GM from errors of the measured motion is not tested: {test}"
     which = int(np.sum(test.differs))
     outcome = (
         "Errors of the measured motion bias GM: take ML, whose values differ"

@@ -1,4 +1,4 @@
-"""What a report says of a Monte-Carlo study."""
+"""View of a Monte-Carlo study."""
 
 from __future__ import annotations
 
@@ -9,16 +9,29 @@ from results.figures.montecarlo import STUDY_FIGURES
 from results.notation import percent, readable
 from results.views.estimate import NAMES
 from results.views.folder import RunFolder
-from results.views.view import Block, Fact, Level, ReportTable, StageVerdict, StageView, TableColumn
+from results.views.view import (
+    Block,
+    Fact,
+    Level,
+    ReportTable,
+    StageVerdict,
+    StageView,
+    TableColumn,
+    drawings,
+)
 
 
-def montecarlo_report(folder: RunFolder) -> StageView:
-    """Describe the study in a folder."""
-    record = folder.record(MonteCarloResult)
+def montecarlo_view(folder: RunFolder) -> StageView:
+    """Return the view of the study in a folder."""
+    record = folder.result(MonteCarloResult)
     summary, estimators = record, record.estimators
     failures = sum(len(entry.failures) for entry in estimators.values())
     names = ", ".join(NAMES.get(name, name) for name in estimators)
-    sentence = f"{summary.counts.done} simulated experiments, estimators {names}."
+    identified = f"{len(summary.identified)} of {len(summary.parameters)}"
+    sentence = (
+        f"{summary.counts.done} simulated experiments, estimators {names}; {identified} "
+        "parameters are identified."
+    )
     if summary.interrupted:
         sentence += f" Interrupted: {summary.counts.wanted} were wanted."
     if failures:
@@ -26,7 +39,7 @@ def montecarlo_report(folder: RunFolder) -> StageView:
     level = Level.BAD if summary.interrupted else Level.CAUTION if failures else Level.GOOD
     word = "interrupted" if summary.interrupted else "done"
     blocks: list[Block] = [_pooled_table(estimators)]
-    blocks += folder.figures(*STUDY_FIGURES)
+    blocks += drawings(STUDY_FIGURES, record.rows)
     blocks.append(_statistics_table(record))
     verdict = StageVerdict("Monte-Carlo study", level, word, sentence, "montecarlo")
     return StageView(verdict, tuple(blocks), _facts(estimators))
@@ -66,7 +79,7 @@ def _pooled_table(estimators: dict[str, EstimatorStatistics]) -> ReportTable:
         TableColumn("largest bias / its error", digits=3, of=pooled("largest_bias_t")),
     )
     caption = "All identified parameters together"
-    return ReportTable.of("montecarlo_pooled", caption, columns, estimators)
+    return ReportTable.of("montecarlo_pooled", caption, columns, estimators, screen=True)
 
 
 def _statistics_table(record: MonteCarloResult) -> ReportTable:
@@ -86,4 +99,4 @@ def _statistics_table(record: MonteCarloResult) -> ReportTable:
         TableColumn("coverage", digits=3, of="coverage"),
     )
     caption = "Every estimator and parameter against the truth"
-    return ReportTable.of("montecarlo", caption, columns, record.rows, folded=True)
+    return ReportTable.of("montecarlo", caption, columns, record.rows, folded=True, latex=True)

@@ -1,4 +1,4 @@
-"""What a report says of a simulated recording, and of the noise of any."""
+"""View of a noise analysis: size, correlation, shape and memory of the noise."""
 
 from __future__ import annotations
 
@@ -8,73 +8,37 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import FindingOutcome
-from estimation.diagnostics.noise_result import NoiseFile, covariance_rows
+from estimation.diagnostics.noise_result import (
+    NoiseFile,
+    NoiseRecord,
+    correlation_of,
+    covariance_rows,
+)
 from estimation.diagnostics.noise_tests import Normality, Whiteness
 from estimation.identification.record import EstimateRecord
-from estimation.twin.truth import Truth
 from results.figures.noise import NOISE_FIGURES, SPECTRUM_FIGURES
 from results.notation import readable
-from results.views.findings import failures, findings_table
+from results.views.findings import findings_block
 from results.views.folder import RunFolder
 from results.views.view import (
     Block,
     Fact,
     Facts,
     Level,
+    ListingBlock,
     ReportTable,
     StageVerdict,
     StageView,
     TableColumn,
     TextBlock,
+    drawings,
 )
 
 _MM = 1e3
 
 
-def experiment_report(folder: RunFolder) -> StageView:
-    """Describe the experiment in a folder."""
-    truth = folder.record(Truth)
-    experiment = truth.experiment
-    disturbances = ", ".join(truth.disturbances.active) or "none"
-    table = "" if truth.table is None else truth.table.file
-    twin = f"the digital twin executing {table}" if table else "the digital twin"
-    if truth.machine is not None:
-        twin += f", a machine ({truth.machine.name}) that is not the robot of the run"
-    rate, periods = f"{readable(experiment.sampling)} Hz", f"{experiment.periods:g}"
-    sentence = (
-        f"Simulated on {twin}: {periods} periods measured at {rate}, {experiment.samples} "
-        f"samples. Disturbances besides the noise: {disturbances}."
-    )
-    entry = folder.entry("experiment")
-    level, word = Level.NEUTRAL, "simulated"
-    if entry is not None and entry.status != "done":
-        level, word = Level.BAD, entry.status
-    verdict = StageVerdict("Experiment", level, word, sentence, "experiment")
-    facts = (Fact("samples", f"{experiment.samples}", f"simulated, {periods} periods"),)
-    details = Facts(
-        (
-            Fact("periods", periods),
-            Fact("sampling", rate),
-            Fact("period", f"{readable(truth.executed.period)} s"),
-            *((Fact("controller table", table),) if table else ()),
-            *((Fact("true machine", truth.machine.name),) if truth.machine else ()),
-            Fact("disturbances", disturbances),
-            Fact("noise", truth.memory),
-            Fact("seed", str(truth.seeds.experiment)),
-        )
-    )
-    force, length = (np.sqrt(np.diag(c)) for c in (truth.force_covariance, truth.length_covariance))
-    columns = (
-        TableColumn("strut", of=range(1, len(force) + 1)),
-        TableColumn("force noise σ", "N", of=force),
-        TableColumn("length noise σ", "mm", of=length, factor=1e3),
-    )
-    noise = ReportTable.of("true_noise", "True noise of one sample", columns)
-    return StageView(verdict, (details, noise), facts)
-
-
 def shows_noise(folder: RunFolder) -> bool:
-    """Tell whether the noise figures of a folder are those of its noise analysis.
+    """Return whether the noise figures of a folder are those of its noise analysis.
 
     Both the analysis and an estimate draw them; with an estimate of another recording they are the
     estimate's.
@@ -83,15 +47,16 @@ def shows_noise(folder: RunFolder) -> bool:
         return False
     if not folder.has("estimate"):
         return True
-    recordings = folder.record(EstimateRecord).summary.recordings
-    own = folder.record(NoiseFile).recording
+    recordings = folder.result(EstimateRecord).summary.recordings
+    own = folder.result(NoiseRecord).summary.recording
     # The figures of several recordings have numbers, and leave those of the analysis alone.
     return len(recordings) > 1 or any(recording.source == own for recording in recordings)
 
 
-def noise_report(folder: RunFolder) -> StageView:
-    """Describe the noise analysis in a folder."""
-    noise = folder.record(NoiseFile)
+def noise_view(folder: RunFolder) -> StageView:
+    """Return the view of the noise analysis in a folder."""
+    record = folder.result(NoiseRecord)
+    noise = record.summary
     failed = [finding for finding in noise.findings if finding.outcome is FindingOutcome.FAILS]
     serious = any(finding.serious for finding in failed)
     level = Level.BAD if serious else Level.CAUTION if failed else Level.GOOD
@@ -100,7 +65,7 @@ def noise_report(folder: RunFolder) -> StageView:
         f"forces {_range(noise.force_std)} N, of the lengths {_range(_MM * noise.length_std)} mm."
     )
     if failed:
-        sentence += f" Against what is assumed of it: {'; '.join(failures(failed))}."
+        sentence += f" Failed assumptions: {'; '.join(each.sentence for each in failed)}."
     untested = [
         each.assumption for each in noise.findings if each.outcome is FindingOutcome.NOT_TESTED
     ]
@@ -112,18 +77,25 @@ def noise_report(folder: RunFolder) -> StageView:
         level, word = Level.NEUTRAL, f"{every - len(untested)} of {every} tested"
     shape, memory = noise.normality, noise.whiteness
     blocks: list[Block] = [
-        Facts(_details(folder, noise)),
+        Facts(_details(folder, noise), screen=True),
+        _correlation_table("force", "N", 1.0, noise.force_covariance),
+        _correlation_table("length", "mm", _MM, noise.length_covariance),
         _channels_table("force", "N", noise.force_std, shape.forces, memory.force_noise),
         _channels_table("length", "mm", _MM * noise.length_std, shape.lengths, memory.length_noise),
     ]
     if not noise.averaged:
         why = noise.whiteness.refused or "The periods are no whole number of samples"
-        text = f"{why[0].upper()}{why[1:]}: the scatter is that about a Fourier series."
-        blocks.append(TextBlock(text, Level.CAUTION))
-    blocks.append(findings_table("noise_findings", noise.findings, "the noise"))
+        text = (
+            f"{why[0].upper()}{why[1:]}: the noise is the difference from a Fourier series of the "
+            "motion, not the difference between periods."
+        )
+        blocks.append(TextBlock(text, Level.CAUTION, screen=True))
+    blocks.append(findings_block("noise_findings", noise.findings, "the noise", every=True))
+    if record.block is not None:
+        blocks.append(ListingBlock("Lines for the robot file", record.block, screen=True))
     if shows_noise(folder):
-        blocks += folder.figures(*NOISE_FIGURES)
-    blocks += folder.figures(*SPECTRUM_FIGURES)
+        blocks += drawings(NOISE_FIGURES, record)
+    blocks += drawings(SPECTRUM_FIGURES, record)
     blocks.append(_covariance_table(noise))
     return StageView(StageVerdict("Noise", level, word, sentence, "noise"), tuple(blocks))
 
@@ -172,6 +144,20 @@ def _channels_table(
     )
     caption = f"Noise of one sample of the {what}s: size, shape and memory"
     return ReportTable.of(f"noise_{what}s", caption, columns)
+
+
+def _correlation_table(what: str, unit: str, factor: float, covariance: Array) -> ReportTable:
+    """Return standard deviations and correlations, (6, 6), of the noise."""
+    std = np.sqrt(np.diag(covariance))
+    correlations = correlation_of(covariance)
+    struts = range(1, len(std) + 1)
+    columns = (
+        TableColumn("strut", of=struts),
+        TableColumn("σ", unit, of=factor * std),
+        *(TableColumn(str(k), digits=3, of=correlations[:, k - 1]) for k in struts),
+    )
+    caption = f"Noise of the {what}s: standard deviation and correlation with struts 1 to 6"
+    return ReportTable.of(f"noise_correlation_{what}s", caption, columns, screen=True)
 
 
 def _covariance_table(noise: NoiseFile) -> ReportTable:

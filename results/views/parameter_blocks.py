@@ -1,4 +1,8 @@
-"""What a report says of combinations of parameters, of a design and of an estimate."""
+"""Blocks on parameters that several views or few runs have.
+
+Combinations, the uncertainty budget, estimated constants, physical consistency, the payload and the
+selection of terms.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +18,13 @@ from expdesign.experiment.combinations import KnownCombination
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from results.figures.parameters import WORTH, selection_figure
 from results.notation import counted, readable
-from results.views.folder import RunFolder
-from results.views.view import Block, Level, ReportTable, TableColumn, TextBlock
+from results.views.view import Block, Drawing, Level, ReportTable, TableColumn, TextBlock
 
 
 def combination_blocks(
     key: str, found: Sequence[KnownCombination], asked: Iterable[str]
 ) -> tuple[Block, ...]:
-    """Return the combinations in which others matter; nothing of a folder that has none.
+    """Return the combinations of several parameters; nothing for a result that has none.
 
     Parameters
     ----------
@@ -38,44 +41,43 @@ def combination_blocks(
     parameters = len({*asked, *regrouped})
     if not together:
         if len(found) == parameters:
-            text = f"All {counted(parameters, 'parameter')} are identified each for itself."
+            text = f"All {counted(parameters, 'parameter')} are identified individually."
         else:
             text = (
-                f"{len(found)} of {counted(parameters, 'parameter')} are identified, each for "
-                "itself; the others tell nothing that matters to these."
+                f"{len(found)} of {counted(parameters, 'parameter')} are identified individually; "
+                "the others do not affect these."
             )
         return (TextBlock(text),)
     columns = (
         TableColumn("combination", kind="text", of="combination"),
         TableColumn("unit", kind="text", of="unit"),
         TableColumn("value", digits=5, of="value"),
-        TableColumn("σ", digits=3, of="std"),
+        TableColumn("σ", kind="error", digits=3, of="std"),
         TableColumn("σ / scale", "%", digits=3, of="rel_std_percent"),
-        TableColumn("σ of the first alone", digits=3, of="std_alone"),
-        TableColumn("regrouped into it", kind="text", of="regrouped"),
+        TableColumn("σ of the first alone", digits=3, of="std_alone", screen=False),
+        TableColumn("regrouped into it", kind="text", of="regrouped", screen=False),
     )
     caption = (
-        f"What is known only together: {len(found)} combinations of "
-        f"{counted(parameters, 'parameter')} are identified, {len(found) - len(together)} of them "
-        "single parameters as far as it matters. The first parameter of a combination gives it its "
-        "unit; by itself it is known less well, or not at all"
+        f"Combinations: {len(found)} combinations of {counted(parameters, 'parameter')} are "
+        f"identified, {len(found) - len(together)} of them single parameters. A combination has "
+        "the unit of its first parameter, which alone is known less precisely or not at all"
     )
-    return (ReportTable.of(key, caption, columns, together),)
+    return (ReportTable.of(key, caption, columns, together, screen=True),)
 
 
 def share_columns(record: EstimateRecord) -> list[TableColumn]:
-    """Return the shares of the standard deviation, where there are two."""
+    """Return the columns of the random and the systematic share, where there are both."""
     found = record.summary.best_estimator.systematic
     if found is None or not found.groups:
         return []
     return [
-        TableColumn("σ random", digits=3, of="std_random"),
-        TableColumn("σ systematic", digits=3, of="std_systematic"),
+        TableColumn("σ random", digits=3, of="std_random", screen=False),
+        TableColumn("σ systematic", digits=3, of="std_systematic", screen=False),
     ]
 
 
 def budget_blocks(record: EstimateRecord) -> list[Block]:
-    """Say which tolerance costs which parameter how much."""
+    """Return the share of every tolerance in the variance of every parameter."""
     summary = record.summary
     found = summary.best_estimator.systematic
     if found is None or not found.groups:
@@ -92,16 +94,16 @@ def budget_blocks(record: EstimateRecord) -> list[Block]:
         for source in sources
     ]
     caption = (
-        "Uncertainty budget: what noise and each tolerance contribute to the variance of each "
-        "parameter"
+        "Uncertainty budget: contribution of the noise and of each tolerance to the variance of "
+        "each parameter"
     )
     costly = max(rows, key=lambda row: row.share_percent if row.source != "noise" else -1.0)
     text = (
-        "What is not known exactly was estimated with its tolerance as prior; what the data leave "
-        "of it is counted."
+        "Inexactly known quantities were estimated with their tolerances as priors; their "
+        "remaining uncertainty is counted."
         if found.with_priors
-        else "What is not known exactly is counted by its tolerance, shared by all recordings of "
-        "this machine: more data do not make it smaller."
+        else "Inexactly known quantities are counted by their tolerances, shared by all recordings "
+        "of this machine: more data do not reduce them."
     )
     text += (
         f" The largest share is that of {costly.source} in {costly.parameter}: "
@@ -118,7 +120,7 @@ def budget_blocks(record: EstimateRecord) -> list[Block]:
 
 
 def constants_blocks(record: EstimateRecord) -> list[Block]:
-    """Show the constants of terms that were estimated; nothing where none was."""
+    """Return the table of estimated constants of terms; nothing without any."""
     rows = [row for row in record.constants if row.estimator == record.summary.best]
     if not rows:
         return []
@@ -128,10 +130,10 @@ def constants_blocks(record: EstimateRecord) -> list[Block]:
         TableColumn("in the robot file", digits=5, of="stated"),
         TableColumn("tolerance", digits=3, of="tolerance"),
         TableColumn("estimate", digits=5, of="value"),
-        TableColumn("σ", digits=3, of="std"),
+        TableColumn("σ", kind="error", digits=3, of="std"),
     ]
     caption = "Constants of terms, estimated together with the parameters"
-    return [ReportTable.of("constants", caption, columns, rows)]
+    return [ReportTable.of("constants", caption, columns, rows, screen=True)]
 
 
 def _deviations_table(rows: Sequence[DeviationRow]) -> ReportTable:
@@ -142,7 +144,7 @@ def _deviations_table(rows: Sequence[DeviationRow]) -> ReportTable:
         TableColumn("estimate", digits=3, of="value"),
         TableColumn("σ", digits=3, of="std"),
     ]
-    caption = "What is not known exactly: its tolerance, and what the data say of it"
+    caption = "Inexactly known quantities: tolerance, and estimate from the data"
     return ReportTable.of("deviations", caption, columns, rows, folded=True)
 
 
@@ -151,13 +153,15 @@ _MOVED = 0.005
 
 
 def consistency_blocks(record: EstimateRecord) -> list[Block]:
-    """Say whether bodies have the best estimate, and which parameters are nearest if not."""
+    """Return the physical consistency of the best estimate, and the nearest consistent one."""
     summary = record.summary
     found = summary.best_estimator.consistent
     if found is None:
         return []
     level = Level.CAUTION if found.significant else Level.NEUTRAL
-    blocks: list[Block] = [TextBlock(f"{found.text[0].upper()}{found.text[1:]}.", level)]
+    blocks: list[Block] = [
+        TextBlock(f"{found.text[0].upper()}{found.text[1:]}.", level, screen=True)
+    ]
     if found.distance == 0:
         return blocks
     rows = [row for row in record.consistent if row.estimator == summary.best]
@@ -174,14 +178,14 @@ def consistency_blocks(record: EstimateRecord) -> list[Block]:
         TableColumn("spread", digits=3, of="spread"),
     ]
     caption = (
-        "The nearest parameters that some set of bodies has, where they are not the estimate's; "
+        "The nearest physically consistent parameters, where they differ from the estimate; "
         "intervals have the estimate's width"
     )
     return [*blocks, ReportTable.of("consistent", caption, columns, shown)]
 
 
 def payload_blocks(record: EstimateRecord, truth: Mapping[str, float] | None) -> list[Block]:
-    """Return the payload of the best estimate, beside the true one where it is known.
+    """Return the payload of the best estimate, with the true one where it is known.
 
     `truth` are the payload's shares of the platform's parameters.
     """
@@ -192,14 +196,18 @@ def payload_blocks(record: EstimateRecord, truth: Mapping[str, float] | None) ->
         TableColumn("quantity", kind="text", of="quantity"),
         TableColumn("unit", kind="text", of="unit"),
         TableColumn("estimate", digits=5, of="value"),
-        TableColumn("σ", digits=3, of="std"),
+        TableColumn("σ", kind="error", digits=3, of="std"),
         TableColumn("95 % from", digits=5, of="ci_low"),
         TableColumn("95 % to", digits=5, of="ci_high"),
     ]
+    for estimator in record.summary.estimators:
+        if estimator != record.summary.best:
+            own = {row.quantity: row for row in record.payload if row.estimator == estimator}
+            columns += _other_payload(estimator, own)
     if any(row.std_systematic > 0 for row in rows):
         columns[4:4] = [
-            TableColumn("σ random", digits=3, of="std_random"),
-            TableColumn("σ systematic", digits=3, of="std_systematic"),
+            TableColumn("σ random", digits=3, of="std_random", screen=False),
+            TableColumn("σ systematic", digits=3, of="std_systematic", screen=False),
         ]
     if truth is not None:
         values = np.array([truth[name] for name in OF_A_BODY.values()])
@@ -214,26 +222,34 @@ def payload_blocks(record: EstimateRecord, truth: Mapping[str, float] | None) ->
             TableColumn("error / σ", digits=2, of=error),
         ]
     text = (
-        "The payload is what the platform has beyond the machine that was identified before. Its "
-        "standard deviations count the noise of these recordings and what that identification left "
-        "open, with the correlation of all parameters."
+        "The payload is the difference between the platform and the machine identified before. Its "
+        "standard deviations include the noise of these recordings and the uncertainty of that "
+        "identification, with the correlation of all parameters."
     )
     caption = "Payload in the platform frame: about the TCP, its centre of mass, and about that"
     return [
         TextBlock(text, Level.NEUTRAL),
-        ReportTable.of("payload", caption, columns, rows),
+        ReportTable.of("payload", caption, columns, rows, screen=True),
     ]
 
 
+def _other_payload(estimator: str, rows: Mapping[str, PayloadRow]) -> list[TableColumn]:
+    return [
+        TableColumn(estimator.upper(), digits=5, of=lambda row: rows[row.quantity].value),
+        TableColumn("σ", kind="error", digits=3, of=lambda row: rows[row.quantity].std),
+    ]
+
+
+_DONE = {"add": "Added", "drop": "Dropped"}
 _RULES = {
     "bic": "Schwarz's criterion",
     "f": "F tests",
-    "holdout": "the prediction of what was not fitted",
+    "holdout": "the prediction of held-out data",
 }
 
 
-def selection_blocks(folder: RunFolder, record: EstimateRecord) -> Iterator[Block]:
-    """Yield which terms were added and how, and what that means for the intervals."""
+def selection_blocks(record: EstimateRecord) -> Iterator[Block]:
+    """Yield the terms that were added, the criterion, and the consequence for the intervals."""
     found = record.summary.selection
     if found is None:
         return
@@ -244,11 +260,17 @@ def selection_blocks(folder: RunFolder, record: EstimateRecord) -> Iterator[Bloc
     )
     if found.dispersion > 1:
         text += (
-            " All of them together leave "
+            " With all of them the residuals are "
             f"{readable(found.dispersion, 4)} times the noise; χ² was divided by it."
         )
-    yield TextBlock(text)
-    yield from folder.figures(selection_figure)
+    for row in found.steps:
+        if row.chosen:
+            text += (
+                f" {_DONE[row.direction]}: {row.term}, χ² {readable(row.statistic)} of "
+                f"{row.parameters}, {found.by} in favour by {readable(row.worth)}."
+            )
+    yield TextBlock(text, screen=True)
+    yield Drawing(selection_figure, record)
     columns = [
         TableColumn("step", of="step"),
         TableColumn("direction", kind="text", of="direction"),
@@ -262,9 +284,9 @@ def selection_blocks(folder: RunFolder, record: EstimateRecord) -> Iterator[Bloc
     ]
     caption = f"Every term that was tried; judged by: {WORTH[found.by]}"
     yield ReportTable.of("selection", caption, columns, found.steps, folded=True)
-    told = [SAME_MOTION] if found.held_out == "periods" else []
-    told += [] if found.settled else [UNSETTLED]
-    told += [without_bounds(found.bounded)] if found.bounded else []
-    for text in told:
+    cautions = [SAME_MOTION] if found.held_out == "periods" else []
+    cautions += [] if found.settled else [UNSETTLED]
+    cautions += [without_bounds(found.bounded)] if found.bounded else []
+    for text in cautions:
         yield TextBlock(f"{text[0].upper()}{text[1:]}.", Level.CAUTION)
     yield TextBlock(found.caveat, Level.CAUTION)

@@ -1,4 +1,4 @@
-"""The robot in motion: where its joints are, how large its forces, and which limits are reached."""
+"""The moving robot: positions of its joints, forces, and the limits that are reached."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class _Motion:
     force: Array
 
 
-def robot_view(folder: RunFolder) -> Animation | None:
-    """Return the motion of a folder: of its design, else of its estimate; None without either."""
+def robot_animation(folder: RunFolder) -> Animation | None:
+    """Return the moving robot of a folder's design, else of its estimate; None without either."""
     motion = _motion(folder)
     if motion is None:
         return None
@@ -64,13 +64,13 @@ def robot_view(folder: RunFolder) -> Animation | None:
 
 def _motion(folder: RunFolder) -> _Motion | None:
     if folder.has("design"):
-        one = folder.record(DesignResult).motion
+        one = folder.result(DesignResult).motion
         states = np.concatenate([one.pose, one.pose_rate, one.pose_acceleration], axis=1)
         what, model = "The designed trajectory", "at the nominal parameters"
         return _Motion(what, model, one.time, states, one.force)
     from estimation.identification.record import EstimateRecord
 
-    motions = folder.record(EstimateRecord).motions if folder.has("estimate") else {}
+    motions = folder.result(EstimateRecord).motions if folder.has("estimate") else {}
     if 1 not in motions or len(motions[1].time) < 2:  # noqa: PLR2004 - it begins and ends
         return None
     executed = motions[1]
@@ -79,10 +79,10 @@ def _motion(folder: RunFolder) -> _Motion | None:
 
 
 def _limits(robot: Robot, motion: _Motion, chosen: NDArray[np.intp]) -> dict[str, Any]:
-    """Return what is reached, and by frame which of it.
+    """Return the limits that are reached, and the reached ones of every frame.
 
-    `limits` has title, row, the struts (from zero) that it is of, and whether it is the platform's;
-    `reached` by frame positions in it. A frame tells what is reached from then to the next one.
+    `limits` has title, row, struts (from zero), and whether the limit belongs to the platform;
+    `reached` has positions in it, frame by frame, for the time until the next frame.
     """
     model = LimitModel.of(robot)
     values = model.values(motion.states)

@@ -1,4 +1,4 @@
-"""What a report says of a sweep: designs over a grid."""
+"""View of a sweep: designs over a grid."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from results.notation import counted, duration, readable
 from results.views.folder import RunFolder
 from results.views.view import (
     Block,
+    Drawing,
     Fact,
     Level,
     ReportTable,
@@ -22,28 +23,31 @@ from results.views.view import (
     TextBlock,
 )
 
+_NOTE = "interrupted: designs are missing or not complete"
 _READ = (
-    "Every design is a run folder of its own: expdesign run FOLDER/run.yaml --out FOLDER goes on "
-    "with one, expdesign compare sets some side by side. σ is the standard deviation that the "
-    "noise makes in the whole experiment, as predicted, over the nominal value."
+    "Every design has a run folder: expdesign run FOLDER/run.yaml --out FOLDER continues one, "
+    "expdesign compare compares several. σ is the predicted standard deviation from the noise of "
+    "the whole experiment, over the nominal value."
 )
 
 
-def sweep_report(folder: RunFolder) -> StageView:
-    """Return what is to be said of the sweep in a folder."""
-    record = folder.record(SweepResult)
+def sweep_view(folder: RunFolder) -> StageView:
+    """Return the view of the sweep in a folder."""
+    record = folder.result(SweepResult)
     blocks: tuple[Block, ...] = (
         TextBlock(_READ),
-        *folder.figures(sweep_figure),
+        Drawing(sweep_figure, record),
         _table(record, "sweep", _CAPTION, _promised(folder.configuration)),
         _table(record, "sweep_searches", "The searches, and where the designs are", _SEARCHED),
     )
-    return StageView(_verdict(record), blocks, _facts(record), heading="Designs over a grid")
+    note = _NOTE if record.interrupted else ""
+    verdict, facts = _verdict(record), _facts(record)
+    return StageView(verdict, blocks, facts, heading="Designs over a grid", figure_note=note)
 
 
 _CAPTION = (
-    "The designs: median of σ over the parameters, the worst and whose it is, time of measuring, "
-    "processor time of the search, whether every limit is proved to be kept"
+    "Designs: median of σ over the parameters, the largest σ and its parameter, measuring time, "
+    "processor time of the search, and whether every limit is proved to be kept"
 )
 
 
@@ -82,7 +86,10 @@ def _table(
 
     front = (TableColumn(short_path(path), kind="text", of=value_at(path)) for path in record.grid)
     every = (TableColumn("design", of="number"), *front, *columns)
-    return ReportTable.of(key, caption, every, record.designs, folded=key != "sweep")
+    main = key == "sweep"
+    return ReportTable.of(
+        key, caption, every, record.designs, folded=not main, screen=main, latex=main
+    )
 
 
 def _verdict(record: SweepResult) -> StageVerdict:
@@ -97,7 +104,7 @@ def _verdict(record: SweepResult) -> StageVerdict:
     if wrong:
         sentence += f" Failed: {'; '.join(wrong)}."
     if record.interrupted:
-        sentence += " The sweep was interrupted: the same command goes on from there."
+        sentence += " The sweep was interrupted; the same command continues it."
         return StageVerdict("Sweep", Level.BAD, "interrupted", sentence, "sweep")
     level, word = (Level.BAD, "incomplete") if wrong else (Level.GOOD, "complete")
     return StageVerdict("Sweep", level, word, sentence, "sweep")
@@ -111,6 +118,6 @@ def _facts(record: SweepResult) -> tuple[Fact, ...]:
     spent = sum(one.cpu_seconds for one in record.designs if one.made)
     value = f"{readable(best.median_rel_std_percent, 3)} %"
     return (
-        Fact("most precise design", value, f"median predicted σ, with {label}"),
+        Fact("most precise design", value, f"median predicted σ, with {label}: {best.folder}"),
         Fact("searches", duration(spent), f"processor time of {len(record.designs)} designs"),
     )

@@ -1,4 +1,4 @@
-"""What a report says of a validation."""
+"""View of a validation: predicted against measured forces."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ import numpy as np
 
 from estimation.validation.prediction_error import Kept
 from estimation.validation.validate import MotionKeys, ValidationRecord
+from results.figures.residuals import prediction_figure
 from results.notation import counted
 from results.views.estimate import NAMES
-from results.views.findings import against, findings_table, verdict_level
+from results.views.findings import contradictions, count_findings, findings_block, verdict_level
 from results.views.folder import RunFolder
 from results.views.view import (
     Block,
+    Drawing,
     Fact,
     Level,
     ReportTable,
@@ -24,9 +26,9 @@ from results.views.view import (
 )
 
 
-def validation_report(folder: RunFolder) -> StageView:
-    """Describe the validation in a folder."""
-    record = folder.record(ValidationRecord)
+def validation_view(folder: RunFolder) -> StageView:
+    """Return the view of the validation in a folder."""
+    record = folder.result(ValidationRecord)
     summary = record.summary
     passed = f"{sum(row.verdict == 'passes' for row in record.rows)} of {len(record.rows)}"
     blocks: list[Block] = []
@@ -36,13 +38,17 @@ def validation_report(folder: RunFolder) -> StageView:
     for number, motion in enumerate(summary.motions, start=1):
         verdict = motion.diagnostics.verdict
         how = "simulated" if motion.simulated else "measured"
-        text = f"Motion {number}, {motion.name} ({how}): {against(verdict) or verdict.summary}."
-        blocks.append(TextBlock(text, verdict_level(verdict)))
+        finding = contradictions(verdict)
+        finding = f"{count_findings(verdict)}: {finding}" if finding else verdict.summary
+        text = f"Motion {number}, {motion.name} ({how}): {finding}."
+        if motion.tolerance_words:
+            text += f" It is {motion.tolerance_words}."
+        blocks.append(TextBlock(text, verdict_level(verdict), screen=True))
         if motion.errors:
             blocks.append(_accuracy(motion))
-        blocks += folder.figures(f"prediction_{number}")
-        title = f"the prediction of motion {number}"
-        blocks.append(findings_table(f"findings_{number}", verdict.findings, title))
+        blocks.append(Drawing(prediction_figure, record.motions[number - 1], number))
+        subject = f"the prediction of motion {number}"
+        blocks.append(findings_block(f"findings_{number}", verdict.findings, subject))
     motions = counted(len(summary.motions), "motion")
     sentence = (
         f"The {NAMES.get(summary.estimator, summary.estimator)} estimate predicts the forces of "
@@ -56,8 +62,8 @@ def validation_report(folder: RunFolder) -> StageView:
     ]
     if failed:
         several = len(failed) > 1
-        which = f"Motions {', '.join(failed)} speak" if several else f"Motion {failed[0]} speaks"
-        sentence += f" {which} against the model."
+        which = f"Motions {', '.join(failed)}" if several else f"Motion {failed[0]}"
+        sentence += f" {which} {'contradict' if several else 'contradicts'} the model."
     judged_by_size = [motion for motion in summary.motions if motion.tolerance is not None]
     if judged_by_size:
         kept = sum(motion.within is True for motion in judged_by_size)
@@ -75,12 +81,12 @@ def validation_report(folder: RunFolder) -> StageView:
 
 
 def _accuracy(motion: MotionKeys) -> TextBlock:
-    """Say how large the error is, and what a failed test means."""
+    """Return a text on the size of the error and the meaning of a failed test."""
     worst = max(motion.errors, key=lambda each: each.error_high)
     text = (
         f"The error of the prediction is at most {worst.error_high:.3g} N rms (actuator "
         f"{worst.actuator}, 95 %), {100 * worst.error_high / worst.range:.2g} % of the range of "
-        "its force, noise taken off."
+        "its force, noise subtracted."
     )
     level = Level.NEUTRAL
     if motion.tolerance is not None:
@@ -99,9 +105,9 @@ def _accuracy(motion: MotionKeys) -> TextBlock:
     if np.any(motion.diagnostics.experiments[0].lack_of_fit.failed):
         seen = min(each.detectable for each in motion.errors)
         text += (
-            " The lack-of-fit test asks whether there is an error at all, not how large it is: "
-            f"with these data it finds errors from {seen:.2g} N rms on, and with enough data "
-            "every model of a real machine fails it."
+            " The lack-of-fit test detects an error and does not measure its size: with these data "
+            f"it detects errors from {seen:.2g} N rms on, and with enough data every model of a "
+            "real machine fails it."
         )
     return TextBlock(text, level)
 
@@ -115,13 +121,13 @@ def _errors_table(record: ValidationRecord) -> ReportTable:
         TableColumn("95 % from", "N", digits=3, of="error_low"),
         TableColumn("to", "N", digits=3, of="error_high"),
         TableColumn("of the range", "%", digits=2, of=lambda row: 100 * row.error / row.range),
-        TableColumn("largest residual", "N", digits=3, of="largest_residual"),
-        TableColumn("no noise", "N", digits=3, of="largest_error"),
+        TableColumn("largest residual", "N", digits=3, of="largest_residual", screen=False),
+        TableColumn("no noise", "N", digits=3, of="largest_error", screen=False),
         TableColumn("tolerance", "N", digits=3, of="tolerance"),
         TableColumn("kept", kind="text", of=lambda row: str(row.kept.value)),
     )
-    caption = "How large the error of the prediction is, noise taken off"
-    return ReportTable.of("prediction_errors", caption, columns, record.errors)
+    caption = "Error of the prediction, noise subtracted"
+    return ReportTable.of("prediction_errors", caption, columns, record.errors, screen=True)
 
 
 def _actuators_table(record: ValidationRecord) -> ReportTable:
@@ -138,4 +144,5 @@ def _actuators_table(record: ValidationRecord) -> ReportTable:
         TableColumn("verdict", kind="outcome"),
     )
     caption = "Measured against predicted forces: lack-of-fit test of each actuator"
-    return ReportTable.of("validation", caption, columns, map(astuple, record.rows))
+    rows = map(astuple, record.rows)
+    return ReportTable.of("validation", caption, columns, rows, screen=True, latex=True)

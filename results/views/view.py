@@ -1,4 +1,8 @@
-"""What a report says: verdicts, facts, figures, tables and the moving robot, section by section."""
+"""Content of a view: verdict, facts, tables, figures and findings, before any renderer.
+
+A view states what is shown of a result, once. The terminal, the HTML page, LaTeX and the comparison
+render the same view; a block for the terminal has ``screen=True``.
+"""
 
 from __future__ import annotations
 
@@ -6,125 +10,22 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, ClassVar, Literal, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from results.notation import readable
 
+if TYPE_CHECKING:
+    from results.figures.drawing import FigureDefinition
+
 Value = str | float | bool | None
-Kind = Literal["text", "number", "parameter", "outcome"]
-
-
-@dataclass(frozen=True)
-class TableColumn:
-    """A column of a table.
-
-    Of the kinds, ``"parameter"`` holds names that are set as formulas, ``"outcome"`` words that are
-    coloured by what they say; `digits` are the significant ones of numbers. The cell of a record is
-    its attribute `of`, a path such as ``"read_back.position_error"`` (nothing when a part of it is
-    None), or what `of` returns for it; of a tuple the value in the column's place. In a table of
-    columns `of` has the values themselves. Numbers are shown times `factor`, for a handier unit.
-    """
-
-    title: str
-    unit: str = ""
-    kind: Kind = "number"
-    digits: int = 4
-    of: str | Callable[[Any], Value] | Sequence[Value] | NDArray[Any] = ""
-    factor: float = 1
-
-    @property
-    def heading(self) -> str:
-        """Title and unit, as the head of the column shows them."""
-        return f"{self.title} [{self.unit}]" if self.unit else self.title
-
-    def cell(self, record: Any, place: int) -> Value:
-        """Return the value of a record in this column, which is the one in this place."""
-        if callable(self.of):
-            value = self.of(record)
-        elif not isinstance(self.of, str):
-            value = self.of[record]
-            value = value.item() if isinstance(value, np.generic) else value
-        else:
-            value = record if self.of else record[place]
-            for name in self.of.split(".") if self.of else ():
-                value = None if value is None else getattr(value, name)
-        return self.factor * value if self.factor != 1 and isinstance(value, float) else value
-
-
-def text_columns(*titles: str) -> tuple[TableColumn, ...]:
-    """Return columns of text, of tuples."""
-    return tuple(TableColumn(title, kind="text") for title in titles)
-
-
-@dataclass(frozen=True)
-class ReportTable:
-    """A table by its name in the page, which is that of its file without the ending.
-
-    Each row has a value for every column: text, number, truth value, or None where there is
-    nothing. The page shows a folded one on request only.
-    """
-
-    kind: ClassVar[str] = "table"
-    key: str
-    caption: str
-    columns: tuple[TableColumn, ...]
-    rows: tuple[tuple[Value, ...], ...]
-    folded: bool = False
-
-    @classmethod
-    def of(
-        cls,
-        key: str,
-        caption: str,
-        columns: Sequence[TableColumn],
-        records: Iterable[Any] | None = None,
-        *,
-        folded: bool = False,
-    ) -> ReportTable:
-        """Make a table with a row for every record, or for every tuple of values.
-
-        Without records the columns have their values, all of the first one's length.
-
-        Raises
-        ------
-        ValueError
-            A tuple has more or fewer values than there are columns.
-        """
-        if records is None:
-            records = range(len(cast("Sequence[Value]", columns[0].of)))
-        rows = []
-        for record in records:
-            if isinstance(record, tuple) and len(record) != len(columns):
-                raise ValueError(f"{key}: every row needs {len(columns)} values")
-            rows.append(tuple(column.cell(record, k) for k, column in enumerate(columns)))
-        return cls(key, caption, tuple(columns), tuple(rows), folded)
-
-
-def cell_text(column: TableColumn, value: Value) -> str:
-    """Return what a cell shows: numbers with the column's digits, nothing for what is missing."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return "–"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, int | float):
-        return readable(value, column.digits)
-    return value
-
-
-def sort_key(value: Value) -> str:
-    """Return what a page sorts a cell by: all digits of a number, nothing for what is missing."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return ""
-    if isinstance(value, bool):
-        return str(int(value))
-    return repr(value) if isinstance(value, float) else str(value)
+Kind = Literal["text", "number", "error", "parameter", "outcome"]
 
 
 class Level(Enum):
-    """How something is to be taken."""
+    """Judgement behind a text, shown by its colour."""
 
     GOOD = "good"
     CAUTION = "caution"
@@ -134,7 +35,7 @@ class Level(Enum):
 
 @dataclass(frozen=True)
 class StageVerdict:
-    """How a stage ended: in a word or two and in a sentence; `anchor` is the section with more."""
+    """End of a stage, in a word or two and in a sentence; `anchor` names the section with more."""
 
     title: str
     level: Level
@@ -145,7 +46,7 @@ class StageVerdict:
 
 @dataclass(frozen=True)
 class Fact:
-    """A number, or a word, that matters: its name, value and what it means."""
+    """An important number or word with its name and a note on its meaning."""
 
     name: str
     value: str
@@ -158,13 +59,210 @@ class Facts:
 
     kind: ClassVar[str] = "facts"
     facts: tuple[Fact, ...]
+    screen: bool = False
 
 
 @dataclass(frozen=True)
-class FigureBlock:
-    """A figure by the name of its file.
+class TextBlock:
+    """A paragraph of plain text, coloured by its level."""
 
-    The source is the SVG as a data URI: an image runs no scripts, and its ids are its own.
+    kind: ClassVar[str] = "text"
+    text: str
+    level: Level = Level.NEUTRAL
+    screen: bool = False
+
+
+@dataclass(frozen=True)
+class ListingBlock:
+    """A text shown letter by letter; a page unfolds it on request."""
+
+    kind: ClassVar[str] = "listing"
+    title: str
+    text: str
+    screen: bool = False
+
+
+@dataclass(frozen=True)
+class TableColumn:
+    """A column of a table.
+
+    Parameters
+    ----------
+    title, unit : str
+        Head of the column.
+    kind : str
+        ``"parameter"`` holds names that are set as formulas, ``"outcome"`` words with a colour of
+        their own, ``"error"`` standard deviations of the column before; the terminal writes both
+        in one, ``1.2345(67)``.
+    digits : int
+        Significant digits of numbers.
+    of : str, callable or sequence
+        Cell of a row: an attribute of the row's object, such as ``"read_back.position_error"``
+        (empty when a part of the path is None), or a function of the object. A row that is a tuple
+        has the value in the column's place. In a table without objects `of` has the values.
+    factor : float
+        Numbers are shown times this factor, for a handier unit.
+    screen : bool
+        Whether the terminal shows the column.
+    """
+
+    title: str
+    unit: str = ""
+    kind: Kind = "number"
+    digits: int = 4
+    of: str | Callable[[Any], Value] | Sequence[Value] | NDArray[Any] = ""
+    factor: float = 1
+    screen: bool = True
+
+    @property
+    def heading(self) -> str:
+        """Title and unit, as the head of the column shows them."""
+        return f"{self.title} [{self.unit}]" if self.unit else self.title
+
+    @property
+    def numeric(self) -> bool:
+        """Whether the column holds numbers."""
+        return self.kind in ("number", "error")
+
+    def cell(self, item: Any, place: int) -> Value:
+        """Return the value of a row's object in this column, the one in this place."""
+        if callable(self.of):
+            value = self.of(item)
+        elif not isinstance(self.of, str):
+            value = self.of[item]
+            value = value.item() if isinstance(value, np.generic) else value
+        else:
+            value = item if self.of else item[place]
+            for name in self.of.split(".") if self.of else ():
+                value = None if value is None else getattr(value, name)
+        return self.factor * value if self.factor != 1 and isinstance(value, float) else value
+
+
+def text_columns(*titles: str) -> tuple[TableColumn, ...]:
+    """Return columns of text, for rows that are tuples."""
+    return tuple(TableColumn(title, kind="text") for title in titles)
+
+
+@dataclass(frozen=True)
+class ReportTable:
+    """A table; its key is the name of its file without the ending.
+
+    Each row has a value for every column: text, number, truth value, or None where there is
+    nothing. A page shows a folded table on request; `screen` and `latex` name further renderers.
+    """
+
+    kind: ClassVar[str] = "table"
+    key: str
+    caption: str
+    columns: tuple[TableColumn, ...]
+    rows: tuple[tuple[Value, ...], ...]
+    folded: bool = False
+    screen: bool = False
+    latex: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        key: str,
+        caption: str,
+        columns: Sequence[TableColumn],
+        items: Iterable[Any] | None = None,
+        *,
+        folded: bool = False,
+        screen: bool = False,
+        latex: bool = False,
+    ) -> ReportTable:
+        """Make a table with a row for every object, or for every tuple of values.
+
+        Without objects the columns have their values, all of the first one's length.
+
+        Raises
+        ------
+        ValueError
+            A tuple has more or fewer values than there are columns.
+
+        Examples
+        --------
+        >>> struts = TableColumn("strut", of=[1, 2]), TableColumn("length", "mm", of=[450.0, 451.5])
+        >>> ReportTable.of("lengths", "Lengths at home", struts).rows
+        ((1, 450.0), (2, 451.5))
+        """
+        if items is None:
+            items = range(len(cast("Sequence[Value]", columns[0].of)))
+        rows = []
+        for item in items:
+            if isinstance(item, tuple) and len(item) != len(columns):
+                raise ValueError(f"{key}: every row needs {len(columns)} values")
+            rows.append(tuple(column.cell(item, k) for k, column in enumerate(columns)))
+        return cls(key, caption, tuple(columns), tuple(rows), folded, screen, latex)
+
+
+def cell_text(column: TableColumn, value: Value) -> str:
+    """Return the text of a cell: numbers with the column's digits, a dash for a missing value."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int | float):
+        return readable(value, column.digits)
+    return value
+
+
+def sort_key(value: Value) -> str:
+    """Return the key by which a page sorts a cell: all digits of a number, empty when missing."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return ""
+    if isinstance(value, bool):
+        return str(int(value))
+    return repr(value) if isinstance(value, float) else str(value)
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A figure of a result: its definition and the object that it is drawn from.
+
+    Several drawings of one definition have numbers, which end their names. `renewed` drawings are
+    drawn again for every report.
+    """
+
+    kind: ClassVar[str] = "drawing"
+    figure: FigureDefinition[Any]
+    source: Any
+    number: int | None = None
+    renewed: bool = False
+
+    @property
+    def definition(self) -> FigureDefinition[Any]:
+        """The definition with the number in the name of its files."""
+        return self.figure if self.number is None else self.figure.ending(f"_{self.number}")
+
+    @property
+    def caption(self) -> str:
+        """Caption of the figure, with its number."""
+        return (
+            self.figure.caption if self.number is None else f"{self.number}. {self.figure.caption}"
+        )
+
+
+def drawings(
+    figures: Iterable[FigureDefinition[Any]], sources: Any, *, numbered: bool = False
+) -> tuple[Drawing, ...]:
+    """Return drawings of a result, or with `numbered` of each of several, figure by figure."""
+    if not numbered:
+        return tuple(Drawing(figure, sources) for figure in figures)
+    several = len(sources) > 1
+    return tuple(
+        Drawing(figure, source, number if several else None)
+        for figure in figures
+        for number, source in enumerate(sources, start=1)
+    )
+
+
+@dataclass(frozen=True)
+class EmbeddedFigure:
+    """A figure file in a page.
+
+    The source is the SVG as a data URI: an image runs no scripts, and its ids are private.
     """
 
     kind: ClassVar[str] = "figure"
@@ -174,26 +272,8 @@ class FigureBlock:
 
 
 @dataclass(frozen=True)
-class TextBlock:
-    """A paragraph of plain text; `level` colours it."""
-
-    kind: ClassVar[str] = "text"
-    text: str
-    level: Level = Level.NEUTRAL
-
-
-@dataclass(frozen=True)
-class ListingBlock:
-    """A text that is shown letter by letter, on request."""
-
-    kind: ClassVar[str] = "listing"
-    title: str
-    text: str
-
-
-@dataclass(frozen=True)
 class Animation:
-    """The robot in motion; the data are what `view.js` draws: plain numbers, texts and lists."""
+    """The moving robot; the data for `view.js` are plain numbers, texts and lists."""
 
     kind: ClassVar[str] = "view"
     key: str
@@ -201,38 +281,72 @@ class Animation:
     data: dict[str, Any]
 
 
-Block = Facts | FigureBlock | ReportTable | TextBlock | ListingBlock | Animation
+@dataclass(frozen=True)
+class FindingLine:
+    """A finding on the terminal: a sentence and the advice that follows from it."""
+
+    sentence: str
+    advice: str = ""
+
+
+@dataclass(frozen=True)
+class FindingsBlock:
+    """Assumptions with their outcomes: a table on a page, a list of advice on the terminal."""
+
+    kind: ClassVar[str] = "findings"
+    subject: str
+    table: ReportTable
+    lines: tuple[FindingLine, ...]
+
+
+Block = (
+    Facts
+    | TextBlock
+    | ListingBlock
+    | ReportTable
+    | FindingsBlock
+    | Drawing
+    | EmbeddedFigure
+    | Animation
+)
 
 
 @dataclass(frozen=True)
 class ReportSection:
-    """A part of the page with a heading."""
+    """A part of a page with a heading."""
 
     key: str
     title: str
     blocks: tuple[Block, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StageView:
-    """What a page says of one stage; the facts are its best numbers, for the summary.
+    """The view of one stage.
 
-    The section has the verdict's anchor, and its title where there is no `heading`.
+    The facts are its most important numbers. The section has the verdict's anchor, and its title
+    where there is no `heading`. The note is written below every figure.
     """
 
     verdict: StageVerdict
-    blocks: tuple[Block, ...]
+    blocks: tuple[Block, ...] = ()
     facts: tuple[Fact, ...] = ()
     warnings: tuple[str, ...] = ()
     heading: str = ""
+    figure_note: str = ""
 
     @property
     def section(self) -> ReportSection:
-        """The part of the page on this stage."""
+        """The part of a page on this stage."""
         return ReportSection(self.verdict.anchor, self.heading or self.verdict.title, self.blocks)
 
+    @property
+    def drawings(self) -> tuple[Drawing, ...]:
+        """The figures of the stage."""
+        return tuple(block for block in self.blocks if isinstance(block, Drawing))
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Page:
     """A whole report."""
 
@@ -246,15 +360,16 @@ class Page:
 
     @property
     def blocks(self) -> tuple[Block, ...]:
-        """What all sections hold, in the order of the page."""
+        """The blocks of all sections, in the order of the page."""
         return tuple(block for section in self.sections for block in section.blocks)
 
     @property
     def tables(self) -> tuple[ReportTable, ...]:
         """All tables, in the order of the page."""
-        return tuple(block for block in self.blocks if isinstance(block, ReportTable))
+        tables = (b.table if isinstance(b, FindingsBlock) else b for b in self.blocks)
+        return tuple(table for table in tables if isinstance(table, ReportTable))
 
     @property
     def moves(self) -> bool:
-        """True when the page has a view that needs the plotting library."""
+        """Whether the page has an animation, which needs the plotting library."""
         return any(isinstance(block, Animation) for block in self.blocks)

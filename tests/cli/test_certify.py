@@ -53,7 +53,7 @@ def made(made_once):
 
         folder = write_folder(place / "run", SMALL)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("expdesign.stages.export.executable_motion", ways)
+            patch.setattr("expdesign.stages.exporting.executable_motion", ways)
             for one in TABLES:
                 assert run(app, ["export", str(folder), "--format", one["format"], "--json"]) == 0
 

@@ -19,7 +19,7 @@ class Outcome(NamedTuple):
 @pytest.fixture
 def command(expdesign, monkeypatch):
     """Run a command line without its figures; return what came out by name."""
-    monkeypatch.setattr("results.record_figures", lambda *_: ())
+    monkeypatch.setattr("results.render.figures.draw_figures", lambda *_, **__: ())
 
     def call(*arguments):
         return Outcome(*expdesign(*arguments))

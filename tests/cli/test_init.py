@@ -4,7 +4,8 @@ import sys
 import numpy as np
 import pytest
 
-from expdesign.cli import init as command
+from expdesign.cli import init_files
+from expdesign.cli.options import INIT_OPTIONS
 from expdesign.configuration import load_run
 from expdesign.machines.assumed import points
 from expdesign.machines.importing import read_machine
@@ -37,13 +38,13 @@ def answers(monkeypatch):
         asked = []
 
         def prompt(text, *_, **__):
-            option = next(k for k, o in command._OPTIONS.items() if text.startswith(o.help[:-1]))
+            option = next(k for k, o in INIT_OPTIONS.items() if text.startswith(o.help[:-1]))
             asked.append(option)
             given = texts.get(option, "")
             return given.pop(0) if isinstance(given, list) else given
 
         monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
-        monkeypatch.setattr(command.typer, "prompt", prompt)
+        monkeypatch.setattr(init_files.typer, "prompt", prompt)
         return asked
 
     return answered

@@ -67,7 +67,9 @@ def test_a_disk_that_becomes_full(expdesign, run_file, folder):
 
 
 def test_a_disk_that_is_full_is_told_before_the_work(expdesign, run_file, folder, monkeypatch):
-    monkeypatch.setattr("expdesign.stages.run.loaded", lambda _place: pytest.fail("it began"))
+    monkeypatch.setattr(
+        "expdesign.stages.experiment.ExperimentStage.run", lambda *_: pytest.fail("it began")
+    )
     before = files(folder)
     with files_of_at_most(MEGABYTE // 2):
         status, answer, _ = expdesign("simulate", run_file, "--out", folder, "--json")

@@ -17,7 +17,7 @@ FORCES = [f"Q{j}" for j in range(1, 7)]
 @pytest.fixture
 def estimated(tmp_path, expdesign, monkeypatch):
     """Estimate from a recording with the section `data`: status, output, error, and the record."""
-    monkeypatch.setattr("results.record_figures", lambda *_: ())
+    monkeypatch.setattr("results.render.figures.draw_figures", lambda *_, **__: ())
 
     def call(change=None, **section):
         data = measured(MOTION, 0)

@@ -12,7 +12,7 @@ from expdesign.cli.errors import run
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.configuration.robot import load_robot_description
 from expdesign.library import robot_files
-from expdesign.stages.outcome import StageFailed
+from expdesign.stages.workspace import StageFailed
 
 ROBOT = resolved_yaml(load_run("palida")).split("robot:\n")[1].split("\ntrajectory")[0]
 

@@ -16,7 +16,7 @@ from expdesign.configuration import load_run, resolved_yaml
 from expdesign.experiment.sweep import SweepResult
 from expdesign.runfolder.manifest import Manifest
 from tests.blank_figures import blank_figures
-from tests.stages.test_table import agrees_with_the_table
+from tests.stages.test_registry import assert_declared_files
 
 SWEEP = {"trajectory.harmonics": [1, 2], "limits.strut_speed.scale": [1, 1e-9]}
 """No motion is as slow as the second limit."""
@@ -73,7 +73,7 @@ def test_one_that_fails_ends_no_other_and_is_a_row(half_failed):
     entry = Manifest.read(folder).stages["sweep"]
     assert entry.status == "incomplete"
     assert "2 of 4 designs failed" in entry.message
-    assert agrees_with_the_table(folder) == {"sweep", "report"}
+    assert assert_declared_files(folder) == {"sweep", "report"}
 
 
 def test_the_table_says_what_the_folders_hold(half_failed):
@@ -116,7 +116,7 @@ def test_every_folder_is_that_of_a_run_with_its_values(half_failed, mapping):
         wanted |= {"name": f"tiny-{name}", "limits": {"strut_speed": 2.0}}
         del wanted["sweep"]
         assert resolved_yaml(alone) == resolved_yaml(load_run(wanted))
-        assert agrees_with_the_table(place) == {"design"}
+        assert assert_declared_files(place) == {"design"}
 
 
 def test_the_record_is_read_as_it_was_written(half_failed, tmp_path):

@@ -9,7 +9,7 @@ from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.configuration.open_rows import defaults_in_words, held_in_words, open_rows
 from expdesign.library import robot_files
 from expdesign.robot import robot_from
-from expdesign.stages.record import sections_text
+from expdesign.stages.execution import sections_text
 
 KEY = "attitude"
 FREE = {"characteristic_length": 0.1, "rotation": "none"}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import InputError, load_run, resolved_yaml
-from expdesign.stages.record import sections_text
+from expdesign.stages.execution import sections_text
 
 HOME = [0, 0, -0.654, "2 deg", "-3 deg", "10 deg"]
 EVERY = {"phi": (-28, 32), "theta": (-33, 27), "psi": (-20, 40)}

@@ -8,7 +8,7 @@ import pytest
 from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.configuration.open_rows import reserve_in_words
 from expdesign.robot import robot_from
-from expdesign.stages.record import sections_text
+from expdesign.stages.execution import sections_text
 
 
 def _run(reserve=None, robot=None, **limits):

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from expdesign.cli.commands import _MOST_REPETITIONS
+from expdesign.cli.run_commands import _MOST_REPETITIONS
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.sizes import MEMORY, REPETITIONS, SAMPLES, design_samples
 

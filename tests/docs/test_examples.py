@@ -126,10 +126,9 @@ def test_the_python_page(tiny_result, tmp_path, monkeypatch):
         return tiny_result
 
     monkeypatch.setattr(expdesign, "design", design)
-    monkeypatch.setattr("expdesign.stages.design.design", lambda *_: tiny_result)
-    monkeypatch.setattr("results.design_figures", lambda _, folder: calls.append(folder))
-    monkeypatch.setattr("results.record_figures", lambda *_: ())
-    monkeypatch.setattr("results.saving.record_figures", lambda *_: ())
+    monkeypatch.setattr("expdesign.experiment.design", lambda *_: tiny_result)
+    monkeypatch.setattr("results.design_figures", lambda _, folder: asked.append(folder))
+    monkeypatch.setattr("results.render.figures.draw_figures", lambda *_, **__: ())
     monkeypatch.chdir(tmp_path)
     names = {}
     for block in blocks("python"):

@@ -47,8 +47,11 @@ from expdesign.mechanism.catalogue import DEFAULT, term_definitions, terms_named
 from expdesign.mechanism.graph import HexapodGraph
 from expdesign.mechanism.term import ALPHA_RATE, BETA_RATE, STRUT_SPEED, parameters_of
 from expdesign.recheck.limit_check import TOLERANCE, grid_points
-from expdesign.runfolder.documentation import all_results, documented_page
-from expdesign.stages.table import STAGES
+from expdesign.runfolder import RowTable
+from expdesign.runfolder.documentation import result_tables
+from expdesign.runfolder.store import json_keys
+from expdesign.stages.registry import stages
+from expdesign.trajectory import FourierTrajectory
 from results.figures.design import DESIGN_FIGURES
 from results.figures.montecarlo import STUDY_FIGURES
 from tests.docs.pages import ROOT, codes, parse, table
@@ -219,7 +222,7 @@ def term_rows():
 
 def test_the_run_folder_has_a_row_for_every_file_of_a_stage():
     rows = [name for row in table(RUN_FOLDER, "# Run folder") for name in codes(row[0])]
-    for stage in STAGES.values():
+    for stage in stages().values():
         for file in (stage.record, *stage.writes):
             assert any(fnmatch(row, file) or fnmatch(file, f"{row}*") for row in rows), file
 
@@ -230,7 +233,7 @@ def test_the_page_of_commands_has_a_row_for_every_command_and_option():
     rows = {codes(row[0])[0].split()[1]: row[0] for row in listed}
     assert set(rows) == set(commands)
     called = {"experiment": "simulate", "feedforward": "run", "sweep": "run"}
-    assert {called.get(name, name) for name in STAGES} <= set(rows)
+    assert {called.get(name, name) for name in stages()} <= set(rows)
     for name, row in rows.items():
         options = {option for parameter in commands[name].params for option in parameter.opts}
         named = set(re.findall(r"--[a-z]+", row))

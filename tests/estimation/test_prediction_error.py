@@ -11,7 +11,7 @@ from estimation.identification.record import EstimateRecord
 from estimation.validation.prediction_error import Kept, prediction_errors
 from estimation.validation.validate import validate
 from expdesign.configuration import ForceTolerance, InputError, load_run
-from expdesign.stages.record import sections_text
+from expdesign.stages.execution import sections_text
 from tests.estimation.cases import ROBOT, STEP, measured, read_estimate, run, trajectory
 
 MOTION = trajectory()

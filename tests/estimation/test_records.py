@@ -5,7 +5,9 @@ import pytest
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
-from results import record_figures
+from results import draw_figures
+from results.views.estimate import estimate_view
+from results.views.folder import RunFolder
 from tests.estimation.cases import measured, run, trajectory
 
 MOTION = trajectory()
@@ -28,8 +30,17 @@ def test_what_is_read_is_written_the_same(record, tmp_path):
 
 def test_figures_of_the_folder_are_those_of_the_result(record, tmp_path):
     record.write(tmp_path)
-    drawn = record_figures(record, tmp_path / "memory", ("svg",))
-    anew = record_figures(EstimateRecord.read(tmp_path), tmp_path, ("svg",))
+    drawn, anew = (
+        draw_figures(
+            estimate_view(RunFolder(tmp_path, {}, run(), results={EstimateRecord: one})),
+            folder,
+            ("svg",),
+        )
+        for one, folder in (
+            (record, tmp_path / "memory"),
+            (EstimateRecord.read(tmp_path), tmp_path),
+        )
+    )
     assert len(drawn) == 8
     for one, other in zip(drawn, anew, strict=True):
         assert one.read_bytes() == other.read_bytes(), one.name

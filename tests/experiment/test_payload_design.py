@@ -8,7 +8,6 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import expdesign
-from expdesign.cli import shown
 from expdesign.cli.app import app
 from expdesign.cli.terminal import SearchDisplay
 from expdesign.configuration import load_run, resolved_yaml
@@ -17,8 +16,11 @@ from expdesign.experiment import DesignResult
 from expdesign.experiment.setup import plan_search
 from expdesign.information.criteria import CRITERIA
 from expdesign.solver.events import SearchEvent
-from expdesign.stages.outcome import Outcome
+from expdesign.stages.design import DesignStage
+from expdesign.stages.execution import view_result
+from expdesign.stages.workspace import Workspace
 from results.figures.design import convergence_figure
+from results.render.terminal import print_view
 
 PLATFORM = ("p6", "p7", "p8", "p9", "p10", "sx", "sy", "Ixy", "Ixz", "Iyz")
 
@@ -119,7 +121,8 @@ def test_what_tolerances_did_to_the_earlier_estimate_is_counted(result):
 def test_what_is_judged_has_one_name_wherever_it_is_told(result, tmp_path, capsys):
     """It is S, log det F of the same motion being another number."""
     run = result.configuration
-    shown.design(Outcome(result=result, folder=tmp_path))
+    work = Workspace(result.configuration, tmp_path)
+    print_view(view_result(DesignStage(), result, work), Console(width=200))
     said = capsys.readouterr().out
     result.write(tmp_path)
     (tmp_path / "run.yaml").write_text(resolved_yaml(run), encoding="utf-8")

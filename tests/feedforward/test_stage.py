@@ -12,11 +12,11 @@ from expdesign.cli.errors import run
 from expdesign.configuration import load_run
 from results.figures.feedforward import feedforward_figure
 from results.style import house_style
-from results.views.feedforward import feedforward_report
+from results.views.feedforward import feedforward_view
 from results.views.folder import RunFolder
 from results.views.view import Level
 from tests.blank_figures import blank_figures
-from tests.stages.test_table import agrees_with_the_table
+from tests.stages.test_registry import assert_declared_files
 
 SECTION = {"radius": 0.05, "speed": 0.5, "bandwidth": 5, "integral": 0.5}
 
@@ -28,13 +28,13 @@ def folder(tiny, tiny_result, tmp_path_factory):
     sections = {"estimate": {"estimators": ["gm"]}, "feedforward": SECTION, "report": {}}
     (place / "run.yaml").write_text(json.dumps(tiny(**sections)), encoding="utf-8")
     with pytest.MonkeyPatch.context() as patched, blank_figures():
-        patched.setattr("expdesign.stages.design.design", lambda *_: tiny_result)
+        patched.setattr("expdesign.experiment.design", lambda *_: tiny_result)
         assert run(app, ["run", str(place / "run.yaml"), "--out", str(place / "out")]) == 0
     return place / "out"
 
 
 def test_a_run_compares_and_reports(folder):
-    stages = agrees_with_the_table(folder)
+    stages = assert_declared_files(folder)
     assert {"design", "experiment", "estimate", "feedforward", "report"} == stages
     record = FeedforwardResult.read(folder)
     assert record.machine == "twin"
@@ -55,7 +55,7 @@ def test_a_motion_that_the_robot_cannot_make_is_no_good_news(folder):
         made = replace(record, within_limits=kept)
         with blank_figures():
             place = RunFolder(folder, {}, configuration, None, {FeedforwardResult: made})
-            levels.append(feedforward_report(place).verdict.level)
+            levels.append(feedforward_view(place).verdict.level)
     assert levels == [Level.GOOD, Level.CAUTION]
 
 

@@ -8,8 +8,8 @@ import pytest
 
 from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
-from expdesign.stages.report import reported_stages
-from results.render.html import rendered
+from expdesign.stages.registry import reported_stages
+from results.render.html import html_page
 from results.render.run_report import write_report
 from results.views.estimate import estimates_table
 from results.views.view import Page, ReportSection
@@ -232,7 +232,7 @@ def test_the_widest_table_fits_a_laptop_and_scrolls_on_a_phone(browser, tmp_path
     assert {"σ random", "σ systematic", "truth"} <= {column.title for column in table.columns}
     page = tmp_path / "page.html"
     section = ReportSection("estimate", "Estimate", (table,))
-    page.write_text(rendered(Page("t", "s", "d", (), (), (section,))), encoding="utf-8")
+    page.write_text(html_page(Page("t", "s", "d", (), (), (section,))), encoding="utf-8")
     scroll = "document.querySelector('.scroll')"
     browser.open(page, width=1200)
     assert browser.run(f"{scroll}.scrollWidth <= {scroll}.clientWidth")

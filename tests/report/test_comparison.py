@@ -11,7 +11,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from expdesign.configuration import InputError
-from expdesign.stages.report import reported_stages
+from expdesign.stages.registry import reported_stages
 from results.comparison.comparison import write_comparison
 from tests.blank_figures import blank_figures
 from tests.report.html import Page

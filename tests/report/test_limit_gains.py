@@ -9,21 +9,21 @@ import pytest
 
 from expdesign.experiment import DesignResult
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity
-from expdesign.stages.report import reported_stages
+from expdesign.stages.registry import reported_stages
 from results.views import design
-from results.views.design import design_report
-from results.views.folder import RunFolder
-from results.views.limit_gains import (
+from results.views.design import (
     EXPLAINED,
     costliest,
     design_sensitivity,
+    design_view,
     gains_table,
     reserve_in_words,
 )
+from results.views.folder import RunFolder
 
 
 def blocks(folder):
-    return design_report(RunFolder.open(folder, reported_stages())).blocks
+    return design_view(RunFolder.open(folder, reported_stages())).blocks
 
 
 def gains(folder):

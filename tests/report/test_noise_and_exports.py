@@ -13,7 +13,7 @@ from expdesign.export.exporting import export_table
 from expdesign.export.readme import readme
 from expdesign.export.result import ExportResult, exported_motion, exported_table
 from expdesign.runfolder.files import write_text
-from expdesign.stages.report import reported_stages
+from expdesign.stages.registry import reported_stages
 from results.render.run_report import run_page, write_report
 from results.views.folder import RunFolder
 from tests.export.motions import task
@@ -24,7 +24,8 @@ SPECTRUM = {"noise_spectrum"}
 
 
 def page(folder):
-    return run_page(RunFolder.open(folder, reported_stages()))
+    place = RunFolder.open(folder, reported_stages())
+    return run_page(place, {name: place.stages[name].view(place) for name in place.held})
 
 
 def section(folder, key):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import InputError, load_run, resolved_yaml
-from expdesign.stages.report import reported_stages
+from expdesign.stages.registry import reported_stages
 from results.render.run_report import write_report
 from tests.blank_figures import blank_figures
 from tests.report.conftest import HOSTILE
@@ -170,7 +170,7 @@ def test_bad_ends_are_told(folder):
     head = text_of(folder).partition("<section")[0]
     assert head.count('<li class="bad">') == 3
     words = Page(head).text
-    for said in ("interrupted", "Against the model: a bias of 7 N.", "the disk was full"):
+    for said in ("interrupted", "contradicts the model: a bias of 7 N.", "the disk was full"):
         assert said in words
 
 
@@ -222,7 +222,7 @@ def test_damaged_files_are_named(folder, file, text):
 
 
 def test_a_damaged_manifest_is_as_none(folder):
-    for text in ("{", '{"versions": 1, "seeds": {}, "evaluation": "", "stages": {}}'):
+    for text in ("{", '{"format": 1, "versions": 1, "seeds": {}, "evaluation": "", "stages": {}}'):
         (folder / "manifest.json").write_text(text, encoding="utf-8")
         write_report(folder, reported_stages())
         assert "has no manifest.json" in text_of(folder)

@@ -7,7 +7,8 @@ import pytest
 
 from results.comparison.comparison import csv_table
 from results.notation import duration, readable
-from results.render.html import escaped, latex_table, symbol_html, unit_html
+from results.render.html import symbol_html, unit_html
+from results.render.latex import escape_latex, latex_table
 from results.views.view import ReportTable, TableColumn, cell_text, sort_key
 
 
@@ -71,7 +72,7 @@ def test_latex():
 
 
 def test_latex_of_hostile_text_stays_on_its_line():
-    assert escaped("a\n\\end{tabular}\r%") == r"a \textbackslash{}end\{tabular\} \%"
+    assert escape_latex("a\n\\end{tabular}\r%") == r"a \textbackslash{}end\{tabular\} \%"
 
 
 def test_csv_has_all_digits():

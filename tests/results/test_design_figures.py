@@ -86,7 +86,7 @@ def test_same_folder_gives_the_same_bytes_under_any_settings(run, tmp_path):
 
 
 def test_matplotlib_is_loaded_only_by_who_draws():
-    code = "import sys, results.saving; sys.exit('matplotlib' in sys.modules)"
+    code = "import sys, results.render.run_report; sys.exit('matplotlib' in sys.modules)"
     root = Path(results.__file__).parents[1]
     assert subprocess.run([sys.executable, "-c", code], check=False, cwd=root).returncode == 0
 
@@ -374,7 +374,9 @@ def test_figures_of_a_design_without_a_good_end_say_so(run, monkeypatch, status,
         excitation_figure.fill(figure, record)
         drawn.append(figure)
 
-    monkeypatch.setattr("results.saving.DESIGN_FIGURES", (replace(excitation_figure, fill=fill),))
+    monkeypatch.setattr(
+        "results.views.design.DESIGN_FIGURES", (replace(excitation_figure, fill=fill),)
+    )
     design_figures(DesignResult.read(run.folder), run.folder)
     assert says in drawn[0].get_supxlabel()
     with house_style():

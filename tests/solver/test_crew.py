@@ -55,7 +55,7 @@ def test_nothing_begins_on_the_cluster_after_a_stop(address, build, plan):
 def test_the_designs_of_a_sweep_are_searched_for_on_the_cluster(
     address, tiny, few_limits, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("results.record_figures", lambda *_: ())
+    monkeypatch.setattr("results.render.figures.draw_figures", lambda *_, **__: ())
     asked = []
     module = importlib.import_module("expdesign.workers.cluster")
     on_cluster = module.cluster_jobs

@@ -14,8 +14,7 @@ import expdesign
 from expdesign.cli.app import app
 from expdesign.experiment import DesignResult
 from expdesign.runfolder.manifest import Manifest
-from expdesign.stages import run as orchestration
-from tests.stages.test_table import agrees_with_the_table
+from tests.stages.test_registry import assert_declared_files
 
 TIMES = {"manifest.json", "report.html", "estimate.json"}
 """Files that hold how long something took, or the folder's own place."""
@@ -38,8 +37,8 @@ class Heard(expdesign.Progress):
 @pytest.fixture
 def run_of(tiny, tiny_result, tmp_path, monkeypatch):
     """Return a maker of a run file; its design is one that was made before."""
-    monkeypatch.setattr("expdesign.stages.design.design", lambda *_: tiny_result)
-    monkeypatch.setattr("results.record_figures", lambda *_: ())
+    monkeypatch.setattr("expdesign.experiment.design", lambda *_: tiny_result)
+    monkeypatch.setattr("results.render.figures.draw_figures", lambda *_, **__: ())
 
     def file(**sections):
         path = tmp_path / "input.yaml"
@@ -70,7 +69,7 @@ def test_python_does_what_the_command_does(run_of, tmp_path):
     assert list(made.stages) == heard.stages == ["design", "experiment", "estimate"]
     assert made.folder == tmp_path / "python"
     assert made.stages["estimate"].result[0].estimates.keys() == {"ls", "gm"}
-    assert agrees_with_the_table(made.folder) == set(made.stages)
+    assert assert_declared_files(made.folder) == set(made.stages)
 
     # The command, in two goes: the estimate takes the recording from its file.
     command = tmp_path / "command"
@@ -123,7 +122,7 @@ def test_a_design_of_this_run_is_reported_from_memory(run_of, tmp_path, monkeypa
         given.extend(records)
         return []
 
-    monkeypatch.setattr("expdesign.stages.report.write_report", write_report)
+    monkeypatch.setattr("results.render.run_report.write_report", write_report)
     expdesign.run(run_of(report={}), out=tmp_path / "out")
     assert any(isinstance(record, DesignResult) for record in given)
 
@@ -145,7 +144,7 @@ def test_a_run_that_fails(run_of, tmp_path, monkeypatch):
     def fail(_work):
         raise expdesign.StageFailed("no motion keeps the limits")
 
-    monkeypatch.setattr(orchestration, "loaded", lambda _place: fail)
+    monkeypatch.setattr("expdesign.stages.design.DesignStage.run", lambda _, work: fail(work))
     with pytest.raises(expdesign.StageFailed, match="no motion"):
         expdesign.run(run_of(), out=tmp_path / "out")
 
@@ -178,9 +177,9 @@ def statuses(folder):
 def test_ctrl_c_in_the_search_of_a_run_leaves_the_best_so_far(
     tiny, cheap_finish, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("results.record_figures", lambda *_: ())
+    monkeypatch.setattr("results.render.figures.draw_figures", lambda *_, **__: ())
     folder = tmp_path / "out"
-    with pytest.raises(expdesign.StageFailed, match="the best so far is saved, and marked"):
+    with pytest.raises(expdesign.StageFailed, match="the best so far is saved and marked"):
         expdesign.run(
             tiny(design={"starts": 2, "search": "hopping", "hops": 8}),
             out=folder,

@@ -1,4 +1,4 @@
-"""What the manifest keeps of a stage: what it was made from, what it wrote, whether it is done."""
+"""Execution of a stage and its entry in the manifest: inputs, files, and whether it is done."""
 
 import dataclasses
 import json
@@ -8,11 +8,10 @@ import pytest
 
 from expdesign.configuration import load_run
 from expdesign.runfolder.manifest import Manifest, entry, file_hash
-from expdesign.stages import record
-from expdesign.stages.outcome import Outcome, StageFailed
-from expdesign.stages.record import added_to, stage_inputs
-from expdesign.stages.run import do_stage
-from expdesign.stages.workspace import Workspace
+from expdesign.stages import execution
+from expdesign.stages.execution import added_to, execute, input_hash
+from expdesign.stages.registry import stages
+from expdesign.stages.workspace import Outcome, StageFailed, Workspace
 
 
 def configuration(**design):
@@ -40,23 +39,23 @@ def did(name, run, folder, text="", status="done", message="", **written):
             path.write_text(content)
             files.append(path)
         failure = "" if status == "done" else "it broke"
-        return Outcome(name, folder, True, tuple(files), {}, status, message, failure=failure)
+        return Outcome(name, folder, True, None, tuple(files), {}, status, message, failure=failure)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("expdesign.stages.run.loaded", lambda _place: perform)
-        do_stage(name, Work(run, folder, text=text))
+        patch.setattr(type(stages()[name]), "run", lambda _, work: perform(work))
+        execute(stages()[name], Work(run, folder, text=text))
 
 
 def is_done(name, run, folder, text=""):
     work = Work(run, folder, text=text)
-    work.inputs[name] = stage_inputs(name, work)
-    return record.is_done(name, work)
+    work.inputs[name] = input_hash(stages()[name], work)
+    return execution.is_done(stages()[name], work)
 
 
 def clear_outdated(name, run, folder, text=""):
     work = Work(run, folder, text=text)
-    work.inputs[name] = stage_inputs(name, work)
-    return record.clear_outdated(name, work)
+    work.inputs[name] = input_hash(stages()[name], work)
+    return execution.clear_outdated(name, work)
 
 
 @pytest.fixture
@@ -80,7 +79,7 @@ def test_what_the_manifest_says(done):
     assert (stage["status"], stage["message"]) == ("done", "all is well")
     assert stage["seconds"] >= 0
     assert stage["finished"].endswith("+00:00")
-    assert stage["inputs"] == stage_inputs("design", Work(configuration(), done))
+    assert stage["inputs"] == input_hash(stages()["design"], Work(configuration(), done))
     assert stage["files"] == {
         "design.json": file_hash(done / "design.json"),
         "tables/limits.csv": file_hash(done / "tables" / "limits.csv"),
@@ -152,9 +151,9 @@ def test_a_stage_that_raises_leaves_no_entry(tmp_path, monkeypatch):
     def fail(_work):
         raise ValueError("no design")
 
-    monkeypatch.setattr("expdesign.stages.run.loaded", lambda _place: fail)
+    monkeypatch.setattr("expdesign.stages.design.DesignStage.run", lambda _, work: fail(work))
     with pytest.raises(ValueError, match="no design"):
-        do_stage("design", Work(configuration(), tmp_path))
+        execute(stages()["design"], Work(configuration(), tmp_path))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -163,9 +162,9 @@ def test_a_stage_that_fails_leaves_the_configuration_as_it_was(done, monkeypatch
         raise StageFailed("no motion keeps the limits")
 
     before = (done / "run.yaml").read_bytes()
-    monkeypatch.setattr("expdesign.stages.run.loaded", lambda _place: fail)
+    monkeypatch.setattr("expdesign.stages.design.DesignStage.run", lambda _, work: fail(work))
     with pytest.raises(StageFailed):
-        do_stage("design", Work(configuration(seed=9), done))
+        execute(stages()["design"], Work(configuration(seed=9), done))
     assert (done / "run.yaml").read_bytes() == before
     found = Manifest.known(done).stages["design"]
     assert (found.status, found.message, found.files) == (
@@ -187,9 +186,9 @@ def test_no_stage_is_done_in_an_empty_folder(tmp_path):
         "{",
         "[]",
         "null",
-        "{}",
-        '{"versions": {}, "seeds": {}, "evaluation": "", "stages": {"design": {"bad": 1}}}',
-        '{"versions": {}, "seeds": {}, "evaluation": "", "stages": {"design": 3}}',
+        '{"format": 1}',
+        '{"format": 1, "versions": {}, "seeds": {}, "evaluation": "", "stages": {"x": {"a": 1}}}',
+        '{"format": 1, "versions": {}, "seeds": {}, "evaluation": "", "stages": {"design": 3}}',
     ],
 )
 def test_a_manifest_that_cannot_be_used_is_as_none(tmp_path, text):
@@ -232,7 +231,7 @@ def test_what_else_a_stage_is_made_from_is_noticed(tmp_path):
 def test_each_stage_depends_on_its_own_sections(changed, design, experiment):
     first, second = (load_run({"name": "n", "robot": "palida", **c}) for c in ({}, changed))
     for stage, same in (("design", design), ("experiment", experiment)):
-        one, other = (stage_inputs(stage, Work(run, Path())) for run in (first, second))
+        one, other = (input_hash(stages()[stage], Work(run, Path())) for run in (first, second))
         assert (one == other) == same
 
 

@@ -1,38 +1,18 @@
-"""The table of stages agrees with what the stages do, and with everything that names them."""
+"""The registered stages agree with their results, the run file and the report."""
 
-import inspect
 import json
 from fnmatch import fnmatch
 
 import pytest
 
-from estimation.diagnostics.noise_result import NoiseRecord
-from estimation.feedforward.result import FeedforwardResult
-from estimation.identification.record import EstimateRecord
-from estimation.montecarlo.result import MonteCarloResult
-from estimation.validation.validate import ValidationRecord
-from expdesign.cli import shown
 from expdesign.configuration import RunDescription, load_run
 from expdesign.configuration.run import STAGES as NAMED
-from expdesign.experiment import DesignResult
-from expdesign.experiment.sweep import SweepResult
 from expdesign.runfolder import StageResult
 from expdesign.runfolder.manifest import Manifest
 from expdesign.runfolder.store import members
-from expdesign.stages.record import stage_inputs
-from expdesign.stages.report import reported_stages
-from expdesign.stages.table import STAGES, loaded, stages_without_design
+from expdesign.stages.execution import input_hash
+from expdesign.stages.registry import missing_design, reported_stages, stages
 from expdesign.stages.workspace import Workspace
-
-RECORDS = {
-    "design": DesignResult,
-    "noise": NoiseRecord,
-    "montecarlo": MonteCarloResult,
-    "estimate": EstimateRecord,
-    "validate": ValidationRecord,
-    "feedforward": FeedforwardResult,
-    "sweep": SweepResult,
-}
 
 NEEDS = {"design", "recording", "estimate", "folder"}
 
@@ -56,38 +36,39 @@ CHANGED = {
 
 
 def test_a_run_file_names_the_stages_of_the_table():
-    assert tuple(stage for stage in STAGES if stage != "noise") == NAMED
+    assert tuple(stage for stage in stages() if stage != "noise") == NAMED
 
 
-@pytest.mark.parametrize("name", STAGES)
+@pytest.mark.parametrize("name", stages())
 def test_what_a_stage_names_is_there(name):
-    stage = STAGES[name]
+    stage = stages()[name]
+    assert stage.name == name
     assert set(stage.needs) <= NEEDS
-    assert set(stage.does_without) <= set(stage.needs)
     assert set(stage.sections or ()) <= set(RunDescription.model_fields)
-    (parameter,) = inspect.signature(loaded(stage.perform)).parameters
-    assert parameter == "work"
-    assert callable(getattr(shown, name))
-    assert stage.reported_after in {"", *STAGES}
+    assert {stage.after, stage.shown_after} <= {"", *stages()}
 
 
-@pytest.mark.parametrize("name", RECORDS)
-def test_a_stage_writes_what_its_record_holds(name):
-    stage, kind = STAGES[name], RECORDS[name]
+STORED = ("design", "noise", "montecarlo", "estimate", "validate", "feedforward", "sweep")
+
+
+@pytest.mark.parametrize("name", STORED)
+def test_a_stage_writes_what_its_result_holds(name):
+    stage = stages()[name]
+    kind = stage.result_type()
     if issubclass(kind, StageResult):
         file, places = kind.FILE, ((each.place, each.kind) for each in members(kind) if each.place)
         tables = [table for place, found in places for table in place.tables(found, "")]
     else:
         (file,) = (found.FILE for found in kind.files().values())
         tables = kind.TABLES.values()
-    assert file == stage.record
+    assert file == stage.file
     for table in tables:
         assert any(fnmatch(table.file, pattern) for pattern in stage.writes)
 
 
 def test_the_report_has_a_section_for_every_stage_but_its_own():
     found = reported_stages()
-    assert set(found) == set(STAGES) - {"report"}
+    assert set(found) == set(stages()) - {"report"}
     assert list(found)[:2] == ["design", "export"]
 
 
@@ -97,10 +78,9 @@ def test_a_stage_is_made_from_the_sections_that_it_declares(key, monkeypatch, tm
     base = {"name": "name", "robot": "palida"}
     one, other = (load_run(base | change) for change in ({}, {key: CHANGED[key]}))
     field = {"validate": "validation"}.get(key, key)
-    for name, stage in STAGES.items():
-        same = stage_inputs(name, Workspace(one, tmp_path)) == stage_inputs(
-            name, Workspace(other, tmp_path)
-        )
+    for name, stage in stages().items():
+        hashes = {input_hash(stage, Workspace(config, tmp_path)) for config in (one, other)}
+        same = len(hashes) == 1
         part = None if stage.sections is None else stage.sections.get(field, False)
         if isinstance(part, set):
             assert same == (not part & set(CHANGED[key])), name
@@ -114,7 +94,9 @@ def test_the_feed_forward_of_a_design_is_made_from_it(motion, monkeypatch, tmp_p
     made = {"design": lambda: next(designs), "estimate": lambda: "the same"}
     monkeypatch.setattr(Workspace, "made_from", lambda _, need: made[need]())
     config = load_run({"name": "name", "robot": "palida", "feedforward": {"motion": motion}})
-    one, other = (stage_inputs("feedforward", Workspace(config, tmp_path)) for _ in range(2))
+    one, other = (
+        input_hash(stages()["feedforward"], Workspace(config, tmp_path)) for _ in range(2)
+    )
     assert (one == other) == (motion == "circle")
 
 
@@ -128,25 +110,25 @@ def test_every_key_of_a_run_file_is_tried():
 
 def test_who_needs_a_design(tmp_path):
     run = {"name": "name", "robot": "palida", "experiment": {}, "montecarlo": {}, "estimate": {}}
-    problem = stages_without_design(load_run(run), tmp_path)
+    problem = missing_design(load_run(run), tmp_path)
     assert problem.message.startswith("experiment and montecarlo need a design")
-    assert stages_without_design(load_run(run | {"design": {}}), tmp_path) is None
+    assert missing_design(load_run(run | {"design": {}}), tmp_path) is None
     measured = {"name": "name", "robot": "palida", "data": {"file": "measured.csv"}, "estimate": {}}
     circle, design = (
         load_run(measured | {"feedforward": {"motion": motion}}) for motion in ("circle", "design")
     )
-    assert stages_without_design(circle, tmp_path) is None
-    assert "feedforward" in stages_without_design(design, tmp_path).message
+    assert missing_design(circle, tmp_path) is None
+    assert "feedforward" in missing_design(design, tmp_path).message
     (tmp_path / "design.json").write_text("{}")
-    assert stages_without_design(design, tmp_path) is None
-    assert stages_without_design(load_run(run), tmp_path) is None
+    assert missing_design(design, tmp_path) is None
+    assert missing_design(load_run(run), tmp_path) is None
 
 
-def agrees_with_the_table(folder):
-    """Assert that every stage of a folder has written what it declares, and nothing else."""
+def assert_declared_files(folder):
+    """Assert that every stage of a folder has written the files it declares, and no others."""
     for name, entry in Manifest.known(folder).stages.items():
-        stage = STAGES[name]
-        declared = (stage.record, *stage.writes)
+        stage = stages()[name]
+        declared = (stage.file, *stage.writes)
         stray = [f for f in entry.files if not any(fnmatch(f, d) for d in declared)]
         assert not stray, (name, stray)
         missing = [d for d in declared if "*" not in d and d not in entry.files]

@@ -1,4 +1,4 @@
-"""The commands that do a run: each stage with its options, and `run` for all that it names."""
+"""Commands on runs: each stage with its options, `run` for all stages, reports, comparisons."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from expdesign.cli.output import JsonOption, RunArgument, write_json
+from expdesign.cli.output import JsonOption, RunArgument
 
 _MOST_EXPERIMENTS = 100_000
 _MOST_REPETITIONS = 400_000
@@ -48,7 +48,7 @@ def design(run: RunArgument, out: OutOption = None, as_json: JsonOption = False)
     Writes the resolved configuration, design.json, trajectory.csv, tables and figures. Ctrl-C
     ends the search and keeps the best so far, marked.
     """
-    do_one("design", run, out, as_json)
+    _execute("design", run, out, as_json)
 
 
 def simulate(
@@ -82,8 +82,8 @@ def simulate(
     truth.json. Noise and disturbances are those of the run file; the same seed gives the same
     files. Ctrl-C keeps the repetitions that are complete.
     """
-    given = {"designs": _given(design), "table": table, "repetitions": repetitions}
-    do_one("experiment", run, out, as_json, given)
+    sources = {"designs": _given(design), "table": table, "repetitions": repetitions}
+    _execute("experiment", run, out, as_json, sources=sources)
 
 
 def montecarlo(
@@ -107,10 +107,10 @@ def montecarlo(
 
     Simulates and estimates K times and writes montecarlo.json, tables and figures: bias, spread,
     RMSE and coverage of every parameter against the truth and the Cramér–Rao bound. Ctrl-C keeps
-    the repetitions that are done; the same command goes on from there.
+    the repetitions that are done; the same command continues the study.
     """
-    given = {"designs": _given(design)}
-    do_one("montecarlo", run, out, as_json, given, repetitions=repetitions)
+    sources = {"designs": _given(design)}
+    _execute("montecarlo", run, out, as_json, sources=sources, repetitions=repetitions)
 
 
 def noise(
@@ -130,12 +130,13 @@ def noise(
 ) -> None:
     """Analyse the noise of measured forces and lengths, without any model.
 
-    Prints standard deviations and correlations, what was found of every assumption, and the lines
-    for the robot file. Writes these lines (noise.yaml), noise.json, tables/force_spectrum.csv and
+    Prints standard deviations and correlations, the test of every assumption, and the lines for
+    the robot file. Writes these lines (noise.yaml), noise.json, tables/force_spectrum.csv and
     length_spectrum.csv (`noise: {force_spectrum: FILE}`), tables/noise_covariance.csv, and figures
     of distribution, quantiles, covariance and spectrum.
     """
-    do_one("noise", run, out, as_json, {"data": _given(data), "designs": tuple(design or ())})
+    sources = {"data": _given(data), "designs": tuple(design or ())}
+    _execute("noise", run, out, as_json, sources=sources)
 
 
 def estimate(
@@ -156,14 +157,14 @@ def estimate(
 ) -> None:
     """Estimate the parameters from measured data.
 
-    Prints every estimator's values with their standard deviations, and the verdict: what the
-    diagnostics found, and what to do about it. Writes estimates.csv (values, standard deviations,
-    95 % intervals), estimate.json (covariances, tests, verdict), identified-robot.yaml (the robot
-    that was found, for further runs), tables/ (precision, residuals; with tolerances budget.csv:
-    which one costs which parameter how much) and figures/.
+    Prints the verdict of the diagnostics with advice, and every estimator's values with their
+    standard deviations. Writes estimates.csv (values, standard deviations,
+    95 % intervals), estimate.json (covariances, tests, verdict), identified-robot.yaml (the
+    identified robot, for further runs), tables/ (precision, residuals; with tolerances budget.csv,
+    the uncertainty from each of them) and figures/.
     """
-    given = {"data": tuple(data or ()), "designs": tuple(design or ())}
-    do_one("estimate", run, out, as_json, given, strict=strict)
+    sources = {"data": tuple(data or ()), "designs": tuple(design or ())}
+    _execute("estimate", run, out, as_json, sources=sources, strict=strict)
 
 
 def validate(
@@ -185,7 +186,7 @@ def validate(
     Computed motions are measured on the digital twin, recorded ones read from their files. Writes
     validation.json, tables and figures.
     """
-    do_one("validate", run, out, as_json, {"estimate": estimate}, strict=strict)
+    _execute("validate", run, out, as_json, sources={"estimate": estimate}, strict=strict)
 
 
 def report(
@@ -194,78 +195,62 @@ def report(
     ],
     as_json: JsonOption = False,
 ) -> None:
-    """Write the report of a run folder: report.html, one page that needs nothing else.
+    """Write the report of a run folder: report.html, one page that works offline.
 
     It shows every stage that the folder holds. Its main tables are also written as LaTeX into
     tables/.
     """
-    from expdesign.cli import shown
-    from expdesign.cli.terminal import working
-    from expdesign.stages.folder import refuse_run_file, refuse_unwritable
-    from expdesign.stages.report import written_report
+    from expdesign.cli import runs
 
-    place = folder.absolute()
-    if place.is_dir():
-        refuse_unwritable(place)
-    else:
-        refuse_run_file(folder)
-    with working("report"):
-        outcome = written_report(place)
-    if as_json:
-        write_json({"status": 0, **outcome.summary})
-    else:
-        shown.report(outcome)
+    runs.write_report(folder, as_json)
 
 
 def run(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) -> None:
-    """Do every stage that the run file names, in their order; what is done already is kept."""
-    from expdesign.cli.terminal import Terminal
-    from expdesign.stages.run import run as do_run
+    """Do every stage that the run file names, in their order; finished stages are kept."""
+    from expdesign.cli import runs
 
-    made = do_run(run, out, Terminal(quiet=as_json))
-    if as_json:
-        stages = made.stages
-        write_json(
-            {
-                "status": 0,
-                "folder": str(made.folder),
-                "resumed": all(outcome.kept for outcome in stages.values()),
-                "stages": {n: {"resumed": o.kept, **o.summary} for n, o in stages.items()},
-            }
-        )
+    runs.run_all(run, out, as_json)
 
 
-def do_one(
-    stage: str,
-    run: str,
-    out: Path | None,
-    as_json: bool,
-    sources: dict[str, Any] | None = None,
-    *,
-    strict: bool = False,
-    repetitions: int | None = None,
+def compare(
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="DIR DIR …", help="Run folders.", show_default=False)
+    ],
+    out: Annotated[
+        Path,
+        typer.Option("--out", metavar="DIR", help="Folder of the comparison.", show_default=False),
+    ],
+    precision: Annotated[
+        str,
+        typer.Option(
+            "--precision",
+            metavar="P",
+            help="Relative standard deviation for which the periods are counted.",
+        ),
+    ] = "5 %",
+    quick: Annotated[
+        bool,
+        typer.Option(
+            "--quick", help="Leave out the costs of limits, which take one solve per design."
+        ),
+    ] = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """Do one stage of a run, with what the options name in place of what the folder holds."""
-    from expdesign.cli.terminal import Terminal
-    from expdesign.configuration import load_run
-    from expdesign.stages.folder import run_folder
-    from expdesign.stages.outcome import StageFailed
-    from expdesign.stages.run import do_stage
-    from expdesign.stages.workspace import Sources, Workspace
+    """Compare run folders and write report.html, tables and figures into a folder.
 
-    configuration = load_run(run)
-    terminal = Terminal(quiet=as_json)
-    before = configuration.warnings_before(stage)
-    if repetitions is not None:
-        configuration = configuration.with_section("montecarlo", repetitions=repetitions)
-    folder = run_folder(configuration, out)
-    work = Workspace(configuration, folder, terminal, Sources(**(sources or {})))
-    work.warn(before)
-    outcome = do_stage(stage, work)
-    if strict and outcome.doubt:
-        raise StageFailed(f"{outcome.doubt}, and --strict was asked for", outcome.summary)
-    if as_json:
-        write_json({"status": 0, **outcome.summary})
+    Designs: criteria in common scalings, precision, limits, effort. Estimates: parameters with
+    intervals, and whether they differ. Monte-Carlo studies: achieved standard deviations.
+    """
+    from expdesign.cli import runs
+
+    runs.compare_folders(folders, out, precision, quick=quick, as_json=as_json)
+
+
+def _execute(stage: str, run: str, out: Path | None, as_json: bool, **options: Any) -> None:
+    """Execute one stage of a run; options replace the inputs that the folder holds."""
+    from expdesign.cli import runs
+
+    runs.execute_stage(stage, run, out, as_json, **options)
 
 
 def _given(path: Path | None) -> tuple[Path, ...]:

@@ -1,0 +1,132 @@
+"""Commands on runs: stages, reports and comparisons, with their results on the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from expdesign.cli.output import note, say, write_json
+from expdesign.cli.terminal import Terminal, working
+from expdesign.configuration import InputError, RunConfiguration, load_run
+from expdesign.stages.execution import execute
+from expdesign.stages.folder import refuse_run_file, refuse_unwritable, run_folder
+from expdesign.stages.registry import reported_stages, stages
+from expdesign.stages.report import report_folder
+from expdesign.stages.run import run
+from expdesign.stages.workspace import Sources, StageFailed, Workspace, short
+from results.comparison.comparison import write_comparison
+
+
+def execute_stage(
+    name: str,
+    config: str,
+    out: Path | None,
+    as_json: bool,
+    *,
+    sources: Mapping[str, Any] | None = None,
+    strict: bool = False,
+    repetitions: int | None = None,
+) -> None:
+    """Execute one stage of a run; the sources replace the inputs that the folder holds."""
+    configuration = load_run(config)
+    before = configuration.warnings_before(name)
+    if repetitions is not None:
+        configuration = configuration.with_section("montecarlo", repetitions=repetitions)
+    work = Workspace(
+        configuration,
+        run_folder(configuration, out),
+        Terminal(quiet=as_json),
+        Sources(**(sources or {})),
+    )
+    work.warn(before)
+    outcome = execute(stages()[name], work)
+    if strict and outcome.doubt:
+        raise StageFailed(f"{outcome.doubt}, and --strict was given", outcome.summary)
+    if as_json:
+        write_json({"status": 0, **outcome.summary})
+
+
+def run_all(config: str, out: Path | None, as_json: bool) -> None:
+    """Do every stage that a run names."""
+    made = run(config, out, Terminal(quiet=as_json))
+    if as_json:
+        outcomes = made.stages
+        write_json(
+            {
+                "status": 0,
+                "folder": str(made.folder),
+                "resumed": all(outcome.kept for outcome in outcomes.values()),
+                "stages": {n: {"resumed": o.kept, **o.summary} for n, o in outcomes.items()},
+            }
+        )
+
+
+def write_report(folder: Path, as_json: bool) -> None:
+    """Write the report of a run folder."""
+    place = folder.absolute()
+    if place.is_dir():
+        refuse_unwritable(place)
+    else:
+        refuse_run_file(folder)
+    with working("report"):
+        outcome = report_folder(place, reported_stages())
+    if as_json:
+        write_json({"status": 0, **outcome.summary})
+    else:
+        say(f"report: {short(outcome.result)}")
+
+
+def compare_folders(
+    folders: Sequence[Path], out: Path, precision: str, *, quick: bool, as_json: bool
+) -> None:
+    """Write the comparison of run folders."""
+    share = precision_share(precision)
+    place = out.absolute()
+    refuse_unwritable(place)
+    paths = [folder.absolute() for folder in folders]
+    if not quick and not as_json and any((path / "design.json").is_file() for path in paths):
+        note("one solve per design for the costs of its limits (--quick leaves them out) …")
+    with working("compare"):
+        written = write_comparison(paths, place, reported_stages(), precision=share, quick=quick)
+    if as_json:
+        write_json(
+            {
+                "status": 0,
+                "folder": str(place),
+                "report": str(place / "report.html"),
+                "files": [str(path.relative_to(place)) for path in written],
+            }
+        )
+    else:
+        say(f"comparison: {short(place / 'report.html')}")
+
+
+def precision_share(text: str) -> float:
+    """Return a relative precision.
+
+    Examples
+    --------
+    >>> precision_share("1 %"), precision_share("0.01")
+    (0.01, 0.01)
+    """
+    number = text.strip().removesuffix("%")
+    try:
+        share = float(number) / (100 if number != text.strip() else 1)
+    except ValueError:
+        share = float("nan")
+    if not 0 < share <= 1:
+        message = f"'{text}' is not a relative precision"
+        allowed = "above 0 and at most 100 %, e.g. 1% or 0.01"
+        raise InputError(message, key="--precision", allowed=allowed)
+    return share
+
+
+def run_configuration(folder: Path) -> RunConfiguration:
+    """Return the configuration of a run folder."""
+    file = folder / "run.yaml"
+    if not file.is_file():
+        message = "not a run folder: run.yaml is missing"
+        allowed = "a folder that `expdesign design` or `expdesign run` wrote"
+        raise InputError(message, folder, key="DIR", allowed=allowed)
+    return load_run(file)

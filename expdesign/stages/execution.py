@@ -1,0 +1,243 @@
+"""Execution of a stage, its entry in the manifest, and the files that it keeps or replaces."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Any
+
+from expdesign.configuration import ComputationError, RunConfiguration, resolved_yaml
+from expdesign.configuration.section import unstated
+from expdesign.evaluation.machine_code import evaluator
+from expdesign.interruption import interruptible
+from expdesign.progress import listening, report_progress
+from expdesign.runfolder.files import RUN_FILE, remove_leftovers, write_text
+from expdesign.runfolder.manifest import (
+    Manifest,
+    StageEntry,
+    entry,
+    file_hash,
+    package_versions,
+    text_hash,
+)
+from expdesign.runfolder.tables import COLUMNS_FILE, tables_described
+from expdesign.stages.folder import refuse_unwritable
+from expdesign.stages.stage import Stage
+from expdesign.stages.workspace import Outcome, StageFailed, Workspace
+from expdesign.workers import StoppedError
+from results.views.folder import RunFolder
+from results.views.view import StageView
+
+_SAVING = ("the result is saved first", "discards what is not yet saved")
+_FOLDERS = ("tables", "figures", "exports", "designs", "montecarlo", "repetitions")
+"""Folders of files in a run folder, and in the folders of a sweep's designs."""
+
+
+def execute(stage: Stage, work: Workspace) -> Outcome:
+    """Do a stage, keep its configuration in the folder and write its entry to the manifest.
+
+    A stage that fails leaves `run.yaml` as it was, since nothing there was made from its
+    configuration. Files of an earlier run stay, but the manifest no longer vouches for them.
+
+    Raises
+    ------
+    InputError
+        An input is missing or unusable, or the folder cannot be written to.
+    StageFailed
+        The stage failed or was interrupted, or its result breaks a limit.
+    KeyboardInterrupt
+        An interruption came, and the stage is complete or nothing of it is kept.
+    """
+    work.inputs[stage.name] = input_hash(stage, work)
+    refuse_unwritable(work.folder)
+    clear_leftovers(work.folder)
+    began = time.perf_counter()
+    try:
+        with work.progress.working(stage.name) as listener, listening(listener):
+            report_progress("loading modules")
+            outcome = stage.run(work)
+            # Hours of computation are not lost to a Ctrl-C in the seconds of saving.
+            with interruptible(work.progress.note, *_SAVING) as asked:
+                outcome = save(outcome, stage, work, began)
+    except ComputationError as error:
+        if work.folder.is_dir():
+            status = "interrupted" if isinstance(error, StoppedError) else "failed"
+            ended = Outcome(stage.name, work.folder, status=status, message=error.message)
+            write_entry(work, ended, time.perf_counter() - began)
+        raise StageFailed(error.message, error.details) from error
+    for warning in outcome.warnings:
+        work.progress.warn(warning)
+    work.progress.finished(outcome)
+    if outcome.failure:
+        raise StageFailed(outcome.failure, outcome.summary)
+    if outcome.asked_to_stop or asked():
+        raise KeyboardInterrupt
+    return outcome
+
+
+def save(outcome: Outcome, stage: Stage, work: Workspace, began: float) -> Outcome:
+    """Write the files of an outcome and its entry in the manifest; return it with both."""
+    outcome = _write(outcome, stage, work)
+    seconds = time.perf_counter() - began
+    summary = {"folder": str(work.folder), "seconds": seconds, **outcome.summary}
+    outcome = replace(outcome, stage=stage.name, folder=work.folder, summary=summary)
+    keep_configuration(work.configuration, work.folder)
+    write_entry(work, outcome, seconds)
+    work.made[stage.name] = outcome
+    return outcome
+
+
+def _write(outcome: Outcome, stage: Stage, work: Workspace) -> Outcome:
+    """Write and draw the stored result, unless the stage has written files itself."""
+    if outcome.record is None:
+        return outcome
+    files = outcome.files
+    if not files:
+        report_progress("writing the results")
+        files = tuple(outcome.record.write(work.folder))
+    view = outcome.view or view_result(stage, outcome.record, work)
+    if view.drawings:
+        # The library that draws takes a second to load; the result is written by now.
+        from results.render.figures import draw_figures
+
+        report_progress("drawing figures")
+        files = (*files, *draw_figures(view, work.folder, work.configuration.run.report.figures))
+    return replace(outcome, files=files, view=view)
+
+
+def view_result(stage: Stage, result: Any, work: Workspace) -> StageView:
+    """Return the view of a result in memory."""
+    results = {type(result): result}
+    folder = RunFolder(work.folder, {stage.name: stage}, work.configuration, results=results)
+    return stage.view(folder, brief=True)
+
+
+def input_hash(stage: Stage, work: Workspace) -> str:
+    """Return the hash of the inputs of a stage: sections of the run, results, versions."""
+    configuration = work.configuration
+    made_from = " ".join(work.made_from(need) for need in stage.inputs(configuration))
+    if stage.sections is None:
+        # The whole run.yaml, which a report shows.
+        sections = resolved_yaml(configuration)
+    else:
+        sections = sections_text(configuration, stage.sections)
+    return text_hash(stage.name, sections, made_from, sorted(package_versions().items()))
+
+
+def sections_text(configuration: RunConfiguration, sections: Mapping[str, Any]) -> str:
+    """Return sections of the run as JSON."""
+    run = configuration.run
+    return run.model_dump_json(include=dict(sections), exclude=unstated(run))
+
+
+def is_done(stage: Stage, work: Workspace) -> bool:
+    """Return whether a stage was done from the same inputs and its files are unchanged."""
+    if not (work.folder / (stage.output or stage.file)).is_file():
+        return False
+    manifest, inputs = Manifest.known(work.folder), work.inputs[stage.name]
+    # `columns.json` belongs to all stages: one that was killed may have added its tables already.
+    growing = (COLUMNS_FILE,)
+    return (
+        manifest is not None
+        and manifest.is_done(stage.name, inputs, work.folder, growing=growing)
+        and _is_described(stage, manifest.stages[stage.name], work.folder)
+    )
+
+
+def _is_described(stage: Stage, made: StageEntry, folder: Path) -> bool:
+    """Return whether `columns.json` describes all tables of a stage, if the stage wrote it."""
+    if COLUMNS_FILE not in made.files:
+        return True
+    described = tables_described(folder)
+    return all(
+        any(fnmatch(file, table) for table in described)
+        for file in made.files
+        if any(fnmatch(file, table) for table in stage.writes if table.endswith(".csv"))
+    )
+
+
+def clear_leftovers(folder: Path) -> None:
+    """Remove half-written files of a run that was killed."""
+    for root in (folder, *folder.glob("designs/*")):
+        remove_leftovers(root)
+        for place in (*_FOLDERS, "repetitions/*"):
+            for each in root.glob(place):
+                remove_leftovers(each)
+
+
+def write_entry(work: Workspace, outcome: Outcome, seconds: float) -> None:
+    """Write the entry of a stage into the manifest.
+
+    The entries of other stages stay, unless other versions made them: the hashes of their inputs
+    identify what they belong to.
+    """
+    run = work.configuration.run
+    sections = {name: getattr(run, name) for name in type(run).model_fields}
+    seeds = {name: int(s.seed) for name, s in sections.items() if hasattr(s, "seed")}
+    fresh, known = Manifest.new(seeds, evaluator()), Manifest.known(work.folder)
+    if known is not None and known.versions == fresh.versions:
+        fresh = replace(known, seeds=seeds, evaluation=fresh.evaluation)
+    warned = () if known is None else known.warnings
+    fresh = replace(fresh, warnings=tuple(dict.fromkeys((*warned, *work.warned))))
+    inputs, message = work.inputs[outcome.stage], outcome.message
+    made = entry(outcome.status, inputs, seconds, message, work.folder, outcome.files)
+    fresh.with_stage(outcome.stage, made).write(work.folder)
+
+
+def keep_configuration(configuration: RunConfiguration, folder: Path) -> None:
+    """Write the configuration of the folder's results to `run.yaml`."""
+    path, text = folder / RUN_FILE, resolved_yaml(configuration)
+    if not path.is_file() or path.read_bytes() != text.encode():
+        write_text(path, text)
+
+
+@contextmanager
+def added_to(folder: Path, files: Iterable[Path]) -> Iterator[None]:
+    """Add content to files of stages, and update their hashes in the manifest.
+
+    The stage's own content is still there, so that the stage need not be done again. A file that
+    was changed or missing before stays so for the manifest.
+    """
+    before = Manifest.known(folder)
+    entries = () if before is None else before.stages.values()
+    known = {file: digest for entry in entries for file, digest in entry.files.items()}
+    intact = [
+        file
+        for file in files
+        if file.is_file() and known.get(str(file.relative_to(folder))) == file_hash(file)
+    ]
+    yield
+    if before is not None and intact:
+        before.with_files(folder, intact).write(folder)
+
+
+def clear_outdated(stage: str, work: Workspace) -> set[Path]:
+    """Remove files that a stage wrote from other inputs; return those from the same inputs.
+
+    Only unchanged files that no other stage wrote are removed.
+    """
+    folder, manifest = work.folder, Manifest.known(work.folder)
+    earlier = None if manifest is None else manifest.stages.get(stage)
+    if manifest is None or earlier is None:
+        return set()
+    intact = {
+        folder / file
+        for file, digest in earlier.files.items()
+        if (folder / file).resolve().is_relative_to(folder.resolve())
+        and (folder / file).is_file()
+        and file_hash(folder / file) == digest
+    }
+    if earlier.inputs == work.inputs[stage]:
+        return intact
+    shared = {
+        folder / file for key, e in manifest.stages.items() if key != stage for file in e.files
+    }
+    for path in intact - shared:
+        path.unlink()
+        if path.parent != folder and not any(path.parent.iterdir()):
+            path.parent.rmdir()
+    return set()

@@ -1,0 +1,90 @@
+"""Figures of a view as files of its run folder, and embedded in a page."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Collection, Iterable
+from pathlib import Path
+
+from expdesign.experiment import DesignResult
+from expdesign.robot import Robot
+from results.figures.drawing import FORMATS, save_figures
+from results.figures.machine import machine_figure
+from results.views.design import design_view
+from results.views.folder import RunFolder
+from results.views.view import Block, Drawing, EmbeddedFigure, StageView
+
+FIGURES = "figures"
+"""Folder of the figures in a run folder."""
+
+
+def draw_figures(
+    view: StageView, folder: Path, formats: Collection[str] = FORMATS, *, missing: bool = False
+) -> tuple[Path, ...]:
+    """Draw the figures of a view into ``figures/`` of its run folder; return the files.
+
+    With `missing` only those without a file in one of the formats are drawn, and those that are
+    renewed for every report. The same result gives the same bytes.
+    """
+    place = folder / FIGURES
+    wanted = [
+        drawing
+        for drawing in view.drawings
+        if not missing or drawing.renewed or not _drawn(drawing, place, formats)
+    ]
+    return tuple(
+        path
+        for drawing in wanted
+        for path in save_figures(
+            (drawing.definition,), drawing.source, place, view.figure_note, formats
+        )
+    )
+
+
+def design_figures(
+    record: DesignResult, folder: Path, formats: Collection[str] | None = None
+) -> tuple[Path, ...]:
+    """Draw the figures of a design into ``figures/`` of its run folder; return the files.
+
+    The record is ``DesignResult.read(folder)``; the formats, of
+    "png", "svg" and "pdf", are those of `report.figures` of its run by default.
+    """
+    configuration = record.configuration
+    place = RunFolder(folder, {}, configuration, results={DesignResult: record})
+    wanted = configuration.run.report.figures if formats is None else formats
+    return draw_figures(design_view(place, brief=True), folder, wanted)
+
+
+def draw_machine(
+    robot: Robot, folder: Path, formats: Collection[str] = FORMATS
+) -> tuple[Path, ...]:
+    """Draw a robot at home into ``figures/`` of a run folder; return the files."""
+    return save_figures((machine_figure,), robot, folder / FIGURES, formats=formats)
+
+
+def embed_drawings(blocks: Iterable[Block], folder: Path) -> tuple[Block, ...]:
+    """Return blocks with the folder's files for the drawings; one without a file is left out."""
+    found: list[Block] = []
+    for block in blocks:
+        if not isinstance(block, Drawing):
+            found.append(block)
+        elif (file := folder / FIGURES / f"{block.definition.key}.svg").is_file():
+            found.append(embed_figure(file, block.caption))
+    return tuple(found)
+
+
+def other_figures(folder: Path, known: Collection[str]) -> tuple[EmbeddedFigure, ...]:
+    """Return the figures of a folder whose keys are not among the known ones."""
+    files = sorted((folder / FIGURES).glob("*.svg"))
+    return tuple(embed_figure(p, p.stem.replace("_", " ")) for p in files if p.stem not in known)
+
+
+def embed_figure(path: Path, caption: str) -> EmbeddedFigure:
+    """Return a figure with its SVG inside."""
+    text = base64.b64encode(path.read_bytes()).decode("ascii")
+    return EmbeddedFigure(path.stem, caption, f"data:image/svg+xml;base64,{text}")
+
+
+def _drawn(drawing: Drawing, place: Path, formats: Collection[str]) -> bool:
+    endings = {*formats, "svg"}
+    return all((place / f"{drawing.definition.key}.{ending}").is_file() for ending in endings)

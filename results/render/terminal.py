@@ -1,0 +1,134 @@
+"""Terminal: a view with its answer first, then the advice, the numbers and the main tables."""
+
+from __future__ import annotations
+
+from math import floor, isnan, log10
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from results.views.view import (
+    Block,
+    Facts,
+    FindingsBlock,
+    Level,
+    ListingBlock,
+    ReportTable,
+    StageView,
+    TableColumn,
+    TextBlock,
+    Value,
+    cell_text,
+)
+
+_STYLES = {
+    Level.GOOD: "bold green",
+    Level.CAUTION: "bold yellow",
+    Level.BAD: "bold red",
+    Level.NEUTRAL: "bold",
+}
+
+
+def print_view(view: StageView, console: Console, place: str = "") -> None:
+    """Print the parts of a view that are for the screen.
+
+    Parameters
+    ----------
+    view : StageView
+    console : rich Console
+        Words are wrapped where it is a terminal, and never elsewhere.
+    place : str
+        Folder or file of the result, printed last; empty: none.
+    """
+    verdict = view.verdict
+    head = Text.assemble(f"{verdict.title}: ", (verdict.word, _STYLES[verdict.level]), ". ")
+    _print_text(console, head.append(verdict.sentence))
+    findings = [block for block in view.blocks if isinstance(block, FindingsBlock)]
+    for block in findings:
+        _print_findings(console, block, named=len(findings) > 1)
+    if view.facts:
+        _print_block(console, Facts(view.facts))
+    for shown in view.blocks:
+        if getattr(shown, "screen", False):
+            _print_block(console, shown)
+    if place:
+        _print_text(console, Text(f"written to {place}"))
+
+
+def print_table(console: Console, table: ReportTable) -> None:
+    """Print a table with its caption."""
+    _print_text(console, Text(f"{table.caption}:", style="italic"))
+    made = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    columns = [column for column in table.columns if column.screen]
+    for column in columns:
+        if column.kind != "error":
+            right = column.numeric
+            made.add_column(column.heading, justify="right" if right else "left", no_wrap=right)
+    for row in table.rows:
+        cells: list[str] = []
+        before: Value = None
+        for column, value in zip(table.columns, row, strict=True):
+            if column.screen and column.kind == "error":
+                cells[-1] = concise(before, value)
+            elif column.screen:
+                cells.append(_cell(column, value))
+                before = value
+        made.add_row(*cells)
+    console.print(made)
+
+
+def concise(value: Value, std: Value) -> str:
+    """Return a value with its standard deviation in the last digits, or marked as fixed.
+
+    Examples
+    --------
+    >>> concise(1.23451, 0.0067)
+    '1.2345(67)'
+    >>> concise(2.5, float("nan"))
+    '2.5 fixed'
+    """
+    if not isinstance(value, float) or not isinstance(std, float):
+        return "–" if value is None else f"{value}"
+    if isnan(std):
+        text = f"{value:.5g} fixed"
+    elif not std > 0:
+        text = f"{value:.6g}"
+    elif (digits := 1 - floor(log10(std))) <= 0:
+        text = f"{value:.0f}({std:.0f})"
+    else:
+        text = f"{value:.{digits}f}({std * 10**digits:.0f})"
+    return text.replace("-", "−")
+
+
+def _print_block(console: Console, block: Block) -> None:
+    match block:
+        case Facts():
+            for fact in block.facts:
+                note = f" ({fact.note})" if fact.note else ""
+                _print_text(console, Text(f"  {fact.name}: {fact.value}{note}"))
+        case TextBlock():
+            _print_text(console, Text(block.text))
+        case ListingBlock():
+            _print_text(console, Text(f"{block.title}:", style="italic"))
+            console.print(Text(block.text.rstrip("\n")), soft_wrap=True)
+        case ReportTable():
+            print_table(console, block)
+
+
+def _print_findings(console: Console, block: FindingsBlock, *, named: bool) -> None:
+    if named and block.lines:
+        _print_text(console, Text(f"{block.subject}:", style="italic"))
+    for line in block.lines:
+        advice = f". What to do: {line.advice}" if line.advice else ""
+        _print_text(console, Text(f"- {line.sentence}{advice}"))
+
+
+def _print_text(console: Console, text: Text) -> None:
+    console.print(text, soft_wrap=not console.is_terminal)
+
+
+def _cell(column: TableColumn, value: Value) -> str:
+    text = cell_text(column, value)
+    return "" if text == "–" and not column.numeric else text
