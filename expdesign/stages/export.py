@@ -29,9 +29,9 @@ class ExportStage(Stage):
 
     def result_type(self) -> type[Any]:
         """Return the type of the stored result."""
-        from expdesign.export.record import ExportsRecord
+        from expdesign.export.result import ExportResult
 
-        return ExportsRecord
+        return ExportResult
 
     def view(self, folder: RunFolder, *, brief: bool = False) -> StageView:
         """Return the view of the controller tables."""

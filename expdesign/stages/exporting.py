@@ -24,13 +24,15 @@ from expdesign.export.exporting import (
     refuse_unreadable_name,
 )
 from expdesign.export.readme import readme
-from expdesign.export.record import (
+from expdesign.export.result import (
     FOLDER,
     RECORD,
-    ExportsRecord,
-    FileEntry,
-    MotionEntry,
-    record_of_one,
+    ExportedMotion,
+    ExportedTable,
+    ExportResult,
+    exported_motion,
+    exported_table,
+    result_file,
 )
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.planning import executable_motion
@@ -66,13 +68,13 @@ def export_tables(stage: Stage, work: Workspace) -> Outcome:
         refuse_missing_library(section, f"export[{number}]")
         _refuse_taken_name(target / file_name(section), f"export[{number}].file")
     task = export_task(work)
-    before = ExportsRecord.known(target / RECORD)
+    before = ExportResult.known(target / RECORD)
     clear_outdated(stage.name, work)
     own = {file_name(section) for section in sections}
-    motion = MotionEntry.of(task)
+    motion = exported_motion(task)
     files = _described_files(before, motion, own, work)
     places = target / RECORD, target / README
-    described = _describe(ExportsRecord(motion, files), *places) if files else ()
+    described = _describe(ExportResult(motion, files), *places) if files else ()
     made, refused = [], list[Exception]()
     for one in _exported(task, sections, target, configuration.run.workers or 1):
         if isinstance(one, Exception):
@@ -81,8 +83,8 @@ def export_tables(stage: Stage, work: Workspace) -> Outcome:
         made.append(one)
         # After each table: when another one fails, this one has its description, and
         # `expdesign export` does not replace it by one with the options of an earlier run.
-        files[one.path.name] = FileEntry.of(one)
-        described = _describe(ExportsRecord(motion, files), *places)
+        files[one.path.name] = exported_table(one)
+        described = _describe(ExportResult(motion, files), *places)
         keep_configuration(configuration, work.folder)
     if refused:
         for error in refused[1:]:
@@ -137,15 +139,15 @@ def export_one(stage: Stage, section: ExportSection, work: Workspace, out: Path 
     task = export_task(work)
     with progress_prefix(path.name):
         made = export_table(section, task, path)
-    motion, entry = MotionEntry.of(task), {path.name: FileEntry.of(made)}
+    motion, entry = exported_motion(task), {path.name: exported_table(made)}
     if in_folder:
-        known = ExportsRecord.known(target / RECORD)
+        known = ExportResult.known(target / RECORD)
         others = _described_files(known, motion, {path.name}, work)
         places = target / RECORD, target / README
         with added_to(work.folder, places):
-            _describe(ExportsRecord(motion, others | entry), *places)
+            _describe(ExportResult(motion, others | entry), *places)
     else:
-        _describe_beside(path, ExportsRecord(motion, entry))
+        _describe_beside(path, ExportResult(motion, entry))
     files = (path, *made.beside)
     record = _record(motion, [made])
     view = view_result(stage, record, replace(work, folder=path.parent.parent))
@@ -217,7 +219,7 @@ def _made_from(configuration: RunConfiguration, trajectory: FourierTrajectory) -
 def _known_motion(
     path: Path, made_from: str, trajectory: FourierTrajectory, home: Array
 ) -> ExecutableMotion | None:
-    record = ExportsRecord.known(path)
+    record = ExportResult.known(path)
     if record is None or record.motion.made_from != made_from or record.motion.ways is None:
         return None
     try:
@@ -227,8 +229,8 @@ def _known_motion(
 
 
 def _described_files(
-    before: ExportsRecord | None, motion: MotionEntry, replaced: set[str], work: Workspace
-) -> dict[str, FileEntry]:
+    before: ExportResult | None, motion: ExportedMotion, replaced: set[str], work: Workspace
+) -> dict[str, ExportedTable]:
     """Return the folder's tables of this motion; warn of tables of another one.
 
     `before` is the content of exports.json, before outdated files were removed. Tables that are
@@ -248,14 +250,14 @@ def _described_files(
     return {}
 
 
-def _describe_beside(path: Path, record: ExportsRecord) -> None:
+def _describe_beside(path: Path, record: ExportResult) -> None:
     """Write the description of one table next to it, under names that begin with the table's.
 
     Where the table has replaced one of another run's `exports/`, the old description is removed.
     """
-    _describe(record, record_of_one(path), path.with_name(f"{path.name}.{README}"))
+    _describe(record, result_file(path), path.with_name(f"{path.name}.{README}"))
     shared, guide = path.with_name(RECORD), path.with_name(README)
-    other = ExportsRecord.known(shared)
+    other = ExportResult.known(shared)
     if other is not None and path.name in other.files:
         rest = {name: entry for name, entry in other.files.items() if name != path.name}
         if rest:
@@ -265,19 +267,19 @@ def _describe_beside(path: Path, record: ExportsRecord) -> None:
             guide.unlink(missing_ok=True)
 
 
-def _describe(record: ExportsRecord, path: Path, guide: Path) -> tuple[Path, Path]:
+def _describe(record: ExportResult, path: Path, guide: Path) -> tuple[Path, Path]:
     """Write the description of tables, for programs and for people; return both paths."""
     record.write_as(path)
     write_text(guide, readme(record))
     return path, guide
 
 
-def _record(motion: MotionEntry, made: list[Export]) -> ExportsRecord:
-    return ExportsRecord(motion, {one.path.name: FileEntry.of(one) for one in made})
+def _record(motion: ExportedMotion, made: list[Export]) -> ExportResult:
+    return ExportResult(motion, {one.path.name: exported_table(one) for one in made})
 
 
-def _summary(motion: MotionEntry, made: list[Export]) -> dict[str, Any]:
-    record = ExportsRecord(motion, {str(one.path): FileEntry.of(one) for one in made})
+def _summary(motion: ExportedMotion, made: list[Export]) -> dict[str, Any]:
+    record = ExportResult(motion, {str(one.path): exported_table(one) for one in made})
     data = record.as_data()
     data["motion"].pop("ways")
     return data

@@ -132,7 +132,7 @@ def _workspace(record: DesignResult) -> Array | None:
 
 
 @dataclass(frozen=True, eq=False)
-class ExportedMotion:
+class RestToRestMotion:
     """The motion of controller tables, from rest to rest."""
 
     configuration: RunConfiguration
@@ -239,7 +239,7 @@ def _draw_period(record: DesignResult, panels: Any, quantities: Sequence[StrutQu
     "to rest. Left and right the ramps, close up; what the limits forbid is hatched.",
     height=6.2,
 )
-def motion_figure(figure: Figure, record: ExportedMotion) -> None:
+def motion_figure(figure: Figure, record: RestToRestMotion) -> None:
     """Draw lengths, speeds and forces: the whole motion, and its two ramps close up."""
     panels = figure.subplots(3, 3, sharex="col", sharey="row", width_ratios=_WIDTHS)
     end = float(record.starts[-1])
@@ -265,7 +265,7 @@ def motion_figure(figure: Figure, record: ExportedMotion) -> None:
     strut_legend(figure)
 
 
-def _name_segments(axes: Axes, record: ExportedMotion, names: tuple[str, ...]) -> None:
+def _name_segments(axes: Axes, record: RestToRestMotion, names: tuple[str, ...]) -> None:
     """Write each segment's name above the middle of what is in view of it."""
     low, high = axes.get_xlim()
     for name in names:
@@ -284,7 +284,7 @@ def _name_segments(axes: Axes, record: ExportedMotion, names: tuple[str, ...]) -
 
 
 def _limited_panel(
-    axes: Axes, quantity: StrutQuantity, record: DesignResult | ExportedMotion
+    axes: Axes, quantity: StrutQuantity, record: DesignResult | RestToRestMotion
 ) -> None:
     """Draw the curves, shade what the limit forbids and write the bounds into the shade.
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from constraints import limit_definitions
 from expdesign.experiment import DesignResult
-from expdesign.export.record import ExportsRecord, FileEntry
+from expdesign.export.result import ExportedTable, ExportResult
 from expdesign.runfolder.manifest import file_hash
-from results.figures.motion import ExportedMotion, motion_figure
+from results.figures.motion import RestToRestMotion, motion_figure
 from results.notation import counted, percent, readable
 from results.views.folder import RunFolder
 from results.views.view import (
@@ -29,7 +29,7 @@ from results.views.view import (
 
 def export_view(folder: RunFolder) -> StageView:
     """Return the view of the controller tables in a folder."""
-    record = folder.result(ExportsRecord)
+    record = folder.result(ExportResult)
     motion, files = record.motion, record.files
     place = folder.stage_file("export").parent
     missing = [name for name in files if not (place / name).is_file()]
@@ -86,7 +86,7 @@ def export_view(folder: RunFolder) -> StageView:
     return StageView(verdict, tuple(blocks))
 
 
-def _motion_drawings(folder: RunFolder, record: ExportsRecord) -> tuple[Drawing, ...]:
+def _motion_drawings(folder: RunFolder, record: ExportResult) -> tuple[Drawing, ...]:
     """Return the figure of the whole motion; nothing where the tables are of another design.
 
     It is renewed for every report: a table exported later may be of another motion.
@@ -98,7 +98,7 @@ def _motion_drawings(folder: RunFolder, record: ExportsRecord) -> tuple[Drawing,
         motion = record.motion.ways.motion(design.trajectory, design.robot.home)
     except ValueError:
         return ()
-    return (Drawing(motion_figure, ExportedMotion(design.configuration, motion), renewed=True),)
+    return (Drawing(motion_figure, RestToRestMotion(design.configuration, motion), renewed=True),)
 
 
 @dataclass(frozen=True)

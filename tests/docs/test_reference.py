@@ -47,11 +47,8 @@ from expdesign.mechanism.catalogue import DEFAULT, term_definitions, terms_named
 from expdesign.mechanism.graph import HexapodGraph
 from expdesign.mechanism.term import ALPHA_RATE, BETA_RATE, STRUT_SPEED, parameters_of
 from expdesign.recheck.limit_check import TOLERANCE, grid_points
-from expdesign.runfolder import RowTable
-from expdesign.runfolder.documentation import result_tables
-from expdesign.runfolder.store import json_keys
+from expdesign.runfolder.documentation import all_results, documented_page
 from expdesign.stages.registry import stages
-from expdesign.trajectory import FourierTrajectory
 from results.figures.design import DESIGN_FIGURES
 from results.figures.montecarlo import STUDY_FIGURES
 from tests.docs.pages import ROOT, codes, parse, table

@@ -13,7 +13,7 @@ from expdesign.motion.spline import (
 from expdesign.robot import load_robot
 from expdesign.trajectory import FourierTrajectory
 from results.figures.drawing import save_figures
-from results.figures.motion import ExportedMotion, motion_figure
+from results.figures.motion import RestToRestMotion, motion_figure
 from results.style import house_style
 
 STEP = 0.01
@@ -36,7 +36,7 @@ def record():
     segments = (ramp("ramp in", rest, moving), Periods(orbit, 3), ramp("ramp out", moving, rest))
     motion = ExecutableMotion(segments, orbit, 3)
     run = {"name": "n", "robot": "palida", "trajectory": {"controller_period": STEP}}
-    return ExportedMotion(load_run(run), motion)
+    return RestToRestMotion(load_run(run), motion)
 
 
 def test_the_record_is_at_the_controllers_steps(record):
