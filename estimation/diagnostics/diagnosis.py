@@ -54,7 +54,6 @@ from estimation.estimators.result import ParameterEstimate
 from estimation.measurement_model import HarmonicMotion
 from expdesign.progress import report_progress, track
 from expdesign.robot import Robot
-from expdesign.runfolder import copied
 
 _Residuals = tuple[Array, ResidualCovariance]
 """Residuals of forces, N, or lengths, m, with their covariance under a correct model."""
@@ -331,9 +330,9 @@ def _tests(
         for tests in (first, last)
     )
     (delay,) = (hypothesis for hypothesis in attribution.hypotheses if hypothesis.kind == "delay")
-    return copied(
-        ExperimentTests,
-        noises,
+    return ExperimentTests(
+        normality=noises.normality,
+        drift=noises.drift,
         held_out=held_out,
         chi_square=ChiSquares(sizes[0], sizes[1], length_size),
         lack_of_fit=lack[0],

@@ -22,7 +22,6 @@ from expdesign.runfolder import (
     Covariance,
     Numbers,
     RunFile,
-    copied,
     describe_tables,
     described,
     sized,
@@ -174,7 +173,14 @@ class MachineKeys:
             else term.name
             for term in about.terms
         )
-        return copied(cls, about, terms=terms)
+        return cls(
+            name=about.name,
+            terms=terms,
+            base_joints=about.base_joints,
+            platform_joints=about.platform_joints,
+            alpha_axes=about.alpha_axes,
+            gravity=about.gravity,
+        )
 
 
 @dataclass(frozen=True)
