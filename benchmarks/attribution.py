@@ -255,7 +255,7 @@ def named(diagnosis: ExperimentDiagnosis) -> list[tuple[Name, bool]]:
         (("gain_drift", each.actuator, ""), True) for each in diagnosis.tests.gain_drift.found
     ]
     effects = diagnosis.attribution.effects
-    return drifts + [((e.kind, e.strut, e.parameter), e.sure) for e in effects]
+    return drifts + [((e.kind, e.strut, e.parameter), e.certain) for e in effects]
 
 
 def attribution(repetitions: int) -> Iterator[Row]:
@@ -333,7 +333,7 @@ def power(case: Case) -> float:
 def _noncentrality(tests: EffectTests, lengths: Array, forces: Array) -> float:
     """Return what a departure adds to χ²: its information beyond parameters and motion."""
     signature = Signature(forces[:, :, None], lengths[:, :, None])
-    return float(tests.solved.project(signature).information[0, 0])
+    return float(tests.solution.project(signature).information[0, 0])
 
 
 def _exceeding(noncentrality: float, degrees: int, critical: float) -> float:

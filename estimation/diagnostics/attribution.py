@@ -32,9 +32,9 @@ from estimation.diagnostics.search import (
     EffectCandidate,
     EffectTests,
     Search,
+    column_indices,
     exclude,
     periodic_fit,
-    places_of,
 )
 from estimation.diagnostics.significance import POSITION_PERIODIC, Strut
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -85,7 +85,7 @@ class Effect:
     ] = False
 
     @property
-    def sure(self) -> bool:
+    def certain(self) -> bool:
         """Whether the effect has no alternative explanation."""
         return not self.rivals and not self.remainder
 
@@ -101,7 +101,7 @@ class Attribution:
     first: EffectTests
     last: EffectTests
     """Tests without known effects, and given all effects found."""
-    found: Signature
+    columns: Signature
     """Columns of all effects."""
     best_forces: tuple[PeriodicForce | None, ...]
     """The best-fitting position-periodic force of every strut, significant or not."""
@@ -150,10 +150,10 @@ def attribute(
     effects = _effects(search, found, rivals)
     known = {e.strut: e.force for e in reversed(effects) if e.force is not None}
     best_forces = tuple(
-        known[scan.strut] if scan.strut in known else _best_force(last.solved, part, scan)
+        known[scan.strut] if scan.strut in known else _best_force(last.solution, part, scan)
         for scan in last.scans
     )
-    columns = search.signature.select(places_of(found))
+    columns = search.signature.select(column_indices(found))
     return Attribution(families, effects, first, last, columns, best_forces, search.level)
 
 
@@ -163,7 +163,7 @@ def _effects(
     rivals: Sequence[tuple[tuple[EffectCandidate, float], ...]],
 ) -> tuple[Effect, ...]:
     """Fit all effects jointly."""
-    fit = search.projection.conditional_on(()).fit(places_of(found))
+    fit = search.projection.conditional_on(()).fit(column_indices(found))
     effects, first = [], 0
     sizes = [search.conditional_statistic(item, exclude(found, item)) for item in found]
     for item, others, size in zip(found, rivals, sizes, strict=True):

@@ -70,7 +70,7 @@ class CandidateEffects:
         picked = [self._deviations[1].index(name) for name in names]
         return self._deviations[0].select(picked)
 
-    def tolerated(self) -> tuple[Signature, Array]:
+    def tolerance_columns(self) -> tuple[Signature, Array]:
         """Return the columns of all deviations with a tolerance, and their 1/std², (t,).
 
         They include estimated constants of terms. There are none after pointwise kinematics.

@@ -153,7 +153,7 @@ def _linearise_all(
         ]
     elif own_motion:
         covariances = [
-            joint_residual_covariance(part, experiment, system.solved)
+            joint_residual_covariance(part, experiment, system.solution)
             for part, experiment, system in zip(white, coloured, systems, strict=True)
         ]
     else:
@@ -219,7 +219,7 @@ def _diagnose_experiment(
     effects = CandidateEffects(robot, experiment, case.motion, estimate.values, part)
     families = list_hypotheses(effects, priors.names, held_out=held_out, experiments=shares)
     # Deviations within their tolerances are no effects.
-    tolerated = effects.tolerated()
+    tolerated = effects.tolerance_columns()
     attribution = attribute(
         case.search_system.with_effects(*tolerated),
         part,
@@ -228,18 +228,18 @@ def _diagnose_experiment(
         experiments=shares,
     )
     tolerant = case.system.with_effects(*tolerated)
-    explained = attribution.last.solved
+    explained = attribution.last.solution
     if case.search_system is not case.system:
-        explained = tolerant.with_effects(attribution.found).solved
+        explained = tolerant.with_effects(attribution.columns).solution
     forces = case.filtered.forces, case.covariance
     if tolerated[0].count or case.recoloured:
         # Neither effects of tolerances nor those of other weights are a bias.
-        solved = tolerant.solved
+        solved = tolerant.solution
         forces = (
             solved.force_residuals(),
             joint_residual_covariance(case.filtered, experiment, solved),
         )
-    lengths = _length_residuals(case, explained, tolerated[1], attribution.found)
+    lengths = _length_residuals(case, explained, tolerated[1], attribution.columns)
     noises = _noise_tests(case, priors, None if held_out else estimate, NOISE / shares)
     tests = _tests(
         case, attribution, explained, (forces, lengths), noises, shares=shares, held_out=held_out
@@ -265,7 +265,7 @@ def _length_residuals(
     if experiment.fit is None or case.filtered.lengths is None:
         return None
     k = int(np.count_nonzero(case.part.free))
-    own = case.system.solved.inverse[k:, k:] if case.own_motion else experiment.fit.covariance
+    own = case.system.solution.inverse[k:, k:] if case.own_motion else experiment.fit.covariance
     refitted = refit_lengths(
         case.part, experiment, explained, tolerated, found, force=case.recoloured
     )

@@ -141,7 +141,7 @@ def evaluate_hypothesis(
                 statistic[number], rank[number] = fit.statistic, fit.rank
     else:
         own = slice(first, first + count)
-        seen = conditional.seen[own]
+        seen = conditional.identifiable[own]
         information = np.where(seen, np.diag(conditional.information)[own], np.nan)
         statistic = conditional.score[own] ** 2 / information
     log_p = np.full(count, np.nan)
@@ -189,7 +189,9 @@ class HypothesisResult:
         far = scipy.stats.norm.isf(np.exp(test.limit) / 2) + scipy.stats.norm.ppf(POWER)
         rows = []
         own = slice(test.first, test.first + hypothesis.columns.count)
-        information = np.where(conditional.seen[own], np.diag(conditional.information)[own], np.nan)
+        information = np.where(
+            conditional.identifiable[own], np.diag(conditional.information)[own], np.nan
+        )
         alone = conditional.score[own] / information, 1 / np.sqrt(information)
         for number, (name, strut) in enumerate(hypothesis.labels):
             values, std = (each[number : number + 1] for each in alone)

@@ -60,7 +60,7 @@ class JointSystem:
     `gradient` already include them."""
 
     @cached_property
-    def solved(self) -> SolvedSystem:
+    def solution(self) -> SolvedSystem:
         """System after the Gauss–Newton step."""
         flat = self.columns.reshape(-1, self.columns.shape[2])
         scaled = ScaledInformation.of(flat.T @ flat + self.information)
@@ -96,7 +96,7 @@ class JointSystem:
             gradient=np.concatenate([self.gradient, new.T @ self.lengths.ravel()]),
         )
 
-    def of_lengths(self, first: int, precision: Array) -> JointSystem:
+    def restrict_to_lengths(self, first: int, precision: Array) -> JointSystem:
         """Return the system of the lengths alone, for the unknowns from `first` on.
 
         `precision`, 1/std² of each, is their prior information.
@@ -153,7 +153,7 @@ class SolvedSystem:
 
     def force_residuals(self) -> Array:
         """Return e*, (R, 6), N, after the filter."""
-        return self.system.force_rows.unscaled(self.rest)
+        return self.system.force_rows.unscale(self.rest)
 
 
 def joint_systems(
@@ -253,7 +253,7 @@ class RowWhitening:
         rest, rows = self(residuals).ravel(), self(columns).reshape(residuals.size, -1)
         return NormalEquations(float(rest @ rest), rows.T @ rows, rows.T @ rest)
 
-    def unscaled(self, rows: Array) -> Array:
+    def unscale(self, rows: Array) -> Array:
         """Return whitened rows, (R, 6) or (R, 6, q), in N or m; they remain filtered."""
         flat = rows.reshape(*rows.shape[:2], -1) / np.sqrt(self.counts)[:, None, None]
         return np.asarray(np.linalg.solve(self.white, flat)).reshape(rows.shape)
@@ -346,7 +346,7 @@ class ConditionalScores:
     freedom: float
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
+    def identifiable(self) -> NDArray[np.bool_]:
         """(q,), effects with enough remaining information, each on its own."""
         return np.diag(self.information) > SEEN * np.where(self.whole > 0, self.whole, np.inf)
 

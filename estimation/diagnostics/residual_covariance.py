@@ -85,7 +85,7 @@ def joint_residual_covariance(
 ) -> ResidualCovariance:
     """Return the covariance of e*, the residuals after the joint fit of (p, ξ) and effects."""
     system = solved.system
-    columns = system.force_rows.unscaled(system.columns) * np.sqrt(part.counts)[:, None, None]
+    columns = system.force_rows.unscale(system.columns) * np.sqrt(part.counts)[:, None, None]
     return _force_residual_covariance(part, experiment, columns, solved.inverse, solved.inverse)
 
 
@@ -185,9 +185,9 @@ def refit_lengths(
     if not force and not np.any(solved.system.length_columns[:, :, motion:]):
         return None
     known = np.concatenate([np.zeros(motion - first), tolerated, np.zeros(found.count)])
-    alone = solved.system.of_lengths(first, known).solved
+    alone = solved.system.restrict_to_lengths(first, known).solution
     system, scale = alone.system, np.sqrt(part.length_counts)[:, None, None]
-    columns = system.force_rows.unscaled(system.columns) * scale
+    columns = system.force_rows.unscale(system.columns) * scale
     noise, extra = experiment.noise.lengths, np.zeros(columns.shape[:2])
     covariance = ResidualCovariance(noise, columns, columns, alone.inverse, alone.inverse, extra)
     return alone.force_residuals(), covariance

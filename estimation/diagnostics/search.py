@@ -49,7 +49,7 @@ _TRIALS = 8
 class EffectTests:
     """Tests of all candidate effects in one experiment, given some known effects."""
 
-    solved: SolvedSystem
+    solution: SolvedSystem
     """Fit with the known effects among its unknowns."""
     conditional: ConditionalScores
     """Scores and information of all candidates' columns, given the known effects."""
@@ -108,7 +108,7 @@ class Search:
         self.signature = Signature.concatenate(
             [nothing, *(hypothesis.columns for hypothesis in families)]
         )
-        self.projection = system.solved.project(self.signature)
+        self.projection = system.solution.project(self.signature)
         counts = [hypothesis.columns.count for hypothesis in families]
         self.first = dict(
             zip(
@@ -122,26 +122,28 @@ class Search:
 
     def run_tests(self, known: Sequence[EffectCandidate]) -> EffectTests:
         """Test all candidates, given some known effects."""
-        solved = self.system.solved
+        solution = self.system.solution
         if known:
-            solved = self.system.with_effects(self.signature.select(places_of(known))).solved
-        conditional = self.projection.conditional_on(places_of(known))
+            solution = self.system.with_effects(
+                self.signature.select(column_indices(known))
+            ).solution
+        conditional = self.projection.conditional_on(column_indices(known))
         given = f" given {len(known)}" if known else ""
         struts = track(f"diagnosis: effects{given}, strut by strut", range(ACTUATORS))
-        scans = tuple(self._scan(solved, strut) for strut in struts)
-        return EffectTests(solved, conditional, scans, self._family_tests(conditional))
+        scans = tuple(self._scan(solution, strut) for strut in struts)
+        return EffectTests(solution, conditional, scans, self._family_tests(conditional))
 
     def _family_tests(self, conditional: ConditionalScores) -> dict[str, HypothesisTest]:
         return {
             c.kind: evaluate_hypothesis(conditional, c, self.first[c.kind]) for c in self.families
         }
 
-    def _scan(self, solved: SolvedSystem, strut: int) -> PitchScan:
-        return scan_pitches(solved, self.part, strut, self.step, self.level)
+    def _scan(self, solution: SolvedSystem, strut: int) -> PitchScan:
+        return scan_pitches(solution, self.part, strut, self.step, self.level)
 
-    def _periodic_candidate(self, solved: SolvedSystem, scan: PitchScan) -> EffectCandidate:
+    def _periodic_candidate(self, solution: SolvedSystem, scan: PitchScan) -> EffectCandidate:
         """Return the best pitch of a scan as a candidate."""
-        columns, _, _ = periodic_fit(solved, self.part, scan)
+        columns, _, _ = periodic_fit(solution, self.part, scan)
         return EffectCandidate(
             PERIODIC,
             scan.strut,
@@ -179,14 +181,14 @@ class Search:
         at = next(hypothesis.at for hypothesis in self.families if hypothesis.kind == item.kind)
         if at is None:
             return item
-        label, solved = (item.parameter, item.strut), self.system.solved
-        others, places = self.projection, places_of(known)
+        label, solution = (item.parameter, item.strut), self.system.solution
+        others, places = self.projection, column_indices(known)
 
         own = self._fit(item, self.projection.conditional_on(places))
         start = float(own.values[0]) if item.sized_by_constant else item.constant
 
         def explained(factor: float) -> float:
-            new = solved.project(at(label, float(start * np.exp(factor))))
+            new = solution.project(at(label, float(start * np.exp(factor))))
             fit = others.append(new).conditional_on(places).fit([len(others.score)])
             return -fit.statistic
 
@@ -202,7 +204,7 @@ class Search:
         """Append columns to the projection; return their indices."""
         start = self.signature.count
         self.signature = Signature.concatenate([self.signature, new])
-        self.projection = self.projection.append(self.system.solved.project(new))
+        self.projection = self.projection.append(self.system.solution.project(new))
         return np.arange(start, start + new.count)
 
     # --- selection --------------------------------------------------------------------------------
@@ -222,7 +224,7 @@ class Search:
         )
         if found is not None and found[1] - found[0].limit < min(relative, 0.0):
             return self._refine_constant(found[0], known)
-        return self._periodic_candidate(tests.solved, scan) if relative < 0 else None
+        return self._periodic_candidate(tests.solution, scan) if relative < 0 else None
 
     def drop_insignificant(self, found: list[EffectCandidate]) -> list[EffectCandidate]:
         """Drop, one by one, effects that are not significant given all others."""
@@ -262,19 +264,21 @@ class Search:
         self, item: EffectCandidate, others: Sequence[EffectCandidate]
     ) -> tuple[tuple[EffectCandidate, float], ...]:
         """Return the candidates that explain an effect about as well, each with its log p."""
-        conditional = self.projection.conditional_on(places_of(others))
+        conditional = self.projection.conditional_on(column_indices(others))
         own = self._fit(item, conditional)
         found: dict[tuple[str, int | None, str], tuple[EffectCandidate, float]] = {}
         tests = self._family_tests(conditional)
         candidates = list(self._candidates(tests))
         if item.kind != PERIODIC and item.strut is not None:
-            solved = self.system.solved
+            solution = self.system.solution
             if others:
-                solved = self.system.with_effects(self.signature.select(places_of(others))).solved
-            scan = self._scan(solved, item.strut)
+                solution = self.system.with_effects(
+                    self.signature.select(column_indices(others))
+                ).solution
+            scan = self._scan(solution, item.strut)
             if np.isfinite(scan.best_pitch) and scan.log_p < np.log(REJECTED):
-                candidates.append((self._periodic_candidate(solved, scan), scan.log_p))
-                conditional = self.projection.conditional_on(places_of(others))
+                candidates.append((self._periodic_candidate(solution, scan), scan.log_p))
+                conditional = self.projection.conditional_on(column_indices(others))
         taken = {item.name, *(other.name for other in others)}
         for rival, log_p in candidates:
             if rival.name in taken or log_p > np.log(REJECTED):
@@ -287,7 +291,7 @@ class Search:
                 item, EffectFit(max(least, 0.0), own.rank, own.values, own.covariance)
             ):
                 continue
-            both = self.projection.conditional_on(places_of([*others, rival]))
+            both = self.projection.conditional_on(column_indices([*others, rival]))
             if self._rejects(item, self._fit(item, both)):
                 continue
             if rival.name not in found or log_p < found[rival.name][1]:
@@ -306,15 +310,15 @@ class Search:
         self, item: EffectCandidate, others: Sequence[EffectCandidate]
     ) -> float:
         """Return χ² of a candidate, given others."""
-        return self._fit(item, self.projection.conditional_on(places_of(others))).statistic
+        return self._fit(item, self.projection.conditional_on(column_indices(others))).statistic
 
     def conditional_log_p(self, item: EffectCandidate, others: Sequence[EffectCandidate]) -> float:
         """Return log p of a candidate, given others, uncorrected for its family."""
-        fit = self._fit(item, self.projection.conditional_on(places_of(others)))
+        fit = self._fit(item, self.projection.conditional_on(column_indices(others)))
         return item.log_p(fit, self.projection.freedom)
 
 
-def places_of(items: Sequence[EffectCandidate]) -> Places:
+def column_indices(items: Sequence[EffectCandidate]) -> Places:
     """Return the indices of all columns of candidates in the projection."""
     return np.concatenate([np.zeros(0, dtype=np.intp), *(item.places for item in items)])
 
@@ -325,11 +329,11 @@ def exclude(items: Sequence[EffectCandidate], one: EffectCandidate) -> list[Effe
 
 
 def periodic_fit(
-    solved: SolvedSystem, part: Linearisation, scan: PitchScan
+    solution: SolvedSystem, part: Linearisation, scan: PitchScan
 ) -> tuple[Array, Array, Array]:
     """Fit the best pitch of a strut: three columns, their coefficients and covariance."""
     fixed = periodic_columns(part, scan.strut, scan.best_pitch, (0.0, 0.0))[:, :, :2]
-    a, b = solved.fit(Signature.of_forces(part, fixed)).values
+    a, b = solution.fit(Signature.of_forces(part, fixed)).values
     columns = periodic_columns(part, scan.strut, scan.best_pitch, (float(a), float(b)))
-    fit = solved.fit(Signature.of_forces(part, columns))
+    fit = solution.fit(Signature.of_forces(part, columns))
     return columns, fit.values, fit.covariance

@@ -253,7 +253,7 @@ class SystematicUncertainty:
     name (the error of a prior estimate) has a row of zeros. None: not computed."""
 
     @property
-    def scaled(self) -> Array:
+    def scaled_response(self) -> Array:
         """(m, t), D times the tolerances: effect of one standard deviation of every entry.
 
         Zero for an entry estimated without a prior: its error is noise alone.
@@ -261,7 +261,7 @@ class SystematicUncertainty:
         return self.response * self._tolerances
 
     @property
-    def joint_scaled(self) -> Array:
+    def joint_scaled_response(self) -> Array:
         """(m + t, t), effect of one standard deviation of every entry on (p̂ − p, θ̂ − θ)."""
         if self.left is None:
             raise ValueError("the errors of the deviations were not computed (`left`)")
@@ -288,7 +288,7 @@ class SystematicUncertainty:
     @property
     def covariance(self) -> Array:
         """(m, m), D Θ Dᵀ."""
-        return self.scaled @ self.scaled.T
+        return self.scaled_response @ self.scaled_response.T
 
 
 def systematic_share(

@@ -118,13 +118,13 @@ def cramer_rao_covariance(
     constants = priors.constants(robot)
     if not constants:
         equations = [joint_equations(robot, *each, values, priors.free) for each in pairs]
-        return priors.full(priors.inverse(reduced_information(equations, priors)))
+        return priors.expand(priors.inverse(reduced_information(equations, priors)))
     machine = PerturbedMachine.of(robot, constants, np.zeros(len(constants)))
     equations = [machine.joint_equations(*each, values, priors.free) for each in pairs]
     known = priors.with_deviations(constants)
     inverse = known.inverse(reduced_information(equations, known))
     count = int(np.count_nonzero(priors.free))
-    return priors.full(inverse[:count, :count])
+    return priors.expand(inverse[:count, :count])
 
 
 class MeasuredForces(NamedTuple):

@@ -95,7 +95,11 @@ def _shared_response(estimate: ParameterEstimate, before: PriorEstimate) -> Arra
     count = len(before.values)
     found = {}
     if (own := estimate.systematic) is not None:
-        scaled = own.scaled if count == len(estimate.values) else own.joint_scaled[:count]
+        scaled = (
+            own.scaled_response
+            if count == len(estimate.values)
+            else own.joint_scaled_response[:count]
+        )
         keys = ((one.name, one.std) for one in own.deviations)
         found = dict(zip(keys, scaled.T, strict=True))
     for one, column in zip(before.deviations, before.response.T, strict=True):

@@ -36,7 +36,7 @@ class UnloadedMachine:
     """(10,), indices of `OF_A_BODY`'s parameters."""
 
     @property
-    def known(self) -> NDArray[np.bool_]:
+    def is_estimated(self) -> NDArray[np.bool_]:
         """(m + c,), whether an entry was estimated; false: held at its value."""
         return np.diag(self.covariance) > 0
 
@@ -47,7 +47,7 @@ class UnloadedMachine:
         G = P_ab P_bb⁻¹ is the regression of the platform's parameters on all others (parameters
         and constants); see `estimation.estimators.payload`.
         """
-        others = self.known.copy()
+        others = self.is_estimated.copy()
         others[self.platform] = False
         std = np.sqrt(np.diag(self.covariance))[others]
         between = self.covariance[np.ix_(others, others)] / np.multiply.outer(std, std)

@@ -157,7 +157,7 @@ class ParameterPriors:
         count = len(self.names)
         start = unloaded.values[:count].copy()
         start[unloaded.platform] = self.start[unloaded.platform]
-        free = unloaded.known[:count]
+        free = unloaded.is_estimated[:count]
         return replace(
             self, free=free, start=start, prior_mean=start, prior_estimate=prior_estimate
         )
@@ -207,7 +207,7 @@ class ParameterPriors:
         return inverse @ replace(self, prior_precision=own).precision @ inverse
 
     @property
-    def bounded(self) -> bool:
+    def has_bounds(self) -> bool:
         """Whether any free parameter has a bound."""
         ends = np.isfinite(self.lower) | np.isfinite(self.upper)
         return bool(np.any(ends & self.free))
@@ -255,7 +255,7 @@ class ParameterPriors:
         scaled = self.scale_information(information)
         factor = np.asarray(sla.cholesky(scaled.matrix))
         target = sla.solve_triangular(factor, gradient / scaled.scales, trans="T")
-        if not self.bounded:
+        if not self.has_bounds:
             return np.asarray(sla.solve_triangular(factor, target)) / scaled.scales
         low = (self.lower - values)[self.free] * scaled.scales
         high = (self.upper - values)[self.free] * scaled.scales
@@ -285,7 +285,7 @@ class ParameterPriors:
         inverse = sla.cho_solve(factor, np.eye(len(scaled.scales)))
         return inverse / np.multiply.outer(scaled.scales, scaled.scales)
 
-    def combinations(
+    def identified_combinations(
         self, robot: Robot, values: Array, covariance: Array
     ) -> tuple[KnownCombination, ...]:
         """Return the identified combinations of an estimate and the parameters in them.
@@ -303,7 +303,7 @@ class ParameterPriors:
         found = identified_base(root, names, robot.scales[own])
         return self._known_combinations(found, robot, values, covariance)
 
-    def inseparable(
+    def inseparable_combinations(
         self, robot: Robot, values: Array, covariance: Array
     ) -> tuple[KnownCombination, ...]:
         """Return only the combinations that no motion of the machine can separate."""
@@ -322,7 +322,7 @@ class ParameterPriors:
         at = [self.names.index(name) for name in structure.names]
         return known_combinations(found, structure, values[at], covariance[np.ix_(at, at)], scales)
 
-    def full(self, block: Array) -> Array:
+    def expand(self, block: Array) -> Array:
         """Expand a (k, k) matrix of the free parameters to (m, m), zeros for the fixed ones."""
         result = np.zeros((len(self.names), len(self.names)))
         result[np.ix_(self.free, self.free)] = block

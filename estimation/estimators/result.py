@@ -107,7 +107,7 @@ class ParameterEstimate:
         """(m + t, m + t), total covariance of the errors of (p̂, θ̂)."""
         if self.systematic is None:
             return self.covariance
-        scaled, random = self.systematic.joint_scaled, self.joint_random
+        scaled, random = self.systematic.joint_scaled_response, self.joint_random
         return np.pad(random, (0, len(scaled) - len(random))) + scaled @ scaled.T
 
     def with_systematic(self, systematic: SystematicUncertainty | None) -> ParameterEstimate:
@@ -154,15 +154,15 @@ def precision(
     known[priors.free] = freedom
     ratio = np.ones(len(priors.free))
     ratio[priors.free] = colour
-    count, joint = len(influences[0].free), priors.full(total.matrix)
+    count, joint = len(influences[0].free), priors.expand(total.matrix)
     own = slice(count), slice(count)
     return {
         "covariance": joint[own],
         "covariance_joint": joint if len(joint) > count else None,
-        "covariance_forces": priors.full(forces.matrix)[own],
+        "covariance_forces": priors.expand(forces.matrix)[own],
         "covariance_kinematics": None
         if kinematics is None
-        else priors.full(kinematics.matrix)[own],
+        else priors.expand(kinematics.matrix)[own],
         "freedom": known[:count],
         "colour": ratio[:count],
         "influences": tuple(influences),
@@ -182,6 +182,6 @@ def covariance_ml_less_gm(estimates: Mapping[str, ParameterEstimate]) -> Array |
     if gm.systematic is not None and ml.systematic is not None:
         if gm.systematic.deviations != ml.systematic.deviations:
             raise ValueError("both estimates have the tolerances of the same machine")
-        difference = ml.systematic.scaled - gm.systematic.scaled
+        difference = ml.systematic.scaled_response - gm.systematic.scaled_response
         result += difference @ difference.T
     return result

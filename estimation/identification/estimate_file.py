@@ -198,7 +198,7 @@ class EstimatorKeys:
             payload=PayloadKeys.of(result.payloads.get(estimate.estimator)),
             consistent=ConsistentKeys.of(result.consistent[estimate.estimator], result.robot),
             combinations=result.combinations[estimate.estimator],
-            base_parameters=result.knowledge.combinations(
+            base_parameters=result.knowledge.identified_combinations(
                 result.robot, estimate.values, estimate.covariance
             ),
             motions=tuple(copied(FourierKeys, motion) for motion in motions),

@@ -70,7 +70,7 @@ class SystematicKeys:
         return copied(cls, systematic, deviations=found)
 
     @property
-    def scaled(self) -> Array:
+    def scaled_response(self) -> Array:
         """(m, t), what one standard deviation of each tolerance does to each parameter, SI.
 
         Zero of what was estimated without one.
@@ -91,7 +91,7 @@ class SystematicKeys:
         groups = np.array([each.group for each in self.deviations])
         known = [each.group for each in self.deviations if np.isfinite(each.tolerance)]
         return {
-            group: np.linalg.norm(self.scaled[:, groups == group], axis=1)
+            group: np.linalg.norm(self.scaled_response[:, groups == group], axis=1)
             for group in dict.fromkeys(known)
         }
 
@@ -116,7 +116,7 @@ def shared_response(
     ]
     common = [name for name in places[0] if name in places[1]]
     at_first, at_second = ([each[name] for name in common] for each in places)
-    return first.scaled[:, at_first], second.scaled[:, at_second]
+    return first.scaled_response[:, at_first], second.scaled_response[:, at_second]
 
 
 @dataclass(frozen=True)

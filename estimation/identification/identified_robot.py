@@ -77,7 +77,7 @@ def _identification(result: EstimationResult, diagnosis: Diagnosis | None) -> Id
         whole = zip(found.deviations, found.values.tolist(), found.std.tolist(), strict=True)
         entries = [entry for entry in whole if np.isfinite(entry[0].std)]
         response = np.concatenate([found.response, np.asarray(found.left)])[joint, inexact]
-        shared = found.joint_scaled[joint]
+        shared = found.joint_scaled_response[joint]
     return Identification(
         run=result.configuration.run.name,
         estimator=best.estimator,

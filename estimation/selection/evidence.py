@@ -53,7 +53,7 @@ class InformationShare:
 class RecordingInformation:
     """Information of one recording on (p, θ)."""
 
-    whole: InformationShare
+    total: InformationShare
     columns: Array
     """(u,), zᵀ W z of the forces' columns, with the noise's own spectrum."""
     columns_white: Array
@@ -75,7 +75,7 @@ class RecordingInformation:
         nothing = np.zeros((count, count)), np.zeros(count)
         (system,) = joint_systems([part], [experiment.noise], nothing, held_out=False)
         motion = system.columns.shape[2] - count
-        system = system.with_effects(candidate_effects.tolerated()[0])
+        system = system.with_effects(candidate_effects.tolerance_columns()[0])
         unknowns = system.columns.shape[2]
         # (p, θ) first: the motion, which lies between them, is eliminated.
         kept = np.r_[0:count, count + motion : unknowns]
@@ -89,9 +89,9 @@ class RecordingInformation:
         white = RowWhitening.of(experiment.noise.forces.taken_for_white(), part.counts)
         tolerated = np.zeros(len(kept) - count)
         flat_white = white(part.regressors[:, :, part.free]).reshape(-1, count)
-        whole = InformationShare(reduced.information, reduced.gradient)
+        total = InformationShare(reduced.information, reduced.gradient)
         return cls(
-            whole=whole,
+            total=total,
             columns=columns,
             columns_white=np.concatenate([np.sum(flat_white**2, axis=0), tolerated]),
             samples=float(np.sum(part.counts)),
@@ -117,11 +117,11 @@ class RecordingInformation:
         """
         experiment, system, size = self._experiment, self._system, len(self._order)
         forces, lengths = experiment.record.forces, experiment.record.lengths
-        whole = self.whole.gradient[:, None]
+        total = self.total.gradient[:, None]
         if forces.repeats is None or lengths.repeats is None:
-            return whole
+            return total
         # All periods have the same columns and independent noise.
-        count, first = len(forces.repeats), len(whole)
+        count, first = len(forces.repeats), len(total)
         own = experiment.select_rows(np.moveaxis(forces.repeats - forces.values, 0, 2))
         gradients = system.columns.reshape(-1, size).T @ system.force_rows(own).reshape(-1, count)
         if len(system.lengths):
@@ -130,7 +130,7 @@ class RecordingInformation:
             gradients += system.length_columns.reshape(-1, size).T @ rows
         gradients = gradients[self._order]
         slope = self._elimination.slope
-        return np.asarray(whole + gradients[:first] - slope.T @ gradients[first:]) / count
+        return np.asarray(total + gradients[:first] - slope.T @ gradients[first:]) / count
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +173,7 @@ class Evidence:
             motion = None if experiment.fit is None else experiment.motion
             part = linearise(robot, experiment, values, priors.free, motion)
             candidate_effects = CandidateEffects(robot, experiment, motion, values, part)
-            precision = candidate_effects.tolerated()[1]
+            precision = candidate_effects.tolerance_columns()[1]
             shares.append(RecordingInformation.of(candidate_effects, part, experiment))
         names = [n for n, free in zip(priors.names, priors.free, strict=True) if free]
         size = len(names) + len(precision)
@@ -194,10 +194,10 @@ class Evidence:
         )
 
     @cached_property
-    def whole(self) -> InformationShare:
+    def total(self) -> InformationShare:
         """Information of all recordings and the priors."""
         return reduce(
-            InformationShare.__add__, (each.whole for each in self.recordings), self.prior
+            InformationShare.__add__, (each.total for each in self.recordings), self.prior
         )
 
     @property
@@ -206,15 +206,15 @@ class Evidence:
         return np.concatenate(list(self.blocks.values()))
 
     @property
-    def own(self) -> Places:
+    def own_terms(self) -> Places:
         """Indices of the unknowns that every model has."""
         return np.setdiff1d(np.arange(len(self.prior.gradient)), self.candidates)
 
     @cached_property
     def _reduced(self) -> Elimination:
         """Equations of the candidates, with all other unknowns eliminated."""
-        whole, order = self.whole, np.concatenate([self.candidates, self.own])
-        matrix, gradient = whole.information[np.ix_(order, order)], whole.gradient[order]
+        total, order = self.total, np.concatenate([self.candidates, self.own_terms])
+        matrix, gradient = total.information[np.ix_(order, order)], total.gradient[order]
         return NormalEquations(0.0, matrix, gradient).eliminated(len(self.candidates))
 
     def conditional_on_own_terms(self) -> ConditionalScores:
@@ -253,10 +253,10 @@ class Evidence:
         fit = self.conditional_on_own_terms().fit(np.arange(len(self.candidates)))
         step = np.zeros(len(self.prior.gradient))
         step[self.candidates] = fit.values
-        step[self.own] = self._reduced.offset - self._reduced.slope @ fit.values
+        step[self.own_terms] = self._reduced.offset - self._reduced.slope @ fit.values
         parts = [each.residual_chi_square(step) for each in self.recordings]
         chi_square, size = map(sum, zip(*parts, strict=True))
-        return max(1.0, chi_square / (size - len(self.own) - fit.rank))
+        return max(1.0, chi_square / (size - len(self.own_terms) - fit.rank))
 
 
 def _with_empirical_noise(experiment: Experiment) -> Experiment:

@@ -183,7 +183,7 @@ class Judge:
         model = frozenset(terms)
         if model not in self._errors:
             kept = [self.evidence.blocks[term] for term in model]
-            places = np.sort(np.concatenate([self.evidence.own, *kept]))
+            places = np.sort(np.concatenate([self.evidence.own_terms, *kept]))
             total = sum(split.error(places) for split in self._splits)
             self._errors[model] = total / len(self._splits)
         return self._errors[model]
@@ -233,7 +233,7 @@ def splits(evidence: Evidence) -> tuple[Split, ...]:
     share = 1 / max(np.log(sum(each.samples for each in recordings)) - 1, 1.0)
     fitted = [_fitted_periods(each, share) for each in recordings]
     if len(recordings) == 1:
-        whole, few = recordings[0].whole, fitted[0]
+        whole, few = recordings[0].total, fitted[0]
         if recordings[0].periods.shape[1] == 1:
             raise InputError(
                 "a single recording without whole periods leaves no data to predict",
@@ -254,7 +254,7 @@ def splits(evidence: Evidence) -> tuple[Split, ...]:
             )
             for few in others
         ]
-        whole = recording.whole
+        whole = recording.total
         predicted = InformationShare(whole.information, whole.gradient[:, None])
         found.append(
             Split(_add_prior(evidence, reduce(InformationShare.__add__, alike)), predicted)
@@ -268,7 +268,7 @@ def _fitted_periods(recording: RecordingInformation, share: float) -> Informatio
     length = max(1, min(round(share * count), count - 1))
     following = np.arange(count)[:, None] + np.arange(length)
     gradients = recording.periods[:, following % count].sum(axis=2)
-    return InformationShare(recording.whole.information * (length / count), gradients)
+    return InformationShare(recording.total.information * (length / count), gradients)
 
 
 def _add_prior(evidence: Evidence, few: InformationShare) -> InformationShare:

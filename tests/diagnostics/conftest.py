@@ -150,7 +150,7 @@ class LinearTwin:
     def law(self, kind):
         if kind == "ml":
             return joint_residual_covariance(
-                self.part, self.experiment, self.system(self.part).solved
+                self.part, self.experiment, self.system(self.part).solution
             )
         if kind == "held out":
             return held_out_residual_covariance(self.part, self.experiment, self.estimates["gm"])
@@ -173,7 +173,7 @@ class LinearTwin:
             force_scatter=NoiseEstimate(scatter / self.freedom, self.freedom),
         )
         if kind == "ml":
-            return replace(drawn, forces=self.system(drawn).solved.force_residuals())
+            return replace(drawn, forces=self.system(drawn).solution.force_residuals())
         inverse = np.linalg.inv(noise.lengths.covariance)
         columns = part.length_columns
         weighted = np.einsum("ij,rjx->rix", inverse, columns)

@@ -20,7 +20,7 @@ def _known(twin):
 
 def _tests(system, families):
     """Return the test of every family, nothing being known."""
-    solved = system.solved
+    solved = system.solution
     projections = [solved.project(hypothesis.columns).conditional_on(()) for hypothesis in families]
     return [evaluate_hypothesis(*pair, 0) for pair in zip(projections, families, strict=True)]
 

@@ -102,7 +102,7 @@ def test_what_a_clock_moves_depends_on_where_the_frequency_comes_from(lab, palid
     experiment = replace(own, record=replace(own.record, source=source))
     motion, values = experiment.fit.motion, robot.parameters
     part = linearise(robot, experiment, values, lab.knowledge.free, motion)
-    columns, _ = CandidateEffects(robot, experiment, motion, values, part).tolerated()
+    columns, _ = CandidateEffects(robot, experiment, motion, values, part).tolerance_columns()
     machine = PerturbedMachine.of(robot, tolerated(robot), np.zeros(1))
     whole = slice(None)
     forces = machine.forces(experiment, motion, values, whole)
@@ -240,7 +240,7 @@ def test_what_cannot_be_told_apart_is_named_together(lab):
     (effect, *_) = result.experiments[0].attribution.effects
     assert (effect.kind, effect.strut) == ("length_zero", 1)
     assert effect.value == pytest.approx(3e-3, abs=5 * effect.std)
-    assert not effect.sure
+    assert not effect.certain
     assert ("joint", 1) in {(rival.kind, rival.strut) for rival in effect.rivals}
     (failed,) = [
         f for f in result.verdict.failed if f.assumption.startswith("lengths are measured")

@@ -44,7 +44,7 @@ def test_estimators_agree_on_what_the_model_lacks(laboratory, sound):
 def test_the_step_is_nothing_at_the_maximum_of_likelihood(laboratory, sound):
     experiment, estimate = sound
     diagnosis = _diagnose(laboratory, [experiment], estimate).experiments[0]
-    left = diagnosis.attribution.last.solved.force_residuals()
+    left = diagnosis.attribution.last.solution.force_residuals()
     np.testing.assert_allclose(left, diagnosis.residuals.forces, atol=0.02)
 
 

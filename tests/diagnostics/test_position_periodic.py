@@ -81,7 +81,7 @@ def _system(part, forces):
 def test_scan_is_plain_least_squares_with_the_models_columns_projected_out(twin):
     rng = np.random.default_rng(2)
     drawn = replace(twin.part, forces=3.0 / 2.0 * rng.standard_normal(twin.part.forces.shape))
-    solved = _system(drawn, drawn.forces).solved
+    solved = _system(drawn, drawn.forces).solution
     scan = scan_pitches(solved, drawn, 4, 1e-3)
     k = len(scan.pitches) // 3
     columns = periodic_columns(drawn, 4, scan.pitches[k], (0.0, 0.0))[:, :, :2]
@@ -103,7 +103,7 @@ def test_amplitude_pitch_and_phase_come_back_within_their_errors(twin):
     for _ in range(150):
         forces = 3.0 / 2.0 * rng.standard_normal(part.forces.shape)
         forces[:, 1] += wave
-        solved = _system(part, forces).solved
+        solved = _system(part, forces).solution
         pitch = scan_pitches(solved, part, 1, 1e-3).best_pitch
         waves = periodic_columns(part, 1, pitch, (0.0, 0.0))[:, :, :2]
         a, b = solved.fit(Signature.of_forces(part, waves)).values
@@ -126,7 +126,7 @@ def test_amplitude_pitch_and_phase_come_back_within_their_errors(twin):
 
 
 def test_a_strut_that_is_too_fast_is_not_scanned(twin):
-    solved = _system(twin.part, np.zeros_like(twin.part.forces)).solved
+    solved = _system(twin.part, np.zeros_like(twin.part.forces)).solution
     scan = scan_pitches(solved, twin.part, 0, 10.0)
     assert not len(scan.pitches)
     assert scan.log_p == 0

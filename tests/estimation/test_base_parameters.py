@@ -38,7 +38,7 @@ def data(machine):
 
 def _combinations(found, name="gm"):
     one = found.estimates[name]
-    rows = found.knowledge.inseparable(found.robot, one.values, one.covariance)
+    rows = found.knowledge.inseparable_combinations(found.robot, one.values, one.covariance)
     return {row.parameter: row for row in rows}
 
 
@@ -100,7 +100,7 @@ def test_standard_deviations_of_combinations_cover(machine):
         found = run_estimators(robot, [experiment], knowledge, ("gm",))["gm"]
         rows = {
             row.parameter: row
-            for row in knowledge.inseparable(robot, found.values, found.covariance)
+            for row in knowledge.inseparable_combinations(robot, found.values, found.covariance)
         }
         truth = dict(zip(machine.parameter_names, machine.parameters, strict=True))
         errors.append(
@@ -129,7 +129,7 @@ def test_priors_of_what_is_not_estimated_alone(section, key, refused):
     run = _run(parameters="base", **section)
     robot = robot_from(run.robot)
     if not refused:
-        assert ParameterPriors.of(robot, run.run.estimate).bounded
+        assert ParameterPriors.of(robot, run.run.estimate).has_bounds
         return
     with pytest.raises(InputError) as caught:
         ParameterPriors.of(robot, run.run.estimate)

@@ -117,7 +117,7 @@ def test_periods_add_up_to_the_recording(known_motion):
     (recording,) = known_motion[3].recordings
     assert recording.periods.shape[1] == 2
     total = recording.periods.sum(axis=1)
-    np.testing.assert_allclose(total, recording.whole.gradient, rtol=1e-8, atol=1e-6)
+    np.testing.assert_allclose(total, recording.total.gradient, rtol=1e-8, atol=1e-6)
 
 
 def test_held_out_periods_are_predicted_by_fits_to_the_others(known_motion):
@@ -374,7 +374,7 @@ def test_what_no_candidate_explains_counts_as_noise():
 class Recording:
     """What a recording says, made up."""
 
-    whole: InformationShare
+    total: InformationShare
     columns: np.ndarray
     columns_white: np.ndarray
     samples: float = 1000.0
@@ -425,8 +425,8 @@ def test_no_single_step_improves_what_was_chosen(judge):
 def test_every_step_lowers_the_criterion(judge):
     """Against the criterion of whole models, by one fit of each."""
     _, rows = select(judge)
-    whole = judge.evidence.whole
-    own = judge.evidence.own
+    whole = judge.evidence.total
+    own = judge.evidence.own_terms
     model, values = (), []
     for row in [None, *(row for row in rows if row.chosen)]:
         if row is not None:
