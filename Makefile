@@ -13,7 +13,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv test lint format run paper bench soak docs docs-tables lock wheel clean
+.PHONY: help venv test test-all lint format run paper bench soak docs docs-tables lock wheel clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -33,9 +33,14 @@ $(VENV)/.installed: pyproject.toml $(VENV)/.locked
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .
 	@touch $@
 
-test: venv ## Run the tests (ARGS="-k jacobian" for some of them)
+PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal
+
+test: venv ## Run the tests, 5 minutes on two cores (ARGS="-k jacobian" for some of them)
 	@$(BIN)/python -m compileall -qq -j 0 constraints expdesign estimation results # once, not in each process
-	$(BIN)/python -m pytest -n 2 --dist worksteal $(ARGS)
+	$(PYTEST) -m "not slow and not system" $(ARGS)
+
+test-all: venv ## Run what `make test` leaves out: fuzz, kills, hostile input, large Monte Carlo, browser
+	$(PYTEST) -m "slow or system" $(ARGS)
 
 lint: venv ## Check style, types and architecture
 	$(BIN)/ruff check .

@@ -23,7 +23,7 @@ settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with the files that take long: a long test at the end would run alone.
+    """Begin with the files of slow tests, which would run alone at the end.
 
     Tests that need programs come last: these may be installed while the others run.
     """

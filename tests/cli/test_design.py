@@ -293,6 +293,7 @@ def test_a_missing_file(expdesign, tmp_path):
 # --- Ctrl-C ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_the_best_so_far(tiny, few_limits, tmp_path):
     """As a terminal sends it: to every process, while the search runs."""
     search = {"starts": 2, "search": "hopping", "hops": 40, "max_iterations": 4}

@@ -10,6 +10,8 @@ import yaml
 from expdesign.library import robot_files
 from tests.estimation.cases import measured, trajectory
 
+pytestmark = pytest.mark.slow
+
 MOTION = trajectory()
 FORCES = [f"Q{j}" for j in range(1, 7)]
 

@@ -194,6 +194,7 @@ class Impatient(package.Progress):
         yield lambda done, total: signal.raise_signal(signal.SIGINT) if done == 1 else None
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_is_done(expdesign, mapping, tmp_path, cheap_finish):
     folder = tmp_path / "out"
     run = mapping({"design.seed": [0, 1, 2]}, report={})

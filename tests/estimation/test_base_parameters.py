@@ -89,6 +89,7 @@ def test_what_is_fixed_is_known_and_takes_no_part(data):
     assert not free["s3"]
 
 
+@pytest.mark.slow
 def test_standard_deviations_of_combinations_cover(machine):
     """Errors over σ of six combinations in 40 experiments; the friction held is far from true."""
     run = _run(parameters="base")

@@ -89,6 +89,7 @@ def test_stamps_that_jitter_are_used_as_they_are():
     assert np.sum(pull(wrong, "gm") ** 2) > 3 * np.sum(pull(result, "gm") ** 2)
 
 
+@pytest.mark.slow
 def test_delays_between_the_channels_are_taken_out():
     times = np.arange(1000) * STEP
     late = measured(MOTION, times=times - 0.004, **QUIET)
@@ -100,6 +101,7 @@ def test_delays_between_the_channels_are_taken_out():
     assert np.sum(pull(unaware, "ml") ** 2) > 10 * np.sum(pull(result, "ml") ** 2)
 
 
+@pytest.mark.slow
 def test_an_estimated_frequency():
     data = measured(MOTION)
     off = 1 + 3e-4
@@ -112,6 +114,7 @@ def test_an_estimated_frequency():
     assert error / MOTION.omega < 1e-5
 
 
+@pytest.mark.slow
 def test_time_stamps_far_from_zero_change_nothing(tmp_path):
     """The clock of a controller that counts from 1970."""
     since = 1.7e9
@@ -140,6 +143,7 @@ def test_time_stamps_far_from_zero_change_nothing(tmp_path):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("periods", "off"), [(3, 0.015), (5, 2e-3), (5, -0.015)])
 def test_a_clock_that_is_off_is_told(off, periods):
     data = measured(MOTION, periods=periods)
@@ -151,6 +155,7 @@ def test_a_clock_that_is_off_is_told(off, periods):
     assert stated == pytest.approx(off, rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("off", [0.03, -0.04])
 def test_another_period_is_refused_though_it_is_near(off):
     data = measured(MOTION)
@@ -178,6 +183,7 @@ def test_a_clock_that_is_right_is_not_doubted(seed):
     assert not [warning for warning in result.warnings if "repeat" in warning]
 
 
+@pytest.mark.slow
 def test_lengths_of_unknown_noise_have_the_covariance_of_what_the_motion_leaves():
     samples = 100
     motion = trajectory(samples, 1.0 / samples)

@@ -20,6 +20,7 @@ from tests.estimation.cases import ROBOT, measured, read_estimate
 from tests.estimation.constants import MOTION, PITCH, QUIET, STEP, VELOCITY
 
 
+@pytest.mark.slow
 def test_both_estimators_find_them_with_the_spread_they_state():
     true, runs = np.array([PITCH, VELOCITY]), 8
     off, parameters = {"gm": [], "ml": []}, []

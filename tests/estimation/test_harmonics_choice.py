@@ -54,6 +54,7 @@ def test_without_hidden_harmonics_none_is_found():
     assert sum(together > 2 for _, together in found) <= 2
 
 
+@pytest.mark.slow
 def test_ml_covers_with_them_and_says_that_others_do_not():
     disturbed = with_hidden_harmonic()
     pulls = []

@@ -159,6 +159,7 @@ def test_shares_add_up_and_the_common_gain_scales_all_forces(chosen):
     assert plain["gm"].systematic is None
 
 
+@pytest.mark.slow
 def test_intervals_cover_truths_drawn_from_the_tolerances(chosen):
     std = np.array([each.std for each in chosen])
     scale, runs = 0.3, 5

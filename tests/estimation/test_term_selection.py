@@ -143,6 +143,7 @@ def test_held_out_periods_are_predicted_by_fits_to_the_others(known_motion):
     assert found.held_out == pytest.approx(errors[()] - errors["force_offset",], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_block_that_is_not_there_has_the_chi_square_of_chance():
     """Its p is uniform, over 30 recordings and two blocks."""
     configuration = selecting()

@@ -209,6 +209,7 @@ def test_inputs_of_another_size_are_refused(count, compiled):
             function(*inputs)
 
 
+@pytest.mark.slow
 def test_processes_that_compile_the_same_at_once(cache):
     code = (
         "import casadi as ca, numpy as np\n"

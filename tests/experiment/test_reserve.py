@@ -13,6 +13,8 @@ from expdesign.motion.planning import executable_motion
 from expdesign.motion.ramp_problem import check_motion
 from tests.experiment.off_the_grids import TOLERANCE, excess
 
+pytestmark = pytest.mark.slow
+
 RESERVE = {"position": "5 %", "strut_speed": "10 %", "attitude": "4 %"}
 SHARES = {"position": 0.05, "strut_speed": 0.1, "attitude": 0.04}
 LARGEST = np.radians(12)

@@ -12,6 +12,8 @@ from expdesign.export.read_back import read_back
 from tests.export.motions import task
 from tests.export.test_formats import EXPORTS, section
 
+pytestmark = pytest.mark.slow
+
 TEXT = [key for key in EXPORTS if "mat" not in key and "mcap" not in key]
 
 

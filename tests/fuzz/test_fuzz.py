@@ -19,6 +19,8 @@ from tests.fuzz.mutation import HOSTILE, at, places
 from tests.fuzz.oracle import BrokenError, command, judge, whole
 from tests.fuzz.targets import _robots, _runs, attempt, seeds_text
 
+pytestmark = pytest.mark.slow
+
 COUNTS = {
     "run": 60,
     "robot": 60,

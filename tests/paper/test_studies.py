@@ -29,6 +29,8 @@ from expdesign.configuration import load_run
 from expdesign.robot import load_robot
 from tests.estimation.cases import ROBOT, STEP, trajectory
 
+pytestmark = pytest.mark.slow
+
 MOTION = trajectory(harmonics=2, seed=2)
 SAMPLING = f"{1 / STEP} Hz"
 PARAMETERS = 24

@@ -269,6 +269,7 @@ print(hashlib.sha256(measured.lengths.tobytes() + measured.forces.tobytes()).hex
 """
 
 
+@pytest.mark.slow
 def test_every_process_draws_the_same():
     answers = {
         subprocess.run(

@@ -16,6 +16,8 @@ from expdesign.solver.events import SearchEvent
 from expdesign.workers import Job, Monitor, WorkerDiedError, job, run_jobs
 from expdesign.workers import local as process_module
 
+pytestmark = pytest.mark.slow
+
 WORKERS = (1, 2)
 
 
