@@ -36,6 +36,12 @@ _SHIFT = {"ls": -0.25, "gm": 0.0, "ml": 0.25}
 _ERRORS = 3.0
 _LARGEST_LINEAR_BIAS = 10.0
 _BAR = 0.38
+_TITLES = {
+    "without": "no cogging",
+    "unknown": "unknown to the model",
+    "known": "in the identification too",
+}
+"""Of the situations of the validation, short."""
 
 
 @figure_definition(
@@ -208,7 +214,7 @@ def variances_figure(figure: Figure, table: pd.DataFrame) -> None:
             )
         named_places(axes, [str(j + 1) for j in places])
         if row == 0:
-            axes.set_title(SITUATIONS[situation].removeprefix("cogging "))
+            axes.set_title(_TITLES[situation])
         if column == 0:
             axes.set_ylabel(f"{motion} (N²)")
     panels[-1][1].set_xlabel("Actuator")
