@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from examples.paper.designs import study_designs
 from examples.paper.identification import study_identification
 from examples.paper.report import summary, write_report
-from examples.paper.setting import PAPER_ROBOT, Setting
+from examples.paper.setting import PAPER_ROBOT, Setting, StudyResult
 from examples.paper.validation import study_validation
 from expdesign import design
 
@@ -28,14 +28,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     file = Path(given.robot)
     robot = str(file.resolve()) if file.is_file() else given.robot
     setting = Setting(robot, quick=given.quick, workers=given.workers)
-    motion = design(setting.configuration()).trajectory
-    results = (
-        study_designs(setting, given.out),
-        study_identification(setting, motion),
-        study_validation(setting, motion),
-    )
-    page = write_report(setting, results, given.out)
+    results: list[StudyResult] = []
+    for result in _studies(setting, given.out):
+        results.append(result)
+        # What is done stays, whatever happens to the studies that follow.
+        page = write_report(setting, results, given.out)
     print(f"{summary(results)}; written to {page}")
+
+
+def _studies(setting: Setting, out: Path) -> Iterator[StudyResult]:
+    yield study_designs(setting, out)
+    motion = design(setting.configuration()).trajectory
+    yield study_identification(setting, motion)
+    yield study_validation(setting, motion)
 
 
 if __name__ == "__main__":
