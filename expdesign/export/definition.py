@@ -41,7 +41,7 @@ class Rows:
     rate: Array | None = None
     acceleration: Array | None = None
     """Rate and acceleration (N, 6), per s and per s²; None when the table has none."""
-    record: Mapping[str, Array] = field(default_factory=dict)
+    columns: Mapping[str, Array] = field(default_factory=dict)
     """Further columns by name, SI, of tables that hold the whole motion."""
     trigger: tuple[float, float] | None = None
     """When the table switches an output on and off again, s; None when it switches none."""
@@ -70,7 +70,7 @@ class Rows:
             "position": self.position,
             "velocity": self.rate,
             "acceleration": self.acceleration,
-            **{name: values[:, None] for name, values in self.record.items()},
+            **{name: values[:, None] for name, values in self.columns.items()},
         }
         for name, values in columns.items():
             if values is None:

@@ -195,7 +195,7 @@ BLOCK = 20_000
 
 
 @dataclass(frozen=True)
-class Deviation:
+class TableDeviation:
     """Largest deviations of the struts."""
 
     position: float = 0.0
@@ -208,10 +208,10 @@ class Deviation:
     """Both as a share of the range that the limits give, NaN where there is no such limit; forces
     without dry friction, which jumps wherever a velocity changes its sign."""
 
-    def with_worse(self, other: Deviation) -> Deviation:
+    def with_worse(self, other: TableDeviation) -> TableDeviation:
         """Return the larger of each."""
         first = self if self.position >= other.position else other
-        return Deviation(
+        return TableDeviation(
             first.position,
             first.position_time,
             max(self.velocity, other.velocity),
@@ -226,7 +226,9 @@ def blocks(times: Array) -> Iterator[Array]:
         yield times[start : start + BLOCK]
 
 
-def deviation(table: ExecutedTable, times: Array, executed: Executed, *, forces: bool) -> Deviation:
+def deviation(
+    table: ExecutedTable, times: Array, executed: Executed, *, forces: bool
+) -> TableDeviation:
     """Return the largest deviations from the design at the times (N,), s.
 
     `executed` is the machine then; `forces` compares accelerations and forces too.
@@ -247,7 +249,7 @@ def deviation(table: ExecutedTable, times: Array, executed: Executed, *, forces:
             _share(robot, "actuator_force", force),
         ]
     speed = float(np.max(np.abs(executed.length_rate - struts.length_rate)))
-    return Deviation(float(off[worst]), float(times[worst]), speed, *shares)
+    return TableDeviation(float(off[worst]), float(times[worst]), speed, *shares)
 
 
 def _share(robot: Robot, key: str, difference: Array) -> float:

@@ -156,7 +156,7 @@ def export_table(
     times = chosen_times(settings, place)
     rows = ideal_rows(settings, times)
     if settings.form.whole:
-        rows = replace(rows, record=whole_motion(settings.task, times))
+        rows = replace(rows, columns=whole_motion(settings.task, times))
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(path.parent)
     # A folder beside it: some libraries go by the file's name.

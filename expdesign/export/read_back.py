@@ -10,9 +10,9 @@ import numpy as np
 from expdesign.export.certification import LIMIT_SHARE, PathCertificate, certified
 from expdesign.export.definition import Interpolation, Rows, Settings, TableError
 from expdesign.export.execution import (
-    Deviation,
     ExecutedTable,
     InformationChange,
+    TableDeviation,
     blocks,
     deviation,
     information_change,
@@ -54,7 +54,7 @@ class ReadBack:
     row_error: float = np.nan
     """Largest difference between a value in the file and the design at the time that the file
     states, in half units of the last digit (of a rounding error, where all are written)."""
-    deviation: Deviation = field(default_factory=Deviation)
+    deviation: TableDeviation = field(default_factory=TableDeviation)
     certificate: PathCertificate = field(default_factory=lambda: PathCertificate(()))
     """The limits, and what is proved of them."""
     information: InformationChange | None = None
@@ -115,9 +115,9 @@ def _row_error(rows: Rows, settings: Settings) -> tuple[float, list[str]]:
         pairs.append(("velocity", rows.rate, ideal.rate))
     if rows.acceleration is not None and ideal.acceleration is not None:
         pairs.append(("acceleration", rows.acceleration, ideal.acceleration))
-    if rows.record:
+    if rows.columns:
         expected = whole_motion(settings.task, rows.times)
-        pairs += [(name, rows.record[name][:, None], v[:, None]) for name, v in expected.items()]
+        pairs += [(name, rows.columns[name][:, None], v[:, None]) for name, v in expected.items()]
     for what, written, wanted in pairs:
         size = np.max(np.abs(wanted), axis=0, initial=1.0)
         rounding = size * (_DOUBLE if settings.digits is not None else _COMPUTED)
@@ -170,7 +170,7 @@ def _executed(found: ReadBack, table: ExecutedTable) -> ReadBack:
     linear = table.interpolation is Interpolation.LINEAR
     points = FINER if linear else max(FINER, int(np.ceil(found.longest_step / _FINEST)))
     grid = refined(table.rows.times, points)
-    worst = Deviation()
+    worst = TableDeviation()
     for times in track("reading back", tuple(blocks(grid))):
         worst = worst.with_worse(deviation(table, times, table.between(times), forces=not linear))
     if linear:

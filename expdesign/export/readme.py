@@ -26,14 +26,14 @@ _CONVENTION = (
 )
 
 
-def readme(record: ExportResult) -> str:
+def readme(result: ExportResult) -> str:
     """Return the instructions for every file of an export."""
-    motion = record.motion
+    motion = result.motion
     first, last = motion.window
     parts = [
         _heading(f"Controller tables of {motion.name} for {motion.robot}", "="),
         _paragraph(
-            f"{_which(record)} the same motion of {motion.duration:.4f} s: from rest at home "
+            f"{_which(result)} the same motion of {motion.duration:.4f} s: from rest at home "
             f"onto the periodic excitation, {motion.periods} periods of {motion.period:.6f} "
             f"s, and back to rest at home. Home is {_pose(motion.home)}. {_certified(motion)}"
         ),
@@ -41,7 +41,7 @@ def readme(record: ExportResult) -> str:
         _paragraph(
             f"The measurement window lasts from {first:.6f} s to {last:.6f} s after the start of "
             f"the table: the {motion.periods} periods. "
-            f"{_of_scaled(record)}Record the six strut lengths and the "
+            f"{_of_scaled(result)}Record the six strut lengths and the "
             f"six actuator forces (or motor currents) at {motion.sampling:g} Hz, every sample "
             "with its time from the start of the table or triggered by it, with forces and "
             "lengths of the same instants. Keep the raw, unfiltered values. The way to the window "
@@ -57,7 +57,7 @@ def readme(record: ExportResult) -> str:
     ]
     if motion.unlimited:
         parts[-1:-1] = [_heading("What nothing limits", "-"), _paragraph(_unlimited(motion))]
-    for name, file in record.files.items():
+    for name, file in result.files.items():
         parts += [
             _heading(f"{name}: {file.title}", "-"),
             *_scaled(file, motion),
@@ -83,16 +83,16 @@ def _unlimited(motion: ExportedMotion) -> str:
     )
 
 
-def _which(record: ExportResult) -> str:
-    scaled = [name for name, file in record.files.items() if file.scale != 1]
-    if len(scaled) == len(record.files):
+def _which(result: ExportResult) -> str:
+    scaled = [name for name, file in result.files.items() if file.scale != 1]
+    if len(scaled) == len(result.files):
         return "All files hold, smaller and slower,"
     return f"All files but {', '.join(scaled)} hold" if scaled else "All files hold"
 
 
-def _of_scaled(record: ExportResult) -> str:
+def _of_scaled(result: ExportResult) -> str:
     """Say that tables for a first run have windows of their own, where there are any."""
-    if all(file.scale == 1 for file in record.files.values()):
+    if all(file.scale == 1 for file in result.files.values()):
         return ""
     return "A table for a first run has a window of its own, told with it below. "
 

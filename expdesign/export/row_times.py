@@ -11,7 +11,7 @@ from constraints.arrays import Array
 from expdesign.configuration import InputError
 from expdesign.configuration.sizes import TABLE_ROWS
 from expdesign.export.definition import Rows, Settings, Task, in_window
-from expdesign.export.execution import Deviation, ExecutedTable, blocks, deviation, refined
+from expdesign.export.execution import ExecutedTable, TableDeviation, blocks, deviation, refined
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.sampled import SampledMotion
 from expdesign.progress import track
@@ -112,7 +112,7 @@ def chosen_times(settings: Settings, place: str = "") -> Array:
 
 def _step(settings: Settings, segment: int, place: str) -> float:
     motion = settings.task.motion
-    found = Deviation()
+    found = TableDeviation()
     chosen: float | None = None
     for step in STEPS:
         if TABLE_ROWS.excess(motion.duration / step, "") or (chosen and step < CLOSEST):
@@ -144,14 +144,14 @@ def _step(settings: Settings, segment: int, place: str) -> float:
     )
 
 
-def _deviation(settings: Settings, table: ExecutedTable) -> Deviation:
-    worst = Deviation()
+def _deviation(settings: Settings, table: ExecutedTable) -> TableDeviation:
+    worst = TableDeviation()
     for part in blocks(refined(table.rows.times, _POINTS)):
         try:
             between = table.between(part)
         except ForwardKinematicsError:
             # Rows so far apart that the lengths between them belong to no pose.
-            return Deviation(np.inf)
+            return TableDeviation(np.inf)
         worst = worst.with_worse(deviation(table, part, between, forces=True))
         if worst.position > settings.tolerance or worst.acceleration > SHARE:
             break

@@ -17,7 +17,7 @@ from expdesign.runfolder.manifest import file_hash
 from expdesign.trajectory import FourierTrajectory
 from expdesign.workers.local import EndlessError, output_of
 
-_AGAIN = "a table as `expdesign export` wrote it, with the record beside it; export it again"
+_AGAIN = "a table as `expdesign export` wrote it, with its exports.json; export it again"
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ def find_table_file(
     if not path.is_file():
         raise _refusal("there is no such table", path, "a file that `expdesign export` wrote")
     described = _described(path, exports)
-    motion, entry = described.record.motion, described.entry
+    motion, entry = described.result.motion, described.entry
     changed = entry.sha256 != file_hash(path)
     try:
         section = ExportSection.model_validate(entry.options)
@@ -129,12 +129,12 @@ class _Described:
     """Entry of a table in an `exports.json`, with its name."""
 
     place: Path
-    record: ExportResult
+    result: ExportResult
     name: str
 
     @property
     def entry(self) -> ExportedTable:
-        return self.record.files[self.name]
+        return self.result.files[self.name]
 
 
 def _described(path: Path, exports: Path | None) -> _Described:
@@ -148,14 +148,14 @@ def _described(path: Path, exports: Path | None) -> _Described:
     unreadable: list[Problem] = []
     for place in places:
         try:
-            record = ExportResult.read(place)
+            result = ExportResult.read(place)
         except MissingFileError:
             continue
         except InputError as error:
             unreadable += error.problems
             continue
-        if path.name in record.files:
-            found.append(_Described(place, record, path.name))
+        if path.name in result.files:
+            found.append(_Described(place, result, path.name))
     digest = file_hash(path)
     if not found:
         if unreadable:
@@ -184,8 +184,8 @@ def _copied_from(exports: Path | None, digest: str) -> Iterator[_Described]:
     """Yield what a record says of the table with this digest, whatever the copy is called."""
     if exports is None or not exports.is_file():
         return
-    record = ExportResult.read(exports)
-    for name, entry in record.files.items():
+    result = ExportResult.read(exports)
+    for name, entry in result.files.items():
         if entry.sha256 == digest:
-            yield _Described(exports, record, name)
+            yield _Described(exports, result, name)
             return

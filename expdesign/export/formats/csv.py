@@ -15,7 +15,7 @@ _HEADER = [f"{column.name} [{column.unit}]" for column in COLUMNS]
 
 
 def _write(path: Path, rows: Rows, _settings: Settings) -> None:
-    table = np.column_stack([rows.record[column.name] for column in COLUMNS]).tolist()
+    table = np.column_stack([rows.columns[column.name] for column in COLUMNS]).tolist()
     write_lines(path, [",".join(_HEADER), *(",".join(map(repr, row)) for row in table)])
 
 

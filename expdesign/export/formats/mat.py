@@ -32,7 +32,7 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
         "command_units": np.array(["s", *axes.units], dtype=object),
         "window": np.array([settings.window]),
         "title": settings.title,
-        "motion": {name: values[:, None] for name, values in rows.record.items()},
+        "motion": {name: values[:, None] for name, values in rows.columns.items()},
         "units": {column.name: column.unit for column in COLUMNS},
     }
     savemat(path, data, appendmat=False, oned_as="column")
@@ -59,7 +59,7 @@ def _read(path: Path, settings: Settings) -> Rows:
         raise TableError(f"command is no double matrix of {_AXES + 1} columns")
     if (names, units) != (["t", *settings.axes.names], ["s", *settings.axes.units]):
         raise TableError("command_axes and command_units are others than were written")
-    return Rows(command[:, 0], command[:, 1:], record=record).checked()
+    return Rows(command[:, 0], command[:, 1:], columns=record).checked()
 
 
 def _texts(cells: Any) -> list[str]:
