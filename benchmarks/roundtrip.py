@@ -20,7 +20,7 @@ from benchmarks.studies import CLEAR_BIAS
 from estimation.identification.estimate import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
-from expdesign.configuration import ExportSection, RunConfiguration, load_run
+from expdesign.configuration import RunConfiguration, export_section, load_run
 from expdesign.export.definition import Task
 from expdesign.export.exporting import export_table
 from expdesign.export.table_file import read_table_file
@@ -98,7 +98,7 @@ def _executed(
         parameters=robot.parameter_names,
         force_covariance=_force_covariance(run),
     )
-    made = export_table(ExportSection(format="xps-pvt"), task, path)
+    made = export_table(export_section(format="xps-pvt"), task, path)
     table = read_table_file(path, made.settings)
     twin = Twin.of(run, table)
     error = 0.0 if twin.truth.table is None else twin.truth.table.position_error

@@ -25,7 +25,7 @@ from estimation.identification.estimate import estimate, parameter_priors, run_e
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from expdesign.configuration import load_run
-from expdesign.configuration.document import Placed, document_from_mapping
+from expdesign.configuration.document import Located, document_from_mapping
 from expdesign.machines.description import MachineDescription, machine_from_answers
 from expdesign.machines.writing import write_files
 from expdesign.mechanism.terms.drive_inertia import MASS
@@ -103,7 +103,7 @@ def summary(table: pd.DataFrame) -> str:
 def _run() -> dict[str, Any]:
     """Return the run of the machine."""
     document = document_from_mapping(_TOLD)
-    machine = machine_from_answers(Placed(MachineDescription.model_validate(_TOLD), document))
+    machine = machine_from_answers(Located(MachineDescription.model_validate(_TOLD), document))
     with TemporaryDirectory() as folder:
         files = write_files(machine, Path(folder))
         robot = load_run(files.run).robot.description.model_dump(mode="json", by_alias=True)

@@ -18,9 +18,9 @@ from expdesign.configuration import (
     InputError,
     Problem,
     ResolvedRobot,
-    shown,
+    quote,
 )
-from expdesign.configuration.quantity import CURRENT, LENGTH, Dimension, unit_dimension
+from expdesign.configuration.quantity import CURRENT, LENGTH, Quantity, quantity_of_unit
 from expdesign.configuration.sections.data import CHANNEL_UNITS
 
 
@@ -133,14 +133,14 @@ def unit_factor(channel: str, table: RawTable, section: DataSection) -> float:
 
 def _factor(
     channel: str, place: str, table: RawTable, section: DataSection
-) -> tuple[float, Dimension | None, list[str]]:
+) -> tuple[float, Quantity | None, list[str]]:
     """Return the SI factor and quantity of a column's unit, None without a unit; warnings.
 
     `channel` is that of the file, `place` its position in the table.
     """
     stated = section.units.get(channel, section.units.get(channel[0]))
     given = table.columns[place].unit if place in table.columns else None
-    stated_dimension = None if stated is None else unit_dimension(stated)
+    stated_dimension = None if stated is None else quantity_of_unit(stated)
     factor = 1.0 if stated_dimension is None else stated_dimension.parse(f"1 {stated}")
     if given is None:
         return factor, stated_dimension, []
@@ -149,18 +149,18 @@ def _factor(
         return InputError(table.header_problem(message, place, allowed))
 
     _, admitted = CHANNEL_UNITS[channel[0]]
-    found = unit_dimension(given)
+    found = quantity_of_unit(given)
     if found is None:
-        message = f"the file's unit {shown(given)} is not known"
+        message = f"the file's unit {quote(given)} is not known"
         if stated is None:
             raise refused(message, f"a known unit, or data.units: {{{channel}: …}}")
         return factor, stated_dimension, [f"{channel}: {message}, '{stated}' used"]
     if found not in admitted:
-        message = f"the file's unit {shown(given)} is that of {found.name}"
+        message = f"the file's unit {quote(given)} is that of {found.name}"
         raise refused(message, " or ".join(dimension.name for dimension in admitted))
     given_factor = found.parse(f"1 {given}")
     if stated is not None and (found, given_factor) != (stated_dimension, factor):
-        message = f"the file says that {channel} is in {shown(given)}, data.units says '{stated}'"
+        message = f"the file says that {channel} is in {quote(given)}, data.units says '{stated}'"
         raise refused(message, "the same unit, or none in data.units")
     return given_factor, found, []
 
@@ -208,7 +208,7 @@ def _cell(table: RawTable, channel: str, row: int, decimal: str) -> Problem:
     mark = "," if decimal == "." else "."
     digits = text.replace(mark, "", 1).lstrip("+-")
     allowed = f"numbers, or data.decimal: '{mark}'" if mark in text and digits.isdigit() else None
-    return table.problem(f"{shown(text)} is no finite number", channel, row, allowed)
+    return table.problem(f"{quote(text)} is no finite number", channel, row, allowed)
 
 
 def refuse_periods(table: RawTable) -> None:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from expdesign.configuration import InputError, Problem, shown
-from expdesign.configuration.errors import nearest
+from expdesign.configuration import InputError, Problem, quote
+from expdesign.configuration.errors import nearest_name
 from expdesign.configuration.sections.data import CHANNELS
 
 OPTIONAL = frozenset({"period"})
@@ -52,7 +52,7 @@ class RecordedColumn:
 
 def label(text: str) -> str:
     """Return a text from a file as messages show it: without quotes unlike `shown`."""
-    return shown(text).removeprefix("'").removesuffix("'")
+    return quote(text).removeprefix("'").removesuffix("'")
 
 
 def header_column(text: str, place: Any) -> RecordedColumn:
@@ -149,12 +149,12 @@ def _missing(
     if not columns:
         return replace(place, message=f"no column for {channel}: the file has none", key=name)
     texts = [column.label for column in free if column.text]
-    meant = nearest(name, texts) or (
-        nearest(name, [label(column.short) for column in free])
+    meant = nearest_name(name, texts) or (
+        nearest_name(name, [label(column.short) for column in free])
         if channel != "t"
         else next((text for text in texts if text.lower().startswith("t")), None)
     )
-    message = f"there is no column {shown(name)} for {channel}"
+    message = f"there is no column {quote(name)} for {channel}"
     taken = f"data.columns: {{{channel}: …}} with a column that no other channel has: none is left"
     allowed = _one_of(channel, texts) if texts else taken
     return replace(place, message=message, key=name, allowed=allowed, nearest=meant)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from estimation.data.columns import RecordedColumn
 from expdesign.configuration import InputError, Problem
-from expdesign.configuration.sizes import SAMPLES
+from expdesign.configuration.fields import MOST_SAMPLES, require_at_most
 
 RowNoun = Literal["line", "sample", "message"]
 HEADER_LINE = 1
@@ -95,9 +95,7 @@ class RawTable:
 
 def refuse_long(count: int, file: Path) -> None:
     """Refuse a recording with more rows than are read."""
-    if excess := SAMPLES.excess(count, "the recording is too long"):
-        allowed = f"{excess.allowed}: a part of it, or a lower sampling"
-        raise InputError(excess.message, file, allowed=allowed)
+    require_at_most(count, MOST_SAMPLES, "the recording is too long", file)
 
 
 def refuse(problems: Sequence[Problem], file: Path, what: str, count: int | None = None) -> None:

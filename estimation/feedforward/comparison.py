@@ -33,9 +33,9 @@ from estimation.identification.estimated_machine import estimated_machine
 from estimation.identification.saved import SavedEstimate
 from estimation.twin.disturbances import Repeated, force_factors, noise_sources, repetition_stream
 from estimation.validation.motions import broken_limits, motion_name, motion_of_run
-from expdesign.configuration import ComputationError, InputError, RunConfiguration
+from expdesign.configuration import ComputationError, RunConfiguration
+from expdesign.configuration.fields import MOST_SAMPLES, require_at_most
 from expdesign.configuration.sections.experiment import Cogging
-from expdesign.configuration.sizes import SAMPLES
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.strut import ANGLES
 from expdesign.mechanism.term import parameters_of
@@ -151,9 +151,8 @@ def _refuse_long(configuration: RunConfiguration, motion: FourierTrajectory) -> 
     section, step = configuration.run.feedforward, configuration.run.controller_period
     made = f"{section.periods} periods of {motion.period:.4g} s at {1 / step:g} Hz"
     count = len(MEANINGS) * section.periods * motion.period / step
-    if excess := SAMPLES.excess(count, f"{made}, {len(MEANINGS)} times"):
-        key = "feedforward.periods"
-        raise InputError(excess.message, configuration.file, key=key, allowed=excess.allowed)
+    content = f"{made}, {len(MEANINGS)} times"
+    require_at_most(count, MOST_SAMPLES, content, configuration.file, "feedforward.periods")
 
 
 def _feedforwards(

@@ -34,7 +34,7 @@ from estimation.uncertainty.consistency import consistent_estimate
 from estimation.uncertainty.intervals import identified_combinations, parameter_rows
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.configuration.robot import RobotDescription
-from expdesign.configuration.run import with_added_terms
+from expdesign.configuration.run import add_terms
 from expdesign.progress import report_progress, track
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.deviation import Deviation, tolerated
@@ -86,7 +86,7 @@ def estimate(
         )
         selection = Selection.of(configuration, robot, [r.experiment for r in records])
         if selection is not None and selection.chosen:
-            configuration = with_added_terms(configuration, selection.added)
+            configuration = add_terms(configuration, selection.added)
             robot = robot_from(configuration.robot)
             knowledge = parameter_priors(configuration, robot)
             records = tuple(

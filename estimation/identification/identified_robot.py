@@ -18,7 +18,7 @@ from expdesign.configuration.identification import (
     identified_name,
 )
 from expdesign.configuration.robot import RobotDescription
-from expdesign.configuration.tolerances import Tolerances
+from expdesign.configuration.tolerances import RobotTolerances
 from expdesign.configuration.writing import robot_yaml
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot, robot_from
@@ -102,7 +102,7 @@ def _tolerances(description: RobotDescription, robot: Robot, best: ParameterEsti
     constants = [one.group.split(".")[1:] for one in estimated_constants(robot)]
     if found is None or (given is None and not constants):
         return given
-    given = given or Tolerances()
+    given = given or RobotTolerances()
     left: dict[str, float] = {}
     for one, std in zip(found.deviations, found.std.tolist(), strict=True):
         if one.of_the_machine:

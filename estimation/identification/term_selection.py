@@ -19,7 +19,7 @@ from estimation.selection.evidence import Evidence
 from estimation.selection.selection import Judge, SelectionRow, select
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
 from expdesign.configuration.parameters import FurtherTerms, TermDescription
-from expdesign.configuration.run import with_added_terms
+from expdesign.configuration.run import add_terms
 from expdesign.configuration.sections.estimate import DEFAULT_LEVEL, SelectionCriterion
 from expdesign.information.identifiable import listed
 from expdesign.robot import Robot, robot_from
@@ -139,7 +139,7 @@ class Selection:
         for _ in range(1, _ROUNDS):
             if not any(c.estimate for term in last.added for c in term.constants.values()):
                 return last
-            machine = _found(with_added_terms(configuration, last.added), experiments)
+            machine = _found(add_terms(configuration, last.added), experiments)
             judged = held(_with_constants_of(machine, section.candidates))
             before, last = last, cls._at(configuration, robot, experiments, judged)
             if set(last.chosen) == set(before.chosen):
@@ -158,7 +158,7 @@ class Selection:
         section = configuration.run.estimate.select
         if section is None:
             raise ValueError("the run has no candidates")
-        wide = robot_from(with_added_terms(configuration, judged).robot)
+        wide = robot_from(add_terms(configuration, judged).robot)
         terms = {term.name: term for term in wide.terms}
         knowledge = ParameterPriors.of(wide, configuration.run.estimate)
         estimated = {n for n, free in zip(knowledge.names, knowledge.free, strict=True) if free}

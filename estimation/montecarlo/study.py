@@ -26,7 +26,6 @@ from estimation.montecarlo.result import (
     pooled_statistics,
 )
 from expdesign.configuration import ConfigurationLike, RunConfiguration, load_run
-from expdesign.configuration.section import unstated
 from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.progress import report_progress
@@ -161,7 +160,7 @@ def _result(
         harmonics=_counts(repetition.harmonics for repetition in repetitions),
         settings={
             "seed": run.montecarlo.seed,
-            "experiment": run.experiment.model_dump(mode="json", exclude=unstated(run.experiment)),
+            "experiment": run.experiment.model_dump(mode="json"),
             "samples": truth.experiment.samples,
             "samples_per_period": truth.experiment.samples_per_period,
             "estimate": run.estimate.model_dump(mode="json", exclude={"estimators"}),
@@ -180,8 +179,6 @@ def _counts(values: Iterable[int | None]) -> dict[str, int]:
 def study_inputs(configuration: RunConfiguration, design: FourierTrajectory) -> str:
     """Return the hash of the inputs that all repetitions share."""
     run = configuration.run
-    exclude = unstated(run)
-    exclude["estimate"] = exclude.get("estimate", {}) | {"estimators": True}
     sections = run.model_dump_json(
         include={
             "robot": True,
@@ -189,7 +186,7 @@ def study_inputs(configuration: RunConfiguration, design: FourierTrajectory) -> 
             "estimate": True,
             "montecarlo": {"estimators", "seed"},
         },
-        exclude=exclude,
+        exclude={"estimate": {"estimators"}},
     )
     coefficients = " ".join(value.hex() for value in design.vector().tolist())
     return text_hash(sections, coefficients, sorted(package_versions().items()))

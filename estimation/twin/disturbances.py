@@ -18,15 +18,15 @@ from scipy.fft import next_fast_len
 
 from constraints.arrays import Array, ComplexArray, Mask
 from expdesign.configuration import InputError, Problem, RunConfiguration
+from expdesign.configuration.fields import MOST_SAMPLES
 from expdesign.configuration.sections.experiment import (
     Cogging,
     ForceConstantError,
-    Hum,
+    HumDisturbance,
     Lost,
     Outliers,
     TrackingError,
 )
-from expdesign.configuration.sizes import SAMPLES
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.noise.hum import Hum as SpectralHum
 from expdesign.noise.spectrum import NoiseSpectrum, multiplicity, series_of
@@ -142,7 +142,7 @@ def force_factors(error: ForceConstantError, time: Array, duration: float) -> Ar
     return (1 + error.common) * (1 + np.asarray(error.each)) * drift
 
 
-def hum_force(hum: Hum, time: Array, rng: np.random.Generator) -> Array:
+def hum_force(hum: HumDisturbance, time: Array, rng: np.random.Generator) -> Array:
     """Return the hum in the measured forces, (T, 6), N, at times (T,), s.
 
     Its phase runs on through the whole record, whatever the periods of the motion are.
@@ -214,7 +214,7 @@ class NoiseSource:
         The DFT makes the series periodic: with twice the record's length no sample is correlated
         with a repetition. A narrow band needs more, to have lines in it.
         """
-        length, longest = 2 * self.count, min(_LONGEST * self.count, 2 * SAMPLES.most)
+        length, longest = 2 * self.count, min(_LONGEST * self.count, 2 * MOST_SAMPLES)
         wanted = np.diag(self._continuous.covariance)
         while length < longest and self._variance(length, wanted) > _RESOLVED:
             length *= 2

@@ -40,8 +40,8 @@ from estimation.twin.truth import (
 )
 from expdesign.configuration import InputError, ResolvedRobot, RunConfiguration
 from expdesign.configuration.bodies import payload_parameters
+from expdesign.configuration.fields import MOST_SAMPLES, require_at_most
 from expdesign.configuration.sections.experiment import ExperimentSection, Lost
-from expdesign.configuration.sizes import SAMPLES
 from expdesign.export.table_file import TableFile
 from expdesign.recheck.limit_check import Motion
 from expdesign.robot import Robot, robot_from
@@ -260,7 +260,6 @@ def without_samples(measurement: Measurement, kept: Mask) -> Measurement:
 _ROUNDING = 1e-12
 _WHOLE = 1e-6
 """Samples by which the last period may be off for all to count as whole and alike."""
-MOST_SAMPLES = SAMPLES.most
 """Rows of one measurement: more than an hour at 1 kHz."""
 
 
@@ -297,9 +296,8 @@ class SampleGrid:
         if exact * (1 + _ROUNDING) < 1:
             message = f"{made} are {exact:.4g} samples"
             raise InputError(message, file, key="experiment.sampling", allowed="1 sample or more")
-        if excess := SAMPLES.excess(int(exact * (1 + _ROUNDING)), made):
-            key = "experiment.periods"
-            raise InputError(excess.message, file, key=key, allowed=excess.allowed)
+        count = int(exact * (1 + _ROUNDING))
+        require_at_most(count, MOST_SAMPLES, made, file, "experiment.periods")
         # Every sample before the end of the last period, the one at its beginning included.
         count = int(np.ceil(exact * (1 - _ROUNDING)))
         return cls(

@@ -9,8 +9,8 @@ from scipy.interpolate import CubicSpline
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
+from expdesign.configuration.fields import MOST_SAMPLES, require_at_most
 from expdesign.configuration.sections.motions import BenchmarkMotion
-from expdesign.configuration.sizes import SAMPLES
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.recheck.certificate import recheck
 from expdesign.robot import LimitModel, Robot
@@ -91,9 +91,8 @@ def refuse_unfit_motions(configuration: RunConfiguration, home: Array) -> None:
         key, sampling = f"validate[{number}]", configuration.run.experiment.sampling
         period = motion_of_run(configuration, motion, home, key).period
         made = f"{motion.periods} periods of {period:.4g} s at {sampling:g} Hz"
-        if excess := SAMPLES.excess(motion.periods * period * sampling, made):
-            file, key = configuration.file, f"{key}.periods"
-            raise InputError(excess.message, file, key=key, allowed=excess.allowed)
+        count = motion.periods * period * sampling
+        require_at_most(count, MOST_SAMPLES, made, configuration.file, f"{key}.periods")
 
 
 def broken_limits(robot: Robot, trajectory: FourierTrajectory, name: str) -> list[str]:

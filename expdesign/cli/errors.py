@@ -86,9 +86,9 @@ def _status_of(error: BaseException, as_json: bool) -> int | None:
 
 def _of_system(error: OSError, as_json: bool) -> int:
     if error.errno == errno.ENAMETOOLONG:  # whoever named the file can help it
-        from expdesign.configuration import Problem, shown
+        from expdesign.configuration import Problem, quote
 
-        return _bad_input([Problem(f"{shown(str(error.filename))}: the name is too long")], as_json)
+        return _bad_input([Problem(f"{quote(str(error.filename))}: the name is too long")], as_json)
     named = "" if error.filename is None else f"{error.filename}: "
     return _failed(f"{named}{error.strerror or error}", as_json)
 

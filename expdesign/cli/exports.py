@@ -19,7 +19,7 @@ from expdesign.configuration import ExportSection, InputError, RunConfiguration,
 from expdesign.configuration.document import document_from_mapping
 from expdesign.configuration.quantity import SPEED
 from expdesign.configuration.section import validate
-from expdesign.configuration.sections.export import OFFERS, STRUT_ONLY, Offer
+from expdesign.configuration.sections.export import STRUT_ONLY
 from expdesign.export.formats import table_formats
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.stages.certification import (
@@ -89,7 +89,8 @@ def _list(*, as_json: bool) -> None:
             "title": form.title,
             "suffix": form.suffix,
             "interpolation": form.interpolation.value,
-            **OFFERS[name]._asdict(),
+            "spaces": form.options.spaces,
+            "options": form.options.own_options(),
         }
         for name, form in table_formats().items()
     ]
@@ -99,9 +100,9 @@ def _list(*, as_json: bool) -> None:
     table = Table()
     for heading in ("format", "for", "coordinates", "options beside segment, scale, tolerance"):
         table.add_column(heading, overflow="fold", no_wrap=heading == "format")
-    for one in found:
-        lists = (", ".join(one[key]) for key in Offer._fields)
-        table.add_row(one["name"], one["title"], *lists)
+    for name, form in table_formats().items():
+        spaces, options = form.options.spaces, form.options.own_options()
+        table.add_row(name, form.title, ", ".join(spaces), ", ".join(options))
     results().print(table)
 
 
@@ -116,7 +117,7 @@ def _section(name: str, given: dict[str, Any], configuration: RunConfiguration) 
     for key in left_out:
         del data[key]
     data |= {"format": name, **given}
-    found, problems = validate(ExportSection, data, document_from_mapping(data))
+    found, problems = validate(table_formats()[name].options, data, document_from_mapping(data))
     if found is None:
         raise InputError(replace(problem, key=flag(problem.key)) for problem in problems)
     for option in dict.fromkeys(left_out.values()):

@@ -13,7 +13,7 @@ import typer
 from expdesign.cli.options import INIT_OPTIONS, flag
 from expdesign.cli.output import messages, note, say, write_json
 from expdesign.configuration import InputError
-from expdesign.configuration.document import Placed, document_from_mapping
+from expdesign.configuration.document import Located, document_from_mapping
 from expdesign.configuration.errors import Problem
 from expdesign.configuration.section import validate
 from expdesign.machines.description import MachineDescription, machine_from_answers
@@ -60,13 +60,13 @@ def init(
         _show(files)
 
 
-def _validated(data: dict[str, Any]) -> Placed[MachineDescription]:
+def _validated(data: dict[str, Any]) -> Located[MachineDescription]:
 
     document = document_from_mapping(data)
     found, problems = validate(MachineDescription, document.data, document)
     if found is None:
         raise InputError(_with_option(problem, INIT_OPTIONS) for problem in problems)
-    return Placed(found, document)
+    return Located(found, document)
 
 
 def _with_option(problem: Problem, options: Mapping[str, Any]) -> Problem:

@@ -16,9 +16,7 @@ from constraints.arrays import Array
 from expdesign.cli.output import results, say
 from expdesign.cli.robots import range_text
 from expdesign.cli.terminal import working
-from expdesign.configuration import (
-    RunConfiguration,
-)
+from expdesign.configuration import RunConfiguration
 from expdesign.configuration.limits import row_labels, shared_rows
 from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.mechanism.hexapod import ACTUATORS, POSE

@@ -15,7 +15,7 @@ from rich.text import Text
 from expdesign.cli.activity import HEARTBEAT, Activity, left_text, time_text
 from expdesign.cli.output import messages, note, results, warn
 from expdesign.configuration import RunConfiguration
-from expdesign.information.criteria import CRITERIA, Criterion
+from expdesign.information.criteria import Criterion, criteria
 from expdesign.progress import Listener, listening
 from expdesign.recheck.limit_check import TOLERANCE
 from expdesign.solver.events import PHASE_TITLES, SearchEvent
@@ -73,7 +73,7 @@ class Terminal(Progress):
         hops = section.hops if section.search == "hopping" else 0
         display = SearchDisplay(
             self._console,
-            CRITERIA[section.criterion],
+            criteria()[section.criterion],
             section.starts,
             hops,
             section.information,
@@ -218,7 +218,7 @@ class SearchDisplay:
         """Return an event's objective with its name: criterion, and smoothed or true."""
         # The rough search of a criterion that is flat far off is that of log det F.
         of_d = event.phase == "blunt" and self._criterion.flat
-        title = (CRITERIA["d"] if of_d else self._criterion).named(self._information)
+        title = (criteria()["d"] if of_d else self._criterion).named(self._information)
         model = "true" if event.phase in _TRUE else "smoothed"
         return f"{title} {event.objective:.6g} ({model})"
 

@@ -1,4 +1,4 @@
-"""What is right by itself but does not fit together: between sections, and with the robot."""
+"""Consistency of a run: between its sections, and with its robot."""
 
 from __future__ import annotations
 
@@ -6,64 +6,76 @@ import math
 from collections.abc import Iterator
 
 from expdesign.configuration.document import Document
-from expdesign.configuration.errors import Problem, nearest
-from expdesign.configuration.noise import unsampled
-from expdesign.configuration.parameters import whose
+from expdesign.configuration.errors import Problem, nearest_name
+from expdesign.configuration.fields import MOST_ROWS, MOST_SAMPLES
+from expdesign.configuration.noise import aliasing_of
+from expdesign.configuration.parameters import term_hint
 from expdesign.configuration.robot import ResolvedRobot
 from expdesign.configuration.run import RunDescription
-from expdesign.configuration.sizes import PERIOD_ROWS, oversized
 from expdesign.mechanism.catalogue import term_definitions
 
 _ROUNDING = 1e-12
 _LEAST_HARMONICS_AT_REST = 2
-_SAMPLES_OF_A_SWING = 20
-"""Of a controller, at least."""
+_SAMPLES_PER_SWING = 20
+"""Fewest samples of a controller per period of its bandwidth."""
 
 
 def inconsistencies(
     run: RunDescription, robot: ResolvedRobot, document: Document
 ) -> Iterator[Problem]:
-    """Yield everything in a run that does not fit the rest of it, or its robot."""
-    yield from oversized(run, document)
+    """Yield the contradictions inside a run, and between it and its robot."""
+    yield from _oversized(run, document)
     yield from _unknown_parameters(run, robot, document)
-    yield from _undesignable(run, document)
-    yield from _unknown_spectrum(run, robot, document)
+    yield from _impossible_designs(run, document)
+    yield from _narrow_spectra(run, robot, document)
     yield from _long_delay(run, document)
-    yield from _nothing_to_estimate(run, robot, document)
-    yield from _unfitted_constants(run, robot, document)
-    yield from _nothing_to_select(run, robot, document)
-    yield from _unfit_payload(run, robot, document)
-    yield from _uncontrollable(run, robot, document)
+    yield from _impossible_estimates(run, robot, document)
+    yield from _impossible_selections(run, robot, document)
+    yield from _impossible_payloads(run, robot, document)
+    yield from _impossible_control(run, robot, document)
+
+
+def _oversized(run: RunDescription, document: Document) -> Iterator[Problem]:
+    """Yield sizes that no computer's memory holds, for the shortest motion of the family."""
+    longest, shortest = (1 / frequency for frequency in run.trajectory.frequency)
+    samples = run.experiment.periods * shortest * run.experiment.sampling
+    if samples > MOST_SAMPLES:
+        key = "periods" if shortest * run.experiment.sampling <= MOST_SAMPLES else "sampling"
+        message = f"{samples:.4g} samples of one recording are too many"
+        yield document.problem(("experiment", key), message, f"{MOST_SAMPLES} at most")
+    if (steps := longest / run.controller_period) > MOST_ROWS:
+        key = "sampling" if run.trajectory.controller_period is None else "controller_period"
+        section = "experiment" if key == "sampling" else "trajectory"
+        message = f"{steps:.4g} controller steps in one period are too many"
+        yield document.problem((section, key), message, f"{MOST_ROWS} at most")
 
 
 def _unknown_parameters(
     run: RunDescription, robot: ResolvedRobot, document: Document
-) -> list[Problem]:
+) -> Iterator[Problem]:
     own = robot.parameter_names
     candidates = () if run.estimate.select is None else run.estimate.select.candidates
-    # Bounds of a candidate hold if it is chosen. A value or a prior of it would judge it already.
-    tried = (p.name for one in candidates for p in term_definitions()[one.name].parameters)
+    # Bounds apply to a candidate once it is chosen; a value or prior would prejudge the choice.
+    tried = (p.name for one in candidates for p in one.definition.parameters)
     named = {
         ("design", "parameters"): (run.design.named_parameters or (), own),
         ("estimate", "fixed"): (run.estimate.fixed, own),
         ("estimate", "prior"): (run.estimate.named_priors, own),
         ("estimate", "bounds"): (run.estimate.bounds, (*own, *tried)),
     }
-    return [
-        document.problem(
-            key,
-            f"no term of the robot {robot.name} has the parameter '{name}'{whose(name)}",
-            ", ".join(valid),
-            nearest(name, valid),
-        )
-        for key, (names, valid) in named.items()
-        for name in names
-        if name not in valid
-    ]
+    for key, (names, valid) in named.items():
+        for name in names:
+            if name not in valid:
+                yield document.problem(
+                    key,
+                    f"no term of the robot {robot.name} has the parameter '{name}'"
+                    f"{term_hint(name)}",
+                    ", ".join(valid),
+                    nearest_name(name, valid),
+                )
 
 
-def _undesignable(run: RunDescription, document: Document) -> Iterator[Problem]:
-    """Name what is well-formed but cannot be designed."""
+def _impossible_designs(run: RunDescription, document: Document) -> Iterator[Problem]:
     if run.design.start == "rest" and run.trajectory.harmonics < _LEAST_HARMONICS_AT_REST:
         yield document.problem(
             ("design", "start"),
@@ -79,8 +91,8 @@ def _undesignable(run: RunDescription, document: Document) -> Iterator[Problem]:
             f"at least {2 * high:g} Hz, or a trajectory.controller_period",
         )
         return
-    if not 1 / (low * step) <= PERIOD_ROWS.most:
-        return  # too many steps, which is told by their number
+    if not 1 / (low * step) <= MOST_ROWS:
+        return  # reported with the sizes
     fewest = math.ceil(1 / (high * step) * (1 - _ROUNDING))
     most = math.floor(1 / (low * step) * (1 + _ROUNDING))
     if low < high and fewest > most:
@@ -92,14 +104,12 @@ def _undesignable(run: RunDescription, document: Document) -> Iterator[Problem]:
         )
 
 
-def _unknown_spectrum(
+def _narrow_spectra(
     run: RunDescription, robot: ResolvedRobot, document: Document
 ) -> Iterator[Problem]:
-    """Name spectra of noise that say nothing up to half of the sampling."""
-    if robot.noise is None:
-        return
+    """Yield spectra of the noise that end below half of the sampling."""
     for kind in ("force", "length"):
-        spectrum = getattr(robot.noise, f"{kind}_spectrum")
+        spectrum = getattr(robot.noise, f"{kind}_spectrum", None)
         if spectrum is not None and not spectrum.covers(run.experiment.sampling):
             yield document.problem(
                 ("experiment", "sampling"),
@@ -109,103 +119,75 @@ def _unknown_spectrum(
             )
 
 
-def folded_hum(run: RunDescription) -> list[str]:
-    """Return what is to be known of a hum of the twin that is sampled as another one.
-
-    A machine without a filter before its converters does that, too: it is no error.
-    """
-    hum, sampling = run.experiment.hum, run.experiment.sampling
-    if hum is None:
-        return []
-    there = [hum.frequency * k for k, size in enumerate(hum.harmonics, start=1) if size > 0]
-    reasons = [unsampled(frequency, sampling) for frequency in there]
-    return [f"experiment.hum: {reason}" for reason in reasons if reason]
-
-
-def unselected(run: RunDescription) -> list[str]:
-    """Return which stages of a run estimate without a selection that it names."""
-    if run.estimate.select is None or "montecarlo" not in run.stages:
-        return []
-    return ["montecarlo estimates the robot's own terms: estimate.select has no effect on it"]
-
-
 def _long_delay(run: RunDescription, document: Document) -> Iterator[Problem]:
-    """Name a delay of the twin that no period holds."""
     delay, longest = run.experiment.delay, 1 / run.trajectory.frequency[0]
     if abs(delay) > longest:
         yield document.problem(
             ("experiment", "delay"),
-            f"a delay of {delay:g} s is longer than a period, which has {longest:g} s at most",
+            f"a delay of {delay:g} s is longer than any period, at most {longest:g} s",
             'a delay of the measurement, such as "1 ms"',
         )
 
 
-def _nothing_to_estimate(
+def _impossible_estimates(
     run: RunDescription, robot: ResolvedRobot, document: Document
 ) -> Iterator[Problem]:
-    """Name what stands in the way of estimating what is not known exactly."""
-    if run.estimate.systematic != "estimated":
-        return
-    key = ("estimate", "systematic")
-    if robot.tolerances is None or not robot.tolerances.inexact:
-        yield document.problem(
-            key,
-            "there is nothing to estimate: neither the robot nor the run states a tolerance",
-            "budget or none; or `tolerances` in the robot file or the run",
-        )
-    if "ml" not in run.estimate.estimators:
-        yield document.problem(
-            key,
-            "only maximum likelihood estimates what has a tolerance, and estimate.estimators "
-            "does not name ml",
-            "budget or none; or ml among estimate.estimators",
-        )
-
-
-def _unfitted_constants(
-    run: RunDescription, robot: ResolvedRobot, document: Document
-) -> Iterator[Problem]:
-    """Name a differentiation along which no constant of a term is estimated."""
+    estimate = run.estimate
+    if estimate.systematic == "estimated":
+        key = ("estimate", "systematic")
+        if robot.tolerances is None or not robot.tolerances.inexact:
+            yield document.problem(
+                key,
+                "there is nothing to estimate: neither the robot nor the run states a tolerance",
+                "budget or none; or `tolerances` in the robot file or the run",
+            )
+        if "ml" not in estimate.estimators:
+            yield document.problem(
+                key,
+                "only maximum likelihood estimates deviations within tolerances, and "
+                "estimate.estimators has no ml",
+                "budget or none; or ml among estimate.estimators",
+            )
     named = ", ".join(robot.estimated_constants)
-    if named and run.estimate.differentiation != "fourier":
+    if named and estimate.differentiation != "fourier":
         yield document.problem(
             ("estimate", "differentiation"),
-            f"the robot {robot.name} has {named} estimated, which takes a motion that is a Fourier "
-            f"series; '{run.estimate.differentiation}' differentiation has none",
+            f"the robot {robot.name} has {named} estimated, which requires a motion with Fourier "
+            f"coefficients; '{estimate.differentiation}' differentiation has none",
             "fourier, or estimate: false with the constants",
         )
 
 
-def _nothing_to_select(
+def _impossible_selections(
     run: RunDescription, robot: ResolvedRobot, document: Document
 ) -> Iterator[Problem]:
-    """Name candidates that the robot has already, and a prior that knows nothing of them."""
+    """Yield candidates that the robot has already, and priors without the candidates."""
     if run.estimate.select is None:
         return
     key = ("estimate", "select", "candidates")
     present = [term.name for term in robot.terms]
     others = ", ".join(name for name in term_definitions() if name not in present)
-    for place, candidate in enumerate(run.estimate.select.candidates):
-        beside = term_definitions()[candidate.name].beside
+    candidates = run.estimate.select.candidates
+    for place, candidate in enumerate(candidates):
+        partner = candidate.definition.beside
         if candidate.name in present:
             yield document.problem(
                 (*key, place),
-                f"the robot {robot.name} has the term '{candidate.name}' already: it is estimated",
+                f"the robot {robot.name} has the term '{candidate.name}' already",
                 f"terms that it lacks: {others}",
             )
-        before = (one.name for one in run.estimate.select.candidates[:place])
-        if beside and beside not in (*present, *before):
+        if partner and partner not in (*present, *(one.name for one in candidates[:place])):
             yield document.problem(
                 (*key, place),
-                f"the term '{candidate.name}' takes the constants of '{beside}'",
-                f"{beside} among the robot's terms, or listed before {candidate.name}",
+                f"the term '{candidate.name}' takes the constants of '{partner}'",
+                f"{partner} among the robot's terms, or listed before {candidate.name}",
             )
         estimated = any(constant.estimate for constant in candidate.constants.values())
         if estimated and run.estimate.differentiation != "fourier":
             yield document.problem(
                 (*key, place),
-                f"a constant of '{candidate.name}' is estimated, which takes a motion that is a "
-                f"Fourier series; '{run.estimate.differentiation}' differentiation has none",
+                f"a constant of '{candidate.name}' is estimated, which requires a motion with "
+                f"Fourier coefficients; '{run.estimate.differentiation}' differentiation has none",
                 "estimate.differentiation: fourier, or estimate: false with the constant",
             )
     earlier = {
@@ -215,15 +197,14 @@ def _nothing_to_select(
     for name in (name for name, given in earlier.items() if given):
         yield document.problem(
             ("estimate", name),
-            "an earlier estimate is a prior of its own terms, and estimate.select tries others",
+            "the prior is an earlier estimate without the candidates of estimate.select",
             "none, or no estimate.select",
         )
 
 
-def _unfit_payload(
+def _impossible_payloads(
     run: RunDescription, robot: ResolvedRobot, document: Document
 ) -> Iterator[Problem]:
-    """Name what a payload is not understood with."""
     if not run.experiment.payload:
         return
     if robot.platform == "symmetric":
@@ -235,24 +216,24 @@ def _unfit_payload(
     if run.estimate.prior_from != "none":
         yield document.problem(
             ("estimate", "prior_from"),
-            "the robot's identification is no prior of a machine that carries a payload",
+            "the robot's identification is not a prior of a machine with a payload",
             "none, and for the payload `estimate.prior` with the run folder of the identification",
         )
 
 
-def _uncontrollable(
+def _impossible_control(
     run: RunDescription, robot: ResolvedRobot, document: Document
 ) -> Iterator[Problem]:
-    """Name what the closed loop cannot be simulated with."""
+    """Yield obstacles to a simulation of the closed loop."""
     if "feedforward" not in run.stages:
         return
     sampling, bandwidth = 1 / run.controller_period, run.feedforward.bandwidth
-    if sampling < _SAMPLES_OF_A_SWING * bandwidth * (1 - _ROUNDING):
+    if sampling < _SAMPLES_PER_SWING * bandwidth * (1 - _ROUNDING):
         yield document.problem(
             ("feedforward", "bandwidth"),
             f"a controller that samples at {sampling:g} Hz cannot have a bandwidth of "
             f"{bandwidth:g} Hz",
-            f"at most {sampling / _SAMPLES_OF_A_SWING:g} Hz, or a shorter "
+            f"at most {sampling / _SAMPLES_PER_SWING:g} Hz, or a shorter "
             "trajectory.controller_period",
         )
     spectrum = None if robot.noise is None else robot.noise.length_spectrum
@@ -269,3 +250,26 @@ def _uncontrollable(
             "the forward dynamics of feedforward has rigid struts",
             "no compliance in a run with `feedforward:`",
         )
+
+
+# --- warnings -------------------------------------------------------------------------------------
+
+
+def aliased_hum_warnings(run: RunDescription) -> list[str]:
+    """Return warnings about a hum of the twin above half of the sampling.
+
+    It is not an error: a machine without anti-aliasing filters has such a hum, too.
+    """
+    hum, sampling = run.experiment.hum, run.experiment.sampling
+    if hum is None:
+        return []
+    present = [hum.frequency * k for k, size in enumerate(hum.harmonics, start=1) if size > 0]
+    reasons = [aliasing_of(frequency, sampling) for frequency in present]
+    return [f"experiment.hum: {reason}" for reason in reasons if reason]
+
+
+def selection_warnings(run: RunDescription) -> list[str]:
+    """Return warnings about stages that ignore the run's selection of terms."""
+    if run.estimate.select is None or "montecarlo" not in run.stages:
+        return []
+    return ["montecarlo estimates the robot's own terms: it ignores estimate.select"]

@@ -1,4 +1,4 @@
-"""What is wrong with an input, said for people: file, line, key, what is allowed, nearest name."""
+"""Errors for users: file, line, key, what is wrong, what is allowed, and the nearest valid name."""
 
 from __future__ import annotations
 
@@ -11,47 +11,36 @@ from typing import Any
 from pydantic import AfterValidator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-_LONGEST_SHOWN = 60
-MOST_TOLD = 20
-"""Problems of an input that are told one by one."""
+MOST_REPORTED = 20
+"""Largest number of problems that an error lists one by one."""
+
+_LONGEST_QUOTE = 60
+
 Key = tuple[str | int, ...]
-"""Path to a value: keys of mappings and (from zero) positions in lists."""
-
-
-def key_path(key: Key) -> str:
-    """Return a key as the user reads it: ``base_joints[3][1]``, positions counted from one."""
-    text = ""
-    for part in key:
-        if isinstance(part, int):
-            text += f"[{part + 1}]"
-        else:
-            name = _cut(part if part.isprintable() else ascii(part))
-            text += f".{name}" if text else name
-    return text
+"""Path to a value: keys of mappings and positions in lists, counted from zero."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong with an input."""
+    """One problem of an input."""
 
     message: str
-    """What is wrong, in words."""
     file: Path | None = None
-    """The file that it stands in; None when the input is no file."""
+    """The faulty file; None for an input from a program."""
     line: int | None = None
     """From one."""
     key: str = ""
-    """Path to the value, as of `key_path`; empty for the file as a whole."""
+    """Path to the value, as from `key_path`; empty for the file as a whole."""
     allowed: str | None = None
-    """What would be accepted."""
+    """Description of the accepted values."""
     nearest: str | None = None
-    """The valid name that was probably meant."""
+    """Valid name with the most similar spelling."""
     more: int = 0
-    """How many problems it stands for that are not told one by one."""
+    """Number of further problems that this entry stands for."""
 
     @property
     def place(self) -> str:
-        """File, line and key, as far as they are known: ``run.yaml:4: trajectory.harmonics``."""
+        """Known parts of file, line and key: ``run.yaml:4: trajectory.harmonics``."""
         file = "" if self.file is None else str(self.file)
         line = "" if self.line is None else f":{self.line}"
         return ": ".join(part for part in (f"{file}{line}", self.key) if part)
@@ -65,17 +54,20 @@ class Problem:
         return text
 
 
-def untold(count: int) -> list[Problem]:
-    """Return what stands for problems that are not told one by one; nothing for none."""
-    words = f"and {count} more problem{'' if count == 1 else 's'}"
-    return [Problem(words, more=count)] if count > 0 else []
-
-
 class InputError(Exception):
-    """Bad input: what is wrong with it, at least one problem.
+    """Invalid input, with at least one problem and at most `MOST_REPORTED` listed ones.
 
-    Of one problem the words are enough, with what `Problem` takes beside them. Of very many the
-    first `MOST_TOLD` are told, and how many more there are.
+    Parameters
+    ----------
+    problems : str, Problem or iterable of Problem
+        A text is the message of a single problem.
+    file, line, key, allowed, nearest
+        Further fields of the single problem, as of `Problem`.
+
+    Examples
+    --------
+    >>> print(InputError("the value is negative", key="design.starts", allowed="1 or more"))
+    design.starts: the value is negative (allowed: 1 or more)
     """
 
     def __init__(
@@ -92,24 +84,30 @@ class InputError(Exception):
         found = (problems,) if isinstance(problems, Problem) else tuple(problems)
         if not found:
             raise ValueError("an InputError needs a problem")
-        told = [problem for problem in found if not problem.more]
-        rest = sum(problem.more for problem in found) + len(told[MOST_TOLD:])
-        self.problems: tuple[Problem, ...] = (*told[:MOST_TOLD], *untold(rest))
+        listed = [problem for problem in found if not problem.more]
+        rest = sum(problem.more for problem in found) + len(listed[MOST_REPORTED:])
+        self.problems = (*listed[:MOST_REPORTED], *remaining_problems(rest))
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
     def __reduce__(self) -> tuple[type[InputError], tuple[tuple[Problem, ...]]]:
         return type(self), (self.problems,)
 
 
+def remaining_problems(count: int) -> tuple[Problem, ...]:
+    """Return one entry for problems that are only counted; nothing for none."""
+    words = f"and {count} more problem{'' if count == 1 else 's'}"
+    return (Problem(words, more=count),) if count > 0 else ()
+
+
 class ComputationError(Exception):
-    """A computation has no result, though its input is valid: root of all such errors.
+    """A computation fails although its input is valid: base class of all such errors.
 
     Parameters
     ----------
     message : str
-        What happened, and what can be done about it.
+        Reason and remedy.
     details : dict, optional
-        The same for machines.
+        The same for programs.
     """
 
     def __init__(self, message: str, details: dict[str, Any] | None = None) -> None:
@@ -123,87 +121,45 @@ def refusal(
     nearest: str | Callable[[], str | None] | None = None,
     key: str = "",
 ) -> PydanticCustomError:
-    """Return the exception that a validator raises.
+    """Return the exception for a validator to raise.
 
     Parameters
     ----------
     reason : str
-        What is wrong with the value that was given.
+        Fault of the value.
     allowed : str
-        What would be accepted instead.
+        Description of the accepted values.
     nearest : str or callable, optional
-        The valid spelling closest to what was given, or what looks for it: that takes time, and is
-        done where the problem is told.
+        Valid name with the most similar spelling, or the (slow) function that finds it.
     key : str, optional
-        The key that is to be changed, when the validator is that of a whole section.
+        The key to change, for a validator of a whole section.
     """
     context = {"reason": reason, "allowed": allowed, "nearest": nearest or "", "key": key}
     return PydanticCustomError("refused", "{reason}", context)
 
 
-def require(holds: Callable[[Any], object], reason: str, allowed: str) -> AfterValidator:
-    """Return a validator of what must hold; `reason` is a format of ``value`` and of ``shown``."""
+def require(condition: Callable[[Any], object], reason: str, allowed: str) -> AfterValidator:
+    """Return a validator of a condition; `reason` may contain ``{value}`` and ``{quoted}``."""
 
     def check(value: Any) -> Any:
-        if not holds(value):
-            raise refusal(reason.format(value=value, shown=shown(value)), allowed)
+        if not condition(value):
+            raise refusal(reason.format(value=value, quoted=quote(value)), allowed)
         return value
 
     return AfterValidator(check)
 
 
-def format_number(found: object, newest: int) -> int:
-    """Return the format number of a file; refuse what is none, or newer than this version reads."""
-    if isinstance(found, bool) or not isinstance(found, int) or found < 0:
-        raise refusal(f"{shown(found)} is no format number", f"a whole number up to {newest}")
-    if found > newest:
-        raise refusal(
-            f"the file has format {found}, this version of expdesign reads up to {newest}",
-            "a newer version of expdesign, or a file that this one wrote",
-        )
-    return found
-
-
-def shown(value: object) -> str:
-    """Return a value as it can stand in a message: short, on one line, without control codes."""
-    if isinstance(value, dict):
-        return "a mapping"
-    if isinstance(value, list | tuple):
-        return f"a list of {len(value)}"
-    if value is None:
-        return "nothing"
-    try:
-        text = ascii(value) if not isinstance(value, str) or not value.isprintable() else None
-    except ValueError:  # an integer with more digits than Python converts
-        return "a number of very many digits"
-    return _cut(f"'{value}'" if text is None else text)
-
-
-def _cut(text: str) -> str:
-    return text if len(text) <= _LONGEST_SHOWN else f"{text[: _LONGEST_SHOWN - 1]}…"
-
-
-def nearest(given: object, valid: Iterable[str]) -> str | None:
-    """Return the valid name that is spelt most like the one given, None when none is alike."""
-    if not isinstance(given, str):
-        return None
-    by_lower_case = {name.lower(): name for name in reversed(list(valid))}
-    # Long strings are no misspelling, and the comparison takes quadratic time.
-    wanted = given.lower()[:_LONGEST_SHOWN]
-    found = difflib.get_close_matches(wanted, by_lower_case, n=1, cutoff=0.5)
-    return by_lower_case[found[0]] if found else None
-
-
-_NEEDED = {
-    "a finite number": ("finite_number",),
-    "a number": ("float_type", "float_parsing"),
-    "a whole number": ("int_type", "int_parsing", "int_parsing_size", "int_from_float"),
-    "true or false": ("bool_type", "bool_parsing"),
-    "a text": ("string_type",),
-    "a list": ("list_type", "tuple_type"),
-    "a mapping": ("dict_type", "mapping_type", "dataclass_type", "model_type"),
+_KINDS = {
+    "finite_number": "a finite number",
+    **dict.fromkeys(("float_type", "float_parsing"), "a number"),
+    **dict.fromkeys(
+        ("int_type", "int_parsing", "int_parsing_size", "int_from_float"), "a whole number"
+    ),
+    **dict.fromkeys(("bool_type", "bool_parsing"), "true or false"),
+    "string_type": "a text",
+    **dict.fromkeys(("list_type", "tuple_type"), "a list"),
+    **dict.fromkeys(("dict_type", "mapping_type", "dataclass_type", "model_type"), "a mapping"),
 }
-_KINDS = {kind: needed for needed, kinds in _NEEDED.items() for kind in kinds}
 _BOUNDS = {
     "greater_than": ("gt", "above"),
     "greater_than_equal": ("ge", "at least"),
@@ -212,12 +168,9 @@ _BOUNDS = {
 }
 
 
-def wrong_value(details: ErrorDetails) -> tuple[str, str | None]:
-    """Return what is wrong with a value and what is allowed, None where the first tells that.
-
-    What is in no list here was raised by a validator of this package, whose words are kept.
-    """
-    kind, value, context = details["type"], shown(details["input"]), details.get("ctx", {})
+def value_problem(details: ErrorDetails) -> tuple[str, str | None]:
+    """Return message and allowed values for an error of pydantic."""
+    kind, value, context = details["type"], quote(details["input"]), details.get("ctx", {})
     if kind == "refused":
         return context["reason"], context["allowed"]
     if kind in _KINDS:
@@ -231,5 +184,78 @@ def wrong_value(details: ErrorDetails) -> tuple[str, str | None]:
         needed = context["min_length" if kind == "too_short" else "max_length"]
         return f"there are {context['actual_length']} entries where {needed} are needed", None
     if kind in ("literal_error", "enum"):
-        return f"{value} is no choice", context["expected"]
+        return f"{value} is not a valid choice", context["expected"]
     return f"{value}: {details['msg'].removeprefix('Value error, ')}", None
+
+
+def format_number(found: object, newest: int) -> int:
+    """Return a file's format number; refuse any other than that of this version."""
+    if isinstance(found, bool) or not isinstance(found, int) or found < 0:
+        raise refusal(f"{quote(found)} is not a format number", f"the whole number {newest}")
+    if found != newest:
+        made = "a newer" if found > newest else "an earlier"
+        raise refusal(
+            f"the file was made by {made} version of expdesign (format {found}); run it again",
+            f"format {newest}",
+        )
+    return found
+
+
+def key_path(key: Key) -> str:
+    """Return a key in the user's notation, with list positions from one.
+
+    Examples
+    --------
+    >>> key_path(("base_joints", 2, 0))
+    'base_joints[3][1]'
+    """
+    text = ""
+    for part in key:
+        if isinstance(part, int):
+            text += f"[{part + 1}]"
+        else:
+            name = _shorten(part if part.isprintable() else ascii(part))
+            text += f".{name}" if text else name
+    return text
+
+
+def quote(value: object) -> str:
+    """Return a value for a message: short, on one line, without control characters.
+
+    Examples
+    --------
+    >>> quote("5 mm"), quote([1, 2]), quote(None)
+    ("'5 mm'", 'a list of 2', 'nothing')
+    """
+    if isinstance(value, dict):
+        return "a mapping"
+    if isinstance(value, list | tuple):
+        return f"a list of {len(value)}"
+    if value is None:
+        return "nothing"
+    try:
+        text = ascii(value) if not isinstance(value, str) or not value.isprintable() else None
+    except ValueError:  # an integer with more digits than Python converts
+        return "a number of very many digits"
+    return _shorten(f"'{value}'" if text is None else text)
+
+
+def _shorten(text: str) -> str:
+    return text if len(text) <= _LONGEST_QUOTE else f"{text[: _LONGEST_QUOTE - 1]}…"
+
+
+def nearest_name(given: object, valid: Iterable[str]) -> str | None:
+    """Return the valid name with the most similar spelling, None without a similar one.
+
+    Examples
+    --------
+    >>> nearest_name("harmonic", ["samples", "harmonics"])
+    'harmonics'
+    """
+    if not isinstance(given, str):
+        return None
+    by_lower_case = {name.lower(): name for name in reversed(list(valid))}
+    # The comparison takes quadratic time, and a long text is no misspelling.
+    wanted = given.lower()[:_LONGEST_QUOTE]
+    found = difflib.get_close_matches(wanted, by_lower_case, n=1, cutoff=0.5)
+    return by_lower_case[found[0]] if found else None

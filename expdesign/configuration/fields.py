@@ -1,10 +1,11 @@
-"""Validators of what is no physical quantity: names, whole numbers, choices, mappings, lists."""
+"""Types of keys besides physical quantities: names, whole numbers, choices, mappings, lists."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
@@ -21,91 +22,58 @@ from pydantic import (
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from constraints.arrays import Array
-from expdesign.configuration.errors import nearest, refusal, require, shown
+from expdesign.configuration.errors import InputError, nearest_name, quote, refusal, require
 from expdesign.configuration.quantity import Angle, Force, Length, Number
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES, COORDINATES
 
-_NAME = re.compile(r"[A-Za-z0-9._-]+")
+# --- texts and choices ----------------------------------------------------------------------------
+
 LONGEST_NAME = 100
-_LARGEST_WHOLE = 2**63 - 1
-_LARGEST_COUNT = 100_000
+_NAME = re.compile(r"[A-Za-z0-9._-]+")
 
 
-def _name(value: object) -> str:
+def _check_name(value: object) -> str:
     allowed = "letters, digits, '.', '_' and '-'"
     if not isinstance(value, str):
-        raise refusal(f"{shown(value)} is no text; put a name in quotes", allowed)
+        raise refusal(f"{quote(value)} is not a text; put a name in quotes", allowed)
     if not _NAME.fullmatch(value) or value.strip(".") == "":
-        raise refusal(f"{shown(value)} is not a name", allowed)
+        raise refusal(f"{quote(value)} is not a name", allowed)
     if len(value) > LONGEST_NAME:
-        raise refusal(
-            f"a name of {len(value)} characters is too long", f"{LONGEST_NAME} characters"
-        )
+        message = f"a name of {len(value)} characters is too long"
+        raise refusal(message, f"{LONGEST_NAME} characters")
     return value
 
 
-def _text(value: object) -> str:
+def _check_text(value: object) -> str:
     if not isinstance(value, str):
-        raise refusal(f"{shown(value)} is no text", "text; put it in quotes")
+        raise refusal(f"{quote(value)} is not a text", "text; put it in quotes")
     return value
 
 
-Name = Annotated[str, BeforeValidator(_name)]
-"""A name that is safe as a folder on every system."""
-Text = Annotated[str, BeforeValidator(_text)]
+Name = Annotated[str, BeforeValidator(_check_name)]
+"""A name that is also a valid folder name."""
+Text = Annotated[str, BeforeValidator(_check_text)]
 FilledText = Annotated[Text, require(str.strip, "the text is empty", "a text")]
 
 
-def whole(minimum: int | None, maximum: int | None = _LARGEST_COUNT) -> BeforeValidator:
-    """Return a validator for whole numbers; booleans, texts and fractions are refused.
-
-    A bound that is None follows from other keys, and is told where these are known: by the section,
-    or by `expdesign.configuration.sizes`.
-    """
-    least = -_LARGEST_WHOLE if minimum is None else minimum
-    most = _LARGEST_WHOLE if maximum is None else maximum
-    bounds = "" if minimum is None else f" of {minimum} or more, as memory allows"
-    if minimum is not None and maximum is not None:
-        bounds = f" from {minimum} to {maximum}"
-
-    def check(value: object) -> int:
-        allowed = f"a whole number{bounds}"
-        if isinstance(value, bool) or not isinstance(value, int):
-            if isinstance(value, float) and value.is_integer():
-                allowed += ", written without point and exponent"
-            raise refusal(f"{shown(value)} is not a whole number", allowed)
-        if not least <= value <= most:
-            raise refusal(f"{shown(value)} is out of range", allowed)
-        return value
-
-    return BeforeValidator(check)
-
-
-Sized = Annotated[int, whole(1, None)]
-"""How many there may be at most follows from what they take."""
-Seed = Annotated[int, whole(0, _LARGEST_WHOLE)]
-
-
-def known(
+def check_choice(
     choices: Sequence[str] | Callable[[], Iterable[str]], kind: str
 ) -> Callable[[object], str]:
-    """Return a check that a text is one of the choices, which names the nearest when it is not."""
+    """Return a check of a text against choices, or against those that a function returns."""
 
     def check(value: object) -> str:
         names = tuple(choices() if callable(choices) else choices)
         if not isinstance(value, str) or value not in names:
-            allowed = " | ".join(names)
-            raise refusal(
-                f"{shown(value)} is not a {kind}", allowed, partial(nearest, value, names)
-            )
+            message, allowed = f"{quote(value)} is not a {kind}", " | ".join(names)
+            raise refusal(message, allowed, partial(nearest_name, value, names))
         return value
 
     return check
 
 
-def one_of(choice: Any, kind: str = "choice") -> BeforeValidator:
-    """Return a validator for the texts of a `Literal`, or for those given in a tuple."""
-    return BeforeValidator(known(choice if isinstance(choice, tuple) else get_args(choice), kind))
+def one_of(choices: Any, kind: str = "choice") -> BeforeValidator:
+    """Return a validator for the texts of a `Literal`, of a tuple, or from a function."""
+    return BeforeValidator(check_choice(get_args(choices) or choices, kind))
 
 
 def word_for_none(
@@ -131,7 +99,7 @@ def word_for_none(
 
 
 def word_or(word: str, otherwise: BeforeValidator) -> BeforeValidator:
-    """Return a validator that lets a word through, and anything else if the other one does."""
+    """Return a validator that accepts a word, and other values as another validator does."""
     accepted: Callable[..., Any] = otherwise.func
 
     def check(value: object) -> Any:
@@ -141,34 +109,78 @@ def word_or(word: str, otherwise: BeforeValidator) -> BeforeValidator:
             return accepted(value)
         except PydanticCustomError as error:
             allowed = f"{word}, or {(error.context or {})['allowed']}"
-            meant = partial(nearest, value, (word,))
+            meant = partial(nearest_name, value, (word,))
             raise refusal(error.message(), allowed, meant) from None
 
     return BeforeValidator(check)
 
 
-def by_key(
-    read: Callable[[str, Any], Any], wanted: str, name: Callable[[object], str] = str
-) -> BeforeValidator:
-    """Return a validator of a mapping that reads key by key, and refuses all that is wrong.
+# --- whole numbers --------------------------------------------------------------------------------
 
-    `name` checks a key before it is read.
+LARGEST_COUNT = 1_000_000
+MOST_SAMPLES = 4_000_000
+"""Samples of one recording: four gigabytes with spectra and all channels."""
+MOST_ROWS = 1_000_000
+"""Rows of one table: four gigabytes."""
+_LARGEST_WHOLE = 2**63 - 1
+
+
+def whole(minimum: int, maximum: int = LARGEST_COUNT) -> BeforeValidator:
+    """Return a validator for whole numbers; booleans, texts and fractions are refused."""
+
+    def check(value: object) -> int:
+        allowed = f"a whole number from {minimum} to {maximum}"
+        if isinstance(value, bool) or not isinstance(value, int):
+            if isinstance(value, float) and value.is_integer():
+                allowed += ", written without point and exponent"
+            raise refusal(f"{quote(value)} is not a whole number", allowed)
+        if not minimum <= value <= maximum:
+            raise refusal(f"{quote(value)} is out of range", allowed)
+        return value
+
+    return BeforeValidator(check)
+
+
+def require_at_most(
+    count: float, most: int, content: str, file: Path | None = None, key: str = ""
+) -> None:
+    """Refuse a computation with more samples or rows than memory holds.
+
+    Examples
+    --------
+    >>> require_at_most(10, MOST_SAMPLES, "10 periods of 1 s at 1 Hz")
     """
+    if count > most:
+        message = f"{content}: {count:.4g} samples are too many"
+        raise InputError(message, file, key=key, allowed=f"{most} at most")
+
+
+Count = Annotated[int, whole(1)]
+Seed = Annotated[int, whole(0, _LARGEST_WHOLE)]
+
+
+# --- mappings -------------------------------------------------------------------------------------
+
+
+def by_key(
+    read: Callable[[str, Any], Any], wanted: str, check_key: Callable[[object], str] = str
+) -> BeforeValidator:
+    """Return a validator of a mapping that reads each entry and reports all problems."""
 
     def check(value: object) -> dict[str, Any]:
         if value is None:
             return {}
         if not isinstance(value, dict):
-            raise refusal(f"{shown(value)} is not a mapping", wanted)
-        return each_read(value, lambda key, item: read(name(key), item))
+            raise refusal(f"{quote(value)} is not a mapping", wanted)
+        return read_entries(value, lambda key, item: read(check_key(key), item))
 
     return BeforeValidator(check)
 
 
-def each_read(
+def read_entries(
     given: Mapping[str, Any], read: Callable[[str, Any], Any], place: tuple[str, ...] = ()
 ) -> dict[str, Any]:
-    """Return what `read` makes of each entry of a mapping; raise everything that is wrong."""
+    """Return a mapping with the results of `read`; raise all problems together."""
     found: dict[str, Any] = {}
     problems: list[InitErrorDetails] = []
     for key, item in given.items():
@@ -181,51 +193,66 @@ def each_read(
     return found
 
 
+# --- lists ----------------------------------------------------------------------------------------
+
 _ENDS = 2
 _LONGEST_EXAMPLE = 20
 
 
-def _listed(value: object, wanted: str) -> Sequence[Any]:
-    if not isinstance(value, list | tuple):
-        raise refusal(f"{shown(value)} is not a list", wanted)
-    return value
-
-
-def _as_pair(value: object, count: int) -> str:
-    """Return how a single value is written where two are wanted: both ends alike."""
-    one = isinstance(value, str | int | float) and not isinstance(value, bool)
-    text = shown(value).strip("'")
-    if count != _ENDS or not one or len(text) > _LONGEST_EXAMPLE:
-        return ""
-    return f"; to fix it: [{text}, {text}]"
-
-
-def exactly(count: int, what: str) -> BeforeValidator:
-    """Return a validator for a list of `count` items, which `what` describes in the plural."""
-    wanted = f"a list of {count} {what}"
+def exactly(count: int, items: str) -> BeforeValidator:
+    """Return a validator for a list of `count` items, a noun in the plural."""
+    wanted = f"a list of {count} {items}"
 
     def check(value: object) -> Sequence[Any]:
-        return _counted(_listed(value, wanted + _as_pair(value, count)), count, what, wanted)
+        pair = _as_pair(value) if count == _ENDS else ""
+        return _counted(_listed(value, wanted + pair), count, items, wanted)
 
     return BeforeValidator(check)
 
 
-def _counted(items: Sequence[Any], count: int, what: str, wanted: str) -> Sequence[Any]:
-    if len(items) != count:
-        raise refusal(f"there are {len(items)} {what} where {count} are needed", wanted)
-    return items
+def _as_pair(value: object) -> str:
+    """Return the notation for two equal ends, where a single value is given."""
+    text = quote(value).strip("'")
+    single = isinstance(value, str | int | float) and not isinstance(value, bool)
+    return f"; to fix it: [{text}, {text}]" if single and len(text) <= _LONGEST_EXAMPLE else ""
 
 
-def per_strut(what: str) -> WrapValidator:
+def _listed(value: object, wanted: str) -> Sequence[Any]:
+    if not isinstance(value, list | tuple):
+        raise refusal(f"{quote(value)} is not a list", wanted)
+    return value
+
+
+def _counted(found: Sequence[Any], count: int, items: str, wanted: str) -> Sequence[Any]:
+    if len(found) != count:
+        raise refusal(f"there are {len(found)} {items} where {count} are needed", wanted)
+    return found
+
+
+def at_least(count: int, items: str, most: int = 100) -> BeforeValidator:
+    """Return a validator for a list of `count` to `most` items, a noun in the plural."""
+
+    def check(value: object) -> Sequence[Any]:
+        wanted = f"a list of {count} or more {items}"
+        found = _listed(value, wanted)
+        if not count <= len(found) <= most:
+            allowed = wanted if len(found) < count else f"{most} at most"
+            raise refusal(f"the list has {len(found)} {items}", allowed)
+        return found
+
+    return BeforeValidator(check)
+
+
+def per_strut(items: str) -> WrapValidator:
     """Return a validator for one value for all struts, or a list with one for each.
 
-    What is wrong with one value for all is said once.
+    A fault of a single value is reported once.
     """
-    wanted = f"one of the {what} for all struts, or a list of {ACTUATORS}"
+    wanted = f"one of the {items} for all struts, or a list of {ACTUATORS}"
 
     def check(value: object, handler: ValidatorFunctionWrapHandler) -> Any:
         if isinstance(value, list | tuple):
-            return handler(_counted(value, ACTUATORS, what, wanted))
+            return handler(_counted(value, ACTUATORS, items, wanted))
         try:
             (one,) = handler([value])
         except ValidationError as error:
@@ -238,41 +265,24 @@ def per_strut(what: str) -> WrapValidator:
     return WrapValidator(check)
 
 
-def at_least(count: int, what: str, most: int = 100) -> BeforeValidator:
-    """Return a validator for a list of `count` items or more, up to a number that is enough."""
-
-    def check(value: object) -> Sequence[Any]:
-        wanted = f"a list of {count} or more {what}"
-        items = _listed(value, wanted)
-        if len(items) > most:
-            raise refusal(f"the list has {len(items)} {what}", f"{most} at most")
-        if len(items) < count:
-            raise refusal(f"the list has {len(items)} {what}", wanted)
-        return items
-
-    return BeforeValidator(check)
-
-
-def _distinct(items: tuple[Hashable, ...]) -> tuple[Hashable, ...]:
+def _check_distinct(items: tuple[Hashable, ...]) -> tuple[Hashable, ...]:
     seen = set[Hashable]()
     for item in items:
         if item in seen:
-            raise refusal(f"{shown(item)} is listed twice", "each one once")
+            raise refusal(f"{quote(item)} is listed twice", "each one once")
         seen.add(item)
     return items
 
 
-Distinct = AfterValidator(_distinct)
-
-
-def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
+def _check_ascending(pair: tuple[float, float]) -> tuple[float, float]:
     if pair[0] > pair[1]:
         raise refusal(f"min {pair[0]:g} is above max {pair[1]:g}", "[min, max] with min ≤ max")
     return pair
 
 
-Ascending = AfterValidator(_ascending)
-Pair: BeforeValidator = exactly(_ENDS, "values [min, max]")
+Distinct = AfterValidator(_check_distinct)
+Ascending = AfterValidator(_check_ascending)
+Pair = exactly(_ENDS, "values [min, max]")
 
 Point = Annotated[tuple[Length, ...], exactly(3, "coordinates [x, y, z]")]
 Direction = Annotated[
@@ -287,45 +297,50 @@ Pose = Annotated[
 ]
 
 
-def read_only(values: object) -> Array:
-    """Return a copy of the values as an array of floats that cannot be written to."""
-    array = np.array(values, dtype=np.float64)
-    array.flags.writeable = False
-    return array
+# --- assignment of axes and channels to the struts ------------------------------------------------
 
 
-def _order(value: tuple[int, ...]) -> tuple[int, ...]:
+def _check_order(value: tuple[int, ...]) -> tuple[int, ...]:
     if sorted(value) != list(range(1, ACTUATORS + 1)):
         raise refusal(
-            f"{list(value)} is no order of the {ACTUATORS} struts",
+            f"{list(value)} is not an order of the {ACTUATORS} struts",
             f"the numbers 1 to {ACTUATORS}, each once: the strut on the first axis comes first",
         )
     return value
 
 
-def _sign(value: object) -> object:
+def _check_sign(value: object) -> object:
     if isinstance(value, bool) or value not in (1, -1):
-        raise refusal(f"{shown(value)} is not a sign", "1 or -1")
+        raise refusal(f"{quote(value)} is not a sign", "1 or -1")
     return value
-
-
-def _home_or_lengths(value: object) -> str:
-    return "(name)" if value == "home" else "(inline)"
 
 
 Order = Annotated[
     tuple[Annotated[int, whole(1, ACTUATORS)], ...],
     exactly(ACTUATORS, "numbers of struts"),
-    AfterValidator(_order),
+    AfterValidator(_check_order),
 ]
 """Number of the strut on each axis."""
-Signs = Annotated[tuple[Annotated[int, BeforeValidator(_sign)], ...], per_strut("signs")]
-"""Of the struts by their number: 1 or −1."""
+Signs = Annotated[tuple[Annotated[int, BeforeValidator(_check_sign)], ...], per_strut("signs")]
+"""1 or −1 for each strut by its number."""
 Offsets = Annotated[
     Annotated[Literal["home"], Tag("(name)")]
     | Annotated[tuple[Length, ...], per_strut("offsets"), Tag("(inline)")],
-    Discriminator(_home_or_lengths),
+    Discriminator(lambda value: "(name)" if value == "home" else "(inline)"),
 ]
-"""Lengths, m, at which the axes of the struts read zero; ``"home"``: the lengths at home."""
+"""Lengths of the struts at readings of zero, m; ``"home"``: their lengths at home."""
 ForceOffsets = Annotated[tuple[Force, ...], per_strut("offsets")]
-"""Forces of the struts, N, at which their channels read zero."""
+"""Forces of the struts at readings of zero, N."""
+
+
+def read_only(values: object) -> Array:
+    """Return a copy of the values as a read-only array of floats.
+
+    Examples
+    --------
+    >>> read_only([1, 2]).flags.writeable
+    False
+    """
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False
+    return array

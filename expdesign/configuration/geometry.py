@@ -1,4 +1,4 @@
-"""Geometry at the home pose: directions that have defaults, and what makes a robot unusable."""
+"""Geometry of a robot at its home pose: joint rings, default axes, and faults of the geometry."""
 
 from __future__ import annotations
 
@@ -22,15 +22,64 @@ from expdesign.configuration.section import Section, ShortForm
 from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS
 
-LARGEST_CONDITION = 1e6
-"""Of the inverse Jacobian at home, rotations scaled by the characteristic length."""
-_SAME_POINT = 1e-9
-_ON_AXIS = 1e-9
-_ALONG = 1e-6
-_UNIT = 1e-14
-VANISHING = 1e-4
-"""Share by which sums are not symmetric of joints rounded to a hundredth of a millimetre."""
-Report = Callable[..., Problem]
+# --- joints on a circle ---------------------------------------------------------------------------
+
+PairedStruts = Literal["1-2", "2-3"]
+
+_PAIRS = 3
+_BETWEEN = 2 * math.pi / _PAIRS
+_WIDEST = _BETWEEN / 2
+
+
+def _check_half_angle(value: float) -> float:
+    if not 0 <= value < _WIDEST:
+        raise refusal(
+            f"{quantity_text(value, 'rad')} is not a half-angle between two joints of a pair",
+            "from 0 to below 60 deg; joints that are further apart form pairs with the next ones",
+        )
+    return value
+
+
+HalfAngle = Annotated[Angle, AfterValidator(_check_half_angle)]
+
+
+class JointRing(Section):
+    """Six joints on a circle about the z axis, in three pairs at 120°.
+
+    Joint 1 is clockwise of the direction `rotation` and joint 2 as far counterclockwise of it, seen
+    from above; so are joints 3 and 4, 5 and 6 of the directions 120° and 240° further.
+    """
+
+    radius: Annotated[Length, Positive]
+    """m."""
+    half_angle: HalfAngle
+    """Angle between a joint and the middle of its pair, seen from the centre, rad."""
+    pairs: Annotated[PairedStruts, one_of(PairedStruts)]
+    """Paired joints: 1 and 2, 3 and 4, 5 and 6; or 2 and 3, 4 and 5, 6 and 1."""
+    rotation: Angle = 0.0
+    """Direction in the middle of joints 1 and 2, from x towards y, rad."""
+    z: Length = 0.0
+    """Height of the circle, m."""
+
+    @property
+    def points(self) -> tuple[tuple[float, float, float], ...]:
+        """Positions of the joints, (6, 3), m."""
+        apart = self.half_angle if self.pairs == "1-2" else _WIDEST - self.half_angle
+        angles = (
+            self.rotation + (j // 2) * _BETWEEN + (apart if j % 2 else -apart)
+            for j in range(ACTUATORS)
+        )
+        return tuple((self.radius * math.cos(a), self.radius * math.sin(a), self.z) for a in angles)
+
+
+def _read_points(value: object) -> Any:
+    return JointRing.model_validate(value).points if isinstance(value, Mapping) else value
+
+
+OrRing = (BeforeValidator(_read_points), ShortForm(JointRing))
+"""Accepts a `JointRing` for six points."""
+
+# --- struts at a pose -----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -58,16 +107,6 @@ class StrutGeometry:
         return float(values[0] / values[-1]) if values[-1] > 0 else float("inf")
 
 
-@cache
-def _struts() -> ca.Function:
-    graph = hexapod_graph()
-    q = graph.kinematic
-    joints = [graph.geometry.base_joints, graph.geometry.platform_joints]
-    scaled = ca.substitute(q["inverse_jacobian"], graph.length_scale, 1)
-    outputs = [q["rotation_matrix"], q["platform_joints"].T, q["strut_length"]]
-    return ca.Function("struts", [graph.pose, *joints], [*outputs, q["strut_direction"].T, scaled])
-
-
 def geometry_at(pose: Array, base_joints: Array, platform_joints: Array) -> StrutGeometry:
     """Return the struts at a pose; a strut without length has no finite direction.
 
@@ -84,8 +123,28 @@ def geometry_at(pose: Array, base_joints: Array, platform_joints: Array) -> Stru
     return StrutGeometry(rotation, joints, lengths[:, 0], directions, inverse_jacobian)
 
 
+@cache
+def _struts() -> ca.Function:
+    graph = hexapod_graph()
+    q = graph.kinematic
+    joints = [graph.geometry.base_joints, graph.geometry.platform_joints]
+    scaled = ca.substitute(q["inverse_jacobian"], graph.length_scale, 1)
+    outputs = [q["rotation_matrix"], q["platform_joints"].T, q["strut_length"]]
+    return ca.Function("struts", [graph.pose, *joints], [*outputs, q["strut_direction"].T, scaled])
+
+
+# --- axes of the joints ---------------------------------------------------------------------------
+
+Report = Callable[..., Problem]
+
+_SAME_POINT = 1e-9
+_ON_AXIS = 1e-9
+_ALONG = 1e-6
+_UNIT = 1e-14
+
+
 def unit_vectors(vectors: Array) -> Array:
-    """Normalise rows (n, 3), none of them zero; unit vectors stay as they are to the last bit."""
+    """Normalise rows (n, 3), none of them zero; unit vectors stay the same to the last bit."""
     scaled = vectors / np.max(np.abs(vectors), axis=1, keepdims=True)
     normalised = scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
     off = np.abs(np.linalg.norm(vectors, axis=1, keepdims=True) - 1)
@@ -111,7 +170,7 @@ def thread_axes(
 ) -> tuple[Array, list[Problem]]:
     """Return the first axes of the cardan joints at the platform, (6, 3), platform frame, unit.
 
-    An axis has two directions: of these, that is returned with which the second axes of a strut's
+    Of the two directions of an axis, the result has the one with which the second axes of a strut's
     two joints are less than 90° apart at home.
     """
     axes = unit_vectors(axes)
@@ -128,16 +187,22 @@ def thread_axes(
     return axes * signs[:, None], problems
 
 
+# --- faults ---------------------------------------------------------------------------------------
+
+LARGEST_CONDITION = 1e6
+"""Largest condition number of the inverse Jacobian at home, with scaled rotations."""
+
+
 def geometry_problems(
     geometry: StrutGeometry, alpha_axes: Array, length: float, problem: Report
 ) -> list[Problem]:
-    """Return what makes the home pose unusable.
+    """Return the faults that make the home pose unusable.
 
-    That is: struts without length, first cardan axes along a strut, a singular pose, and an
-    attitude near which the angles of the pose are singular.
+    They are struts without length, first cardan axes along a strut, a singular pose, and an
+    attitude near the singularity of the pose's angles.
     """
     if not np.all(np.isfinite(geometry.lengths)):
-        return [problem(("base_joints",), "the coordinates are too large to be computed with")]
+        return [problem(("base_joints",), "the coordinates are too large for the computation")]
     problems = _at_struts(
         geometry.lengths <= _SAME_POINT,
         problem,
@@ -156,7 +221,7 @@ def geometry_problems(
     theta = math.asin(max(-1.0, min(float(geometry.rotation[0, 2]), 1.0)))
     if abs(theta) > attitude.LARGEST:
         message = (
-            f"the angles of the pose are singular at home, or nearly so: theta is there "
+            f"the angles of the pose are singular at home, or nearly so: theta is "
             f"{math.degrees(theta):.4g} deg. {attitude.LIMIT.remedy}"
         )
         most = f"{math.degrees(attitude.LARGEST):.4g} deg"
@@ -176,18 +241,18 @@ def geometry_problems(
 def _at_struts(
     where: Mask, problem: Report, key: str, message: str, allowed: str | None = None
 ) -> list[Problem]:
-    """Return a problem for each strut that the mask (6,) marks, with its number in the message."""
+    """Return a problem for each strut of the mask (6,), with its number in the message."""
     return [problem((key, int(j)), message.format(j + 1), allowed) for j in np.flatnonzero(where)]
 
 
 _UPWARDS = 0.5
-"""Share of gravity along z from which it points up; a base on a wall is below it."""
+"""Share of gravity along z from which it points up; that of a base on a wall is smaller."""
 
 
 def gravity_warnings(gravity: Array, struts: Array) -> list[str]:
-    """Return in words that gravity points up in the base frame, whose z axis does.
+    """Return a warning about gravity along +z of the base frame.
 
-    A platform that hangs is below its base: gravity points along −z there, too.
+    Gravity points along −z for a platform that hangs below its base, too.
 
     Parameters
     ----------
@@ -205,11 +270,16 @@ def gravity_warnings(gravity: Array, struts: Array) -> list[str]:
     ]
 
 
-def shared_pairs(*joints: Array) -> tuple[tuple[int, int], ...]:
-    """Return the pairs of struts i < j, from zero, whose joints coincide within 1e-9 m.
+# --- sizes and symmetry ---------------------------------------------------------------------------
 
-    `joints` are the positions of the base joints and those of the platform joints, (6, 3), m; it
-    is enough that one of them coincides.
+VANISHING = 1e-4
+"""Asymmetry of joints that are rounded to a hundredth of a millimetre, as a share."""
+
+
+def shared_pairs(*joints: Array) -> tuple[tuple[int, int], ...]:
+    """Return the pairs of struts i < j, from zero, with a common joint (within 1e-9 m).
+
+    `joints` are the positions of the base joints and of the platform joints, (6, 3), m.
     """
     return tuple(
         (i, j)
@@ -228,9 +298,10 @@ def sizes(
     base_joints: Sequence[Sequence[float]],
     platform_joints: Sequence[Sequence[float]],
 ) -> dict[str, float]:
-    """Return how large the parts of a robot are, by the key of their tolerance, m.
+    """Return the sizes of a robot's parts by the key of their tolerance, m.
 
-    Of joints the rms distance from their middle, of the struts the shortest at home.
+    The size of joints is their rms distance from their middle, that of the struts the shortest
+    length at home.
     """
     base, platform = np.array(base_joints), np.array(platform_joints)
     with np.errstate(all="ignore"):
@@ -242,11 +313,11 @@ def sizes(
 
 
 def asymmetric_sums(platform_joints: Array) -> dict[str, str]:
-    """Return the sums over the platform joints that a symmetric platform needs to be zero.
+    """Return the sums over the platform joints that vanish for a symmetric platform.
 
     Σ bx, Σ by [m] and Σ bx·by, Σ bx·bz, Σ by·bz [m²] are the sliders' share of lateral first
-    moments and products of inertia, as text with unit; those below 1e-4 of their terms count as
-    zero: joints that are rounded to a hundredth of a millimetre have such.
+    moments and products of inertia, as text with unit. Sums below `VANISHING` of their terms are
+    left out.
     """
     x, y, z = platform_joints.T
     terms = {"Σ bx": x, "Σ by": y, "Σ bx·by": x * y, "Σ bx·bz": x * z, "Σ by·bz": y * z}
@@ -256,58 +327,3 @@ def asymmetric_sums(platform_joints: Array) -> dict[str, str]:
         for name, values in terms.items()
         if abs(np.sum(values)) > VANISHING * len(values) * radius ** (2 if "·" in name else 1)
     }
-
-
-PairedStruts = Literal["1-2", "2-3"]
-_PAIRS = 3
-_BETWEEN = 2 * math.pi / _PAIRS
-_WIDEST = _BETWEEN / 2
-
-
-def _half_angle(value: float) -> float:
-    if not 0 <= value < _WIDEST:
-        raise refusal(
-            f"{quantity_text(value, 'rad')} is no half-angle between two joints of a pair",
-            "from 0 to below 60 deg; joints that are further apart are a pair with the next ones",
-        )
-    return value
-
-
-HalfAngle = Annotated[Angle, AfterValidator(_half_angle)]
-
-
-class JointRing(Section):
-    """Six joints on a circle about the z axis, three pairs that are 120° apart.
-
-    Joint 1 is clockwise of the direction `rotation` and joint 2 as far counterclockwise of it, seen
-    from above; so are joints 3 and 4, 5 and 6 of the directions 120° and 240° further.
-    """
-
-    radius: Annotated[Length, Positive]
-    """m."""
-    half_angle: HalfAngle
-    """Between a joint and the middle of its pair, seen from the centre, rad."""
-    pairs: Annotated[PairedStruts, one_of(PairedStruts)]
-    """Joints that are a pair: 1 and 2, 3 and 4, 5 and 6; or 2 and 3, 4 and 5, 6 and 1."""
-    rotation: Angle = 0.0
-    """Direction in the middle of joints 1 and 2, from x towards y, rad."""
-    z: Length = 0.0
-    """Height of the circle, m."""
-
-    @property
-    def points(self) -> tuple[tuple[float, float, float], ...]:
-        """The joints, (6, 3), m."""
-        apart = self.half_angle if self.pairs == "1-2" else _WIDEST - self.half_angle
-        angles = (
-            self.rotation + (j // 2) * _BETWEEN + (apart if j % 2 else -apart)
-            for j in range(ACTUATORS)
-        )
-        return tuple((self.radius * math.cos(a), self.radius * math.sin(a), self.z) for a in angles)
-
-
-def _points(value: object) -> Any:
-    return JointRing.model_validate(value).points if isinstance(value, Mapping) else value
-
-
-OrRing = (BeforeValidator(_points), ShortForm(JointRing))
-"""Takes a circle in place of six points."""

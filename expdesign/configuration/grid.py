@@ -1,4 +1,4 @@
-"""The points of a sweep's grid: each a run of its own, as if its values stood in the file."""
+"""The points of a sweep's grid: separate runs with the values of the point in the file."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _UNSAFE = re.compile(r"[^A-Za-z0-9._-]+")
 _DIGEST = 8
 Sweep = Mapping[str, Sequence[Any]]
 Place = tuple[int, ...]
-"""Which of its values a point has of every path."""
+"""Index of the point's value for every path."""
 
 
 def grid_points(
@@ -42,19 +42,19 @@ def grid_points(
     Parameters
     ----------
     sweep : mapping
-        As of the section `sweep`.
+        The section `sweep`.
     robot : ResolvedRobot
-        With the limits of the run as it is without the sweep: those that are scaled.
+        Robot with the run's limits before the sweep, as the base of scale factors.
     document : Document
         The run file.
     load : callable
-        Makes a complete configuration of a document.
+        Converts a document to a complete configuration.
 
     Raises
     ------
     InputError
-        Values that are not valid at their key, or do not fit each other: each is told where it
-        stands in the sweep.
+        Values are invalid at their key or contradict each other; each problem is located in the
+        sweep.
     """
     paths = list(sweep)
     found: dict[Place, RunConfiguration] = {}
@@ -70,9 +70,9 @@ def grid_points(
                 wrong.setdefault(replace(problem, line=None, file=None), []).append(place)
     if wrong:
         raise InputError(
-            told
+            located
             for problem, failing in wrong.items()
-            for told in _told(problem, failing, places, sweep, document)
+            for located in _locate(problem, failing, places, sweep, document)
         )
     return tuple(
         GridPoint(
@@ -85,9 +85,9 @@ def grid_points(
 
 
 def resolved_cell(path: str, point: GridPoint) -> str:
-    """Return what stands at a path of a point when it is resolved, SI, as one cell of a table.
+    """Return the resolved value at a path of a point, SI, as one cell of a table.
 
-    A number or a word is written as it is, anything else as JSON.
+    Numbers and words are plain, other values JSON.
     """
     section, *keys = path.split(".")
     run = point.configuration.run
@@ -96,7 +96,7 @@ def resolved_cell(path: str, point: GridPoint) -> str:
     elif section == LIMITS:
         value = point.configuration.robot.description.limits
         for key in keys:
-            # What is lifted as a whole has no components; no reserve is one of zero.
+            # A limit that is lifted as a whole has no components; no reserve means zero.
             value = value.get(key, 0.0) if isinstance(value, dict) else value
     else:
         value = run.model_dump(mode="json")[section][keys[0]]
@@ -110,7 +110,7 @@ def _with_values(
 ) -> Document:
     """Return a run file with values at their key paths, and without the sweep."""
     data = {key: value for key, value in document.data.items() if key != SWEEP}
-    # It designs, whatever else it names.
+    # Every point is designed.
     data |= {"name": name, "design": data.get("design") or {}}
     for path, value in values.items():
         section, *keys = path.split(".")
@@ -130,13 +130,13 @@ def _with_values(
 
 
 def _scaled(robot: ResolvedRobot, key: str, factor: float, path: str) -> Any:
-    """Return a limit with bounds that are wider by a factor, as it can stand in a file.
+    """Return a limit with bounds that are wider by a factor, in the notation of a file.
 
-    A bound on one side is multiplied by it; a range becomes so wide about its middle.
+    A one-sided bound is multiplied by the factor; a range is scaled about its middle.
     """
     limit = robot.limits.get(key)
     if limit is None:
-        raise InputError(f"nothing limits {key}: there is nothing to scale", key=path)
+        raise InputError(f"there is no limit {key} to scale", key=path)
     lower, upper = limit.stated_bounds
     both = np.isfinite(lower) & np.isfinite(upper)
     middle = np.where(both, np.where(both, lower, 0) + np.where(both, upper, 0), 0) / 2
@@ -146,7 +146,7 @@ def _scaled(robot: ResolvedRobot, key: str, factor: float, path: str) -> Any:
 
 
 def _names(sweep: Sweep, run: str) -> list[str]:
-    """Return a name for every point, from its values alone: another grid does not change it."""
+    """Return a name for every point from its values, independent of the rest of the grid."""
     names = []
     for values in product(*sweep.values()):
         parts = zip(sweep, values, strict=True)
@@ -162,12 +162,18 @@ def _names(sweep: Sweep, run: str) -> list[str]:
 
 
 def short_path(path: str) -> str:
-    """Return a path without its section: ``harmonics``."""
+    """Return a path without its section.
+
+    Examples
+    --------
+    >>> short_path("trajectory.harmonics")
+    'harmonics'
+    """
     return path.partition(".")[2]
 
 
 def value_text(value: Any) -> str:
-    """Return a value of a grid as people read it: as it stands in the run file."""
+    """Return a value of a grid in the notation of the run file."""
     if isinstance(value, list | tuple):
         return " … ".join(map(value_text, value))
     if isinstance(value, dict):
@@ -183,35 +189,35 @@ def _slug(value: Any) -> str:
     return _UNSAFE.sub("_", str(value).replace(" ", "").replace("%", "pct"))
 
 
-def _told(
+def _locate(
     problem: Problem,
     failing: Sequence[Place],
     places: Sequence[Place],
     sweep: Sweep,
     document: Document,
 ) -> Iterator[Problem]:
-    """Yield what is wrong at the values that are to blame, or, where it takes several, once."""
+    """Yield a problem at each value that causes it, or once for a combination of several."""
     paths = list(sweep)
     bad = set(failing)
-    guilty = [
+    causes = [
         (axis, k)
         for axis, path in enumerate(paths)
         for k in range(len(sweep[path]))
         if all(place in bad for place in places if place[axis] == k)
     ]
-    at_key = [(axis, k) for axis, k in guilty if _is_at(problem.key, paths[axis])]
+    at_key = [(axis, k) for axis, k in causes if _is_at(problem.key, paths[axis])]
     section = problem.key.partition(".")[0]
-    near = [(axis, k) for axis, k in guilty if paths[axis].partition(".")[0] == section]
-    blamed = at_key or near or guilty
-    if not blamed:
+    near = [(axis, k) for axis, k in causes if paths[axis].partition(".")[0] == section]
+    reported = at_key or near or causes
+    if not reported:
         place = failing[0]
         each = ((path, sweep[path][k]) for path, k in zip(paths, place, strict=True))
         words = ", ".join(f"{path} {value_text(value)}" for path, value in each)
-        text = f"with {words}: {_placed(problem)}"
+        text = f"with {words}: {_with_key(problem)}"
         yield document.problem((SWEEP,), text, problem.allowed, problem.nearest)
-    for axis, k in blamed:
+    for axis, k in reported:
         key: Key = (SWEEP, paths[axis], k)
-        text = problem.message if at_key else _placed(problem)
+        text = problem.message if at_key else _with_key(problem)
         yield document.problem(key, text, problem.allowed, problem.nearest)
 
 
@@ -219,5 +225,5 @@ def _is_at(key: str, path: str) -> bool:
     return key == path or key.startswith((f"{path}.", f"{path}["))
 
 
-def _placed(problem: Problem) -> str:
+def _with_key(problem: Problem) -> str:
     return f"{problem.key}: {problem.message}" if problem.key else problem.message

@@ -1,4 +1,4 @@
-"""`identification:` of a robot file that an estimate wrote: how its values are known."""
+"""`identification:` of a robot file from an estimate: origin and covariance of its values."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from expdesign.configuration.quantity import NotNegative, Number
 from expdesign.configuration.section import Section
 
 IDENTIFIED_ROBOT = "identified-robot.yaml"
-"""The robot that an estimate found, in its run folder."""
+"""File of the estimated robot in a run folder."""
 
 IDENTIFIED = "-identified"
-"""What the name of a robot ends in that an estimate found."""
+"""Suffix of the name of an estimated robot."""
 
 JudgedAs = Literal["accepted", "doubtful", "not judged"]
 
@@ -23,30 +23,42 @@ Matrix = tuple[tuple[Number, ...], ...]
 
 
 def machine_name(robot: str) -> str:
-    """Return the name of the machine that a robot describes: its own, however it was identified."""
+    """Return the name of the machine for that of a robot, identified or not.
+
+    Examples
+    --------
+    >>> machine_name("lab-identified")
+    'lab'
+    """
     return robot.removesuffix(IDENTIFIED)
 
 
 def identified_name(robot: str) -> str:
-    """Return the name of the robot that an estimate of this one found; of a long one, its own."""
+    """Return the name for an estimate of a robot; the robot's name if it would become too long.
+
+    Examples
+    --------
+    >>> identified_name("lab")
+    'lab-identified'
+    """
     name = machine_name(robot) + IDENTIFIED
     return name if len(name) <= LONGEST_NAME else robot
 
 
 class IdentifiedDeviation(Section):
-    """One number that was not known exactly, SI."""
+    """A quantity with a tolerance, SI."""
 
     name: Text
     """As in tables/deviations.csv."""
     tolerance: Annotated[Number, NotNegative]
     value: Number
-    """Estimate, which the robot's geometry, gravity and constants have in them; zero where it was
-    not estimated."""
+    """Estimate, already applied to the robot's geometry, gravity and constants; zero if it was not
+    estimated."""
     std: Annotated[Number, NotNegative]
 
 
 class Identification(Section):
-    """Where the robot's parameters come from, and their covariance, SI."""
+    """Origin of the robot's parameters, and their covariance, SI."""
 
     run: Text
     """Name of the run."""
@@ -57,21 +69,21 @@ class Identification(Section):
     parameters: Annotated[tuple[Text, ...], at_least(1, "parameters")]
     """Order of rows and columns."""
     constants: tuple[Text, ...] = ()
-    """Constants of terms that were estimated with the parameters, ``cogging_pitch``: their rows and
-    columns follow those of the parameters. c of them."""
+    """Constants of terms, estimated with the parameters: ``cogging_pitch``. Their c rows and
+    columns follow those of the parameters."""
     unconstrained: tuple[Number, ...] = ()
-    """The estimate itself, where the robot's parameters are the nearest that bodies have."""
+    """Estimate before the projection to the nearest physically consistent parameters."""
     covariance_random: Matrix
-    """(m + c) × (m + c): what another recording of the machine draws anew."""
+    """(m + c) × (m + c): random share, new in every recording of the machine."""
     covariance_systematic: Matrix
-    """(m + c) × (m + c): what all recordings of the machine share."""
+    """(m + c) × (m + c): systematic share, common to all recordings of the machine."""
     deviations: tuple[IdentifiedDeviation, ...] = ()
-    """What the systematic share comes from."""
+    """Sources of the systematic share."""
     response: Matrix = ()
-    """(m + c) × t: what parameters and constants are off by per unit of each deviation."""
+    """(m + c) × t: errors of parameters and constants per unit of each deviation."""
 
     @model_validator(mode="after")
-    def _sizes_fit(self) -> Identification:
+    def _check_sizes(self) -> Identification:
         count, others = len(self.parameters), len(self.deviations)
         if len(self.unconstrained) not in (0, count):
             reason = "unconstrained does not fit the parameters"
@@ -90,7 +102,7 @@ class Identification(Section):
 
     @property
     def warnings(self) -> list[str]:
-        """What is to be known where the robot is used."""
+        """Warnings for the use of the robot."""
         if self.verdict == "accepted":
             return []
         words = f" ({self.summary})" if self.summary else ""

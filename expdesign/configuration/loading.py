@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from os import PathLike
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
-from expdesign.configuration.consistency import folded_hum, inconsistencies, unselected
+from expdesign.configuration.consistency import (
+    aliased_hum_warnings,
+    inconsistencies,
+    selection_warnings,
+)
 from expdesign.configuration.document import (
     Document,
-    Placed,
+    Located,
     absolute,
     document_from_mapping,
     find_file,
@@ -20,38 +23,26 @@ from expdesign.configuration.document import (
 )
 from expdesign.configuration.errors import InputError, Key, Problem
 from expdesign.configuration.grid import grid_points
-from expdesign.configuration.noise import NoiseDescription
 from expdesign.configuration.prior import identification_of, payload_problems, prior_machine
 from expdesign.configuration.robot import (
     ResolvedRobot,
     RobotDescription,
+    add_payload,
     as_general,
-    carrying,
     read_robot,
     resolve_robot,
 )
-from expdesign.configuration.run import RUN_FILE_KIND, RUN_FORMAT, RunConfiguration, RunDescription
-from expdesign.configuration.section import Section, validate
-from expdesign.configuration.sections.data import DataSection
-from expdesign.configuration.sections.design import DesignSection
-from expdesign.configuration.sections.estimate import EstimateSection
-from expdesign.configuration.sections.experiment import ExperimentSection
-from expdesign.configuration.sections.motions import ValidationMotion
+from expdesign.configuration.run import RUN_FORMAT, RunConfiguration, RunDescription, run_schema
+from expdesign.configuration.section import Section, offered_keys, validate
 from expdesign.library import robot_files, run_files
 
 S = TypeVar("S", bound=Section)
-F = TypeVar("F", DataSection, ValidationMotion)
-P = TypeVar("P", DesignSection, EstimateSection)
-
-_SMOOTHING = (0.4, 0.1, 0.05)
-_SMOOTHING_WITHOUT_LIMIT = (0.8, 0.2, 0.1)
-_OF_A_ROBOT = "base_joints"
-"""A key that robot files have, and run files have not."""
-_NOISE_USED_BY = ("design", "experiment", "montecarlo")
-
 
 ConfigurationLike = str | PathLike[str] | Mapping[str, Any] | RunDescription | RunConfiguration
-"""What `load_run` takes."""
+"""Sources for `load_run`."""
+
+_ROBOT_KEY = "base_joints"
+"""A key of robot files that run files do not have."""
 
 
 def load_run(source: ConfigurationLike) -> RunConfiguration:
@@ -60,9 +51,9 @@ def load_run(source: ConfigurationLike) -> RunConfiguration:
     Parameters
     ----------
     source : str, path-like, mapping, RunDescription or RunConfiguration
-        The name of a run that ships, the path of a run file, or what such a file would hold.
+        The name of an included run, the path of a run file, or the content of such a file.
         Relative paths in a mapping start from the current folder. A configuration is returned
-        as it is.
+        unchanged.
 
     Returns
     -------
@@ -73,106 +64,76 @@ def load_run(source: ConfigurationLike) -> RunConfiguration:
     Raises
     ------
     InputError
-        With everything that is wrong, in the run and in its robot.
+        With all problems of the run and of its robot.
+
+    Examples
+    --------
+    >>> load_run({"name": "first", "robot": "palida"}).run.trajectory.harmonics
+    5
     """
     if isinstance(source, RunConfiguration):
         return source
-    return _loaded(_document(source))
-
-
-def _loaded(document: Document) -> RunConfiguration:
-    run, problems = validate(RunDescription, document.data, document)
-    # Even when the run is wrong, so that the problems of both are reported.
-    named = document.data.get("robot") if run is None else run.robot
-    robot_source = _robot_source(named, ("robot",), document, problems)
-    robot: ResolvedRobot | None = None
-    truth: ResolvedRobot | None = None
-    priors: dict[str, RobotDescription] = {}
-    limits = {} if run is None else run.limits
-    tolerances = None if run is None else run.tolerances
-    own_noise = (
-        [] if run is None or run.noise is None else [Placed(run.noise, document, ("noise",))]
-    )
-    if robot_source is not None:
-        try:
-            robot = resolve_robot(
-                robot_source,
-                [Placed(limits, document, ("limits",))],
-                own_noise,
-                [] if tolerances is None else [Placed(tolerances, document, ("tolerances",))],
-                None if run is None else run.experiment.sampling,
-                file_format=_format(document),
-            )
-            if run is not None and run.experiment.truth is not None:
-                truth = _true_machine(run.experiment, robot_source, own_noise, document, problems)
-        except InputError as error:
-            problems += error.problems
-    if run is not None and robot is not None:
-        problems += inconsistencies(run, robot, document)
-        priors = _priors(run, robot, document, problems)
-    if problems or run is None or robot is None:
-        raise InputError(problems)
-    forces_known = robot.noise is not None and robot.noise.force_covariance is not None
-    users = () if forces_known else [stage for stage in run.stages if stage in _NOISE_USED_BY]
-    missing_noise = [
-        f"no noise of the forces is given (`noise` in robot or run), and {' and '.join(users)} "
-        f"{'needs' if len(users) == 1 else 'need'} it"
-    ]
-    of_the_twin = (*folded_hum(run), *_other_warnings(truth, robot))
-    payload = run.experiment.payload
-    return RunConfiguration(
-        run=_completed(run, robot, truth, document.folder, priors),
-        robot=carrying(robot, payload),
-        file=document.file,
-        warnings=(
-            *robot.warnings,
-            *_of_priors(priors),
-            *(missing_noise if users else ()),
-            *unselected(run),
-            *of_the_twin,
-        ),
-        of_the_twin=of_the_twin,
-        truth=None if truth is None else carrying(truth, payload),
-        grid=() if run.sweep is None else grid_points(run.sweep, robot, document, _loaded),
-    )
+    return _load(_document(source))
 
 
 def _document(source: str | PathLike[str] | Mapping[str, Any] | RunDescription) -> Document:
     if isinstance(source, RunDescription):
-        # As a file would state it, so that it names the same stages.
+        # In the notation of a file, so that it names the same stages.
         source = source.model_dump(by_alias=True, include=source.model_fields_set)
     if isinstance(source, Mapping):
         return document_from_mapping(source)
     if isinstance(source, str) and source in robot_files().keys() - run_files().keys():
-        raise _no_run(f"'{source}' is a robot", source)
-    document = read_yaml(find_file(source, "run", run_files()), RUN_FILE_KIND)
-    if _OF_A_ROBOT in document.data:
-        raise _no_run("this is a robot file", document.label, document.file)
+        raise InputError(f"'{source}' is a robot, not a run", allowed=_run_of(source))
+    path = find_file(source, "run", run_files())
+    document = read_yaml(path, "run file", offered_keys(run_schema()))
+    if _ROBOT_KEY in document.data:
+        message = "this is a robot file, not a run file"
+        raise InputError(message, document.file, allowed=_run_of(document.label))
     return document
 
 
-def _no_run(what: str, robot: str, file: Path | None = None) -> InputError:
-    allowed = f"a file of two lines, `name: first` and `robot: {robot}`"
-    return InputError(
-        f"{what}, and a run is asked for, which names its robot", file, allowed=allowed
+def _run_of(robot: str) -> str:
+    return f"a file of two lines, `name: first` and `robot: {robot}`"
+
+
+def _load(document: Document) -> RunConfiguration:
+    run, problems = validate(run_schema(), document.data, document)
+    # An invalid run does not hide the problems of its robot.
+    named = document.data.get("robot") if run is None else run.robot
+    source = _find_robot(named, ("robot",), document, problems)
+    robot = None if source is None else _resolve(source, run, document, problems)
+    if run is None or source is None or robot is None:
+        raise InputError(problems)
+    truth = _true_machine(run, source, document, problems)
+    problems += inconsistencies(run, robot, document)
+    priors = _priors(run, robot, document, problems)
+    if problems:
+        raise InputError(problems)
+    payload = run.experiment.payload
+    twin_warnings = (*aliased_hum_warnings(run), *_truth_warnings(truth, robot))
+    return RunConfiguration(
+        run=_complete(run, robot, truth, document, priors),
+        robot=add_payload(robot, payload),
+        file=document.file,
+        warnings=(
+            *robot.warnings,
+            *_prior_warnings(priors),
+            *_noise_warnings(run, robot),
+            *selection_warnings(run),
+            *twin_warnings,
+        ),
+        twin_warnings=twin_warnings,
+        truth=None if truth is None else add_payload(truth, payload),
+        grid=() if run.sweep is None else grid_points(run.sweep, robot, document, _load),
     )
 
 
-def _format(document: Document) -> int | None:
-    """Return the format of a run that was resolved, which keeps the limits that it had then."""
-    number = document.data.get("format")
-    if number is None:
-        # Before files had a format; nobody writes both of these, one of which is empty.
-        return 0 if {"workers", "scheduler"} <= set(document.data) else None
-    return number if isinstance(number, int) else None
-
-
-def _robot_source(
+def _find_robot(
     named: object, key: Key, document: Document, problems: list[Problem]
-) -> Placed[RobotDescription] | None:
-    """Find a robot that is named, or stands, at a key of the run; add what is wrong with it."""
+) -> Located[RobotDescription] | None:
+    """Return the robot at a key of the run, inline or by its name; add its problems."""
     if isinstance(named, RobotDescription):
-        return Placed(named, document, key)
+        return Located(named, document, key)
     if not isinstance(named, str) or not named.strip():
         return None
     path = None
@@ -180,56 +141,84 @@ def _robot_source(
         path = find_file(named, "robot", robot_files(), document.folder)
         return read_robot(path)
     except InputError as error:
-        if path is None:
-            problems += (
-                document.problem(key, p.message, p.allowed, p.nearest) for p in error.problems
-            )
-        elif path.is_file():
+        if path is not None and path.is_file():
             problems += error.problems
-        else:  # the place to look at is where it is named
-            problems += (document.problem(key, f"{path}: {p.message}") for p in error.problems)
+        else:  # the fault is at the key with its name
+            file = "" if path is None else f"{path}: "
+            problems += (
+                document.problem(key, f"{file}{p.message}", p.allowed, p.nearest)
+                for p in error.problems
+            )
         return None
 
 
-def _true_machine(
-    experiment: ExperimentSection,
-    robot: Placed[RobotDescription],
-    run_noise: list[Placed[NoiseDescription]],
+def _resolve(
+    source: Located[RobotDescription],
+    run: RunDescription | None,
     document: Document,
     problems: list[Problem],
 ) -> ResolvedRobot | None:
-    """Return the machine that the twin is; its noise is its own, the robot's where it has none.
+    """Return the robot with the run's limits, noise and tolerances; add its problems."""
+    try:
+        if run is None:
+            return resolve_robot(source)
+        return resolve_robot(
+            source,
+            [Located(run.limits, document, ("limits",))],
+            _located(run.noise, document, "noise"),
+            _located(run.tolerances, document, "tolerances"),
+            run.experiment.sampling,
+        )
+    except InputError as error:
+        problems += error.problems
+        return None
 
-    The run's noise overrides both, key by key.
+
+def _located(value: S | None, document: Document, *key: str | int) -> list[Located[S]]:
+    return [] if value is None else [Located(value, document, key)]
+
+
+def _true_machine(
+    run: RunDescription,
+    robot: Located[RobotDescription],
+    document: Document,
+    problems: list[Problem],
+) -> ResolvedRobot | None:
+    """Return the true machine of the twin; add its problems.
+
+    Its noise is its own with the robot's as default, and the run's overrides both by key.
     """
-    source = _robot_source(experiment.truth, ("experiment", "truth"), document, problems)
+    if run.experiment.truth is None:
+        return None
+    source = _find_robot(run.experiment.truth, ("experiment", "truth"), document, problems)
     if source is None:
         return None
     noise = [
-        Placed(one.value.noise, one.document, (*one.key, "noise"))
+        place
         for one in (robot, source)
-        if one.value.noise is not None
+        for place in _located(one.value.noise, one.document, *one.key, "noise")
     ]
     bare = source.value.model_copy(update={"noise": None})
-    if experiment.payload:
+    if run.experiment.payload:
         bare = as_general(bare)
-    return resolve_robot(
-        Placed(bare, source.document, source.key),
-        noise=[*noise, *run_noise],
-        sampling=experiment.sampling,
-        file_format=_format(document),
-    )
+    noise += _located(run.noise, document, "noise")
+    try:
+        place = Located(bare, source.document, source.key)
+        return resolve_robot(place, noise=noise, sampling=run.experiment.sampling)
+    except InputError as error:
+        problems += error.problems
+        return None
 
 
 def _priors(
     run: RunDescription, robot: ResolvedRobot, document: Document, problems: list[Problem]
 ) -> dict[str, RobotDescription]:
-    """Return the identified machines that sections of the run have as a prior, by the section."""
+    """Return the identified machines among the run's priors, by section; add their problems."""
     found: dict[str, RobotDescription] = {}
     for section in ("design", "estimate"):
         source, key = getattr(run, section).prior, (section, "prior")
         if source is None or isinstance(source, dict):
-            continue  # none, or those of single parameters
+            continue  # none, or priors of single parameters
         try:
             found[section] = prior_machine(source, key, robot, document)
         except InputError as error:
@@ -240,8 +229,23 @@ def _priors(
     return found
 
 
-def _of_priors(priors: Mapping[str, RobotDescription]) -> list[str]:
-    """Return what speaks against the machines that are priors."""
+# --- warnings -------------------------------------------------------------------------------------
+
+_NOISE_USERS = ("design", "experiment", "montecarlo")
+
+
+def _noise_warnings(run: RunDescription, robot: ResolvedRobot) -> list[str]:
+    users = [stage for stage in run.stages if stage in _NOISE_USERS]
+    if not users or (robot.noise is not None and robot.noise.force_covariance is not None):
+        return []
+    need = "needs" if len(users) == 1 else "need"
+    return [
+        f"no noise of the forces is given (`noise` in robot or run), and {' and '.join(users)} "
+        f"{need} it"
+    ]
+
+
+def _prior_warnings(priors: Mapping[str, RobotDescription]) -> list[str]:
     return [
         f"{section}.prior: {text}"
         for section, machine in priors.items()
@@ -249,66 +253,70 @@ def _of_priors(priors: Mapping[str, RobotDescription]) -> list[str]:
     ]
 
 
-def _other_warnings(truth: ResolvedRobot | None, robot: ResolvedRobot) -> list[str]:
-    """Return what is odd about the true machine beyond what is odd about the robot."""
+def _truth_warnings(truth: ResolvedRobot | None, robot: ResolvedRobot) -> list[str]:
+    """Return the true machine's warnings that the robot does not have."""
     found = () if truth is None else truth.warnings
     return [f"experiment.truth: {text}" for text in found if text not in robot.warnings]
 
 
-def _completed(
+# --- defaults that follow from other sections -----------------------------------------------------
+
+_SMOOTHING = (0.4, 0.1, 0.05)
+_SMOOTHING_WITHOUT_LIMIT = (0.8, 0.2, 0.1)
+
+
+def _complete(
     run: RunDescription,
     robot: ResolvedRobot,
     truth: ResolvedRobot | None,
-    folder: Path,
+    document: Document,
     priors: Mapping[str, RobotDescription],
 ) -> RunDescription:
-    """Fill in what follows from other sections, and put the robots themselves into the run."""
+    """Fill in values that follow from other sections, and the robots themselves."""
+    design, estimate = (
+        section.model_copy(update={"prior": priors[key]}) if key in priors else section
+        for key, section in (("design", run.design), ("estimate", run.estimate))
+    )
+
+    def with_absolute_file(section: S) -> S:
+        if (file := getattr(section, "file", None)) is None:
+            return section
+        return section.model_copy(update={"file": str(absolute(file, document.folder))})
+
     machine = None if truth is None else truth.description
-    completed = run.model_copy(
+    complete = run.model_copy(
         update={
             "format": RUN_FORMAT,
             "robot": robot.description,
             "limits": {},
             "noise": None,
             "tolerances": None,
-            "trajectory": _filled(run.trajectory, controller_period=run.experiment.step),
-            "design": _filled(
-                _with_prior(run.design, priors.get("design")), smoothing=smoothing_widths(robot)
-            ),
-            "estimate": _with_prior(run.estimate, priors.get("estimate")),
+            "trajectory": _fill(run.trajectory, controller_period=run.experiment.step),
+            "design": _fill(design, smoothing=smoothing_widths(robot)),
+            "estimate": estimate,
             "experiment": run.experiment.model_copy(update={"truth": machine}),
-            "data": _with_absolute_file(run.data, folder),
-            "validation": tuple(_with_absolute_file(motion, folder) for motion in run.validation),
+            "data": with_absolute_file(run.data),
+            "validation": tuple(map(with_absolute_file, run.validation)),
         }
     )
-    # A copy counts what is updated as named; a stage is named by the user alone.
-    completed.model_fields_set.intersection_update(run.model_fields_set)
-    return completed
+    # model_copy marks updated fields as set, but only the user names stages.
+    complete.model_fields_set.intersection_update(run.model_fields_set)
+    return complete
 
 
-def _with_prior(section: P, machine: RobotDescription | None) -> P:
-    return section if machine is None else section.model_copy(update={"prior": machine})
-
-
-def _filled(section: S, **values: object) -> S:
-    """Return a section with values for those of its keys that are None: they are not set by it."""
+def _fill(section: S, **values: object) -> S:
+    """Return a section with values for keys that are None; they do not count as set."""
     missing = {key: value for key, value in values.items() if getattr(section, key) is None}
     filled = section.model_copy(update=missing)
     filled.model_fields_set.difference_update(missing)
     return filled
 
 
-def _with_absolute_file(section: F, folder: Path) -> F:
-    if section.file is None:
-        return section
-    return section.model_copy(update={"file": str(absolute(section.file, folder))})
-
-
 def smoothing_widths(robot: ResolvedRobot) -> tuple[float, ...]:
     """Return falling widths of the smoothed friction sign, m/s: shares of the speed limit.
 
-    What counts as slow depends on the machine: a width that suits struts of 2 m/s would hide the
-    friction of one that moves at 0.5 mm/s altogether.
+    The widths scale with the machine: those for struts of 2 m/s would hide all friction of a
+    machine with 0.5 mm/s.
     """
     limit = robot.limits.get("strut_speed")
     if limit is None:

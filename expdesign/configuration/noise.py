@@ -1,4 +1,4 @@
-"""`noise:` of robot and run: the section, and the covariances that follow from both together."""
+"""`noise:` of robot and run: the section, and the covariances and spectra that follow from both."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import model_validator
 
 from constraints.arrays import Array
-from expdesign.configuration.document import Placed, absolute
+from expdesign.configuration.document import Located, absolute
 from expdesign.configuration.errors import InputError, Problem, refusal
 from expdesign.configuration.fields import exactly, read_only
 from expdesign.configuration.noise_spectrum import (
@@ -18,7 +18,7 @@ from expdesign.configuration.noise_spectrum import (
     SPECTRUM_FORMS,
     ForceSpectrum,
     LengthSpectrum,
-    resolved_spectrum,
+    resolve_spectrum,
 )
 from expdesign.configuration.quantity import (
     Force,
@@ -28,16 +28,16 @@ from expdesign.configuration.quantity import (
     Number,
     Positive,
 )
-from expdesign.configuration.section import LATER, Section
+from expdesign.configuration.section import Section
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.noise.spectrum import NoiseSpectrum
+
+NOISE_FROM_DATA = "`expdesign noise RUN.yaml --data FILE` makes it from a recording at rest"
+"""Advice for a run without noise."""
 
 _FAMILIES = ("force", "length")
 _TOLERANCE = 1e-9
 _SMALLEST_EIGENVALUE = 1e-10
-
-NOISE_FROM_DATA = "`expdesign noise RUN.yaml --data FILE` makes it from a recording at rest"
-"""How to come to it, in words."""
 
 _VALUES = exactly(ACTUATORS, "values")
 _ROWS = exactly(ACTUATORS, "rows")
@@ -51,25 +51,25 @@ def _keys(family: str) -> tuple[str, str, str]:
 
 
 class NoiseDescription(Section):
-    """Noise of one sample of the actuators, as the YAML states it.
+    """Noise of one sample of the actuators, and its distribution over the frequencies.
 
-    A standard deviation with an optional correlation (default: none), or a covariance; and how it
-    is spread over the frequencies. A table's own size counts where none is given beside it.
-    Whether a correlation has its standard deviation is checked after robot and run are merged.
+    The size is a standard deviation with an optional correlation (default: none), or a covariance;
+    without either, that of a spectrum's table. Robot and run together must have the standard
+    deviation of a correlation.
     """
 
     force_std: Annotated[tuple[Annotated[Force, Positive], ...], _VALUES] | None = None
     force_correlation: _Correlation | None = None
     force_covariance: _ForceCovariance | None = None
-    force_spectrum: Annotated[ForceSpectrum | None, FROM_TEXT, LATER] = None
-    """Of white noise where none is given."""
+    force_spectrum: Annotated[ForceSpectrum | None, FROM_TEXT] = None
+    """White noise by default."""
     length_std: Annotated[tuple[Annotated[Length, Positive], ...], _VALUES] | None = None
     length_correlation: _Correlation | None = None
     length_covariance: _LengthCovariance | None = None
-    length_spectrum: Annotated[LengthSpectrum | None, FROM_TEXT, LATER] = None
+    length_spectrum: Annotated[LengthSpectrum | None, FROM_TEXT] = None
 
     @model_validator(mode="after")
-    def _one_of_both_ways(self) -> NoiseDescription:
+    def _check_one_size(self) -> NoiseDescription:
         for std, correlation, covariance in map(_keys, _FAMILIES):
             given = [key for key in (std, correlation) if getattr(self, key) is not None]
             if getattr(self, covariance) is not None and given:
@@ -83,7 +83,7 @@ class NoiseDescription(Section):
 
 @dataclass(frozen=True, eq=False)
 class ResolvedNoise:
-    """Covariances of one sample, (6, 6), symmetric positive definite; None where not known."""
+    """Covariances of one sample, (6, 6), symmetric positive definite; None: unknown."""
 
     force_covariance: Array | None
     """N²."""
@@ -95,19 +95,18 @@ class ResolvedNoise:
 
 
 def resolve_noise(
-    sources: Sequence[Placed[NoiseDescription]], sampling: float | None = None
+    sources: Sequence[Located[NoiseDescription]], sampling: float | None = None
 ) -> tuple[NoiseDescription | None, ResolvedNoise | None, list[Problem]]:
     """Merge the noise of robot and run.
 
     Parameters
     ----------
-    sources : sequence of Placed[NoiseDescription]
-        Later ones override earlier ones key by key. A later covariance takes the place of an
-        earlier standard deviation and correlation, a later standard deviation or correlation
-        that of an earlier covariance, a later spectrum that has a size of its own that of all of
-        them.
+    sources : sequence of Located[NoiseDescription]
+        Later ones override earlier ones by key. A later covariance replaces an earlier standard
+        deviation and correlation, a later standard deviation or correlation an earlier covariance,
+        and a later spectrum with a size all of them.
     sampling : float, optional
-        Of the experiment, Hz: a hum that it cannot hold is a problem.
+        Sampling of the experiment, Hz: a hum above half of it is a problem.
 
     Returns
     -------
@@ -118,7 +117,7 @@ def resolve_noise(
     if not sources:
         return None, None, []
     merged: dict[str, Any] = {}
-    places: dict[str, Placed[NoiseDescription]] = {}
+    places: dict[str, Located[NoiseDescription]] = {}
     for source in sources:
         given = {k: v for k, v in source.value if v is not None}
         for family in _FAMILIES:
@@ -128,16 +127,14 @@ def resolve_noise(
             if covariance in given or sized:
                 merged.pop(std, None)
                 merged.pop(correlation, None)
-            if sized:
-                merged.pop(covariance, None)
-            if std in given or correlation in given:
+            if sized or std in given or correlation in given:
                 merged.pop(covariance, None)
         merged |= given
         places |= dict.fromkeys(given, source)
-    found = [_family(family, merged, places) for family in _FAMILIES]
+    found = [_resolve_family(family, merged, places) for family in _FAMILIES]
     problems = [problem for _, _, problems in found for problem in problems]
     if sampling is not None:
-        problems += _unsampled(merged, places, sampling)
+        problems += _aliased_hums(merged, places, sampling)
     if problems:
         return None, None, problems
     (forces, force_spectrum, _), (lengths, length_spectrum, _) = found
@@ -145,10 +142,10 @@ def resolve_noise(
     return NoiseDescription(**merged), resolved, []
 
 
-def _family(
-    family: str, merged: dict[str, Any], places: dict[str, Placed[NoiseDescription]]
+def _resolve_family(
+    family: str, merged: dict[str, Any], places: dict[str, Located[NoiseDescription]]
 ) -> tuple[Array | None, NoiseSpectrum | None, list[Problem]]:
-    """Return covariance and spectrum of a family, and put what a file holds in its place."""
+    """Return covariance and spectrum of a family; replace the name of a table by its content."""
     key = f"{family}_spectrum"
     covariance = _covariance(family, merged, places)
     if isinstance(covariance, Problem):
@@ -158,50 +155,25 @@ def _family(
     place, named = places[key], merged[key].file
     try:
         merged[key] = merged[key].with_table(place.document.folder)
-        spectrum = resolved_spectrum(merged[key], covariance)
+        spectrum = resolve_spectrum(merged[key], covariance)
     except InputError as error:
         file = absolute(str(named), place.document.folder)
         problems = list(error.problems)
-        if not file.is_file():  # the place to look at is where it is named
+        if not file.is_file():  # the fault is at the key with its name
             problems = [
                 place.problem((key,), f"{file}: {p.message}", SPECTRUM_FORMS) for p in problems
             ]
         return None, None, problems
     except ValueError as error:
-        allowed = f"{family}_std or {family}_covariance that fit it"
+        allowed = f"a {family}_std or {family}_covariance that fits it"
         return None, None, [place.problem((key,), str(error), allowed)]
     if spectrum is not None:
         covariance = read_only(spectrum.covariance)
     return covariance, spectrum, []
 
 
-def _unsampled(
-    merged: dict[str, Any], places: dict[str, Placed[NoiseDescription]], sampling: float
-) -> Iterator[Problem]:
-    """Name hums that a sampling cannot hold."""
-    for key in [f"{family}_spectrum" for family in _FAMILIES if f"{family}_spectrum" in merged]:
-        for number, line in enumerate(merged[key].hum):
-            if reason := unsampled(line.frequency, sampling):
-                allowed = (
-                    f"a frequency below {sampling / 2:g} Hz, or an experiment.sampling above "
-                    f"{2 * line.frequency:g} Hz"
-                )
-                yield places[key].problem((key, "hum", number, "frequency"), reason, allowed)
-
-
-def unsampled(frequency: float, sampling: float) -> str:
-    """Return why a sampling holds no sinusoid of this frequency, both Hz; empty where it does."""
-    if 2 * frequency < sampling:
-        return ""
-    folded = abs(frequency - round(frequency / sampling) * sampling)
-    return (
-        f"a hum of {frequency:g} Hz is not below half of the sampling, {sampling / 2:g} Hz: it is "
-        f"sampled as one of {folded:g} Hz"
-    )
-
-
 def _covariance(
-    family: str, merged: dict[str, Any], places: dict[str, Placed[NoiseDescription]]
+    family: str, merged: dict[str, Any], places: dict[str, Located[NoiseDescription]]
 ) -> Array | Problem | None:
     std, correlation, covariance = _keys(family)
     if covariance in merged:
@@ -217,26 +189,26 @@ def _covariance(
     else:
         return None
     with np.errstate(all="ignore"):
-        wrong = _no_covariance(shape)
+        wrong = _covariance_fault(shape)
         matrix = (shape + shape.T) / 2 * np.outer(scale, scale)
         is_correlation = np.max(np.abs(np.diag(shape) - 1)) <= _TOLERANCE
         finite = np.all(np.isfinite(matrix)) and np.all(np.diag(matrix) > 0)
     if wrong is None and name != covariance and not is_correlation:
         wrong = "the diagonal of a correlation is not 1"
     if wrong is None and not finite:
-        wrong = "the values are too large or too small to be squared"
+        wrong = "the squares of the values are too large or too small"
     if wrong is not None:
         return places[name].problem((name,), wrong, "a symmetric positive definite matrix")
     return read_only(matrix)
 
 
-def _no_covariance(matrix: Array) -> str | None:
-    """Return why a matrix is no covariance; None when it is one."""
+def _covariance_fault(matrix: Array) -> str | None:
+    """Return the reason why a matrix is not a covariance, None for a covariance."""
     diagonal = np.diag(matrix)
     if np.any(diagonal <= 0):
         j = int(np.argmax(diagonal <= 0)) + 1
         return f"not positive definite: the entry [{j}][{j}] is {diagonal[j - 1]:g}"
-    # Judged free of units and of different magnitudes of the struts.
+    # The scaled matrix is free of units and of the struts' magnitudes.
     scale = np.sqrt(diagonal)
     scaled = matrix / scale / scale[:, None]
     if not np.all(np.isfinite(scaled)):
@@ -252,3 +224,34 @@ def _no_covariance(matrix: Array) -> str | None:
     if smallest < _SMALLEST_EIGENVALUE:
         return f"not positive definite: the smallest eigenvalue of the correlation is {smallest:g}"
     return None
+
+
+def _aliased_hums(
+    merged: dict[str, Any], places: dict[str, Located[NoiseDescription]], sampling: float
+) -> Iterator[Problem]:
+    """Yield problems of hums above half of the sampling."""
+    for key in [f"{family}_spectrum" for family in _FAMILIES if f"{family}_spectrum" in merged]:
+        for number, line in enumerate(merged[key].hum):
+            if reason := aliasing_of(line.frequency, sampling):
+                allowed = (
+                    f"a frequency below {sampling / 2:g} Hz, or an experiment.sampling above "
+                    f"{2 * line.frequency:g} Hz"
+                )
+                yield places[key].problem((key, "hum", number, "frequency"), reason, allowed)
+
+
+def aliasing_of(frequency: float, sampling: float) -> str:
+    """Describe the alias of a sinusoid, both in Hz; empty below half of the sampling.
+
+    Examples
+    --------
+    >>> aliasing_of(300.0, 500.0)
+    'a hum of 300 Hz is not below half of the sampling, 250 Hz: its samples are those of 200 Hz'
+    """
+    if 2 * frequency < sampling:
+        return ""
+    alias = abs(frequency - round(frequency / sampling) * sampling)
+    return (
+        f"a hum of {frequency:g} Hz is not below half of the sampling, {sampling / 2:g} Hz: its "
+        f"samples are those of {alias:g} Hz"
+    )

@@ -1,7 +1,7 @@
-"""`noise.force_spectrum` and `noise.length_spectrum`: how noise is spread over the frequencies.
+"""`noise.force_spectrum` and `noise.length_spectrum`: the noise's distribution over frequencies.
 
-Three forms of the noise's memory: autoregressive coefficients, a file such as `expdesign noise`
-writes, or none but a hum. A resolved configuration holds what the file holds.
+A spectrum is autoregressive, has a table of densities as from `expdesign noise`, or is white, with
+bands and hums. A resolved configuration contains the table itself.
 """
 
 from __future__ import annotations
@@ -43,21 +43,21 @@ from expdesign.noise.spectrum import (
 )
 
 WHITE = "white"
-"""What a run states to take back the robot's spectrum."""
+"""Value of a run without the robot's spectrum."""
 
 SPECTRUM_FORMS = (
     f"{WHITE}, the path of a table such as `expdesign noise` writes, or a mapping with ar, file, "
     "band or hum"
 )
-"""What a spectrum may be, for messages."""
+"""Accepted spectra, for messages."""
 
 FREQUENCY = "frequency"
 DENSITIES = numbered("density_")
 AMPLITUDES = numbered("amplitude_")
 PAIRS = tuple((i, j) for i in range(ACTUATORS) for j in range(i))
 COHERENCIES = tuple(f"{part}_{i + 1}_{j + 1}" for i, j in PAIRS for part in ("real", "imaginary"))
-"""Columns of a file: frequency, Hz; density of every channel, the square of its unit per Hz; where
-there are any, amplitudes of hum lines and the complex coherency of every pair of channels."""
+"""Columns of a table: frequency, Hz; density of every channel, the square of its unit per Hz;
+optional amplitudes of hum lines and complex coherencies of every pair of channels."""
 
 _LARGEST_FILE = 4 * 1024 * 1024
 _MOST_ROWS = 500
@@ -72,7 +72,7 @@ _Pairs = Annotated[tuple[Number, ...], exactly(2 * len(PAIRS), "values")]
 
 
 class SpectrumTable(Section):
-    """What a file holds: a density at increasing frequencies, the last half of the sampling."""
+    """A density at increasing frequencies, the last of which is half of the sampling."""
 
     frequency: Annotated[
         tuple[Annotated[Frequency, NotNegative], ...], at_least(2, "frequencies", _MOST_ROWS)
@@ -80,12 +80,12 @@ class SpectrumTable(Section):
     density: tuple[_Positive, ...]
     """One-sided, N²/Hz or m²/Hz."""
     amplitude: tuple[_Six, ...] | None = None
-    """Of a sinusoid at the frequency, N or m; zero where there is none."""
+    """Amplitude of a sinusoid at the frequency, N or m; zero without one."""
     coherency: tuple[_Pairs, ...] | None = None
     """Real and imaginary parts, pair by pair in the order of `PAIRS`; none: no correlation."""
 
     @model_validator(mode="after")
-    def _fits(self) -> SpectrumTable:
+    def _check_rows(self) -> SpectrumTable:
         steps = np.diff(self.frequency)
         if np.any(steps <= 0):
             row = int(np.argmax(steps <= 0)) + 1
@@ -107,9 +107,9 @@ class SpectrumTable(Section):
         return self
 
     def parts(self) -> tuple[Tabulated | Hum, ...]:
-        """Return density and lines."""
+        """Return the density and the hum lines."""
         frequencies, density = np.array(self.frequency), np.array(self.density)
-        if frequencies[0] > 0:  # what is below the first frequency is as it is there
+        if frequencies[0] > 0:  # constant below the first frequency
             frequencies, density = np.append(0.0, frequencies), np.vstack([density[:1], density])
         root = np.sqrt(density)
         coherency = np.eye(ACTUATORS, dtype=complex)[None]
@@ -150,14 +150,14 @@ class LengthHum(Section):
 
 
 class NoiseBand(Section):
-    """A band about one frequency that holds a share of the noise."""
+    """A band about one frequency with a share of the noise."""
 
     frequency: Annotated[Frequency, Positive]
-    """Where its density is largest, Hz."""
+    """Frequency of the largest density, Hz."""
     width: Annotated[Frequency, Positive]
-    """Between the frequencies at which it has half of that, Hz."""
+    """Distance between the frequencies with half of that density, Hz."""
     share: Annotated[Share, Positive]
-    """Of the variance of one sample; without it remains what the other keys describe."""
+    """Share of the variance of one sample; the other keys describe the rest."""
 
 
 _AR = (
@@ -166,13 +166,13 @@ _AR = (
 )
 
 
-def _coefficients(value: object) -> tuple[tuple[float, ...], ...] | None:
-    """Return the coefficients of every actuator, from one number, six, one list or six."""
+def _read_coefficients(value: object) -> tuple[tuple[float, ...], ...] | None:
+    """Return the coefficients of every actuator, from one or six numbers or lists."""
     if value is None:
         return None
     rows = value if isinstance(value, list | tuple) else [value]
     if len(rows) not in (1, ACTUATORS):
-        hint = "; coefficients of all actuators stand in a list of their own: [[a1, a2]]"
+        hint = "; the coefficients for all actuators are a nested list: [[a1, a2]]"
         raise refusal(f"there are {len(rows)} values{hint}", _AR)
     found = []
     for row in rows:
@@ -183,39 +183,41 @@ def _coefficients(value: object) -> tuple[tuple[float, ...], ...] | None:
             raise refusal(reason, f"1 to {_MOST_COEFFICIENTS} of them")
         if not is_stable(np.array([numbers])):
             reason = f"noise with {', '.join(f'{a:g}' for a in numbers)} grows without bound"
-            raise refusal(reason, "a single coefficient between -1 and 1, or others that forget")
+            raise refusal(
+                reason, "a single coefficient between -1 and 1, or a stable set of coefficients"
+            )
         found.append(numbers)
     return tuple(found) * (ACTUATORS // len(found))
 
 
-def _lines(value: object) -> object:
+def _read_lines(value: object) -> object:
     if isinstance(value, list | tuple) and len(value) > _MOST_LINES:
         raise refusal(f"the list has {len(value)} of them", f"{_MOST_LINES} at most")
     return [value] if isinstance(value, dict) else value
 
 
 class _Spectrum(Section):
-    ar: Annotated[tuple[tuple[float, ...], ...] | None, BeforeValidator(_coefficients)] = None
-    """Coefficients of an autoregressive noise at the experiment's sampling, of every actuator."""
+    ar: Annotated[tuple[tuple[float, ...], ...] | None, BeforeValidator(_read_coefficients)] = None
+    """Autoregressive coefficients of every actuator, at the experiment's sampling."""
     file: FilledText | None = None
-    """A file with a density."""
+    """A file with densities."""
     table: Annotated[SpectrumTable | None, RESOLVED] = None
-    """What such a file holds."""
-    band: Annotated[tuple[NoiseBand, ...], BeforeValidator(_lines)] = ()
+    """Content of such a file."""
+    band: Annotated[tuple[NoiseBand, ...], BeforeValidator(_read_lines)] = ()
     """Bands with a share of the noise."""
 
     @model_validator(mode="after")
-    def _bands_leave_something(self) -> Self:
+    def _check_bands(self) -> Self:
         if sum(band.share for band in self.band) >= 1:
-            reason = "the bands leave nothing of the noise"
+            reason = "the bands have all of the noise"
             raise refusal(reason, "shares whose sum is below 1", key="band")
         if self.band and self.has_size:
-            reason = "a file says what is in each band"
-            raise refusal(reason, "band beside ar, or alone", key="band")
+            reason = "a file has the noise of each band already"
+            raise refusal(reason, "band with ar, or alone", key="band")
         return self
 
     @model_validator(mode="after")
-    def _one_form(self) -> Self:
+    def _check_one_form(self) -> Self:
         given = [key for key in ("ar", "file", "table") if getattr(self, key) is not None]
         if len(given) > 1:
             raise refusal(f"{given[0]} and {given[1]} are both given", "one of them", key=given[1])
@@ -223,16 +225,16 @@ class _Spectrum(Section):
 
     @property
     def has_size(self) -> bool:
-        """True when it tells how large the noise is, not only its shape."""
+        """True when it has the size of the noise and not only its shape."""
         return self.file is not None or self.table is not None
 
     def with_table(self, folder: Path) -> Self:
-        """Return it with what its file holds; a relative path starts from a folder.
+        """Return the spectrum with the content of its file; a relative path starts from a folder.
 
         Raises
         ------
         InputError
-            The file cannot be used.
+            The file is missing or invalid.
         """
         if self.file is None:
             return self
@@ -241,45 +243,45 @@ class _Spectrum(Section):
 
 
 class ForceSpectrum(_Spectrum):
-    """The spectrum of the forces' noise, as the YAML states it."""
+    """The spectrum of the forces' noise."""
 
-    hum: Annotated[tuple[ForceHum, ...], BeforeValidator(_lines)] = ()
-    """Lines that come on top."""
+    hum: Annotated[tuple[ForceHum, ...], BeforeValidator(_read_lines)] = ()
+    """Additional lines."""
 
 
 class LengthSpectrum(_Spectrum):
-    """The spectrum of the lengths' noise, as the YAML states it."""
+    """The spectrum of the lengths' noise."""
 
-    hum: Annotated[tuple[LengthHum, ...], BeforeValidator(_lines)] = ()
-    """Lines that come on top."""
+    hum: Annotated[tuple[LengthHum, ...], BeforeValidator(_read_lines)] = ()
+    """Additional lines."""
 
 
-def _from_text(value: object) -> object:
+def _read_spectrum(value: object) -> object:
     if value == WHITE:
         return {}
     if value == {}:
-        raise refusal("nothing is said of the spectrum", SPECTRUM_FORMS)
+        raise refusal("the spectrum is empty", SPECTRUM_FORMS)
     return {"file": value} if isinstance(value, str) else value
 
 
-FROM_TEXT = BeforeValidator(_from_text)
-"""Takes a text as the name of a file, and `WHITE` as no memory."""
+FROM_TEXT = BeforeValidator(_read_spectrum)
+"""Accepts a text as the name of a file, and `WHITE` for white noise."""
 
 
-def resolved_spectrum(
+def resolve_spectrum(
     described: ForceSpectrum | LengthSpectrum, covariance: Array | None
 ) -> NoiseSpectrum | None:
-    """Return the spectrum that is described, None for white noise; `with_table` comes before.
+    """Return the spectrum of a description with its table, None for white noise.
 
     Parameters
     ----------
     covariance : (6, 6), optional
-        Of one sample, but for the hum; a table has its own.
+        Covariance of one sample without the hum; by default that of the table.
 
     Raises
     ------
     ValueError
-        There is no such noise.
+        The noise has no size, or is not possible.
     """
     parts: tuple[SpectralPart, ...]
     if described.table is not None:
@@ -291,7 +293,7 @@ def resolved_spectrum(
     elif described.ar is None and not described.hum and not described.band:
         return None
     elif covariance is None:
-        raise ValueError("the spectrum says nothing of how large the noise is")
+        raise ValueError("the spectrum has no size of the noise")
     else:
         rows = described.ar or ((),) * ACTUATORS
         longest = max(map(len, rows))
@@ -310,12 +312,12 @@ def resolved_spectrum(
 
 
 def read_spectrum_table(path: Path) -> SpectrumTable:
-    """Read the file of a density: commas between the columns, their names in the first line.
+    """Read a table of densities: commas between the columns, their names in the first line.
 
     Raises
     ------
     InputError
-        It is no such file, or its values are none of a spectrum.
+        Columns or cells are missing, or the values are not those of a spectrum.
     """
     text = read_text(path, _LARGEST_FILE, "a table with commas between the columns")
     names, *rows = [*csv.reader(io.StringIO(text))] or [[]]

@@ -1,4 +1,4 @@
-"""Which limits a robot leaves open, and which of them a default bounds then."""
+"""Descriptions of a robot's limits: open ones, defaults, implied ones, and the reserve."""
 
 from __future__ import annotations
 
@@ -16,24 +16,23 @@ from expdesign.configuration.robot import ResolvedRobot
 
 @dataclass(frozen=True, eq=False)
 class OpenRows:
-    """Rows of a limit that are bounded on neither side."""
+    """Rows of a limit without any bound."""
 
     definition: LimitDefinition
     labels: tuple[str, ...]
-    """What each row of the limit stands for."""
+    """Name of each row of the limit."""
     rows: NDArray[np.intp]
-    """(k,), which of them are open."""
+    """(k,), indices of the open rows."""
 
     def __str__(self) -> str:
-        """Name the limit, and of one by components those that are open."""
+        """Return the name of the limit, with its open components."""
         return named_rows(self.definition, [self.labels[row] for row in self.rows])
 
 
 def open_rows(robot: ResolvedRobot) -> tuple[OpenRows, ...]:
-    """Return what neither robot nor run limits, in the order of the catalogue.
+    """Return the limits that neither robot nor run bounds, in the order of the catalogue.
 
-    A pair of struts that shares a joint has no clearance: it is not open. Nor is a limit that
-    always stands, of which another one may be the tighter.
+    Pairs of struts with a common joint, and limits that always apply, do not count as open.
     """
     found = []
     for key, definition in limit_definitions().items():
@@ -49,37 +48,37 @@ def open_rows(robot: ResolvedRobot) -> tuple[OpenRows, ...]:
 
 
 def named_rows(definition: LimitDefinition, labels: Iterable[str]) -> str:
-    """Name a limit, and of one by components those that are meant."""
+    """Return the name of a limit, with the given components."""
     return f"{definition.key} ({', '.join(labels)})" if definition.components else definition.key
 
 
 def open_in_words(found: Iterable[OpenRows | str]) -> str:
-    """Say which limits, by their rows or names, are not set; empty where all are."""
+    """Describe the limits that are not set, by their rows or names; empty if all are."""
     names = ", ".join(str(one) for one in found)
     return f"no limit is set on {names}" if names else ""
 
 
 def defaults_in_words(robot: ResolvedRobot) -> tuple[str, ...]:
-    """Say of each limit with a default what nobody has bounded, and what bounds it."""
+    """Describe the default bounds in use."""
     found = []
     for limit in robot.limits.values():
         about, standing = limit.definition.about_home, limit.definition.standing
         if limit.by_default and about is not None:
             found.append(
                 f"limits.{limit.key} is not given for {', '.join(limit.by_default)}: "
-                f"{quantity_text(about, limit.unit)} from home either way by default; "
+                f"{quantity_text(about, limit.unit)} from home in both directions by default; "
                 f"`{limit.key}: {LIFTED}` lifts it"
             )
         elif limit.by_default and standing is not None:
             found.append(
-                f"limits.{limit.key} is not given: {quantity_text(standing, limit.unit)} either "
-                "way by default, which nothing lifts"
+                f"limits.{limit.key} is not given: {quantity_text(standing, limit.unit)} in both "
+                "directions; this default cannot be lifted"
             )
     return tuple(found)
 
 
 def held_in_words(robot: ResolvedRobot) -> tuple[str, ...]:
-    """Say of each limit that always stands which other one holds it, where it has no rows."""
+    """Describe the limits that always apply and are implied by another limit."""
     found = []
     for key, definition in limit_definitions().items():
         bound, other = definition.standing, definition.held_by(robot.limits)
@@ -92,7 +91,7 @@ def held_in_words(robot: ResolvedRobot) -> tuple[str, ...]:
 
 
 def reserve_in_words(robot: ResolvedRobot) -> str:
-    """Say which shares of the limits' ranges are kept free; empty without a reserve."""
+    """Describe the shares of the limits' ranges that stay free; empty without a reserve."""
     by_share: dict[float, list[str]] = {}
     for limit in robot.limits.values():
         by_share.setdefault(limit.reserve, []).append(limit.key)
@@ -103,4 +102,4 @@ def reserve_in_words(robot: ResolvedRobot) -> str:
         f"{100 * share:.4g} % of {'every limit' if len(by_share) == 1 else ', '.join(keys)}"
         for share, keys in kept.items()
     )
-    return f"limits.reserve keeps free {of}: motions are planned and judged with what is left"
+    return f"limits.reserve keeps free {of}: motions are planned and judged within the rest"

@@ -1,41 +1,77 @@
-"""The terms of a robot's model and their parameters, as the robot file names them."""
+"""`terms`, `drive` and `parameters` of a robot file: the terms of its model with their values."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo, model_serializer
 from pydantic_core import PydanticCustomError
 
-from expdesign.configuration.errors import nearest, refusal, shown
-from expdesign.configuration.fields import each_read, known, one_of
-from expdesign.configuration.quantity import Inertia, Length, NotNegative, Positive, dimension_of
+from expdesign.configuration.errors import nearest_name, quote, refusal
+from expdesign.configuration.fields import check_choice, one_of, read_entries
+from expdesign.configuration.quantity import Inertia, Length, NotNegative, Positive, quantity_in
 from expdesign.configuration.section import Section
-from expdesign.mechanism.catalogue import DEFAULT, known_parameters, term_definitions, terms_named
+from expdesign.mechanism.catalogue import (
+    DEFAULT,
+    known_parameters,
+    term_definitions,
+    terms_named,
+)
 from expdesign.mechanism.term import Constant, Parameter, Term, parameters_of
 from expdesign.mechanism.terms import drive_inertia, rigid_platform
 
+# --- names and values of parameters ---------------------------------------------------------------
+
+
+def check_parameter(value: object) -> str:
+    """Return the name of a parameter of some term; refuse others with the nearest name."""
+    return check_choice(known_parameters, "parameter")(value)
+
+
+ParameterName = Annotated[str, BeforeValidator(check_parameter)]
+
+
+def parse_parameter(name: str, value: object) -> float:
+    """Convert a value of the file to the parameter's SI unit.
+
+    Raises
+    ------
+    pydantic_core.PydanticCustomError
+        It is not such a quantity.
+    """
+    return quantity_in(known_parameters()[name].unit).parse(value)
+
+
+def term_hint(name: object) -> str:
+    """Return a suffix for a message about a parameter that a robot lacks: the term that has it."""
+    for term in term_definitions().values():
+        if name in {parameter.name for parameter in term.parameters}:
+            kind = " with platform: general" if term is rigid_platform.GENERAL else ""
+            return f": it belongs to the term {term.name}{kind}"
+    return ""
+
+
+# --- drive ----------------------------------------------------------------------------------------
+
 Thread = Literal["right", "left"]
-_DIRECT = "direct"
-_ALLOWED = f"{_DIRECT}, {{screw: {{lead: 5 mm, inertia: 6.3e-5}}}} or {{gear: {{lead: …}}}}"
 
 
 class Gear(Section):
-    """A motor that turns once for so much of a strut: a rack, a belt, a rope."""
+    """A motor with a constant ratio of turn to strut length: a rack, a belt, a rope."""
 
     lead: Annotated[Length, Positive]
-    """Of the strut in one turn of the motor, m."""
+    """Travel of the strut in one turn of the motor, m."""
     inertia: Annotated[Inertia, NotNegative] | None = None
-    """Of all that turns with the motor, about its axis, kg m²; None: not known."""
+    """Inertia of all parts that turn with the motor, about its axis, kg m²; None: unknown."""
 
     @property
     def mass(self) -> float:
-        """What the inertia is along the strut, kg; zero where it is not known."""
+        """Mass equivalent to the inertia along the strut, kg; zero for an unknown inertia."""
         return (self.inertia or 0.0) * (2 * math.pi / self.lead) ** 2
 
 
@@ -46,80 +82,72 @@ class Screw(Gear):
 
     @property
     def signed_lead(self) -> float:
-        """Lead, m per turn, below zero for a left-handed thread."""
+        """Lead, m per turn, negative for a left-handed thread."""
         return self.lead if self.thread == "right" else -self.lead
 
 
 class Drive(Section):
-    """One kind of drive for all struts: a screw, a gear, or neither of them."""
+    """The kind of drive of all struts: a screw, a gear, or a direct drive with neither."""
 
     screw: Screw | None = None
     gear: Gear | None = None
 
     @property
     def geared(self) -> Gear | None:
-        """The screw or gear; None: the drive moves the strut directly."""
+        """The screw or gear; None for a direct drive."""
         return self.screw or self.gear
 
     @model_serializer
-    def _as_written(self) -> str | dict[str, Any]:
+    def _serialize(self) -> str | dict[str, Any]:
         if self.screw is not None:
             return {"screw": self.screw.model_dump()}
         return _DIRECT if self.gear is None else {"gear": self.gear.model_dump()}
 
 
-def _drive(value: object) -> object:
+DIRECT = Drive()
+_DIRECT = "direct"
+_DRIVES = f"{_DIRECT}, {{screw: {{lead: 5 mm, inertia: 6.3e-5}}}} or {{gear: {{lead: …}}}}"
+
+
+def _read_drive(value: object) -> object:
     if isinstance(value, Drive):
         return value
-    if isinstance(value, str) and value == _DIRECT:
+    if value == _DIRECT:
         return {}
     if not isinstance(value, Mapping):
-        raise refusal(f"{shown(value)} is no drive", _ALLOWED)
+        raise refusal(f"{quote(value)} is not a drive", _DRIVES)
     if len(value) != 1:
-        raise refusal(f"there are {len(value)} kinds of drive where one is needed", _ALLOWED)
+        raise refusal(f"there are {len(value)} kinds of drive where one is needed", _DRIVES)
     if None in value.values():
-        raise refusal(f"nothing is told of the {next(iter(value))}", _ALLOWED)
+        raise refusal(f"the {next(iter(value))} has no lead", _DRIVES)
     return value
 
 
-DriveOrDirect = Annotated[Drive, BeforeValidator(_drive)]
-DIRECT = Drive()
+DriveOrDirect = Annotated[Drive, BeforeValidator(_read_drive)]
 
-
-def known_parameter(value: object) -> str:
-    """Check that a text is a parameter of some term, naming the nearest when it is not."""
-    return known(tuple(known_parameters()), "parameter")(value)
-
-
-ParameterName = Annotated[str, BeforeValidator(known_parameter)]
-
-
-def parsed_parameter(name: str, value: object) -> float:
-    """Convert what stands in a file to the parameter's SI unit.
-
-    Raises
-    ------
-    pydantic_core.PydanticCustomError
-        If it is no such quantity.
-    """
-    return dimension_of(known_parameters()[name].unit).parse(value)
+# --- terms ----------------------------------------------------------------------------------------
 
 
 class ConstantDescription(Section):
-    """The value of a term's constant, SI, and whether it shall be estimated too."""
+    """Value of a term's constant, SI, and the choice to estimate it with the parameters."""
 
     value: float
     estimate: bool = False
 
 
 class TermDescription(Section):
-    """A term by its name in the catalogue, with the constants that it has."""
+    """A term by its name in the catalogue, with its constants."""
 
     name: str
     constants: dict[str, ConstantDescription] = Field(default_factory=dict)
 
+    @property
+    def definition(self) -> Term:
+        """The term of the catalogue."""
+        return term_definitions()[self.name]
+
     @model_serializer
-    def _as_written(self) -> str | dict[str, Any]:
+    def _serialize(self) -> str | dict[str, Any]:
         if not self.constants:
             return self.name
         return {
@@ -130,43 +158,40 @@ class TermDescription(Section):
         }
 
 
-def _terms(value: object, *, alone: bool = True) -> tuple[TermDescription, ...]:
-    """Judge the list as a whole: each term once, constants of those that have them.
-
-    Beside a robot's terms, which are not `alone`, some may take constants of these.
-    """
-    wanted = f"a list of terms: {', '.join(term_definitions())}"
+def _read_terms(value: object, *, complete: bool = True) -> tuple[TermDescription, ...]:
+    """Read a list of terms; one that is complete has the terms that others take constants from."""
     if not isinstance(value, list | tuple) or not value:
-        raise refusal(f"{shown(value)} is no list of terms", wanted)
+        raise refusal(f"{quote(value)} is not a list of terms", _terms_allowed())
     found: dict[str, TermDescription] = {}
     for item in value:
-        described = item if isinstance(item, TermDescription) else _term(item, wanted)
-        if described.name in found:
-            raise refusal(f"the term '{described.name}' is listed twice", "each one once")
-        beside = term_definitions()[described.name].beside
-        if alone and beside and beside not in found:
-            reason = f"the term '{described.name}' takes the constants of '{beside}'"
-            raise refusal(reason, f"{beside} listed before {described.name}")
-        found[described.name] = described
+        term = item if isinstance(item, TermDescription) else _read_term(item)
+        if term.name in found:
+            raise refusal(f"the term '{term.name}' is listed twice", "each one once")
+        partner = term.definition.beside
+        if complete and partner and partner not in found:
+            reason = f"the term '{term.name}' takes the constants of '{partner}'"
+            raise refusal(reason, f"{partner} listed before {term.name}")
+        found[term.name] = term
     return tuple(found.values())
 
 
-def _term(item: object, wanted: str) -> TermDescription:
+def _read_term(item: object) -> TermDescription:
     name: object = item
     given: object = {}
     if isinstance(item, Mapping) and len(item) == 1:
         ((name, given),) = item.items()
-    if not isinstance(name, str) or name not in term_definitions():
-        raise refusal(
-            f"{shown(name)} is no term", wanted, partial(nearest, name, term_definitions())
-        )
+    terms = term_definitions()
+    if not isinstance(name, str) or name not in terms:
+        meant = partial(nearest_name, name, terms)
+        raise refusal(f"{quote(name)} is not a term", _terms_allowed(), meant)
     if not isinstance(given, Mapping):
-        raise refusal(f"{shown(given)} is no mapping of constants", "constants with their values")
-    stated = {key: _constant(f"{name}.{key}", item) for key, item in given.items()}
-    values = _quantities(
+        reason = f"{quote(given)} is not a mapping of constants"
+        raise refusal(reason, "constants with their values")
+    stated = {key: _read_constant(f"{name}.{key}", item) for key, item in given.items()}
+    values = _read_quantities(
         {key: value for key, (value, _) in stated.items()},
-        {constant.name: constant for constant in term_definitions()[name].constants},
-        lambda key: f"the term {name} has no constant {shown(key)}",
+        {constant.name: constant for constant in terms[name].constants},
+        lambda key: f"the term {name} has no constant {quote(key)}",
         (name,),
     )
     constants = {
@@ -176,105 +201,122 @@ def _term(item: object, wanted: str) -> TermDescription:
     return TermDescription(name=name, constants=constants)
 
 
-def _constant(key: str, given: object) -> tuple[object, bool]:
-    """Return what stands for the value, and whether the constant shall be estimated."""
+def _terms_allowed() -> str:
+    return f"a list of terms: {', '.join(term_definitions())}"
+
+
+def _read_constant(key: str, given: object) -> tuple[object, bool]:
+    """Return the value as in the file, and the choice to estimate the constant."""
     if not isinstance(given, Mapping):
         return given, False
     parts = ("value", "estimate")
     for part in given:
         if part not in parts:
-            reason = f"a constant has no {shown(part)}"
-            raise refusal(reason, ", ".join(parts), partial(nearest, part, parts), key=key)
+            meant = partial(nearest_name, part, parts)
+            raise refusal(f"a constant has no {quote(part)}", ", ".join(parts), meant, key)
     if "value" not in given:
         raise refusal("the value is missing", "{value: …, estimate: true}", key=key)
     estimate = given.get("estimate", False)
     if not isinstance(estimate, bool):
-        raise refusal(f"{shown(estimate)} is no choice", "true, false", key=f"{key}.estimate")
+        reason = f"{quote(estimate)} is not a valid choice"
+        raise refusal(reason, "true, false", key=f"{key}.estimate")
     return given["value"], estimate
 
 
-def _quantities(
+def _read_quantities(
     given: Mapping[str, object],
     expected: Mapping[str, Parameter | Constant],
     unknown: Callable[[str], str],
     place: tuple[str, ...] = (),
 ) -> dict[str, float]:
-    """Return the values of exactly the names expected, SI; raise everything that is wrong."""
+    """Return the values of exactly the expected names, SI; raise all problems together."""
 
     def read(name: str, value: object) -> float:
         if name not in expected:
             allowed = ", ".join(expected) or "none"
-            raise refusal(unknown(name), allowed, partial(nearest, name, expected))
-        default = expected[name].default
-        if value is None and default is not None:
-            return default
+            raise refusal(unknown(name), allowed, partial(nearest_name, name, expected))
+        one = expected[name]
+        if value is None and one.default is not None:
+            return one.default
         if name not in given:
             raise PydanticCustomError("missing", "the key is missing")
-        number = dimension_of(expected[name].unit).parse(value)
-        if isinstance(one := expected[name], Constant) and one.positive and number <= 0:
+        number = quantity_in(one.unit).parse(value)
+        if isinstance(one, Constant) and one.positive and number <= 0:
             raise refusal(f"{number:g} is not positive", "a value above 0")
         return number
 
-    return each_read(dict.fromkeys(expected) | dict(given), read, place)
+    return read_entries(dict.fromkeys(expected) | dict(given), read, place)
 
 
-def whose(name: object) -> str:
-    """Return, to be appended to a message, in which term a parameter is that a robot lacks."""
-    for term in term_definitions().values():
-        if name in {parameter.name for parameter in term.parameters}:
-            kind = " with platform: general" if term is rigid_platform.GENERAL else ""
-            return f": it belongs to the term {term.name}{kind}"
-    return ""
+Terms = Annotated[tuple[TermDescription, ...], BeforeValidator(_read_terms)]
+FurtherTerms = Annotated[
+    tuple[TermDescription, ...], BeforeValidator(partial(_read_terms, complete=False))
+]
+"""Terms in addition to those of a robot."""
 
 
-Terms = Annotated[tuple[TermDescription, ...], BeforeValidator(_terms)]
-FurtherTerms = Annotated[tuple[TermDescription, ...], BeforeValidator(partial(_terms, alone=False))]
-"""Terms that come to those of a robot."""
-
-
-@cache
 def default_terms() -> tuple[TermDescription, ...]:
     """Return the terms of a robot whose file lists none."""
-    return _terms(DEFAULT)
+    return _read_terms(DEFAULT)
 
 
 def chosen_terms(
-    described: tuple[TermDescription, ...],
+    described: Sequence[TermDescription],
     platform: str,
     drive: Drive = DIRECT,
     *,
     turning: bool = False,
 ) -> tuple[Term, ...]:
-    """Return the blocks that a robot file names, with its kind of platform.
+    """Return the terms of a robot's model, in the order of the regressor's columns.
 
-    That of the inertia of a screw or gear comes before friction when it is not listed. `turning`
-    screws are turned by the platform.
+    A screw or gear adds the term of its inertia before the first term with friction, unless the
+    file lists it. `turning` screws are turned by the platform.
     """
     names = [term.name for term in described]
     if drive.geared is not None and drive_inertia.TERM.name not in names:
-        first = next(
-            (k for k, name in enumerate(names) if term_definitions()[name].rates), len(names)
-        )
-        names.insert(first, drive_inertia.TERM.name)
+        friction = (k for k, term in enumerate(described) if term.definition.rates)
+        names.insert(next(friction, len(names)), drive_inertia.TERM.name)
     return terms_named(names, general=platform == "general", turning=turning)
 
 
-def _parameters(value: object, info: ValidationInfo) -> dict[str, float]:
+def insert_terms(
+    own: Sequence[TermDescription], added: Sequence[TermDescription]
+) -> tuple[TermDescription, ...]:
+    """Return a robot's terms with further ones in their places.
+
+    Terms without dry friction precede the first with it, since they contribute to the actuators'
+    load; a term follows the one whose constants it takes.
+    """
+    found = list(own)
+    for term in sorted(added, key=lambda one: bool(one.definition.rates)):
+        names, place = [one.name for one in found], len(found)
+        if not term.definition.rates:
+            place = next((k for k, one in enumerate(found) if one.definition.rates), place)
+        if (partner := term.definition.beside) in names:
+            place = max(place, names.index(partner) + 1)
+        found.insert(place, term)
+    return tuple(found)
+
+
+# --- parameters -----------------------------------------------------------------------------------
+
+
+def _read_parameters(value: object, info: ValidationInfo) -> dict[str, float]:
     """Read exactly the parameters of the robot's terms, in their order."""
     if not isinstance(value, Mapping):
-        raise refusal(f"{shown(value)} is not a mapping", "parameters with their values")
+        raise refusal(f"{quote(value)} is not a mapping", "parameters with their values")
     if not {"terms", "platform", "drive", "bodies", "platform_joints"} <= set(info.data):
-        return {}  # refused themselves: which parameters there are is not known
+        return {}  # these keys are refused: the parameters of the robot are unknown
     drive = info.data["drive"]
     terms = chosen_terms(info.data["terms"], info.data["platform"], drive)
-    follows = {} if drive.geared is None else {drive_inertia.MASS: drive.geared.mass}
+    implied = {} if drive.geared is None else {drive_inertia.MASS: drive.geared.mass}
     if (bodies := info.data["bodies"]) is not None:
-        follows |= bodies.parameters(np.array(info.data["platform_joints"]))
-    return _quantities(
+        implied |= bodies.parameters(np.array(info.data["platform_joints"]))
+    return _read_quantities(
         value,
-        {p.name: replace(p, default=follows.get(p.name, p.default)) for p in parameters_of(terms)},
-        lambda name: f"no term of this robot has the parameter {shown(name)}{whose(name)}",
+        {p.name: replace(p, default=implied.get(p.name, p.default)) for p in parameters_of(terms)},
+        lambda name: f"no term of this robot has the parameter {quote(name)}{term_hint(name)}",
     )
 
 
-Parameters = Annotated[dict[str, float], BeforeValidator(_parameters)]
+Parameters = Annotated[dict[str, float], BeforeValidator(_read_parameters)]

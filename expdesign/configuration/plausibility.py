@@ -1,4 +1,4 @@
-"""Whether some bodies have the parameters of a robot file, to the digits that are written there."""
+"""Plausibility of a robot file: physical consistency of the parameters, and likely unit errors."""
 
 from __future__ import annotations
 
@@ -15,21 +15,23 @@ from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration.document import Document
 from expdesign.configuration.errors import Key
-from expdesign.configuration.parameters import Drive, parsed_parameter
+from expdesign.configuration.parameters import Drive, parse_parameter
 from expdesign.configuration.quantity import quantity_text
 from expdesign.mechanism.nearest import NoBodiesError, Projection
 from expdesign.mechanism.realisable import Realisable
 from expdesign.mechanism.term import Term, parameters_of, scales_of
 from expdesign.mechanism.terms import drive_inertia, rigid_platform
 
-_AS_WRITTEN = 1e-9
-"""Share of the scales that a file which was written with fewer digits may be off bodies."""
-_TOLD, _TOLD_CHANGE = 4, 1e-4
-"""How many of the nearest parameters are told, and from which change on."""
-_TOLD_ROUNDING = 1e-2
-"""The same, as a share of the rounding, where no more was needed."""
-_MANY = 100
-"""Times the rounding of a digit, from which on nobody asks whether it explains anything."""
+# --- physical consistency -------------------------------------------------------------------------
+
+_NUMERICAL = 1e-9
+"""Tolerated inconsistency of a file with few digits, as a share of the scales."""
+_MOST_LISTED, _LEAST_CHANGE = 4, 1e-4
+"""Most parameters in a list of changes, and the smallest listed change."""
+_LEAST_ROUNDING = 1e-2
+"""Smallest listed change within the rounding, as a share of the rounding."""
+_FAR = 100
+"""Multiple of the rounding from which on it explains nothing."""
 _HALF_UP = 1 + 1e-3
 """A number in the middle of two may have been rounded to either."""
 _MANTISSA = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)(.*)", re.DOTALL)
@@ -37,20 +39,19 @@ _MANTISSA = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)(.*)", re.DOTALL)
 
 @dataclass(frozen=True)
 class PhysicalConsistency:
-    """What is to be said of the parameters of a robot file."""
+    """Verdict on the physical consistency of a robot file's parameters."""
 
     warnings: tuple[str, ...] = ()
-    """What no bodies have, in words."""
+    """Inconsistencies in words."""
     rounded: str = ""
-    """Why bodies have the parameters that were rounded to those written; empty where bodies have
-    these themselves, or neither."""
+    """Explanation where only unrounded parameters are consistent; else empty."""
 
 
-def roundings(document: Document, key: Key, values: Mapping[str, float]) -> dict[str, float]:
-    """Return half a unit of the last digit of every parameter that stands at a key, SI.
+def rounding_errors(document: Document, key: Key, values: Mapping[str, float]) -> dict[str, float]:
+    """Return half a unit of the last digit of the parameters at a key, SI.
 
-    Nothing of those of which it is not known: that a program handed over, or that follow from
-    bodies. What is written without decimal places is taken as meant so, and a zero, too.
+    The result has no entry for values from a program or from bodies, for zeros, and for numbers
+    without decimal places, which count as exact.
     """
     found = {}
     for name, value in values.items():
@@ -59,8 +60,8 @@ def roundings(document: Document, key: Key, values: Mapping[str, float]) -> dict
             continue
         last = Decimal(1).scaleb(-len(match[1].partition(".")[2]))
         try:
-            if parsed_parameter(name, match[0]) == value:
-                found[name] = parsed_parameter(name, f"{last:f}{match[2]}") / 2
+            if parse_parameter(name, match[0]) == value:
+                found[name] = parse_parameter(name, f"{last:f}{match[2]}") / 2
         except PydanticCustomError:
             continue
     return found
@@ -74,7 +75,7 @@ def physical_consistency(
     length: float,
     gravity: float,
 ) -> PhysicalConsistency:
-    """Return in words what no real bodies have: published tables and estimates have it.
+    """Judge parameters; those of published tables and estimates may belong to no real machine.
 
     Parameters
     ----------
@@ -82,7 +83,7 @@ def physical_consistency(
     values : mapping
         Nominal parameters, SI.
     rounding : mapping
-        What rounding may have moved them by, as of `roundings`.
+        As from `rounding_errors`.
     platform_joints : (6, 3)
         Platform frame, m.
     length, gravity : float
@@ -100,7 +101,7 @@ def physical_consistency(
     joints = tuple(map(tuple, platform_joints.tolist()))
     given = (tuple(values.items()), tuple(rounding.items()))
     with np.errstate(all="ignore"):
-        nearest, rounded = _nearest_bodies(terms, *given, joints, length, gravity)
+        nearest, rounded = _nearest_consistent(terms, *given, joints, length, gravity)
     if rounded:
         return PhysicalConsistency(rounded=rounded)
     if nearest:
@@ -109,7 +110,7 @@ def physical_consistency(
 
 
 @lru_cache(maxsize=32)
-def _nearest_bodies(
+def _nearest_consistent(
     terms: tuple[Term, ...],
     given: tuple[tuple[str, float], ...],
     rounding: tuple[tuple[str, float], ...],
@@ -117,59 +118,59 @@ def _nearest_bodies(
     length: float,
     gravity: float,
 ) -> tuple[str, str]:
-    """Say which parameters are the nearest that some bodies have, each measured by its size.
+    """Describe the nearest consistent parameters, or those within the rounding.
 
-    In its place, where bodies have what is written as far as rounding leaves it open, say that.
+    Changes are measured by the parameters' scales. At most one of the two texts is filled.
     """
     parameters, known, half = parameters_of(terms), dict(given), dict(rounding)
     names = [parameter.name for parameter in parameters]
     values = np.array([known[name] for name in names])
     mass = known.get(rigid_platform.MASS, 0.0)
     scales = scales_of(parameters, values, mass, length, gravity)
-    among = Realisable.of(parameters, scales, np.array(joints))
-    if among.bodies(values, _AS_WRITTEN) is not None:
+    consistent = Realisable.of(parameters, scales, np.array(joints))
+    if consistent.bodies(values, _NUMERICAL) is not None:
         return "", ""
     reach = _HALF_UP * np.array([half.get(name, 0.0) for name in names])
-    within = _within(among, values, reach)
+    within = _within_rounding(consistent, values, reach)
     near = within
     if near is None:
         try:
-            near = Projection(among, np.diag(scales), np.full(len(names), True)).of(values).values
+            everything = np.full(len(names), True)
+            near = Projection(consistent, np.diag(scales), everything).of(values).values
         except NoBodiesError:
-            return "", ""  # too large to be judged, which is told of the bodies themselves
+            return "", ""  # too large to be judged; the warnings about the bodies say so
     share = (near - values) / scales
-    least = _TOLD_ROUNDING * reach / scales
+    least = _LEAST_ROUNDING * reach / scales
     if within is None:
-        least = np.maximum(least, _TOLD_CHANGE)
-    moved = [k for k in np.argsort(-np.abs(share)) if (abs(share) > least)[k]]
-    told = []
-    for k in moved[:_TOLD]:
+        least = np.maximum(least, _LEAST_CHANGE)
+    changed = [k for k in np.argsort(-np.abs(share)) if (abs(share) > least)[k]]
+    texts = []
+    for k in changed[:_MOST_LISTED]:
         change = near[k] - values[k]
         text = f"{names[k]} = {near[k]:.6g} ({change:+.2g} {parameters[k].unit}"
         if within is None:
             text += f", {100 * share[k]:+.2g} %"
-            if abs(change) < _MANY * reach[k]:
+            if abs(change) < _FAR * reach[k]:
                 text += f", {abs(change) / reach[k]:.2g} times the rounding of its last digit"
-        told.append(f"{text})")
-    listed = ", ".join(told)
-    if len(moved) > _TOLD:
-        listed += f" and {len(moved) - _TOLD} others"
+        texts.append(f"{text})")
+    listed = ", ".join(texts)
+    if len(changed) > _MOST_LISTED:
+        listed += f" and {len(changed) - _MOST_LISTED} others"
     if within is None:
-        return (
-            f"No bodies have all parameters; the nearest that some have: {listed or 'the same'}",
-            "",
-        )
+        found = listed or "the same"
+        return f"Together they are inconsistent; the nearest consistent parameters: {found}", ""
     return "", (
-        "the parameters are physically consistent within the rounding of their last digits: no "
-        f"bodies have them as they are written, but some have {listed}"
+        "the parameters are physically consistent within the rounding of their last digits, "
+        f"although not exactly: consistent values are {listed}"
     )
 
 
-def _within(among: Realisable, values: Array, reach: Array) -> Array | None:
-    """Return parameters of bodies that are nowhere off by more than a reach, (m,); None: none."""
-    free = reach > _AS_WRITTEN * among.scales
+def _within_rounding(consistent: Realisable, values: Array, reach: Array) -> Array | None:
+    """Return consistent parameters within a reach (m,) of the values, None without any."""
+    free = reach > _NUMERICAL * consistent.scales
     low, high = (np.where(free, values + side * reach, side * np.inf) for side in (-1, 1))
-    box = replace(among, lower=np.maximum(among.lower, low), upper=np.minimum(among.upper, high))
+    lower, upper = np.maximum(consistent.lower, low), np.minimum(consistent.upper, high)
+    box = replace(consistent, lower=lower, upper=upper)
     if not np.any(free) or np.any(box.lower > box.upper):
         return None
     try:
@@ -178,26 +179,28 @@ def _within(among: Realisable, values: Array, reach: Array) -> Array | None:
         return None
 
 
+# --- likely unit errors ---------------------------------------------------------------------------
+
 _TURN = 2 * np.pi
 _SPEED = 50.0
-"""No strut is as fast, m/s."""
+"""Above every strut's speed, m/s."""
 _LENGTHS = 20.0
-"""No limit in m is as wide, in lengths of the longest strut at home."""
+"""Above every limit in m, in lengths of the longest strut at home."""
 _HEAVY = 1000.0
-"""No motor weighs as much along its strut, in masses of the platform with all sliders."""
+"""Above every motor's mass along its strut, in masses of the platform with all sliders."""
 
 
-def unit_slips(
+def likely_unit_errors(
     limits: Mapping[str, Limit], drive: Drive, parameters: Mapping[str, float], longest: float
 ) -> list[str]:
-    """Return in words what is probably in another unit.
+    """Return warnings about valid numbers that are far from those of any machine.
 
     Parameters
     ----------
     parameters : mapping
         Nominal, SI.
     longest : float
-        Of the struts at home, m.
+        Length of the longest strut at home, m.
     """
     bounds = {"rad": _TURN, "m": _LENGTHS * longest, "m/s": _SPEED}
     found = []
@@ -205,13 +208,13 @@ def unit_slips(
         if limit.unit in bounds:
             found += [
                 f"limits.{key}: {text}. A plain number is in {limit.unit}"
-                for text in _too_wide(limit, bounds[limit.unit])
+                for text in _wide_bounds(limit, bounds[limit.unit])
             ]
-    return [*found, *_of_drive(drive, parameters, longest)]
+    return [*found, *_drive_errors(drive, parameters, longest)]
 
 
-def _too_wide(limit: Limit, most: float) -> Iterator[str]:
-    """Yield the first bound of a limit that no machine has."""
+def _wide_bounds(limit: Limit, most: float) -> Iterator[str]:
+    """Yield the first bound of a limit beyond that of any machine."""
     ends = np.stack([limit.lower, limit.upper], axis=1)
     for row, end in np.argwhere(np.isfinite(ends) & (np.abs(ends) > most)).tolist()[:1]:
         label = limit.labels[row] if len(set(ends[:, end])) > 1 else ""
@@ -222,7 +225,7 @@ def _too_wide(limit: Limit, most: float) -> Iterator[str]:
         )
 
 
-def _of_drive(drive: Drive, parameters: Mapping[str, float], longest: float) -> Iterator[str]:
+def _drive_errors(drive: Drive, parameters: Mapping[str, float], longest: float) -> Iterator[str]:
     if drive.geared is None:
         return
     mass, moved = parameters[drive_inertia.MASS], parameters.get("p10", 0.0)
@@ -233,13 +236,13 @@ def _of_drive(drive: Drive, parameters: Mapping[str, float], longest: float) -> 
         )
     elif moved > 0 and mass > _HEAVY * moved:
         yield (
-            f"the drive makes {drive_inertia.MASS} = {mass:.4g} kg along each strut, "
-            f"{mass / moved:.0f} times what moves (p10 = {moved:.4g} kg): are inertia and lead in "
-            "their units? A plain inertia is in kg m^2, data sheets mostly have kg cm^2"
+            f"the drive adds {drive_inertia.MASS} = {mass:.4g} kg along each strut, "
+            f"{mass / moved:.0f} times the moving mass (p10 = {moved:.4g} kg): are inertia and "
+            "lead in their units? A plain inertia is in kg m^2, data sheets mostly have kg cm^2"
         )
     if mass == 0:
         yield (
-            "the drive has no inertia: without `inertia` beside its lead, or the parameter "
+            "the drive has no inertia: without an `inertia` next to its lead, or the parameter "
             f"{drive_inertia.MASS}, the forces of a design are too small. A motor behind a screw "
-            "is often heavier along a strut than the platform"
+            "often counts more along a strut than the platform"
         )

@@ -1,4 +1,4 @@
-"""`prior:` of a run: the machine as an estimate found it, before something on it has changed."""
+"""`prior:` of a run: an identified machine, before a later change such as a payload."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration.document import Document, Placed, absolute, find_file
+from expdesign.configuration.document import Document, Located, absolute, find_file
 from expdesign.configuration.errors import InputError, Key, Problem
 from expdesign.configuration.identification import IDENTIFIED_ROBOT, Identification, machine_name
 from expdesign.configuration.robot import (
@@ -20,18 +20,18 @@ from expdesign.configuration.robot import (
 from expdesign.library import robot_files
 from expdesign.mechanism.terms import rigid_platform
 
-ALLOWED = "the run folder of an estimate of this machine, or its identified-robot.yaml"
+_ALLOWED = "the run folder of an estimate of this machine, or its identified-robot.yaml"
 
 _ALIKE = 1e-9
-"""Difference of coordinates that is rounding, m."""
+"""Difference of coordinates within rounding errors, m."""
 _ROUNDING = 1e-9
-"""Below zero, an eigenvalue of a correlation matrix that is."""
+"""Size of a negative eigenvalue of a correlation matrix within rounding errors."""
 _DYNAMIC = ("gravity", "base_joints", "platform_joints", "alpha_axes", "platform_cardan_axes")
-"""What parameters are parameters of, beside the terms and the drive."""
+"""Properties of a robot, besides terms and drive, that its parameters refer to."""
 
 
 def identification_of(machine: RobotSource | None) -> Identification:
-    """Return how the values of a prior machine are known, which loading the run has checked."""
+    """Return the identification of a prior machine from a loaded run."""
     if not isinstance(machine, RobotDescription) or machine.identification is None:
         raise ValueError("the run was not loaded: its prior is no identified machine")
     return machine.identification
@@ -40,19 +40,21 @@ def identification_of(machine: RobotSource | None) -> Identification:
 def prior_machine(
     source: RobotSource, key: Key, robot: ResolvedRobot, document: Document
 ) -> RobotDescription:
-    """Return the identified machine that stands at a key of the run, or that it names.
+    """Return the identified machine for a prior of the run, inline or by its name.
 
-    It is without limits, noise and tolerances, which are no part of a prior.
+    It has no limits, noise or tolerances, since these are not part of a prior.
 
     Raises
     ------
     InputError
-        There is none, it is not this robot, or its values have no covariance.
+        The machine is missing, is another robot, or its values have no covariance.
     """
-    placed = _placed(source, key, document)
+    placed = _locate(source, key, document)
     bare = placed.value.model_copy(update={"limits": {}, "noise": None, "tolerances": None})
-    machine = resolve_robot(Placed(bare, placed.document, placed.key))
-    wrong = list(_unfit(machine, robot)) or list(_unknown(bare.identification, robot))
+    machine = resolve_robot(Located(bare, placed.document, placed.key))
+    wrong = list(_differences(machine, robot)) or list(
+        _covariance_faults(bare.identification, robot)
+    )
     if wrong:
         name = placed.document.file or machine.name
         raise InputError(
@@ -61,9 +63,9 @@ def prior_machine(
     return bare
 
 
-def _placed(source: RobotSource, key: Key, document: Document) -> Placed[RobotDescription]:
+def _locate(source: RobotSource, key: Key, document: Document) -> Located[RobotDescription]:
     if isinstance(source, RobotDescription):
-        return Placed(source, document, key)
+        return Located(source, document, key)
     path = absolute(source, document.folder)
     if path.is_dir():
         path = path / IDENTIFIED_ROBOT
@@ -73,15 +75,15 @@ def _placed(source: RobotSource, key: Key, document: Document) -> Placed[RobotDe
         except InputError:
             path = path / IDENTIFIED_ROBOT
     if not path.is_file():
-        raise InputError([document.problem(key, f"there is no {path}", ALLOWED)])
+        raise InputError([document.problem(key, f"there is no {path}", _ALLOWED)])
     return read_robot(path)
 
 
-def _unfit(machine: ResolvedRobot, robot: ResolvedRobot) -> Iterator[tuple[str, str]]:
-    """Yield why one robot's parameters are not those of the other, and what would be."""
+def _differences(machine: ResolvedRobot, robot: ResolvedRobot) -> Iterator[tuple[str, str]]:
+    """Yield differences that make the parameters of two robots incomparable, with a remedy."""
     names = machine_name(machine.name), machine_name(robot.name)
     if names[0] != names[1]:
-        yield f"it is the machine {names[0]}, and the run's robot is {names[1]}", ALLOWED
+        yield f"it is the machine {names[0]}, and the run's robot is {names[1]}", _ALLOWED
         return
     if machine.platform != robot.platform:
         kinds = f"its platform is {machine.platform}, that of the run's robot {robot.platform}"
@@ -92,24 +94,26 @@ def _unfit(machine: ResolvedRobot, robot: ResolvedRobot) -> Iterator[tuple[str, 
     if machine.drive != robot.drive:
         yield "its drive is not that of the run's robot", "the same drive"
     for name in _DYNAMIC:
-        if not _alike(getattr(machine, name), getattr(robot, name)):
+        if not _equal(getattr(machine, name), getattr(robot, name)):
             yield (
-                f"its {name} are not those of the run's robot: the parameters are of another "
+                f"its {name} are not those of the run's robot: the parameters belong to another "
                 "geometry",
                 "the same geometry: `robot:` may be the identified-robot.yaml itself",
             )
 
 
-def _alike(one: Array | None, other: Array | None) -> bool:
+def _equal(one: Array | None, other: Array | None) -> bool:
     if one is None or other is None:
         return one is other
     return bool(np.allclose(one, other, rtol=0, atol=_ALIKE))
 
 
-def _unknown(found: Identification | None, robot: ResolvedRobot) -> Iterator[tuple[str, str]]:
-    """Yield what the values' covariance lacks."""
+def _covariance_faults(
+    found: Identification | None, robot: ResolvedRobot
+) -> Iterator[tuple[str, str]]:
+    """Yield faults of the values' covariance."""
     if found is None:
-        yield "it was not identified: the file has no `identification` with a covariance", ALLOWED
+        yield "it was not identified: the file has no `identification` with a covariance", _ALLOWED
         return
     if found.parameters != robot.parameter_names:
         names = ", ".join(robot.parameter_names)
@@ -131,7 +135,7 @@ def _unknown(found: Identification | None, robot: ResolvedRobot) -> Iterator[tup
 def payload_problems(
     machine: RobotDescription, robot: ResolvedRobot, key: Key, document: Document
 ) -> Iterator[Problem]:
-    """Yield why a payload cannot be told from the platform of an identified machine."""
+    """Yield obstacles to separating a payload from the platform of an identified machine."""
     ten = tuple(parameter.name for parameter in rigid_platform.GENERAL.parameters)
     if not set(ten) <= set(robot.parameter_names):
         yield document.problem(
@@ -145,7 +149,7 @@ def payload_problems(
     if fixed := [name for name in ten if not variance.get(name, 0.0) > 0]:
         yield document.problem(
             key,
-            f"the identification did not estimate {', '.join(fixed)}: how much of them is the "
-            "platform's is not known",
+            f"the identification did not estimate {', '.join(fixed)}: the platform's share of "
+            "them is unknown",
             "an identification that estimates all ten parameters of the platform",
         )

@@ -1,4 +1,4 @@
-"""Robots, ready to be computed with: the numbers that follow from a robot file."""
+"""The robot file, and its resolution with a run's overrides into numbers for computations."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from pydantic import Discriminator, Field, Tag
 from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
-from expdesign.configuration.bodies import Bodies, Body, payload_parameters
-from expdesign.configuration.document import Placed, find_file, read_yaml
+from expdesign.configuration.bodies import Bodies, BodyDescription, payload_parameters
+from expdesign.configuration.document import Document, Located, find_file, read_yaml
 from expdesign.configuration.errors import InputError, Problem
 from expdesign.configuration.fields import (
     Direction,
@@ -34,7 +34,7 @@ from expdesign.configuration.limits import (
     Limits,
     default_limits,
     limits_as_written,
-    merged_reserve,
+    merge_reserves,
     resolve_limits,
     with_shared_joints,
 )
@@ -48,25 +48,34 @@ from expdesign.configuration.parameters import (
     chosen_terms,
     default_terms,
 )
-from expdesign.configuration.plausibility import physical_consistency, roundings, unit_slips
+from expdesign.configuration.plausibility import (
+    likely_unit_errors,
+    physical_consistency,
+    rounding_errors,
+)
 from expdesign.configuration.quantity import Acceleration
-from expdesign.configuration.section import LATER, Section, file_kind, validate
-from expdesign.configuration.tolerances import Tolerances, merged_tolerances, too_large
+from expdesign.configuration.section import Section, offered_keys, validate
+from expdesign.configuration.tolerances import (
+    RobotTolerances,
+    merge_tolerances,
+    oversized_tolerances,
+)
 from expdesign.library import robot_files
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term, parameters_of
 from expdesign.mechanism.terms import rigid_platform
 
 PlatformKind = Literal["symmetric", "general"]
+
+EARTH_GRAVITY = (0.0, 0.0, -9.81)
+"""Gravity with z upward, m/s²."""
+
 _Points = Annotated[tuple[Point, ...], exactly(ACTUATORS, "joints"), *OrRing]
 _Axes = Annotated[tuple[Direction, ...], exactly(ACTUATORS, "axes")]
 
-EARTH_GRAVITY = (0.0, 0.0, -9.81)
-"""Where z points upward, m/s²."""
-
 
 class RobotDescription(Section):
-    """A hexapod as its YAML file states it, in SI units."""
+    """The content of a robot file, in SI units."""
 
     name: Name
     description: Text = ""
@@ -82,64 +91,43 @@ class RobotDescription(Section):
     """(6, 3), first cardan axes in the base frame; of any length but zero."""
     platform_joint_axes: _Axes | None = None
     """(6, 3), in the platform frame; of any length but zero."""
-    platform_cardan_axes: Annotated[_Axes | None, LATER] = None
-    """(6, 3), of cardan joints at the platform that turn the screws, platform frame; None: the
-    screws do not turn with the platform."""
+    platform_cardan_axes: _Axes | None = None
+    """(6, 3), first axes of cardan joints at the platform that turn the screws, platform frame;
+    None: the screws do not turn with the platform."""
     platform: Annotated[PlatformKind, one_of(PlatformKind)] = "symmetric"
     """10 or 15 rigid-body parameters of the platform."""
-    terms: Annotated[Terms, LATER] = Field(default_factory=default_terms)
+    terms: Terms = Field(default_factory=default_terms)
     """Blocks of the model that is linear in the parameters."""
-    drive: Annotated[DriveOrDirect, LATER] = DIRECT
-    """What moves the struts; a screw or gear adds the term of its inertia."""
-    bodies: Annotated[Bodies | None, LATER] = None
-    """What moves; the parameters that it makes need not be given."""
+    drive: DriveOrDirect = DIRECT
+    """Drive of the struts; a screw or gear adds the term of its inertia."""
+    bodies: Bodies | None = None
+    """Moving bodies; the parameters that follow from them need not be given."""
     parameters: Parameters
     """Nominal (a-priori) values of the terms' parameters; physically consistent or not."""
     noise: NoiseDescription | None = None
-    tolerances: Annotated[Tolerances | None, LATER] = None
-    """Standard deviations of what is not known exactly; None: all is exact."""
+    tolerances: RobotTolerances | None = None
+    """Standard deviations of quantities that are not known exactly; None: all are exact."""
     limits: Limits = Field(default_factory=dict)
-    """As written."""
-    identification: Annotated[Identification | None, LATER] = None
-    """How the values are known, in a file that an estimate wrote."""
-
-
-_ROBOT_FILE_KIND = file_kind("robot file", RobotDescription)
-
-
-def _name_or_inline(value: object) -> str:
-    return "(inline)" if isinstance(value, dict | RobotDescription) else "(name)"
+    """In the user's notation."""
+    identification: Identification | None = None
+    """Origin and covariance of the values, in a file from an estimate."""
 
 
 RobotSource = Annotated[
     Annotated[FilledText, Tag("(name)")] | Annotated[RobotDescription, Tag("(inline)")],
-    Discriminator(_name_or_inline),
+    Discriminator(lambda v: "(inline)" if isinstance(v, dict | RobotDescription) else "(name)"),
 ]
-"""A robot that ships, a path relative to the run file, or the robot itself."""
-
-
-def read_robot(path: Path) -> Placed[RobotDescription]:
-    """Read and validate a robot file, without resolving it."""
-    document = read_yaml(path, _ROBOT_FILE_KIND)
-    description, problems = validate(RobotDescription, document.data, document)
-    if description is None:
-        raise InputError(problems)
-    return Placed(description, document)
-
-
-_ARRAYS = (
-    *("home", "gravity", "base_joints", "platform_joints", "alpha_axes", "platform_joint_axes"),
-)
+"""The name of an included robot, a path relative to the run file, or the robot itself."""
 
 
 @dataclass(frozen=True, eq=False)
 class ResolvedRobot:
-    """A hexapod, ready to be computed with. The arrays are read-only, in SI units."""
+    """A hexapod with all numbers for computations; read-only arrays in SI units."""
 
     name: str
     description: RobotDescription
-    """The same robot as it could stand in a file, with every default and the run's limits, noise
-    and tolerances."""
+    """The same robot as the content of a file, with every default and the run's limits, noise and
+    tolerances."""
     home: Array
     """(6,): x, y, z [m], phi, theta, psi [rad]."""
     gravity: Array
@@ -153,31 +141,30 @@ class ResolvedRobot:
     platform_joint_axes: Array
     """(6, 3), reference axes of the platform joints, unit vectors in the platform frame."""
     platform_cardan_axes: Array | None
-    """(6, 3), of cardan joints at the platform, unit vectors in the platform frame; None: the
-    struts' halves do not turn against each other."""
+    """(6, 3), first axes of cardan joints at the platform, unit vectors in the platform frame;
+    None: the halves of the struts do not turn against each other."""
     drive: Drive
     platform: PlatformKind
     terms: tuple[Term, ...]
     """Blocks of the regressor."""
     constants: tuple[float, ...]
-    """Of the terms in their order."""
+    """Constants of the terms in their order."""
     parameters: Mapping[str, float]
     """Nominal values by name, in the order of the terms."""
     noise: ResolvedNoise | None
-    """None when neither robot nor run state any."""
-    tolerances: Tolerances | None
-    """None when neither robot nor run state any."""
+    """None when neither robot nor run states any."""
+    tolerances: RobotTolerances | None
+    """None when neither robot nor run states any."""
     limits: Mapping[str, Limit]
-    """By key, in the order of the limits' catalogue, with their reserves. A limit that is missing
-    does not limit, or another one holds it as well."""
+    """By key, in the order of the catalogue, with their reserves; without limits that are open or
+    implied by another one."""
     characteristic_length: float
-    """By which rotations are scaled in condition numbers, m."""
+    """Scale of rotations in condition numbers, m."""
     source: Path | None = None
     warnings: tuple[str, ...] = ()
-    """What is legal but odd."""
+    """Valid but suspicious properties."""
     rounded: str = ""
-    """Why bodies have its parameters within the rounding of the file, where they have not those
-    written; else empty."""
+    """Explanation where only the unrounded parameters are physically consistent; else empty."""
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -186,7 +173,7 @@ class ResolvedRobot:
 
     @property
     def estimated_constants(self) -> tuple[str, ...]:
-        """Constants of terms that its file says to estimate: ``cogging.pitch``."""
+        """Constants of terms that the file marks for estimation: ``cogging.pitch``."""
         return tuple(
             f"{term.name}.{name}"
             for term in self.description.terms
@@ -196,12 +183,12 @@ class ResolvedRobot:
 
     @property
     def thread_lead(self) -> float:
-        """Lead of the struts' screws, m per turn, above zero for a right-handed thread."""
+        """Lead of the struts' screws, m per turn, positive for a right-handed thread."""
         return self.drive.screw.signed_lead if self.drive.screw is not None else 0.0
 
     @property
     def shared_joint_pairs(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of struts i < j, from zero, whose base or platform joints are the same point."""
+        """Pairs of struts i < j, from zero, with a common base or platform joint."""
         return geo.shared_pairs(self.base_joints, self.platform_joints)
 
     def struts_at(self, pose: Array) -> geo.StrutGeometry:
@@ -215,7 +202,7 @@ def load_robot_description(name_or_path: str | PathLike[str]) -> ResolvedRobot:
     Parameters
     ----------
     name_or_path : str or path-like
-        The name of a robot that ships, or the path of a robot file.
+        The name of an included robot, or the path of a robot file.
 
     Returns
     -------
@@ -225,10 +212,187 @@ def load_robot_description(name_or_path: str | PathLike[str]) -> ResolvedRobot:
     Raises
     ------
     InputError
-        With everything that is wrong: the file, its keys and values, or a geometry that is
-        singular at home.
+        With all problems: the file, its keys and values, or a geometry that is singular at home.
+
+    Examples
+    --------
+    >>> load_robot_description("palida").base_joints.shape
+    (6, 3)
     """
     return resolve_robot(read_robot(find_file(name_or_path, "robot", robot_files())))
+
+
+def read_robot(path: Path) -> Located[RobotDescription]:
+    """Read and validate a robot file, without resolving it."""
+    document = read_yaml(path, "robot file", offered_keys(RobotDescription))
+    description, problems = validate(RobotDescription, document.data, document)
+    if description is None:
+        raise InputError(problems)
+    return Located(description, document)
+
+
+def resolve_robot(
+    source: Located[RobotDescription],
+    limits: Sequence[Located[Mapping[str, Any]]] = (),
+    noise: Sequence[Located[NoiseDescription]] = (),
+    tolerances: Sequence[Located[RobotTolerances]] = (),
+    sampling: float | None = None,
+) -> ResolvedRobot:
+    """Resolve a robot together with a run's limits, noise and tolerances.
+
+    Parameters
+    ----------
+    source : Located[RobotDescription]
+    limits, noise, tolerances : sequence of Located
+        Overrides, in this order.
+    sampling : float, optional
+        Sampling of the run's experiment, Hz.
+
+    Raises
+    ------
+    InputError
+    """
+    description, document = source.value, source.document
+    limits = [Located(description.limits, document, (*source.key, "limits")), *limits]
+    stated, length = resolve_limits(limits, default_limits(description.home))
+    reserve = merge_reserves(limits)
+    if description.noise is not None:
+        noise = [Located(description.noise, document, (*source.key, "noise")), *noise]
+    merged_noise, resolved_noise, problems = resolve_noise(noise, sampling)
+    if description.tolerances is not None:
+        own = Located(description.tolerances, document, (*source.key, "tolerances"))
+        tolerances = [own, *tolerances]
+    merged, found = merge_tolerances(tolerances, (term.name for term in description.terms))
+    problems += found
+    if tolerances:
+        sizes = geo.sizes(description.home, description.base_joints, description.platform_joints)
+        problems += oversized_tolerances(tolerances, sizes)
+    drive, turning = description.drive, description.platform_cardan_axes is not None
+    if turning and drive.screw is None:
+        message = "only a screw turns with the platform, and the drive has none"
+        allowed = "together with drive: {screw: {lead: …}}"
+        problems.append(source.problem(("platform_cardan_axes",), message, allowed))
+    warnings = []
+    if length is None:
+        with np.errstate(all="ignore"):
+            length = geo.rms_radius(np.array(description.platform_joints))
+        warnings.append(
+            "limits.characteristic_length is not given: condition numbers count a rotation of "
+            f"1 rad as {length:.4g} m, the rms radius of the platform joints"
+        )
+    alpha_axes, joint_axes, thread_axes, found = _axes(source, length)
+    if problems := [*problems, *found]:
+        raise InputError(problems)
+
+    written = description.model_copy(
+        update={
+            "alpha_axes": _rows(alpha_axes),
+            "platform_joint_axes": _rows(joint_axes),
+            "platform_cardan_axes": _rows(thread_axes),
+            "noise": merged_noise,
+            "tolerances": merged,
+            "limits": limits_as_written(stated, length, reserve),
+        }
+    )
+    pairs = geo.shared_pairs(np.array(written.base_joints), np.array(written.platform_joints))
+    robot = ResolvedRobot(
+        name=description.name,
+        description=written,
+        home=read_only(description.home),
+        gravity=read_only(description.gravity),
+        base_joints=read_only(description.base_joints),
+        platform_joints=read_only(description.platform_joints),
+        alpha_axes=read_only(alpha_axes),
+        platform_joint_axes=read_only(joint_axes),
+        platform_cardan_axes=None if thread_axes is None else read_only(thread_axes),
+        drive=drive,
+        platform=description.platform,
+        terms=chosen_terms(description.terms, description.platform, drive, turning=turning),
+        constants=tuple(c.value for term in description.terms for c in term.constants.values()),
+        parameters=description.parameters,
+        noise=resolved_noise,
+        tolerances=merged,
+        limits=reserve.draw_in(
+            {key: with_shared_joints(limit, pairs) for key, limit in stated.items()}
+        ),
+        characteristic_length=length,
+        source=document.file,
+    )
+    return _with_warnings(robot, document, source.key, stated, warnings, reserve.warnings(stated))
+
+
+def _axes(
+    source: Located[RobotDescription], length: float
+) -> tuple[Array, Array, Array | None, list[Problem]]:
+    """Return the axes of the struts' joints, and the problems of the geometry.
+
+    They are first cardan axes at the base, reference axes and first cardan axes at the platform.
+    """
+    description, problems = source.value, list[Problem]()
+    base_joints = np.array(description.base_joints)
+    platform_joints = np.array(description.platform_joints)
+    with np.errstate(all="ignore"):
+        home = geo.geometry_at(np.array(description.home), base_joints, platform_joints)
+        if description.alpha_axes is None:
+            alpha_axes, problems = geo.default_alpha_axes(base_joints, source.problem)
+        else:
+            alpha_axes = geo.unit_vectors(np.array(description.alpha_axes))
+        if description.platform_joint_axes is None:
+            joint_axes = home.directions @ home.rotation
+        else:
+            joint_axes = geo.unit_vectors(np.array(description.platform_joint_axes))
+        problems = problems or geo.geometry_problems(home, alpha_axes, length, source.problem)
+        thread_axes = None
+        if description.platform_cardan_axes is not None and not problems:
+            given = np.array(description.platform_cardan_axes)
+            thread_axes, problems = geo.thread_axes(given, alpha_axes, home, source.problem)
+    return alpha_axes, joint_axes, thread_axes, problems
+
+
+def _rows(axes: Array | None) -> tuple[tuple[float, ...], ...] | None:
+    return None if axes is None else tuple(map(tuple, axes.tolist()))
+
+
+def _with_warnings(
+    robot: ResolvedRobot,
+    document: Document,
+    key: tuple[str | int, ...],
+    stated: Mapping[str, Limit],
+    before: Sequence[str],
+    of_reserve: Sequence[str],
+) -> ResolvedRobot:
+    """Return a robot with the warnings about its valid but suspicious properties."""
+    description, parameters = robot.description, robot.parameters
+    consistency = physical_consistency(
+        robot.terms,
+        parameters,
+        rounding_errors(document, (*key, "parameters"), parameters),
+        robot.platform_joints,
+        robot.characteristic_length,
+        float(np.linalg.norm(robot.gravity)),
+    )
+    home = robot.struts_at(robot.home)
+    warnings = [
+        *before,
+        *geo.gravity_warnings(robot.gravity, home.joints - robot.base_joints),
+        *consistency.warnings,
+        *of_reserve,
+        *likely_unit_errors(stated, robot.drive, parameters, float(np.max(home.lengths))),
+    ]
+    if description.bodies is not None:
+        implied = description.bodies.parameters(robot.platform_joints)
+        warnings += description.bodies.warnings(implied, general=robot.platform == "general")
+    if description.identification is not None:
+        warnings += description.identification.warnings
+    symmetric = rigid_platform.SYMMETRIC in robot.terms
+    sums = geo.asymmetric_sums(robot.platform_joints) if symmetric else {}
+    if sums:
+        warnings.append(
+            "the platform is declared symmetric, but its joints are not: `platform: general` has "
+            "the five parameters for it. The sums over the joints would be zero: "
+            f"{', '.join(f'{name} = {value}' for name, value in sums.items())}"
+        )
+    return replace(robot, warnings=tuple(warnings), rounded=consistency.rounded)
 
 
 def as_general(description: RobotDescription) -> RobotDescription:
@@ -238,153 +402,8 @@ def as_general(description: RobotDescription) -> RobotDescription:
     return description.model_copy(update={"platform": "general", "parameters": values})
 
 
-def carrying(robot: ResolvedRobot, payload: Sequence[Body]) -> ResolvedRobot:
-    """Return a robot with a general platform with bodies on it; its `description` has none."""
-    carried = payload_parameters(payload)
-    values = {name: value + carried.get(name, 0.0) for name, value in robot.parameters.items()}
+def add_payload(robot: ResolvedRobot, payload: Sequence[BodyDescription]) -> ResolvedRobot:
+    """Return a robot with a general platform and bodies on it; its `description` has none."""
+    added = payload_parameters(payload)
+    values = {name: value + added.get(name, 0.0) for name, value in robot.parameters.items()}
     return replace(robot, parameters=values) if payload else robot
-
-
-def resolve_robot(
-    source: Placed[RobotDescription],
-    limits: Sequence[Placed[Mapping[str, Any]]] = (),
-    noise: Sequence[Placed[NoiseDescription]] = (),
-    tolerances: Sequence[Placed[Tolerances]] = (),
-    sampling: float | None = None,
-    *,
-    file_format: int | None = None,
-) -> ResolvedRobot:
-    """Resolve a robot together with what a run overrides: limits, noise and tolerances.
-
-    `sampling` is that of the run's experiment, Hz, where there is one; `file_format` is that
-    of a run file that was resolved before, whose limits by default are those of its time.
-    """
-    description, document = source.value, source.document
-    limits = [Placed(description.limits, document, (*source.key, "limits")), *limits]
-    resolved_limits, length = resolve_limits(limits, default_limits(description.home, file_format))
-    reserve = merged_reserve(limits)
-    if description.noise is not None:
-        noise = [Placed(description.noise, document, (*source.key, "noise")), *noise]
-    merged_noise, resolved_noise, problems = resolve_noise(noise, sampling)
-    if description.tolerances is not None:
-        own = Placed(description.tolerances, document, (*source.key, "tolerances"))
-        tolerances = [own, *tolerances]
-    merged, found = merged_tolerances(tolerances, (term.name for term in description.terms))
-    problems += found
-    if tolerances:
-        sizes = geo.sizes(description.home, description.base_joints, description.platform_joints)
-        problems += too_large(tolerances, sizes)
-
-    warnings = []
-    drive, turning = description.drive, description.platform_cardan_axes is not None
-    terms = chosen_terms(description.terms, description.platform, drive, turning=turning)
-    if turning and drive.screw is None:
-        message = "only a screw turns with the platform, and the drive has none"
-        allowed = "drive: {screw: {lead: …}} beside it"
-        problems.append(source.problem(("platform_cardan_axes",), message, allowed))
-    platform_joints = np.array(description.platform_joints)
-    with np.errstate(all="ignore"):
-        if length is None:
-            length = geo.rms_radius(platform_joints)
-            warnings.append(
-                "limits.characteristic_length is not given: condition numbers count a rotation of "
-                f"1 rad as {length:.4g} m, the rms radius of the platform joints"
-            )
-        alpha_axes, joint_axes, thread_axes, found = _axes(source, platform_joints, length)
-        sums = geo.asymmetric_sums(platform_joints) if rigid_platform.SYMMETRIC in terms else {}
-    problems += found
-    if problems:
-        raise InputError(problems)
-
-    consistency = physical_consistency(
-        terms,
-        description.parameters,
-        roundings(document, (*source.key, "parameters"), description.parameters),
-        platform_joints,
-        length,
-        float(np.linalg.norm(description.gravity)),
-    )
-    warnings += [*_of_gravity(description), *consistency.warnings]
-    base_joints, home = np.array(description.base_joints), np.array(description.home)
-    longest = float(np.max(geo.geometry_at(home, base_joints, platform_joints).lengths))
-    warnings += reserve.warnings(resolved_limits)
-    warnings += unit_slips(resolved_limits, drive, description.parameters, longest)
-    if description.bodies is not None:
-        made = description.bodies.parameters(platform_joints)
-        general = description.platform == "general"
-        warnings += description.bodies.warnings(made, general=general)
-    if description.identification is not None:
-        warnings += description.identification.warnings
-    if sums:
-        warnings.append(
-            "the platform is declared symmetric, but its joints are not: `platform: general` has "
-            "the five parameters that count it. The sums over the joints would be zero: "
-            f"{', '.join(f'{name} = {value}' for name, value in sums.items())}"
-        )
-    written = description.model_copy(
-        update={
-            "alpha_axes": tuple(map(tuple, alpha_axes.tolist())),
-            "platform_joint_axes": tuple(map(tuple, joint_axes.tolist())),
-            "platform_cardan_axes": None
-            if thread_axes is None
-            else tuple(map(tuple, thread_axes.tolist())),
-            "noise": merged_noise,
-            "tolerances": merged,
-            "limits": limits_as_written(resolved_limits, length, reserve),
-        }
-    )
-    arrays = {name: read_only(getattr(written, name)) for name in _ARRAYS}
-    pairs = geo.shared_pairs(arrays["base_joints"], platform_joints)
-    return ResolvedRobot(
-        name=description.name,
-        description=written,
-        **arrays,
-        platform_cardan_axes=None if thread_axes is None else read_only(thread_axes),
-        drive=drive,
-        platform=description.platform,
-        terms=terms,
-        constants=tuple(c.value for term in description.terms for c in term.constants.values()),
-        parameters=description.parameters,
-        noise=resolved_noise,
-        tolerances=merged,
-        limits=reserve.drawn_in(
-            {key: with_shared_joints(limit, pairs) for key, limit in resolved_limits.items()}
-        ),
-        characteristic_length=length,
-        source=document.file,
-        warnings=tuple(warnings),
-        rounded=consistency.rounded,
-    )
-
-
-def _of_gravity(description: RobotDescription) -> list[str]:
-    base, platform = np.array(description.base_joints), np.array(description.platform_joints)
-    with np.errstate(all="ignore"):
-        joints = geo.geometry_at(np.array(description.home), base, platform).joints
-        return geo.gravity_warnings(np.array(description.gravity), joints - base)
-
-
-def _axes(
-    source: Placed[RobotDescription], platform_joints: Array, length: float
-) -> tuple[Array, Array, Array | None, list[Problem]]:
-    """Return the axes of the struts' joints, and what is wrong with the geometry.
-
-    First cardan axes at the base, reference axes and first cardan axes at the platform.
-    """
-    description, problems = source.value, list[Problem]()
-    base_joints = np.array(description.base_joints)
-    home = geo.geometry_at(np.array(description.home), base_joints, platform_joints)
-    if description.alpha_axes is None:
-        alpha_axes, problems = geo.default_alpha_axes(base_joints, source.problem)
-    else:
-        alpha_axes = geo.unit_vectors(np.array(description.alpha_axes))
-    if description.platform_joint_axes is None:
-        joint_axes = home.directions @ home.rotation
-    else:
-        joint_axes = geo.unit_vectors(np.array(description.platform_joint_axes))
-    problems = problems or geo.geometry_problems(home, alpha_axes, length, source.problem)
-    thread_axes = None
-    if description.platform_cardan_axes is not None and not problems:
-        given = np.array(description.platform_cardan_axes)
-        thread_axes, problems = geo.thread_axes(given, alpha_axes, home, source.problem)
-    return alpha_axes, joint_axes, thread_axes, problems

@@ -1,22 +1,24 @@
-"""The run file: which robot does which experiment, stage by stage."""
+"""The run file: a robot, the sections of the stages, and their resolved configuration."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, create_model, model_validator
 
+from constraints.plugins import declared_classes
 from expdesign.configuration.errors import format_number, refusal, require
 from expdesign.configuration.fields import Distinct, FilledText, Name, Text, at_least, one_of, whole
 from expdesign.configuration.limits import Limits
 from expdesign.configuration.noise import NoiseDescription
-from expdesign.configuration.parameters import TermDescription, chosen_terms
+from expdesign.configuration.parameters import TermDescription, chosen_terms, insert_terms
 from expdesign.configuration.robot import ResolvedRobot, RobotSource
-from expdesign.configuration.section import LATER, Section, file_kind
+from expdesign.configuration.section import Section, StageSection
 from expdesign.configuration.sections.data import DataSection
 from expdesign.configuration.sections.design import DesignSection, MotionSection, TrajectorySection
 from expdesign.configuration.sections.estimate import EstimateSection, MonteCarloSection
@@ -24,52 +26,48 @@ from expdesign.configuration.sections.experiment import ExperimentSection
 from expdesign.configuration.sections.export import ExportSections
 from expdesign.configuration.sections.motions import FeedforwardSection, ValidationMotion
 from expdesign.configuration.sections.sweep import Sweep
-from expdesign.configuration.tolerances import Tolerances
-from expdesign.mechanism.catalogue import term_definitions
+from expdesign.configuration.tolerances import RobotTolerances
 from expdesign.mechanism.term import parameters_of
 
-RUN_FORMAT = 3
-"""Number of the format of run files, one more whenever what stands in them changes its meaning.
+RUN_FORMAT = 1
+"""Format number of run files; larger after a change of their meaning."""
 
-2: a limit with a default that is not given is at its default, where it was not limited before.
-3: so is `attitude`, which nothing lifts.
-"""
 _DEFAULT_WORKERS = 2
 _LARGEST_WORKERS = 256
 _ADDRESS = require(
     re.compile(r"(?:tcp|tls|ucx|ws|wss)://[A-Za-z0-9._\[\]:-]{1,250}:\d{1,5}").fullmatch,
-    "{shown} is not the address of a scheduler",
+    "{quoted} is not the address of a scheduler",
     "tcp://host:port of a Dask cluster",
 )
+
 FigureFormat = Literal["png", "svg", "pdf"]
 
 
-class ReportSection(Section):
+class ReportSettings(Section):
     """Settings of the report."""
 
     title: Text | None = None
-    """Heading; default: the run's name."""
+    """Heading, by default the run's name."""
     figures: Annotated[
         tuple[Annotated[FigureFormat, one_of(FigureFormat)], ...], at_least(1, "formats"), Distinct
     ] = ("png", "svg")
 
 
-def _format(value: object) -> int | None:
-    return None if value is None else format_number(value, RUN_FORMAT)
-
-
 _STAGE = object()
+"""Mark of a section that names a stage of the run."""
 
 
 class RunDescription(Section):
-    """A run as its YAML file states it, in SI units.
+    """The content of a run file, in SI units.
 
-    Every section is there, with its defaults when the file does not name it; `stages` tells
-    which the file does name.
+    Every section is present, by default with its defaults; `stages` are the sections of stages in
+    the file. Stages of plug-ins have further keys: `run_schema` returns the complete model.
     """
 
-    format: Annotated[int | None, BeforeValidator(_format)] = None
-    """`RUN_FORMAT` in every file that is written; a user's file needs none."""
+    format: Annotated[
+        int | None, BeforeValidator(lambda v: v if v is None else format_number(v, RUN_FORMAT))
+    ] = None
+    """`RUN_FORMAT` in every written file; a user's file needs none."""
     name: Name
     description: Text = ""
     robot: RobotSource
@@ -77,11 +75,11 @@ class RunDescription(Section):
     design: Annotated[DesignSection, _STAGE] = DesignSection()
     motion: MotionSection = MotionSection()
     limits: Limits = Field(default_factory=dict)
-    """As written; they override the robot's key by key."""
+    """In the user's notation; they override the robot's by key."""
     noise: NoiseDescription | None = None
-    """Overrides the robot's key by key."""
-    tolerances: Tolerances | None = None
-    """Override the robot's key by key."""
+    """Overrides the robot's by key."""
+    tolerances: RobotTolerances | None = None
+    """Override the robot's by key."""
     experiment: Annotated[ExperimentSection, _STAGE] = ExperimentSection()
     data: DataSection = DataSection()
     montecarlo: Annotated[MonteCarloSection, _STAGE] = MonteCarloSection()
@@ -89,19 +87,19 @@ class RunDescription(Section):
     validation: Annotated[tuple[ValidationMotion, ...], at_least(0, "motions"), _STAGE] = Field(
         default=(), alias="validate"
     )
-    feedforward: Annotated[FeedforwardSection, _STAGE, LATER] = FeedforwardSection()
+    feedforward: Annotated[FeedforwardSection, _STAGE] = FeedforwardSection()
     sweep: Annotated[Sweep | None, _STAGE] = None
-    """Values as they are written."""
+    """Values in the user's notation."""
     export: Annotated[ExportSections, _STAGE] = ()
-    report: Annotated[ReportSection, _STAGE] = ReportSection()
+    report: Annotated[ReportSettings, _STAGE] = ReportSettings()
     workers: Annotated[int, whole(1, _LARGEST_WORKERS)] | None = None
-    """Local processes; None when a scheduler is given."""
+    """Local processes; None with a scheduler."""
     scheduler: Annotated[FilledText, _ADDRESS] | None = None
     """Address of a Dask cluster."""
 
     @model_validator(mode="before")
     @classmethod
-    def _empty_sections_take_defaults(cls, data: Any) -> Any:
+    def _fill_empty_sections(cls, data: Any) -> Any:
         if not isinstance(data, dict):
             return data
         given = dict(data)
@@ -114,7 +112,7 @@ class RunDescription(Section):
         return given
 
     @model_validator(mode="after")
-    def _workers_or_scheduler(self) -> RunDescription:
+    def _check_workers(self) -> RunDescription:
         if self.workers is not None and self.scheduler is not None:
             raise refusal(
                 "workers and scheduler are both given",
@@ -125,28 +123,55 @@ class RunDescription(Section):
 
     @property
     def controller_period(self) -> float:
-        """Step of the machine's controller, s; one over the sampling where none is given."""
+        """Step of the machine's controller, s, by default one over the sampling."""
         return self.trajectory.controller_period or self.experiment.step
 
     @property
     def stages(self) -> tuple[str, ...]:
-        """The stages that the file names, in the order in which they are done."""
+        """Stages that the file names, in the order of execution."""
         return tuple(
             stage
-            for stage, name in _STAGE_FIELDS.items()
+            for stage, name in _stage_fields().items()
             if name in self.model_fields_set and getattr(self, name) not in (None, ())
         )
 
+    def section(self, stage: str) -> Any:
+        """Return the section of a stage by its key."""
+        return getattr(self, _stage_fields()[stage])
 
-RUN_FILE_KIND = file_kind("run file", RunDescription)
-"""What a file is that describes a run."""
-_STAGE_FIELDS = {
-    info.alias or name: name
-    for name, info in RunDescription.model_fields.items()
-    if _STAGE in info.metadata
-}
-STAGES = tuple(_STAGE_FIELDS)
-"""Sections that name a stage of the run, in the order in which they are done."""
+
+@cache
+def run_schema() -> type[RunDescription]:
+    """Return the model of a run file with the sections of plug-ins' stages."""
+    added: dict[str, Any] = {
+        section.key: (Annotated[section, _STAGE], section())
+        for section in declared_classes(StageSection)
+    }
+    if not added:
+        return RunDescription
+    return create_model(RunDescription.__name__, __base__=RunDescription, **added)
+
+
+@cache
+def _stage_fields() -> dict[str, str]:
+    found = {
+        info.alias or name: name
+        for name, info in run_schema().model_fields.items()
+        if _STAGE in info.metadata
+    }
+    return {key: found[key] for key in sorted(found, key=lambda key: key == "report")}
+
+
+def stage_keys() -> tuple[str, ...]:
+    """Return the keys of the sections of stages, in the order of execution.
+
+    Examples
+    --------
+    >>> stage_keys()[:2], stage_keys()[-1]
+    (('design', 'experiment'), 'report')
+    """
+    return tuple(_stage_fields())
+
 
 _MEASURED_ON_THE_TWIN = ("experiment", "montecarlo")
 
@@ -156,33 +181,31 @@ class RunConfiguration:
     """A run with its robot, every default filled in."""
 
     run: RunDescription
-    """Its `robot` is the resolved robot's description with the run's own limits, noise and
-    tolerances in it, its own `limits`, `noise` and `tolerances` are therefore empty; paths are
-    absolute."""
+    """Its `robot` is the resolved robot's description with the run's limits, noise and tolerances,
+    so that its own `limits`, `noise` and `tolerances` are empty; paths are absolute."""
     robot: ResolvedRobot
     file: Path | None = None
     """The run file; None for a mapping."""
     warnings: tuple[str, ...] = ()
-    """Those of the robot and those of the run."""
-    of_the_twin: tuple[str, ...] = ()
-    """Those of the warnings that are about what the digital twin measures."""
+    """Warnings of robot and run."""
+    twin_warnings: tuple[str, ...] = ()
+    """The part of the warnings about measurements of the digital twin."""
     truth: ResolvedRobot | None = None
-    """The machine that the digital twin is, where it is not the robot: `experiment.truth` with
-    the noise that the robot and the run state beside its own."""
-
+    """True machine of the digital twin, if it is not the robot: `experiment.truth` with the noise
+    of robot and run in addition to its own."""
     grid: tuple[GridPoint, ...] = ()
-    """The runs that the sweep is of; none without one."""
+    """Runs of the sweep; empty without one."""
 
     def warnings_before(self, stage: str) -> tuple[str, ...]:
-        """Return the warnings that a stage by itself is to be told with.
+        """Return the warnings for a stage that is executed alone.
 
-        Those of the twin are told where it measures; what uses its recordings repeats none of them.
+        Those about the twin precede only its measurements.
         """
-        told = () if stage in _MEASURED_ON_THE_TWIN else self.of_the_twin
-        return tuple(text for text in self.warnings if text not in told)
+        omitted = () if stage in _MEASURED_ON_THE_TWIN else self.twin_warnings
+        return tuple(text for text in self.warnings if text not in omitted)
 
     def with_section(self, section: str, **changes: Any) -> RunConfiguration:
-        """Return the run with keys of one of its sections changed."""
+        """Return the run with some keys of one section changed."""
         changed = getattr(self.run, section).model_copy(update=changes)
         return replace(self, run=self.run.model_copy(update={section: changed}))
 
@@ -192,64 +215,42 @@ class GridPoint:
     """One run of a sweep."""
 
     values: Mapping[str, Any]
-    """By key path, as they are written."""
+    """By key path, in the user's notation."""
     name: str
-    """Made of the values, and safe as that of a folder."""
+    """Name from the values, also a valid folder name."""
     configuration: RunConfiguration
     """The run with these values and without the sweep."""
 
 
-def with_added_terms(
+def add_terms(
     configuration: RunConfiguration, added: Sequence[TermDescription]
 ) -> RunConfiguration:
     """Return the run with further terms of its robot, their parameters at zero.
 
-    Those without signs of friction come before the first that has some: the load of the actuators
-    counts them for the others. Terms that it has already are left alone. What an earlier estimate
-    knew is dropped: it did not know of them.
+    Terms that the robot has already are ignored. The robot's identification is dropped, since it
+    does not include the new terms.
     """
-    present = [term.name for term in configuration.robot.terms]
+    robot = configuration.robot
+    present = [term.name for term in robot.terms]
     lacking = [term for term in added if term.name not in present]
     if not lacking:
         return configuration
-    robot = _with_terms(configuration.robot, lacking)
-    run = configuration.run.model_copy(update={"robot": robot.description})
-    return replace(configuration, robot=robot, run=run)
+    description = robot.description
+    described = insert_terms(description.terms, lacking)
+    turning = description.platform_cardan_axes is not None
+    terms = chosen_terms(described, description.platform, description.drive, turning=turning)
 
-
-def _with_terms(robot: ResolvedRobot, added: Sequence[TermDescription]) -> ResolvedRobot:
-    about = robot.description
-    described = _in_order(about.terms, added)
-    turning = about.platform_cardan_axes is not None
-    terms = chosen_terms(described, about.platform, about.drive, turning=turning)
-
-    def known(values: Mapping[str, float]) -> dict[str, float]:
+    def complete(values: Mapping[str, float]) -> dict[str, float]:
         return {one.name: values.get(one.name, 0.0) for one in parameters_of(terms)}
 
-    stated = {"terms": described, "parameters": known(about.parameters), "identification": None}
-    return replace(
+    # The robot's parameters include those of a payload, its description's do not.
+    stated = {"terms": described, "parameters": complete(description.parameters)}
+    changed = replace(
         robot,
-        description=about.model_copy(update=stated),
+        description=description.model_copy(update=stated | {"identification": None}),
         terms=terms,
         constants=tuple(c.value for term in described for c in term.constants.values()),
-        # Those of a payload are in these, and not in what the file states.
-        parameters=known(robot.parameters),
+        parameters=complete(robot.parameters),
     )
-
-
-def _in_order(
-    own: Sequence[TermDescription], added: Sequence[TermDescription]
-) -> tuple[TermDescription, ...]:
-    """Return terms with further ones where they belong."""
-    found = list(own)
-    for term in sorted(added, key=lambda one: bool(term_definitions()[one.name].rates)):
-        names = [one.name for one in found]
-        place = len(names)
-        if not term_definitions()[term.name].rates:
-            place = next(
-                (k for k, name in enumerate(names) if term_definitions()[name].rates), place
-            )
-        if (partner := term_definitions()[term.name].beside) in names:
-            place = max(place, names.index(partner) + 1)
-        found.insert(place, term)
-    return tuple(found)
+    run = configuration.run.model_copy(update={"robot": changed.description})
+    return replace(configuration, robot=changed, run=run)

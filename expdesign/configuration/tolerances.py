@@ -1,4 +1,4 @@
-"""`tolerances:` of robot and run: standard deviations of what is not known exactly."""
+"""`tolerances:` of robot and run: standard deviations of quantities that are not known exactly."""
 
 from __future__ import annotations
 
@@ -9,58 +9,57 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator
 
-from expdesign.configuration.document import Placed
-from expdesign.configuration.errors import Problem, nearest, refusal, shown
-from expdesign.configuration.fields import by_key, each_read, exactly, known
+from expdesign.configuration.document import Located
+from expdesign.configuration.errors import Problem, nearest_name, quote, refusal
+from expdesign.configuration.fields import by_key, check_choice, exactly, read_entries
 from expdesign.configuration.quantity import (
     LENGTH,
     SHARE,
     Angle,
-    Dimension,
     Duration,
     Length,
     NotNegative,
+    Quantity,
     Share,
-    dimension_of,
+    quantity_in,
 )
 from expdesign.configuration.section import Section
 from expdesign.mechanism.catalogue import term_definitions
 from expdesign.mechanism.hexapod import ACTUATORS
 
 _SPACE = 3
-_STD = "a standard deviation of 0 or more"
 
 
-def _parsed(dimension: Dimension, value: object) -> float:
-    number = dimension.parse(value)
+def _parse(quantity: Quantity, value: object) -> float:
+    number = quantity.parse(value)
     if number < 0:
-        raise refusal(f"{number:g} is negative", _STD)
+        raise refusal(f"{number:g} is negative", "a standard deviation of 0 or more")
     return number
 
 
-def _spread(value: object, dimension: Dimension, counts: Sequence[int], wanted: str) -> object:
-    """Return one value as it is repeated in lists of these lengths; other lists as they are."""
-    if not counts:
-        return value
-    if isinstance(value, list | tuple):
-        if len(value) != counts[0]:
-            raise refusal(f"there are {len(value)} values where {counts[0]} are needed", wanted)
-        return [_spread(item, dimension, counts[1:], wanted) for item in value]
-    number: object = _parsed(dimension, value)
-    for count in reversed(counts):
-        number = [number] * count
-    return number
+def _repeat(quantity: Quantity, counts: Sequence[int], wanted: str) -> BeforeValidator:
+    """Return a validator that repeats a single value to lists of these lengths."""
 
+    def spread(value: object, counts: Sequence[int]) -> object:
+        if not counts:
+            return value
+        if isinstance(value, list | tuple):
+            if len(value) != counts[0]:
+                raise refusal(f"there are {len(value)} values where {counts[0]} are needed", wanted)
+            return [spread(item, counts[1:]) for item in value]
+        number: object = _parse(quantity, value)
+        for count in reversed(counts):
+            number = [number] * count
+        return number
 
-def _repeated(dimension: Dimension, counts: Sequence[int], wanted: str) -> BeforeValidator:
-    return BeforeValidator(lambda value: _spread(value, dimension, counts, wanted))
+    return BeforeValidator(lambda value: spread(value, counts))
 
 
 _Coordinates = Annotated[
     tuple[
         Annotated[tuple[Annotated[Length, NotNegative], ...], exactly(_SPACE, "coordinates")], ...
     ],
-    _repeated(
+    _repeat(
         LENGTH,
         (ACTUATORS, _SPACE),
         f"one length for every coordinate, {ACTUATORS} (one for each joint), or {ACTUATORS} "
@@ -69,39 +68,41 @@ _Coordinates = Annotated[
 ]
 _EachLength = Annotated[
     tuple[Annotated[Length, NotNegative], ...],
-    _repeated(LENGTH, (ACTUATORS,), f"one length for all struts, or a list of {ACTUATORS}"),
+    _repeat(LENGTH, (ACTUATORS,), f"one length for all struts, or a list of {ACTUATORS}"),
 ]
 _EachShare = Annotated[
     tuple[Annotated[Share, NotNegative], ...],
-    _repeated(SHARE, (ACTUATORS,), f"one share for all actuators, or a list of {ACTUATORS}"),
+    _repeat(SHARE, (ACTUATORS,), f"one share for all actuators, or a list of {ACTUATORS}"),
 ]
 
 
-def _constants(term: str, value: object) -> dict[str, float]:
+def _read_constants(term: str, value: object) -> dict[str, float]:
     """Read the standard deviations of a term's constants, in their SI units."""
     constants = {constant.name: constant for constant in term_definitions()[term].constants}
     allowed = ", ".join(constants) or f"none: {term} has no constants"
     if not isinstance(value, Mapping):
-        raise refusal(f"{shown(value)} is not a mapping", f"standard deviations of: {allowed}")
+        raise refusal(f"{quote(value)} is not a mapping", f"standard deviations of: {allowed}")
 
     def read(name: str, item: object) -> float:
         if name not in constants:
-            reason = f"the term {term} has no constant {shown(name)}"
-            raise refusal(reason, allowed, partial(nearest, name, constants))
-        return _parsed(dimension_of(constants[name].unit), item)
+            reason = f"the term {term} has no constant {quote(name)}"
+            raise refusal(reason, allowed, partial(nearest_name, name, constants))
+        return _parse(quantity_in(constants[name].unit), item)
 
-    return each_read(value, read, (term,))
+    return read_entries(value, read, (term,))
 
 
 class ForceConstantTolerance(Section):
-    """Of force constants, as shares: what all of them have in common, and each one's own."""
+    """Standard deviations of the force constants, as shares."""
 
     common: Annotated[Share, NotNegative] | None = None
+    """Common to all actuators."""
     each: _EachShare | None = None
+    """Individual part of each actuator."""
 
 
-class Tolerances(Section):
-    """Standard deviations of what is not known exactly, SI; None and 0: exact."""
+class RobotTolerances(Section):
+    """Standard deviations of quantities that are not known exactly, SI; None and 0: exact."""
 
     base_joints: _Coordinates | None = None
     """(6, 3), m, of the coordinates in the base frame."""
@@ -119,7 +120,11 @@ class Tolerances(Section):
     terms: (
         Annotated[
             dict[str, dict[str, float]],
-            by_key(_constants, "terms with their constants", known(term_definitions, "term")),
+            by_key(
+                _read_constants,
+                "terms with their constants",
+                check_choice(term_definitions, "term"),
+            ),
         ]
         | None
     ) = None
@@ -127,35 +132,16 @@ class Tolerances(Section):
 
     @property
     def inexact(self) -> bool:
-        """Whether anything has a tolerance above 0."""
-        return _positive(self.model_dump())
+        """True with any tolerance above 0."""
+        return _any_positive(self.model_dump())
 
 
-def _positive(value: object) -> bool:
+def _any_positive(value: object) -> bool:
     if isinstance(value, Mapping):
-        return any(map(_positive, value.values()))
+        return any(map(_any_positive, value.values()))
     if isinstance(value, list | tuple):
-        return any(map(_positive, value))
+        return any(map(_any_positive, value))
     return isinstance(value, float) and value > 0
-
-
-def too_large(
-    sources: Sequence[Placed[Tolerances]], sizes: Mapping[str, float]
-) -> Iterator[Problem]:
-    """Name lengths of which nothing is known: tolerances not smaller than the part itself.
-
-    `sizes` are those of the parts, m, by the key of their tolerance.
-    """
-    for source in sources:
-        for key, size in sizes.items():
-            largest = float(np.max(getattr(source.value, key) or 0.0))
-            if largest >= size > 0:
-                yield source.problem(
-                    (key,),
-                    f"a standard deviation of {largest:g} m leaves nothing that is known: "
-                    f"{_SIZES[key]} {size:.3g} m",
-                    "a standard deviation that is small against that",
-                )
 
 
 _SIZES = {
@@ -165,18 +151,39 @@ _SIZES = {
 }
 
 
-def merged_tolerances(
-    sources: Sequence[Placed[Tolerances]], terms: Iterable[str]
-) -> tuple[Tolerances | None, list[Problem]]:
+def oversized_tolerances(
+    sources: Sequence[Located[RobotTolerances]], sizes: Mapping[str, float]
+) -> Iterator[Problem]:
+    """Yield problems of tolerances that are not smaller than the part itself.
+
+    Parameters
+    ----------
+    sizes : mapping
+        Sizes of the parts by the key of their tolerance, m.
+    """
+    for source in sources:
+        for key, size in sizes.items():
+            largest = float(np.max(getattr(source.value, key) or 0.0))
+            if largest >= size > 0:
+                message = (
+                    f"a standard deviation of {largest:g} m is not smaller than the part itself: "
+                    f"{_SIZES[key]} {size:.3g} m"
+                )
+                allowed = "a standard deviation that is small against that"
+                yield source.problem((key,), message, allowed)
+
+
+def merge_tolerances(
+    sources: Sequence[Located[RobotTolerances]], terms: Iterable[str]
+) -> tuple[RobotTolerances | None, list[Problem]]:
     """Merge the tolerances of robot and run.
 
     Parameters
     ----------
-    sources : sequence of Placed[Tolerances]
-        Later ones override earlier ones key by key, those of `force_constant` and of `terms`
-        each for itself.
+    sources : sequence of Located[RobotTolerances]
+        Later ones override earlier ones by key, also inside `force_constant` and `terms`.
     terms : iterable of str
-        Those that the robot has.
+        Terms of the robot.
 
     Returns
     -------
@@ -195,14 +202,14 @@ def merged_tolerances(
             for name in given.get("terms", {})
             if name not in present
         ]
-        merged = _over(merged, given)
-    return (None, problems) if problems else (Tolerances.model_validate(merged), [])
+        merged = _update(merged, given)
+    return (None, problems) if problems else (RobotTolerances.model_validate(merged), [])
 
 
-def _over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a mapping of mappings with another one's values in place of its own."""
+def _update(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a nested mapping with the values of another one."""
     result = dict(below)
     for key, value in above.items():
         nested = isinstance(value, Mapping) and isinstance(result.get(key), Mapping)
-        result[key] = _over(result[key], value) if nested else value
+        result[key] = _update(result[key], value) if nested else value
     return result

@@ -1,4 +1,4 @@
-"""The resolved configuration as YAML that can be loaded again."""
+"""The resolved configuration as YAML, for `load_run`."""
 
 from __future__ import annotations
 
@@ -9,25 +9,21 @@ from collections.abc import Iterator
 from typing import Any
 
 from expdesign.configuration.robot import RobotDescription
-from expdesign.configuration.run import STAGES, RunConfiguration
+from expdesign.configuration.run import RunConfiguration, stage_keys
 
 _HEADER = """\
 # Resolved configuration: every value that is used, with the defaults. Values are in SI units
 # (m, s, kg, N, rad; frequencies in Hz). Loading this file gives the same configuration.
 """
 _ROBOT_HEADER = """\
-# A robot file that an estimate wrote: its values in SI units (m, s, kg, N, rad), with how they are
-# known under `identification`. Name it as `robot:` of a run file.
+# Robot file from an estimate: values in SI units (m, s, kg, N, rad), their covariance under
+# `identification`. Name it as `robot:` of a run file.
 """
-_UNNAMED = "# What this run does not name, with the values that it would have:\n"
+_UNNAMED = "# Sections that this run does not name, with their defaults:\n"
 _EXPERIMENT_IS_USED = (
-    "# The design uses periods and sampling of the experiment all the same: for the predicted "
-    "precision.\n"
+    "# The design uses periods and sampling of the experiment for the predicted precision.\n"
 )
-_DESIGNS = (
-    "# `expdesign run` designs, with the values of design below: it does so when no stage is "
-    "named.\n"
-)
+_DESIGNS = "# `expdesign run` designs, with the values of design below, since no stage is named.\n"
 _WIDTH = 96
 _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_./-]*")
 _WORDS = re.compile(r"[^\s]+(?: [^\s]+)*")
@@ -37,23 +33,21 @@ _RESERVED = ("null", "true", "false", "yes", "no", "on", "off")
 def resolved_yaml(configuration: RunConfiguration) -> str:
     """Return the complete configuration as YAML text.
 
-    The robot stands in it as a mapping, with its limits, noise and tolerances as overridden by
-    the run. The sections of stages that the run does not name are comments, so that loading the
-    text names the same stages; so is that of data that no stage uses.
-
-    `load_run` of a file with this text gives an equal configuration, to the last bit.
+    The robot is a mapping, with the run's limits, noise and tolerances. Sections of stages that the
+    run does not name, and unused sections of data, are comments: `load_run` of a file with this
+    text returns an equal configuration, to the last bit, with the same stages.
     """
     data = configuration.run.model_dump(by_alias=True)
     stages = configuration.run.stages
-    unnamed = [stage for stage in STAGES if stage not in stages]
+    unnamed = [stage for stage in stage_keys() if stage not in stages]
     if "data" not in configuration.run.model_fields_set and "estimate" not in stages:
         unnamed.append("data")
     if configuration.run.sweep is not None:
-        # What follows from keys that the sweep may change follows anew at every point.
+        # Values that follow from swept keys are derived again at every point.
         for section, key in (("trajectory", "controller_period"), ("design", "smoothing")):
             if key not in getattr(configuration.run, section).model_fields_set:
                 data[section][key] = None
-    # Empty now that they are part of the robot.
+    # Empty, since they are part of the robot.
     data = {key: data[key] for key in data if key not in ("limits", "noise", "tolerances")}
     parts = [_HEADER]
     for key, value in data.items():
@@ -70,7 +64,7 @@ def resolved_yaml(configuration: RunConfiguration) -> str:
 
 
 def robot_yaml(robot: RobotDescription) -> str:
-    """Return a robot as the text of its file, to the last bit."""
+    """Return the text of a robot's file, exact to the last bit."""
     data = {
         key: value for key, value in robot.model_dump(by_alias=True).items() if value is not None
     }
@@ -79,7 +73,7 @@ def robot_yaml(robot: RobotDescription) -> str:
 
 
 def yaml_lines(key: str, value: Any, indent: int) -> Iterator[str]:
-    """Yield the lines of one key of a mapping that stands this far to the right."""
+    """Yield the lines of one key of a mapping with an indentation."""
     margin = " " * indent
     name = _text(key)
     if isinstance(value, dict) and value:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from expdesign.information.criteria import CRITERIA
+from expdesign.information.criteria import criteria
 from expdesign.runfolder import JSON_ONLY, OpenNumber, described
 from expdesign.solver.jobs import StartResult, status_text
 from expdesign.solver.search import SearchResult
@@ -92,7 +92,7 @@ def search_statistics(search: SearchResult, criterion: str) -> SearchStatistics:
     evaluations: Counter[str] = Counter()
     for phase in phases:
         evaluations.update(phase.evaluations)
-    sign = 1 if CRITERIA[criterion].larger_is_better else -1
+    sign = 1 if criteria()[criterion].larger_is_better else -1
     return SearchStatistics(
         name="dense interior point, then Ipopt through CasADi",
         iterations=sum(phase.iterations for phase in phases),

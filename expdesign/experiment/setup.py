@@ -11,7 +11,7 @@ from expdesign.configuration import InputError, RunConfiguration
 from expdesign.configuration.loading import smoothing_widths
 from expdesign.configuration.noise import NOISE_FROM_DATA
 from expdesign.configuration.prior import identification_of
-from expdesign.information.criteria import CRITERIA
+from expdesign.information.criteria import criteria
 from expdesign.information.fisher import (
     PeriodicNoise,
 )
@@ -44,7 +44,7 @@ def plan_search(configuration: RunConfiguration) -> SearchPlan:
     robot = robot_from(configuration.robot)
     names = judged_parameters(configuration, robot)
     scaling = robot.scales if run.design.scaling == "nominal" else np.ones(len(robot.scales))
-    criterion = CRITERIA[run.design.criterion]
+    criterion = criteria()[run.design.criterion]
     covariance, memory = force_covariance(configuration), force_memory(configuration)
     prior = prior_machine(configuration, robot, names)
     problem = build_problem(

@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import AfterValidator
 
-from expdesign.configuration import RunConfiguration, shown
+from expdesign.configuration import RunConfiguration, quote
 from expdesign.configuration.grid import resolved_cell, short_path, value_text
 from expdesign.configuration.run import GridPoint
 from expdesign.configuration.sections.sweep import path_units
@@ -156,7 +156,7 @@ def _sweep_table(result: SweepResult) -> RowTable[SweptDesign]:
 
 def _key_path(path: str) -> str:
     if path not in path_units():
-        raise ValueError(f"{shown(path)} is not a key path of a sweep")
+        raise ValueError(f"{quote(path)} is not a key path of a sweep")
     return path
 
 

@@ -253,6 +253,8 @@ def rounded(times: Array, digits: int) -> Array:
 class TableFormat:
     """A file format for controller tables; digits, units and names of axes are defaults."""
 
+    name: str
+    """Value of `export.format` in the run file."""
     title: str
     suffix: str
     interpolation: Interpolation
@@ -260,6 +262,8 @@ class TableFormat:
     read: Callable[[Path, Settings], Rows]
     """Read rows back; raises `TableError` for what the controller would not read, or would read
     otherwise."""
+    options: type[ExportSection]
+    """Options of the format in the run file."""
     guide: str
     """How to run the file, in plain words; ``{axes}``, ``{step}``, ``{file}`` and
     ``{beside}``, the files beside it, are filled in."""

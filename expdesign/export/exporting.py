@@ -103,12 +103,12 @@ def _remedy(check: ReadBack, settings: Settings) -> str:
 def file_name(section: ExportSection) -> str:
     """Return the name that a table gets in ``exports/``."""
     suffix = table_formats()[section.format].suffix
-    return section.stem + (_BAG if section.encoding == "mcap" else suffix)
+    return section.stem + (section.binary_suffix or suffix)
 
 
 def refuse_unreadable_name(section: ExportSection, path: Path, key: str) -> None:
     """Refuse a name that makes the file unreadable: a bag is recognised by its ending."""
-    if section.encoding == "mcap" and path.suffix != _BAG:
+    if section.binary_suffix not in ("", path.suffix):
         raise InputError(
             f"'{path.name}' does not end in {_BAG}: ROS 2 would not know it for an MCAP bag",
             key=key,
@@ -118,7 +118,7 @@ def refuse_unreadable_name(section: ExportSection, path: Path, key: str) -> None
 
 def refuse_missing_library(section: ExportSection, place: str = "") -> None:
     """Refuse a table whose library is not installed; the message says how to install it."""
-    if section.encoding == "mcap" and find_spec("rosbags") is None:
+    if section.binary_suffix == _BAG and find_spec("rosbags") is None:
         raise InputError(
             "MCAP bags are written with the library rosbags, which is not installed",
             key=f"{place}.encoding" if place else "encoding",
@@ -212,7 +212,7 @@ def settled(section: ExportSection, task: Task, place: str = "") -> Settings:
     task = _scaled(section, task, place)
     axes = _axes(section, form, task.robot)
     digits = section.digits
-    if digits is None and form.digits is not None and section.encoding != "mcap":
+    if digits is None and form.digits is not None and not section.binary_suffix:
         more = _MORE_DIGITS[section.units or form.units]
         counted = section.counts_per_metre is not None
         digits = _COUNT_DIGITS if counted else max(0, form.digits + more)

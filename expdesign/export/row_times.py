@@ -9,7 +9,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError
-from expdesign.configuration.sizes import TABLE_ROWS
+from expdesign.configuration.fields import MOST_ROWS, require_at_most
 from expdesign.export.definition import Rows, Settings, Task, in_window
 from expdesign.export.execution import ExecutedTable, TableDeviation, blocks, deviation, refined
 from expdesign.motion.executable import ExecutableMotion
@@ -97,9 +97,8 @@ def chosen_times(settings: Settings, place: str = "") -> Array:
     form, motion = settings.form, settings.task.motion
     longest = settings.step or settings.section.segment or STEPS[0]
     made = f"{motion.duration:.4g} s in steps of {longest:g} s"
-    if excess := TABLE_ROWS.excess(motion.duration / longest, made):
-        key = f"{place}.segment" if place else "segment"
-        raise InputError(excess.message, key=key, allowed=excess.allowed)
+    key = f"{place}.segment" if place else "segment"
+    require_at_most(motion.duration / longest, MOST_ROWS, made, key=key)
     if settings.step is not None:
         return form.written_times(uniform_times(motion, settings.step))
     given = settings.section.segment
@@ -115,7 +114,7 @@ def _step(settings: Settings, segment: int, place: str) -> float:
     found = TableDeviation()
     chosen: float | None = None
     for step in STEPS:
-        if TABLE_ROWS.excess(motion.duration / step, "") or (chosen and step < CLOSEST):
+        if motion.duration / step > MOST_ROWS or (chosen and step < CLOSEST):
             break
         times = _divided(motion, segment, step)
         if motion.segments[segment].name == "periods":

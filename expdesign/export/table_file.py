@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from expdesign.configuration import ExportSection, InputError, Problem
+from expdesign.configuration import InputError, Problem, export_section
 from expdesign.export.definition import Settings, TableError, Task
 from expdesign.export.execution import ExecutedTable
 from expdesign.export.exporting import refuse_missing_library, settled
@@ -98,7 +98,7 @@ def find_table_file(
     motion, entry = described.result.motion, described.entry
     changed = entry.sha256 != file_hash(path)
     try:
-        section = ExportSection.model_validate(entry.options)
+        section = export_section(**entry.options)
     except ValueError as error:
         raise _refusal("the options of its export cannot be used", path) from error
     try:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from constraints.arrays import Array
+from constraints.plugins import declarations
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,56 +138,65 @@ OF_A_CHANGE = (
     "design.prior was identified"
 )
 
-CRITERIA = MappingProxyType(
-    {
-        criterion.key: criterion
-        for criterion in (
-            # The sum of the parameters' variances in the stated scaling.
-            Criterion(
-                key="a",
-                title="trace of F⁻¹",
-                larger_is_better=False,
-                flat=True,
-                levels=(1.0,),
-                value=lambda eigenvalues: float(np.sum(1 / eigenvalues)),
-                cost=_inverse_power,
-                from_cost=lambda cost, _, samples, __: float(np.exp(cost) / samples),
-            ),
-            # The paper's deterministic design.
-            Criterion(
-                key="condition",
-                title="condition number of F",
-                larger_is_better=False,
-                levels=(1.0, 4.0, 16.0),
-                value=lambda eigenvalues: float(np.max(eigenvalues) / np.min(eigenvalues)),
-                cost=_spread,
-                from_cost=lambda cost, *_: float(np.exp(2 * cost)),
-            ),
-            # The volume of the confidence ellipsoid: no scaling of the parameters matters.
-            Criterion(
-                key="d",
-                title="log det F",
-                larger_is_better=True,
-                invariant=True,
-                levels=(0.0,),
-                value=lambda eigenvalues: float(np.sum(np.log(eigenvalues))),
-                cost=_mean_log,
-                from_cost=lambda cost, count, samples, log_scale: float(
-                    count * (np.log(samples) - cost) - 2 * log_scale
-                ),
-            ),
-            # The worst known combination of parameters in the stated scaling.
-            Criterion(
-                key="e",
-                title="smallest eigenvalue of F",
-                larger_is_better=True,
-                flat=True,
-                levels=(1.0, 4.0, 16.0),
-                value=lambda eigenvalues: float(np.min(eigenvalues)),
-                cost=_inverse_power,
-                from_cost=lambda cost, _, samples, __: float(np.exp(-cost) * samples),
-            ),
-        )
-    }
+_CRITERIA = (
+    # The sum of the parameters' variances in the stated scaling.
+    Criterion(
+        key="a",
+        title="trace of F⁻¹",
+        larger_is_better=False,
+        flat=True,
+        levels=(1.0,),
+        value=lambda eigenvalues: float(np.sum(1 / eigenvalues)),
+        cost=_inverse_power,
+        from_cost=lambda cost, _, samples, __: float(np.exp(cost) / samples),
+    ),
+    # The paper's deterministic design.
+    Criterion(
+        key="condition",
+        title="condition number of F",
+        larger_is_better=False,
+        levels=(1.0, 4.0, 16.0),
+        value=lambda eigenvalues: float(np.max(eigenvalues) / np.min(eigenvalues)),
+        cost=_spread,
+        from_cost=lambda cost, *_: float(np.exp(2 * cost)),
+    ),
+    # The volume of the confidence ellipsoid: no scaling of the parameters matters.
+    Criterion(
+        key="d",
+        title="log det F",
+        larger_is_better=True,
+        invariant=True,
+        levels=(0.0,),
+        value=lambda eigenvalues: float(np.sum(np.log(eigenvalues))),
+        cost=_mean_log,
+        from_cost=lambda cost, count, samples, log_scale: float(
+            count * (np.log(samples) - cost) - 2 * log_scale
+        ),
+    ),
+    # The worst known combination of parameters in the stated scaling.
+    Criterion(
+        key="e",
+        title="smallest eigenvalue of F",
+        larger_is_better=True,
+        flat=True,
+        levels=(1.0, 4.0, 16.0),
+        value=lambda eigenvalues: float(np.min(eigenvalues)),
+        cost=_inverse_power,
+        from_cost=lambda cost, _, samples, __: float(np.exp(-cost) * samples),
+    ),
 )
-"""By key, in alphabetical order."""
+
+
+@cache
+def criteria() -> Mapping[str, Criterion]:
+    """Return every criterion by its key, in alphabetical order.
+
+    A plug-in declares a further one as ``CRITERION``.
+
+    Examples
+    --------
+    >>> criteria()["d"].title
+    'log det F'
+    """
+    found = {one.key: one for one in (*_CRITERIA, *declarations(Criterion, None, "CRITERION"))}
+    return MappingProxyType(dict(sorted(found.items())))

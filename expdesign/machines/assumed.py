@@ -15,8 +15,8 @@ import numpy as np
 from constraints import Limit, limit_definitions
 from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
-from expdesign.configuration.bodies import Bodies, Body
-from expdesign.configuration.document import Placed, document_from_mapping
+from expdesign.configuration.bodies import Bodies, BodyDescription
+from expdesign.configuration.document import Located, document_from_mapping
 from expdesign.configuration.errors import InputError
 from expdesign.configuration.geometry import JointRing
 from expdesign.configuration.limits import (
@@ -173,7 +173,7 @@ def _height(machine: Machine, base: Array, platform: Array) -> float:
 def _bounds(limits: Mapping[str, Any], key: str) -> Limit:
     """Return the bounds of a known limit."""
     document = document_from_mapping({key: limits[key]})
-    return resolve_limits([Placed(document.data, document, ("limits",))])[0][key]
+    return resolve_limits([Located(document.data, document, ("limits",))])[0][key]
 
 
 def _size(limits: Mapping[str, Any], key: str) -> float:
@@ -192,7 +192,7 @@ def _weight(mass: float, machine: Machine) -> float:
     return mass * float(np.linalg.norm(machine.gravity or EARTH_GRAVITY)) / ACTUATORS or mass
 
 
-def _parts(machine: Machine) -> dict[str, tuple[Body, ...]]:
+def _parts(machine: Machine) -> dict[str, tuple[BodyDescription, ...]]:
     """Return the bodies of a machine by part; empty parts are left out."""
     given = {} if machine.bodies is None else dict(machine.bodies)
     return {part: bodies for part, bodies in given.items() if bodies}
@@ -249,7 +249,7 @@ def _robot(machine: Machine, general: bool) -> Robot:
     description, problems = validate(RobotDescription, document.data, document)
     if description is None:
         raise InputError(problems)
-    return Robot(resolve_robot(Placed(description, document)))
+    return Robot(resolve_robot(Located(description, document)))
 
 
 def _length(machine: Machine) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration.bodies import Body
+from expdesign.configuration.bodies import BodyDescription
 from expdesign.configuration.geometry import rms_radius
 from expdesign.machines.machine import round_digits
 from expdesign.mechanism.hexapod import numbered
@@ -30,7 +30,7 @@ _DIGITS = 4
 _NOTHING = 1e-12
 
 
-def assumed_bodies(mass: float, strut: float, joints: Array) -> dict[str, Body]:
+def assumed_bodies(mass: float, strut: float, joints: Array) -> dict[str, BodyDescription]:
     """Return assumed bodies: ring, stator, slider and platform.
 
     Parameters
@@ -82,9 +82,9 @@ def assumed_friction(strut: float, weight: float, speed: float) -> dict[str, flo
     }
 
 
-def _body(mass: float, centre: Array, per_mass: Array) -> Body:
+def _body(mass: float, centre: Array, per_mass: Array) -> BodyDescription:
     """Return a body from its inertia about its centre for 1 kg, m²."""
-    return Body(
+    return BodyDescription(
         mass=_rounded(mass),
         centre=tuple(_rounded(value) for value in centre),
         inertia=tuple(_rounded(mass * value) for value in per_mass),

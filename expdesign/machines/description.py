@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from expdesign.configuration import geometry as geo
-from expdesign.configuration.document import Placed
+from expdesign.configuration.document import Located
 from expdesign.configuration.errors import InputError, Problem
 from expdesign.configuration.fields import Ascending, Name, Pair, Point, exactly, one_of
 from expdesign.configuration.geometry import HalfAngle, JointRing, PairedStruts
@@ -73,7 +73,7 @@ class MachineDescription(Section):
 
 
 def machine_from_answers(
-    answers: Placed[MachineDescription], known: Machine | None = None
+    answers: Located[MachineDescription], known: Machine | None = None
 ) -> Machine:
     """Return the machine by the answers, completed by what is known already.
 
@@ -118,7 +118,7 @@ def machine_from_answers(
     return replace(machine, limits=limits, questions=tuple(questions))
 
 
-def _contradictions(answers: Placed[MachineDescription]) -> Iterator[Problem]:
+def _contradictions(answers: Located[MachineDescription]) -> Iterator[Problem]:
     one = answers.value
 
     def there(*keys: str) -> list[str]:
@@ -172,7 +172,7 @@ def _drive(one: MachineDescription) -> Drive | None:
 
 
 def _about_home(
-    machine: Machine, stroke: float, answers: Placed[MachineDescription]
+    machine: Machine, stroke: float, answers: Located[MachineDescription]
 ) -> list[float]:
     """Return the range of strut lengths whose middle is home, m."""
     if machine.base_joints is None or machine.platform_joints is None or machine.home is None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration.errors import InputError, shown
+from expdesign.configuration.errors import InputError, quote
 from expdesign.configuration.geometry import StrutGeometry
 from expdesign.configuration.parameters import Thread
 
@@ -46,7 +46,7 @@ class Entry:
         except ValueError:
             number = math.nan
         if not math.isfinite(number):
-            raise self.refusal(f"{shown(self.value)} is no number", "a number with a point")
+            raise self.refusal(f"{quote(self.value)} is no number", "a number with a point")
         return number
 
 
@@ -102,7 +102,7 @@ def read_ini(file: Path, text: str) -> IniFile:
             section[found[1]] = (*section.get(found[1], ()), entry)
         else:
             allowed = "[SECTION], KEY = VALUE, or a comment after # or ;"
-            raise InputError(f"{shown(line)} is no line of an INI file", file, number, "", allowed)
+            raise InputError(f"{quote(line)} is no line of an INI file", file, number, "", allowed)
     return IniFile(file, sections)
 
 
@@ -125,7 +125,7 @@ def read_hal(file: Path, text: str, component: str, ini: IniFile) -> Pins:
         found = _SET.fullmatch(words)
         key = pin[0]
         if found is None:
-            message = f"{shown(words)} sets no pin"
+            message = f"{quote(words)} sets no pin"
             raise InputError(message, file, number, key, f"setp {key} NUMBER")
         entry = Entry(found[2], file, number, key)
         values[key.removeprefix(component)] = _looked_up(entry, ini)

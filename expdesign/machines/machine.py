@@ -14,7 +14,7 @@ from constraints.arrays import Array
 from expdesign.configuration.bodies import Bodies
 from expdesign.configuration.geometry import JointRing
 from expdesign.configuration.parameters import Drive
-from expdesign.configuration.quantity import dimension_of
+from expdesign.configuration.quantity import quantity_in
 
 Points = tuple[tuple[float, ...], ...]
 
@@ -111,7 +111,7 @@ def format_quantity(value: float, unit: str) -> str:
         return str(number)  # refused by the file's own check, with the key
     if number == 0 or unit == "1":
         return f"{number:g}" if number == 0 else _shortest(number)
-    dimension = dimension_of(unit)
+    dimension = quantity_in(unit)
     symbol, factor = _WRITTEN_IN.get(unit, (unit, 1.0))
     for digits in _DIGITS:
         text = f"{number * factor:.{digits}g} {symbol}"

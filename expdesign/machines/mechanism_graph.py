@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from constraints.arrays import Array
-from expdesign.configuration.bodies import Bodies, Body
+from expdesign.configuration.bodies import Bodies, BodyDescription
 from expdesign.machines.machine import Question, round_digits
 from expdesign.machines.xml_document import Element
 from expdesign.mechanism.bodies import ENTRIES, RigidBody, together
@@ -183,7 +183,7 @@ def moved_bodies(
     questions : list of Question
         To which is added what the struts do not have in common.
     """
-    parts: dict[str, tuple[Body, ...]] = {}
+    parts: dict[str, tuple[BodyDescription, ...]] = {}
     found = [_of_strut(links, groups, strut) for strut in struts]
     known = [one for one in found if one is not None]
     if len(known) == len(found):
@@ -254,7 +254,9 @@ def _apart(bodies: Sequence[RigidBody]) -> float:
     )
 
 
-def _robot_file_body(part: str, body: RigidBody, questions: list[Question]) -> tuple[Body, ...]:
+def _robot_file_body(
+    part: str, body: RigidBody, questions: list[Question]
+) -> tuple[BodyDescription, ...]:
     """Return a body of the robot file, without rounding errors.
 
     Empty for a body without mass, and for a physically impossible one, which becomes a question.
@@ -264,7 +266,7 @@ def _robot_file_body(part: str, body: RigidBody, questions: list[Question]) -> t
     centre, inertia = body.moment / body.mass, body.about_centre
     size = max(float(np.max(np.abs(body.inertia))), _ROUNDING)
     try:
-        found = Body(
+        found = BodyDescription(
             mass=round_digits(body.mass),
             centre=tuple(_clean(centre, np.sqrt(size / body.mass))),
             inertia=tuple(_clean(inertia[tuple(np.transpose(ENTRIES))], size)),

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
-from expdesign.configuration.errors import shown
+from expdesign.configuration.errors import quote
 from expdesign.machines.mechanism_graph import WORLD, Placement
 from expdesign.machines.xml_document import Element
 from expdesign.mechanism.bodies import RigidBody, inertia_of, together
@@ -42,7 +42,7 @@ class Attributes:
             found.order = given.get("eulerseq", found.order)
             found.autolimits = given.get("autolimits", "true") == "true"
             if len(found.order) != len("xyz") or not set(found.order.lower()) <= set("xyz"):
-                raise compiler.refusal(f"eulerseq is {shown(found.order)}", "three of x, y, z")
+                raise compiler.refusal(f"eulerseq is {quote(found.order)}", "three of x, y, z")
         for default in root.all("default"):
             # The class of elements without one; a model may give it another name.
             name = default.attributes.get("class", _MAIN)
@@ -71,7 +71,7 @@ class Attributes:
         name = element.attributes.get("class") or inherited or _MAIN
         if name not in self.classes:
             known = ", ".join(self.classes)
-            raise element.refusal(f"the class {shown(name)} is unknown", known)
+            raise element.refusal(f"the class {quote(name)} is unknown", known)
         tag = "general" if element.tag in _ACTUATORS else element.tag
         return {**self.classes[name].get(tag, {}), **element.attributes}
 

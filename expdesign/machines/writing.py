@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from constraints import limit_definitions
 from expdesign.configuration import InputError, load_run, quantity_text
-from expdesign.configuration.bodies import Body
+from expdesign.configuration.bodies import BodyDescription
 from expdesign.configuration.geometry import JointRing
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
 from expdesign.configuration.parameters import Drive, chosen_terms, default_terms
@@ -267,7 +267,7 @@ def _body_lines(complete: Complete) -> Iterator[str]:
             yield from (f"  - {_body(body)}" for body in bodies)
 
 
-def _body(body: Body) -> str:
+def _body(body: BodyDescription) -> str:
     moments = body.inertia if any(body.inertia[3:]) else body.inertia[:3]
     entries = [
         f"mass: {format_quantity(body.mass, 'kg')}",

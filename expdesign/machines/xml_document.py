@@ -10,7 +10,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration.document import read_text
-from expdesign.configuration.errors import InputError, shown
+from expdesign.configuration.errors import InputError, quote
 
 _LARGEST = 4 * 1024 * 1024
 _DEEPEST = 100
@@ -32,7 +32,7 @@ class Element:
     def label(self) -> str:
         """The element as a message names it: ``joint 'leg1'``."""
         name = self.attributes.get("name")
-        return f"<{self.tag}>" if name is None else f"<{self.tag} name={shown(name)}>"
+        return f"<{self.tag}>" if name is None else f"<{self.tag} name={quote(name)}>"
 
     def all(self, *tags: str) -> list[Element]:
         """Return the children with these tags, in the order of the file."""
@@ -54,7 +54,7 @@ class Element:
             values = np.array([np.nan])
         if not np.all(np.isfinite(values)) or (counts and len(values) not in counts):
             many = " or ".join(str(count) for count in counts) or "some"
-            raise self.refusal(f"{what} is {shown(text.strip())}", f"{many} finite numbers")
+            raise self.refusal(f"{what} is {quote(text.strip())}", f"{many} finite numbers")
         return values
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.configuration.fields import read_only
 from expdesign.configuration.robot import ResolvedRobot, RobotDescription
-from expdesign.configuration.tolerances import ForceConstantTolerance, Tolerances
+from expdesign.configuration.tolerances import ForceConstantTolerance, RobotTolerances
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 from expdesign.robot.robot import Robot
 
@@ -69,7 +69,9 @@ def deviations(robot: Robot) -> tuple[Deviation, ...]:
     places = count()
     return tuple(
         Deviation(name, group, unit, float(std or 0.0), next(places))
-        for name, group, unit, std in _entries(robot, robot.description.tolerances or Tolerances())
+        for name, group, unit, std in _entries(
+            robot, robot.description.tolerances or RobotTolerances()
+        )
     )
 
 
@@ -101,7 +103,7 @@ def estimated_constants(robot: Robot) -> tuple[Deviation, ...]:
     )
 
 
-def _entries(robot: Robot, given: Tolerances) -> Iterator[tuple[str, str, str, float | None]]:
+def _entries(robot: Robot, given: RobotTolerances) -> Iterator[tuple[str, str, str, float | None]]:
     for group, values in (
         ("base_joints", given.base_joints),
         ("platform_joints", given.platform_joints),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, TypeAdapter
 
 from constraints.arrays import Array
-from expdesign.configuration import Problem, shown
+from expdesign.configuration import Problem, quote
 from expdesign.configuration.errors import refusal
 from expdesign.mechanism.hexapod import ACTUATORS, POSE, numbered
 
@@ -238,7 +238,7 @@ def unknown_names(
     for name in names:
         if name not in known:
             yield Problem(
-                f"there is no {shown(name)} among {of}", key=key, allowed=", ".join(known)
+                f"there is no {quote(name)} among {of}", key=key, allowed=", ".join(known)
             )
             return
 
@@ -250,4 +250,4 @@ def wrong_names(
     yield from unknown_names(key, names, wanted, of)
     missing = [name for name in wanted if name not in names]
     if missing:
-        yield Problem(f"{shown(missing[0])} of {of} is missing", key=key, allowed=", ".join(wanted))
+        yield Problem(f"{quote(missing[0])} of {of} is missing", key=key, allowed=", ".join(wanted))

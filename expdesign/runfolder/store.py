@@ -25,7 +25,13 @@ from typing import Annotated, Any, ClassVar, Self, get_args, get_origin, get_typ
 from pydantic import ConfigDict, ValidationError
 
 from expdesign.configuration import InputError, Problem
-from expdesign.configuration.errors import MOST_TOLD, Key, key_path, untold, wrong_value
+from expdesign.configuration.errors import (
+    MOST_REPORTED,
+    Key,
+    key_path,
+    remaining_problems,
+    value_problem,
+)
 from expdesign.runfolder.fields import Column, cached_by_type, checker, described
 from expdesign.runfolder.files import (
     FORMAT,
@@ -302,15 +308,15 @@ def stored_values(kind: type[JsonFile], keys: Any) -> dict[str, Any]:
 
 def _problems(path: Path, data: object, error: ValidationError) -> Iterator[Problem]:
     every, found = error.errors(include_url=False), dict[Key, Problem]()
-    for details in every[:MOST_TOLD]:
+    for details in every[:MOST_REPORTED]:
         missing = details["type"] == "missing"
         key = _key_in(data, details["loc"][:-1] if missing else details["loc"])
         key += details["loc"][-1:] if missing else ()
-        message, allowed = ("the key is missing", None) if missing else wrong_value(details)
+        message, allowed = ("the key is missing", None) if missing else value_problem(details)
         # Of the alternatives that one value may be, the last is the widest.
         found[key] = Problem(message, path, key=key_path(key), allowed=allowed)
     yield from found.values()
-    yield from untold(len(every) - MOST_TOLD)
+    yield from remaining_problems(len(every) - MOST_REPORTED)
 
 
 def _key_in(data: object, location: Key) -> Key:

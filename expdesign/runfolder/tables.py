@@ -13,8 +13,8 @@ import pandas as pd
 from pydantic import ValidationError
 
 from constraints.arrays import Array
-from expdesign.configuration import InputError, shown
-from expdesign.configuration.errors import wrong_value
+from expdesign.configuration import InputError, quote
+from expdesign.configuration.errors import value_problem
 from expdesign.runfolder.fields import Column, checker, field_columns
 from expdesign.runfolder.files import (
     FORMAT,
@@ -165,7 +165,7 @@ class RowTable(CsvFile[Iterable[Row], tuple[Row, ...]], Generic[Row]):
             details = error.errors(include_url=False)[0]
             number, *place = details["loc"]
             column = self.names[attributes.index(str(place[0]))] if place else ""
-            message, allowed = wrong_value(details)
+            message, allowed = value_problem(details)
             line = int(number) + _FIRST_LINE
             raise InputError(
                 message, folder / self.file, line, f"column {column}", allowed
@@ -205,7 +205,7 @@ class RowTable(CsvFile[Iterable[Row], tuple[Row, ...]], Generic[Row]):
             else:
                 place = next(k for k, value in enumerate(here) if value != there[k])
                 key = f"column {names[place]}"
-                message = f"expected {shown(there[place])}, found {shown(here[place])}"
+                message = f"expected {quote(there[place])}, found {quote(here[place])}"
             raise InputError(message, folder / self.file, line, key, allowed)
 
 
@@ -282,7 +282,7 @@ def _numbers(path: Path, frame: pd.DataFrame, name: str) -> Array:
     wrong = np.flatnonzero(~np.isfinite(values))
     if wrong.size:
         row = int(wrong[0])
-        message = f"{shown(cells.iloc[row])} is not a finite number"
+        message = f"{quote(cells.iloc[row])} is not a finite number"
         raise InputError(message, path, row + _FIRST_LINE, f"column {name}")
     return values
 

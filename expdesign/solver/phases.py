@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from constraints.arrays import Array, Mask
-from expdesign.information.criteria import CRITERIA, Criterion
+from expdesign.information.criteria import Criterion, criteria
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.solver.interior_point import (
     FEASIBLE,
@@ -254,7 +254,7 @@ def continuation_phases(
             iterations=iterations,
             renewed=RENEWED,
             standstill=_ROUGH,
-            criterion=CRITERIA["d"] if problem.criterion.flat else None,
+            criterion=criteria()["d"] if problem.criterion.flat else None,
             harmonics=few if few < n else None,
         )
     ]

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.linalg import LinAlgError
 
-from expdesign.configuration import InputError
-from expdesign.configuration.sizes import SAMPLES
+from expdesign.configuration.fields import MOST_SAMPLES, require_at_most
 from expdesign.progress import track
 from expdesign.stages.stage import TABLES, Stage, run_sections
 from expdesign.stages.workspace import ESTIMATE_FILE, Outcome, StageFailed, Workspace
@@ -70,8 +69,7 @@ class EstimateStage(Stage):
         for file in track("reading recordings", files):
             recordings.append(work.recording(file))
             count = sum(len(recording.time) for recording in recordings)
-            if excess := SAMPLES.excess(count, f"{len(recordings)} recordings"):
-                raise InputError(excess.message, key="--data", allowed=excess.allowed)
+            require_at_most(count, MOST_SAMPLES, f"{len(recordings)} recordings", key="--data")
         try:
             result = identification.estimate(configuration, recordings, designs)
         except LinAlgError as error:

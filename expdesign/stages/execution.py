@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from expdesign.configuration import ComputationError, RunConfiguration, resolved_yaml
-from expdesign.configuration.section import unstated
 from expdesign.evaluation.machine_code import evaluator
 from expdesign.interruption import interruptible
 from expdesign.progress import listening, report_progress
@@ -130,8 +129,7 @@ def input_hash(stage: Stage, work: Workspace) -> str:
 
 def sections_text(configuration: RunConfiguration, sections: Mapping[str, Any]) -> str:
     """Return sections of the run as JSON."""
-    run = configuration.run
-    return run.model_dump_json(include=dict(sections), exclude=unstated(run))
+    return configuration.run.model_dump_json(include=dict(sections))
 
 
 def is_done(stage: Stage, work: Workspace) -> bool:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from expdesign.configuration import InputError, RunConfiguration
-from expdesign.configuration.sizes import MEASURED_ROWS
+from expdesign.configuration import RunConfiguration
 from expdesign.progress import report_progress
 from expdesign.robot import robot_from
 from expdesign.runfolder.manifest import text_hash
@@ -74,10 +73,6 @@ class ExperimentStage(Stage):
             work.progress.warn(changed)
             warnings.append(changed)
         repetitions, done = sources.repetitions, 0
-        samples = twin.truth.experiment.samples
-        made = f"{repetitions} measurements of {samples} samples"
-        if excess := MEASURED_ROWS.excess(repetitions * samples, made):
-            raise InputError(excess.message, key="--repetitions", allowed=excess.allowed)
         files = clear_outdated(self.name, work)
         status = "done"
         try:

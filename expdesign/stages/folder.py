@@ -9,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryFile
 
-from expdesign.configuration import InputError, RunConfiguration, load_run, shown
+from expdesign.configuration import InputError, RunConfiguration, load_run, quote
 from expdesign.library import run_files
 from expdesign.runfolder.manifest import Manifest
 from expdesign.stages.workspace import Outcome, StageFailed, short
@@ -37,7 +37,7 @@ def refuse_long(folder: Path) -> None:
     """Refuse a folder whose name, or whose files' names, no system takes."""
     longest = max(len(os.fsencode(part)) for part in folder.parts)
     if longest > _LONGEST_NAME or len(os.fsencode(folder)) > _LONGEST_PATH:
-        message = f"{shown(folder.name)}: the name is too long"
+        message = f"{quote(folder.name)}: the name is too long"
         named = f"{_LONGEST_NAME} bytes in each name, {_LONGEST_PATH} in all"
         raise InputError(message, key="--out", allowed=named)
 

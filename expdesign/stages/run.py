@@ -8,12 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from expdesign.configuration import (
-    ConfigurationLike,
-    InputError,
-    RunConfiguration,
-    load_run,
-)
+from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.stages.execution import (
     clear_leftovers,
     execute,

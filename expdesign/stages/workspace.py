@@ -12,7 +12,7 @@ import numpy as np
 
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
 from expdesign.configuration.identification import machine_name
-from expdesign.configuration.run import with_added_terms
+from expdesign.configuration.run import add_terms
 from expdesign.progress import Listener, report_progress
 from expdesign.robot import robot_from
 from expdesign.runfolder.manifest import Manifest, file_hash
@@ -258,7 +258,7 @@ class Workspace:
         else:
             found = EstimateFile.read(place)
         added = () if found.selection is None else found.selection.added
-        configuration = with_added_terms(self.configuration, added)
+        configuration = add_terms(self.configuration, added)
         return configuration, saved_estimate(found, path, robot_from(configuration.robot))
 
     def made_from(self, need: str) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from constraints.arrays import Array, Mask
 from expdesign.experiment import DesignResult
 from expdesign.experiment.sensitivity import LimitSensitivity, limit_sensitivity
-from expdesign.information.criteria import CRITERIA
+from expdesign.information.criteria import criteria
 from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.progress import track
 from results.comparison.compared_design import COUNTED, ComparedDesign, DesignComparison
@@ -118,7 +118,7 @@ def _information(comparison: DesignComparison) -> str:
 
 
 def _log_det(comparison: DesignComparison) -> str:
-    return CRITERIA["d"].named(_information(comparison))
+    return criteria()["d"].named(_information(comparison))
 
 
 def _efficiencies(comparison: DesignComparison) -> dict[str, float | None]:

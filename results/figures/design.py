@@ -13,7 +13,7 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.experiment import DesignResult
 from expdesign.experiment.search_statistics import Iteration
-from expdesign.information.criteria import CRITERIA
+from expdesign.information.criteria import criteria
 from expdesign.recheck.limit_check import REACHED, TOLERANCE, LimitCheck
 from expdesign.solver.events import PHASE_TITLES
 from results.figures.drawing import centred_text, figure_definition, legend_above, margin_text
@@ -270,11 +270,11 @@ def convergence_figure(figure: Figure, record: DesignResult) -> None:
 
 
 def _iteration_label(record: DesignResult, found: Sequence[Trace]) -> str:
-    criterion = CRITERIA.get(record.criterion)
+    criterion = criteria().get(record.criterion)
     stages = {stage for trace in found for stage in trace.stages}
     if not found or "blunt" in stages or criterion is None or not criterion.flat:
         return "Iteration of the start"
-    log_det = CRITERIA["d"].named(record.configuration.run.design.information)
+    log_det = criteria()["d"].named(record.configuration.run.design.information)
     return f"Iteration of the start (the rough search before is on {log_det})"
 
 
@@ -319,7 +319,7 @@ def _mark_stages(axes: Axes, trace: Trace, longest: float) -> None:
 
 def _objective_axis(axes: Axes, record: DesignResult, found: Sequence[Trace]) -> list[Line2D]:
     """Name the axis, scale it to what matters; draw and return the written design's value."""
-    criterion = CRITERIA.get(record.criterion)
+    criterion = criteria().get(record.criterion)
     information = record.configuration.run.design.information
     title = record.criterion if criterion is None else criterion.named(information)
     scaling = {"si": "SI units", "nominal": "nominal scaling"}.get(record.scaling, record.scaling)

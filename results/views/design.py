@@ -12,7 +12,7 @@ from expdesign.configuration.open_rows import held_in_words
 from expdesign.experiment import DesignResult
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity, sensitivity_at_design
 from expdesign.experiment.setup import plan_search
-from expdesign.information.criteria import CRITERIA, OF_A_CHANGE
+from expdesign.information.criteria import OF_A_CHANGE, criteria
 from expdesign.information.fisher import SingularInformationError
 from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.recheck.information import Evaluator
@@ -182,7 +182,7 @@ def _verdict(record: DesignResult) -> StageVerdict:
 
 
 def _facts(record: DesignResult) -> tuple[Fact, ...]:
-    criterion = CRITERIA.get(record.criterion)
+    criterion = criteria().get(record.criterion)
     information = record.configuration.run.design.information
     percents = np.array([parameter.rel_std_percent_experiment for parameter in record.parameters])
     relative = percents[np.isfinite(percents)]
@@ -220,7 +220,7 @@ def _details(record: DesignResult) -> tuple[Fact, ...]:
         Fact("harmonics", str(record.harmonics)),
     ]
     if np.isfinite(record.log_det_information):
-        log_det = CRITERIA["d"].named(record.configuration.run.design.information)
+        log_det = criteria()["d"].named(record.configuration.run.design.information)
         facts.append(Fact(log_det, readable(record.log_det_information, 6), "SI units"))
     starts = record.configuration.run.design.starts
     hop = solver.best_start - starts
@@ -319,7 +319,7 @@ def reserve_in_words(
         return f"{text} Its cost is not known: the design is not near an optimum."
     text += (
         f" It costs about {percent(sensitivity.reserve, 2)} of "
-        f"{'the D-efficiency' if CRITERIA[criterion].invariant else 'what the criterion has'} "
+        f"{'the D-efficiency' if criteria()[criterion].invariant else 'what the criterion has'} "
         "with the stated bounds, to first order from the limits' multipliers"
     )
     costly = sorted(sensitivity.reserved, key=lambda key: -sensitivity.reserved[key])

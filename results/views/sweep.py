@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from expdesign.configuration import RunConfiguration
 from expdesign.configuration.grid import short_path, value_text
 from expdesign.experiment.sweep import FAILED, SweepResult, SweptDesign
-from expdesign.information.criteria import CRITERIA
+from expdesign.information.criteria import criteria
 from results.figures.sweep import sweep_figure
 from results.notation import counted, duration, readable
 from results.views.folder import RunFolder
@@ -52,7 +52,7 @@ _CAPTION = (
 
 
 def _promised(configuration: RunConfiguration) -> tuple[TableColumn, ...]:
-    log_det = CRITERIA["d"].named(configuration.run.design.information)
+    log_det = criteria()["d"].named(configuration.run.design.information)
     return (
         TableColumn("status", kind="outcome", of="status"),
         TableColumn(log_det, digits=5, of="log_det_information"),

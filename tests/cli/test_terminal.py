@@ -7,10 +7,10 @@ import pytest
 from rich.console import Console
 
 from expdesign.cli.terminal import SearchDisplay
-from expdesign.information.criteria import CRITERIA
+from expdesign.information.criteria import criteria
 from expdesign.solver.events import PHASE_TITLES, SearchEvent
 
-CONDITION = dataclasses.replace(CRITERIA["condition"], flat=True)
+CONDITION = dataclasses.replace(criteria()["condition"], flat=True)
 
 
 @pytest.fixture

@@ -9,7 +9,6 @@ from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.configuration.open_rows import defaults_in_words, held_in_words, open_rows
 from expdesign.library import robot_files
 from expdesign.robot import robot_from
-from expdesign.stages.execution import sections_text
 
 KEY = "attitude"
 FREE = {"characteristic_length": 0.1, "rotation": "none"}
@@ -162,25 +161,6 @@ def test_it_is_no_limit_that_is_left_open(of):
     assert KEY not in {one.definition.key for one in open_rows(made.robot)}
     (said,) = defaults_in_words(made.robot)
     assert f"limits.{KEY}" in said
-
-
-@pytest.mark.parametrize(
-    "marks", [{"format": 2}, {"format": 1}, {"workers": 2, "scheduler": None}], ids=str
-)
-def test_what_was_resolved_before_keeps_what_it_had(of, marks):
-    assert bounds(of(**marks)) is None
-    assert bounds(of(theta=82, **marks)) is None
-    assert bounds(of(FREE | {KEY: "70 deg"}, **marks)) == [-70, 70]
-    assert bounds(of(format=3)) == [-80, 80]
-
-
-def test_what_was_made_where_another_limit_is_tighter_is_still_done(of):
-    def text(run):
-        return sections_text(run, {"name": True, "robot": True})
-
-    tilted = FREE | {"tilt": "20 deg"}
-    assert text(of(tilted, format=2)) == text(of(tilted))
-    assert text(of(format=2)) != text(of())
 
 
 def test_the_jacobian_of_the_angles_stays_well_conditioned_within_it(of):

@@ -140,7 +140,7 @@ def test_a_parameter_that_is_given_counts_before_the_bodies(palida):
     about = robot.description.bodies
     text = bodies_in_words(about, robot.platform_joints, robot.parameters)
     assert "p10 = 16.3 kg" in text
-    assert text.endswith("for p10")
+    assert text.endswith("overrides p10")
     others = {name: value + 1 for name, value in robot.parameters.items()}
     assert "16.3" not in bodies_in_words(about, robot.platform_joints, others)
     assert bodies_in_words(None, robot.platform_joints, robot.parameters) == ""

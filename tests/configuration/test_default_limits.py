@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import InputError, load_run, resolved_yaml
-from expdesign.stages.execution import sections_text
 
 HOME = [0, 0, -0.654, "2 deg", "-3 deg", "10 deg"]
 EVERY = {"phi": (-28, 32), "theta": (-33, 27), "psi": (-20, 40)}
@@ -83,29 +82,3 @@ def test_other_limits_have_no_default_to_lift(turned):
     with pytest.raises(InputError) as caught:
         load_run(run)
     assert [problem.key for problem in caught.value.problems] == ["limits.position", "limits.tilt"]
-
-
-@pytest.mark.parametrize(
-    "marks", [{"format": 1}, {"format": 0}, {"workers": 2, "scheduler": None}], ids=str
-)
-def test_what_was_resolved_before_keeps_what_it_had(turned, marks):
-    """Those of the versions that wrote `format: 1`, and of the ones before that wrote none."""
-    assert _rotation(load_run(turned(**marks))) == (None, ())
-    partly = {"phi": FREE, "theta": FREE, "psi": (-5, 70)}
-    assert _rotation(load_run(turned(PSI, **marks))) == (partly, ())
-    assert _rotation(load_run(turned(**marks | {"format": 2})))[0] == EVERY
-
-
-def test_a_stage_that_was_done_without_the_default_is_still_done(turned):
-    """What it was made from is told by text: that of a lifted default is the text of before."""
-
-    def text(run):
-        return sections_text(run, {"name": True, "robot": True})
-
-    before, lifted = load_run(turned(format=1)), load_run(turned(NONE))
-    assert '"rotation"' not in text(before)
-    assert text(before) == text(lifted)
-    partly = load_run(turned({"phi": NONE, "theta": NONE, **PSI}))
-    assert text(load_run(turned(PSI, format=1))) == text(partly)
-    assert text(load_run(turned(PSI))) != text(partly)
-    assert text(load_run(turned())) != text(lifted)

@@ -72,17 +72,19 @@ def test_byte_order_mark_is_no_part_of_the_first_key(read):
     [
         ("", "empty", None),
         ("# only a comment\n", "empty", None),
-        ("a: 1\nb: 2\na: 3\n", "stands twice; it is also in line 1", 3),
-        ("a:\n  b: 1\n  b: 2\n", "stands twice", 3),
-        ("- 1\n- 2\n", "holds a list", 1),
-        ("just text\n", "holds one value", 1),
+        ("a: 1\nb: 2\na: 3\n", "occurs twice; it is also in line 1", 3),
+        ("a:\n  b: 1\n  b: 2\n", "occurs twice", 3),
+        ("- 1\n- 2\n", "contains a list", 1),
+        ("just text\n", "contains one value", 1),
         ("a: [1, 2\n", "not valid YAML", 2),
-        ("a: 1\n\tb: 2\n", "not valid YAML", 2),
+        ("a: 1\n\tb: 2\n", "line 2 is indented with a tab; YAML allows spaces only", 2),
+        ("a:\n  b: 1\n\tc: 2\n", "line 3 is indented with a tab", 3),
+        ("a:\n  \tb: 1\n", "line 2 is indented with a tab", 2),
         ("a: *unknown\n", "not valid YAML: found undefined alias", 1),
         ("a: 1\n---\nb: 2\n", "not valid YAML", 2),
-        ("1: a\n", "a key is no text", 1),
+        ("1: a\n", "a key is not a text", 1),
         ("a: 1\np: {p1: 5,0e-4}\n", "write decimals with a point", 2),
-        ("? [a, b]\n: c\n", "a key is no text", 1),
+        ("? [a, b]\n: c\n", "a key is not a text", 1),
         ("a: !!python/object/apply:os.system ['true']\n", "tag !!python/object/apply", 1),
         ("a: !custom x\n", "tag !custom is not allowed", 1),
         ("!!python/object:x.Y {}\n", "is not allowed", 1),
@@ -90,7 +92,6 @@ def test_byte_order_mark_is_no_part_of_the_first_key(read):
         ("a: !!set {x}\n", "tag !!set is not allowed", 1),
         ("a: !!int hello\n", "cannot be read", 1),
         ("a: " + "9" * 10_000 + "\n", "cannot be read", 1),
-        ('a: "\\ud800"\n', "surrogate", 1),
         ("<<: 5\n", "only mappings can be merged", 1),
         ("a: &x [*x]\n", "the anchor contains itself", 1),
         ("a: &x {b: *x}\n", "the anchor contains itself", 1),
@@ -134,7 +135,7 @@ def test_expansion_of_anchors_is_bounded(refused):
     lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 12)]
     # Without a bound this would not end.
     (problem,) = refused("\n".join(lines))
-    assert "after expansion" in problem.message
+    assert "values in all" in problem.message
 
 
 def test_merge_keys_do_not_escape_the_bound(refused):
@@ -143,7 +144,7 @@ def test_merge_keys_do_not_escape_the_bound(refused):
         keys = ", ".join(f"k{j}: *a{i - 1}" for j in range(8))
         lines.append(f"a{i}: &a{i} {{{keys}}}")
     (problem,) = refused("\n".join(lines))
-    assert "after expansion" in problem.message
+    assert "values in all" in problem.message
 
 
 @given(content=st.one_of(st.binary(max_size=200), st.text(max_size=200)))

@@ -4,8 +4,7 @@ import pkgutil
 
 import pytest
 
-from expdesign.configuration import ExportSection, InputError, load_run, resolved_yaml
-from expdesign.configuration.sections.export import OFFERS
+from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.export import formats
 from expdesign.export.formats import table_formats
 
@@ -14,17 +13,16 @@ def run(*export):
     return load_run({"name": "n", "robot": "palida", "export": list(export)})
 
 
-def test_a_format_has_axes_for_what_it_offers():
-    for name, offer in OFFERS.items():
-        form = table_formats()[name]
-        assert set(form.axes) == set(offer.spaces)
-        assert set(offer.options) <= set(ExportSection.model_fields)
+def test_a_format_has_axes_for_its_spaces():
+    for form in table_formats().values():
+        assert set(form.axes) == set(form.options.spaces)
+        assert set(form.options.own_options()) <= set(form.options.model_fields)
         assert all(len(axes) == 6 for axes in form.axes.values())
 
 
-def test_every_format_is_offered():
+def test_every_module_is_a_format():
     written = {module.name for module in pkgutil.iter_modules(formats.__path__)}
-    assert written == {name.replace("-", "_") for name in OFFERS}
+    assert written == {name.replace("-", "_") for name in table_formats()}
 
 
 def test_names_and_sections(tmp_path):
@@ -50,7 +48,7 @@ def test_names_and_sections(tmp_path):
         (
             [{"format": "xps-pvt", "order": [1, 1, 2, 3, 4, 5]}],
             "export[1].order",
-            "[1, 1, 2, 3, 4, 5] is no order of the 6 struts",
+            "[1, 1, 2, 3, 4, 5] is not an order of the 6 struts",
         ),
         (
             ["csv", {"format": "xps-pvt", "offset": [0.6, 0.6]}],

@@ -5,7 +5,7 @@ import pytest
 
 from constraints import limit_definitions
 from expdesign.configuration import InputError
-from expdesign.configuration.document import Document, Placed
+from expdesign.configuration.document import Document, Located
 from expdesign.configuration.limits import Limits, limits_as_written, resolve_limits
 from expdesign.configuration.robot import load_robot_description
 from expdesign.configuration.section import Section, validate
@@ -21,7 +21,7 @@ def _resolve(*raws):
         file, found = validate(_File, {"limits": raw}, Document({}))
         problems += found
         if file is not None:
-            sources.append(Placed(file.limits, Document({}), ("limits",)))
+            sources.append(Located(file.limits, Document({}), ("limits",)))
     if problems:
         raise InputError(problems)
     return resolve_limits(sources)
@@ -104,7 +104,7 @@ def test_bounds(raw, lower, upper):
         ({"strut_speed": "2 m"}, "is a length, not a speed"),
         ({"strut_speed": [1, 2, 3, 4, 5, "x"]}, "strut 6: 'x' is not a speed"),
         ({"tilt": [0, 1]}, "a list of 2 does not fit"),
-        ({"tilt": "200 deg"}, "no angle between directions"),
+        ({"tilt": "200 deg"}, "larger than any angle between directions"),
         ({"tilt": -0.1}, "not positive"),
         ({"jacobian_condition": "10 m"}, "is a length, not a number"),
         ({"jacobian_condition": math.inf}, "not a finite number"),

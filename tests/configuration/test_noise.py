@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from expdesign.configuration import InputError
-from expdesign.configuration.document import Document, Placed
+from expdesign.configuration.document import Document, Located
 from expdesign.configuration.noise import NoiseDescription, resolve_noise
 from expdesign.configuration.section import validate
 
@@ -18,7 +18,7 @@ def _resolve(*raws):
         description, found = validate(NoiseDescription, raw, Document({}), ("noise",))
         problems += found
         if description is not None:
-            sources.append(Placed(description, Document({}), ("noise",)))
+            sources.append(Located(description, Document({}), ("noise",)))
     _, noise, found = resolve_noise(sources)
     if problems + found:
         raise InputError(problems + found)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import expdesign
 from expdesign.configuration.document import Document, read_yaml
-from expdesign.configuration.plausibility import roundings
+from expdesign.configuration.plausibility import rounding_errors
 from expdesign.configuration.robot import load_robot_description
 
 PALIDA = (Path(expdesign.__file__).parent / "library/robots/palida.yaml").read_text("utf-8")
@@ -46,7 +46,7 @@ def test_half_a_unit_of_the_last_digit(number, places, unit):
     value = float(written) * size
     key = ("parameters", "p2")
     document = Document({}, texts={key: text})
-    half = roundings(document, ("parameters",), {"p2": float(f"{written:f}") * size})
+    half = rounding_errors(document, ("parameters",), {"p2": float(f"{written:f}") * size})
     if not places or not written:  # written as a whole number, or as nothing: meant so
         assert not half
         return
@@ -65,10 +65,13 @@ def test_digits_are_those_of_the_file(tmp_path):
         encoding="utf-8",
     )
     values = {"p1": 2.5e-3, "p2": 0.94, "p3": 0.094, "p4": 0.1, "p6": 7.0}
-    found = roundings(read_yaml(path), ("parameters",), values)
+    found = rounding_errors(read_yaml(path), ("parameters",), values)
     assert found == pytest.approx({"p1": 5e-5, "p2": 5e-4, "p3": 5e-5})
     # A value that is not what stands there, as of bodies, has no digits.
-    assert set(roundings(read_yaml(path), ("parameters",), values | {"p2": 0.9})) == {"p1", "p3"}
+    assert set(rounding_errors(read_yaml(path), ("parameters",), values | {"p2": 0.9})) == {
+        "p1",
+        "p3",
+    }
 
 
 @settings(max_examples=12, deadline=None)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import InputError
-from expdesign.configuration.document import Placed, document_from_mapping
+from expdesign.configuration.document import Located, document_from_mapping
 from expdesign.configuration.robot import RobotDescription, load_robot_description, resolve_robot
 
 
@@ -15,7 +15,7 @@ def resolve():
 
     def resolved(mapping):
         document = document_from_mapping(mapping)
-        return resolve_robot(Placed(RobotDescription.model_validate(mapping), document))
+        return resolve_robot(Located(RobotDescription.model_validate(mapping), document))
 
     return resolved
 

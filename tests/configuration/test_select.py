@@ -3,7 +3,7 @@ from importlib.resources import files
 import pytest
 
 from expdesign.configuration import load_run, resolved_yaml
-from expdesign.configuration.run import with_added_terms
+from expdesign.configuration.run import add_terms
 
 IDENTIFIED = files("expdesign.library") / "identified" / "palida.yaml"
 BODY = {"mass": "5 kg", "centre": [0, 0, "50 mm"], "inertia": [0.02, 0.03, 0.025]}
@@ -54,7 +54,7 @@ def test_a_companion_may_be_the_robots(run_mapping):
     run_mapping["robot"]["terms"].append({"cogging": {"pitch": 0.03}})
     run_mapping["robot"]["parameters"] |= {f"c{k}{j}": 0 for k in "sc" for j in range(1, 7)}
     run = load_run(run_mapping | {"estimate": selecting(["cogging_second"])})
-    wide = with_added_terms(run, run.run.estimate.select.candidates).robot
+    wide = add_terms(run, run.run.estimate.select.candidates).robot
     assert wide.constants == (0.03,)
     assert wide.parameter_names[-1] == "dc6"
 
@@ -70,7 +70,7 @@ def test_stages_that_do_not_select_say_so(run_mapping):
 def test_added_terms_are_those_of_a_robot_file(run_mapping):
     given = ["load_friction", {"cable": {"rest_length": 0.6}}, {"stribeck": {"velocity": 0.05}}]
     run = load_run(run_mapping | {"estimate": selecting(given)})
-    wide = with_added_terms(run, run.run.estimate.select.candidates).robot
+    wide = add_terms(run, run.run.estimate.select.candidates).robot
     known = run_mapping["robot"]
     # The load of the actuators counts the cables, whatever friction is listed where.
     own = known["terms"]
@@ -81,13 +81,13 @@ def test_added_terms_are_those_of_a_robot_file(run_mapping):
     assert wide.constants == again.constants
     assert dict(wide.parameters) == dict(again.parameters)
     assert list(wide.parameters) == list(again.parameters)
-    assert with_added_terms(load_run({"name": "a", "robot": known | {"terms": terms}}), ()).robot
+    assert add_terms(load_run({"name": "a", "robot": known | {"terms": terms}}), ()).robot
 
 
 def test_a_payload_stays_on_the_machine():
     sections = {"experiment": {"payload": BODY}, "estimate": selecting(["force_offset"])}
     run = load_run({"name": "n", "robot": str(IDENTIFIED)} | sections)
-    wide = with_added_terms(run, run.run.estimate.select.candidates)
+    wide = add_terms(run, run.run.estimate.select.candidates)
     assert wide.robot.parameters["p10"] == run.robot.parameters["p10"]
     assert run.robot.parameters["p10"] - run.robot.description.parameters["p10"] == pytest.approx(5)
     # What stands in the file has none of it, and resolving it again adds it once.
@@ -100,6 +100,6 @@ def test_what_bears_comes_before_the_load_is_taken(run_mapping):
     robot["parameters"] |= {f"mu{j}": 0.01 for j in range(1, 7)}
     balance = {"base_x": 0, "base_y": 0, "base_z": 1, "length": 1}
     run = load_run(run_mapping | {"estimate": selecting([{"gravity_compensation": balance}])})
-    wide = with_added_terms(run, run.run.estimate.select.candidates).robot
+    wide = add_terms(run, run.run.estimate.select.candidates).robot
     names = [term.name for term in wide.terms]
     assert names.index("gravity_compensation") < names.index("load_friction")

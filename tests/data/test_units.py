@@ -5,7 +5,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from expdesign.configuration.quantity import unit_dimension
+from expdesign.configuration.quantity import quantity_of_unit
 from tests.data.recordings import CHANNELS, write_csv
 
 SHARED = settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -17,7 +17,7 @@ _OF = {"t": TIMES, "q": LENGTHS, "Q": FORCES}
 
 
 def _factor(unit):
-    return unit_dimension(unit).parse(f"1 {unit}")
+    return quantity_of_unit(unit).parse(f"1 {unit}")
 
 
 def _close(found, rec):

@@ -14,13 +14,13 @@ from estimation.data.reading import file_formats
 from estimation.twin.truth import MEASUREMENT
 from expdesign.cli.app import app
 from expdesign.configuration import DataSection, ExportSection, RunDescription
-from expdesign.configuration.bodies import Body
+from expdesign.configuration.bodies import BodyDescription
 from expdesign.configuration.geometry import JointRing
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
 from expdesign.configuration.parameters import Screw
-from expdesign.configuration.quantity import unit_dimension, unit_symbols
+from expdesign.configuration.quantity import quantity_of_unit, unit_symbols
 from expdesign.configuration.robot import RobotDescription
-from expdesign.configuration.run import ReportSection
+from expdesign.configuration.run import ReportSettings
 from expdesign.configuration.sections.design import DesignSection, MotionSection, TrajectorySection
 from expdesign.configuration.sections.estimate import (
     EstimateSection,
@@ -31,17 +31,17 @@ from expdesign.configuration.sections.experiment import (
     Cogging,
     ExperimentSection,
     ForceConstantError,
-    Hum,
+    HumDisturbance,
     Lost,
     Outliers,
     Quantisation,
     TrackingError,
 )
-from expdesign.configuration.sections.export import OFFERS
+from expdesign.configuration.sections.export import export_formats
 from expdesign.configuration.sections.motions import FeedforwardSection, ValidationMotion
 from expdesign.configuration.sections.sweep import MOST_DESIGNS, path_units
 from expdesign.export.formats import table_formats
-from expdesign.information.criteria import CRITERIA
+from expdesign.information.criteria import criteria
 from expdesign.library import robot_files, run_files
 from expdesign.mechanism.catalogue import DEFAULT, term_definitions, terms_named
 from expdesign.mechanism.graph import HexapodGraph
@@ -60,7 +60,9 @@ TABLES_PAGE = DOCS / "controller-tables.md"
 
 
 def _fields(model):
-    return {info.alias or name: info for name, info in model.model_fields.items()}
+    """Return the keys of a section; those of all formats for the options of tables."""
+    models = [*export_formats().values(), model] if model is ExportSection else [model]
+    return {info.alias or name: info for one in models for name, info in one.model_fields.items()}
 
 
 def _documented(page, heading):
@@ -88,10 +90,10 @@ def _required(model):
         ValidationMotion: {"motion": "circle"},
         ExportSection: {"format": "csv"},
         JointRing: {"radius": 0.3, "half_angle": 0.1, "pairs": "1-2"},
-        Body: {"mass": 1},
+        BodyDescription: {"mass": 1},
         Screw: {"lead": 0.005},
         Outliers: {"share": 0.1},
-        Hum: {"amplitude": 5},
+        HumDisturbance: {"amplitude": 5},
         Lost: {"share": 0.1},
         SelectSection: {"candidates": ["force_offset"]},
     }
@@ -110,13 +112,13 @@ def _required(model):
         (Cogging, RUN_FILES, "### cogging"),
         (Quantisation, RUN_FILES, "### quantisation"),
         (ForceConstantError, RUN_FILES, "### force_constant"),
-        (Hum, RUN_FILES, "### hum"),
+        (HumDisturbance, RUN_FILES, "### hum"),
         (Lost, RUN_FILES, "### lost"),
         (Outliers, RUN_FILES, "### outliers"),
         (MonteCarloSection, RUN_FILES, "## montecarlo"),
         (RobotDescription, ROBOTS, "## Robot file"),
         (JointRing, ROBOTS, "### Joints on a circle"),
-        (Body, ROBOTS, "### Bodies"),
+        (BodyDescription, ROBOTS, "### Bodies"),
         (Screw, ROBOTS, "### Drives"),
         (EstimateSection, RUN_FILES, "## estimate"),
         (SelectSection, RUN_FILES, "### select"),
@@ -124,7 +126,7 @@ def _required(model):
         (FeedforwardSection, RUN_FILES, "## feedforward"),
         (DataSection, DATA, "## data"),
         (ExportSection, TABLES_PAGE, "## Options"),
-        (ReportSection, DOCS / "reports.md", "## report"),
+        (ReportSettings, DOCS / "reports.md", "## report"),
     ],
     ids=lambda value: value if isinstance(value, str) else getattr(value, "__name__", ""),
 )
@@ -175,8 +177,8 @@ def test_the_page_of_limits_is_complete():
 def test_every_criterion_has_its_row(page):
     heading = "# Criteria" if page == "criteria.md" else "## Objective"
     rows = {codes(row[0])[0]: row for row in table(DOCS / page, heading)}
-    assert set(rows) == set(CRITERIA)
-    for key, criterion in CRITERIA.items():
+    assert set(rows) == set(criteria())
+    for key, criterion in criteria().items():
         if page == "criteria.md":
             assert rows[key][2] == ("no" if criterion.invariant else "yes")
             levels = "exact"
@@ -314,7 +316,7 @@ def test_formats_of_controller_tables():
     assert list(rows) == sorted(table_formats())
     for name, form in table_formats().items():
         spaces, steps, between = rows[name]
-        assert tuple(codes(spaces)) == OFFERS[name].spaces
+        assert tuple(codes(spaces)) == export_formats()[name].spaces
         assert steps == ("every `segment`" if form.uniform else "at most `segment` apart")
         assert between == words[form.interpolation.name]
 
@@ -337,5 +339,5 @@ def test_units():
     assert sorted(itertools.chain(*rows.values())) == sorted(unit_symbols())
     for kind, symbols in rows.items():
         for symbol in symbols:
-            name = unit_dimension(symbol).name.replace("duration", "time")
+            name = quantity_of_unit(symbol).name.replace("duration", "time")
             assert name.split(maxsplit=1)[1] == kind, symbol

@@ -14,7 +14,7 @@ from estimation.identification import estimate
 from estimation.identification.record import EstimateRecord
 from estimation.twin import Twin
 from expdesign.configuration import load_run
-from expdesign.configuration.bodies import Body, payload_parameters
+from expdesign.configuration.bodies import BodyDescription, payload_parameters
 from expdesign.configuration.robot import as_general
 from expdesign.mechanism.bodies import inertia_of
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
@@ -32,7 +32,7 @@ BODY = {
     "centre": [0.02, -0.01, 0.06],
     "inertia": [0.02, 0.03, 0.025, 0.002, -0.001, 0.003],
 }
-TRUE = payload_parameters([Body.model_validate(BODY)])
+TRUE = payload_parameters([BodyDescription.model_validate(BODY)])
 
 
 # --- the linear problem ---------------------------------------------------------------------------
@@ -168,7 +168,9 @@ def test_centre_and_inertia_are_those_of_the_body(seed):
     rng = np.random.default_rng(seed)
     mass, centre = rng.uniform(0.5, 20), rng.normal(size=3)
     moments = rng.uniform(1, 1.5, 3).tolist() + rng.uniform(-0.2, 0.2, 3).tolist()
-    body = Body.model_validate({"mass": mass, "centre": centre.tolist(), "inertia": moments})
+    body = BodyDescription.model_validate(
+        {"mass": mass, "centre": centre.tolist(), "inertia": moments}
+    )
     values = np.array([payload_parameters([body])[name] for name in OF_A_BODY.values()])
     derived, slope = about_centre(values)
     np.testing.assert_allclose(derived, [*centre, *moments], rtol=1e-9, atol=1e-9)

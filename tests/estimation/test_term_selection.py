@@ -18,7 +18,7 @@ from estimation.selection.evidence import Evidence, InformationShare
 from estimation.selection.selection import Judge, select, splits
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.robot import load_robot_description
-from expdesign.configuration.run import with_added_terms
+from expdesign.configuration.run import add_terms
 from expdesign.mechanism.term import parameters_of
 from expdesign.robot import robot_from
 from tests.estimation import constants
@@ -53,9 +53,7 @@ def selecting(by="bic", candidates=CANDIDATES, **others):
 
 
 def evidence_of(configuration, experiments):
-    wide = robot_from(
-        with_added_terms(configuration, configuration.run.estimate.select.candidates).robot
-    )
+    wide = robot_from(add_terms(configuration, configuration.run.estimate.select.candidates).robot)
     own = {term.name for term in ROBOT.terms}
     blocks = {
         term.name: tuple(p.name for p in parameters_of((term,)))

@@ -14,7 +14,7 @@ from expdesign.configuration import load_run, resolved_yaml
 from expdesign.configuration.robot import RobotDescription, as_general
 from expdesign.experiment import DesignResult
 from expdesign.experiment.setup import plan_search
-from expdesign.information.criteria import CRITERIA
+from expdesign.information.criteria import criteria
 from expdesign.solver.events import SearchEvent
 from expdesign.stages.design import DesignStage
 from expdesign.stages.execution import view_result
@@ -129,7 +129,7 @@ def test_what_is_judged_has_one_name_wherever_it_is_told(result, tmp_path, capsy
     status = CliRunner().invoke(app, ["report", str(tmp_path)])
     assert status.exit_code == 0, status.output
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    display = SearchDisplay(Console(file=io.StringIO()), CRITERIA["a"], 1, 0, "S")
+    display = SearchDisplay(Console(file=io.StringIO()), criteria()["a"], 1, 0, "S")
     display.report(SearchEvent(1, "done", 7, 5.0, 0.0, 2.0, "converged"))
     for text in (said, page):
         assert "log det S" in text

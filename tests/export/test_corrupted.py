@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
-from expdesign.configuration import ExportSection
+from expdesign.configuration import export_section
 from expdesign.export.definition import TableError
 from expdesign.export.exporting import ExportError, export_table, file_name
 from expdesign.export.formats import table_formats
@@ -139,7 +139,7 @@ def test_gathered_rounding(tmp_path):
                 stream.write(", ".join(c.replace("-0.00000000", "0.00000000") for c in cells))
                 stream.write("\n")
 
-    asked = ExportSection(format="xps-pvt")
+    asked = export_section(format="xps-pvt")
     good = export_table(asked, task("linuxcnc", 12), tmp_path / "good.trj")
     assert good.check.row_error <= 1
     with pytest.raises(ExportError, match="half units of its last digit apart") as caught:
@@ -150,7 +150,7 @@ def test_gathered_rounding(tmp_path):
 
 
 def test_too_few_digits_leave_nothing(tmp_path):
-    asked = ExportSection(format="xps-pvt", digits=2, segment="5 ms")
+    asked = export_section(format="xps-pvt", digits=2, segment="5 ms")
     with pytest.raises(ExportError, match="µm from the design") as caught:
         export_table(asked, task(), tmp_path / "bad.trj")
     assert not caught.value.check.passed
@@ -159,7 +159,9 @@ def test_too_few_digits_leave_nothing(tmp_path):
 
 def test_too_long_segments(tmp_path):
     with pytest.raises(ExportError, match="more than the tolerance of 1 µm"):
-        export_table(ExportSection(format="xps-pvt", segment="80 ms"), task(), tmp_path / "bad.trj")
+        export_table(
+            export_section(format="xps-pvt", segment="80 ms"), task(), tmp_path / "bad.trj"
+        )
 
 
 def test_other_columns_of_a_matrix(written, tmp_path):
@@ -203,7 +205,7 @@ def test_a_bag_whose_sizes_are_damaged(size, tmp_path):
 
 def test_segments_of_ones_own_keep_the_limits(tmp_path):
     """A segment time that is given may leave the design, but no limit."""
-    asked = ExportSection(format="xps-pvt", segment="40 ms", tolerance="1 mm")
+    asked = export_section(format="xps-pvt", segment="40 ms", tolerance="1 mm")
     check = export_table(asked, task(), tmp_path / "file.trj").check
     assert check.deviation.acceleration > 1e-3
     assert max(limit.violation for limit in check.limits) <= 1e-3

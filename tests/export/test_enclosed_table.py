@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from expdesign.configuration import ExportSection
+from expdesign.configuration import export_section
 from expdesign.export.certification import certified, enclosed
 from expdesign.export.definition import Rows
 from expdesign.export.execution import ExecutedTable
@@ -36,7 +36,7 @@ def small_task():
 
 
 def executed(kind, step=1e-2, rounded=True):
-    settings = settled(ExportSection(**TABLES[kind]), small_task())
+    settings = settled(export_section(**TABLES[kind]), small_task())
     motion = settings.task.motion
     rows = ideal_rows(settings, divided_times(motion, [step] * len(motion.segments)))
     if rounded and settings.digits is not None:

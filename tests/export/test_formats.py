@@ -8,7 +8,7 @@ import pytest
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 
-from expdesign.configuration import ExportSection
+from expdesign.configuration import export_section
 from expdesign.export.definition import LENGTH_UNITS, Interpolation
 from expdesign.export.exporting import ExportError, export_table, file_name
 from expdesign.export.formats import table_formats
@@ -44,7 +44,7 @@ EXPORTS = {
 
 def section(key, **more):
     options, *_ = EXPORTS[key]
-    return ExportSection(format=key.split()[0], **(options | more))
+    return export_section(format=key.split()[0], **(options | more))
 
 
 def fixed_axes(pose):
@@ -125,7 +125,7 @@ def _assert_sound(check, key, work):
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_platform_of_ros2(case, encoding, tmp_path):
     work = task(*case)
-    asked = ExportSection(format="ros2", space="pose", encoding=encoding)
+    asked = export_section(format="ros2", space="pose", encoding=encoding)
     made = export_table(asked, work, tmp_path / file_name(asked))
     assert made.check.passed
     if encoding == "mcap":
@@ -150,7 +150,7 @@ def test_platform_of_ros2(case, encoding, tmp_path):
 
 def test_axes_units_order_signs_and_zeros(tmp_path):
     work = task()
-    asked = ExportSection(
+    asked = export_section(
         format="xps-pvt",
         order=[3, 1, 2, 6, 5, 4],
         sign=[1, -1, 1, 1, -1, 1],
@@ -171,7 +171,7 @@ def test_axes_units_order_signs_and_zeros(tmp_path):
 
 def test_relative_rows_do_not_gather_rounding(tmp_path):
     work = task("palida", 12)
-    asked = ExportSection(format="xps-pvt", digits=4, segment="4 ms", tolerance="10 um")
+    asked = export_section(format="xps-pvt", digits=4, segment="4 ms", tolerance="10 um")
     try:
         made = export_table(asked, work, tmp_path / "file.trj")
     except ExportError as error:  # four digits shake the accelerations; the rows are what counts

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from expdesign.configuration import ExportSection, load_run
+from expdesign.configuration import export_section, load_run
 from expdesign.export.exporting import export_table
 from expdesign.export.formats.linuxcnc_gcode import setp_lines
 from expdesign.machines.importing import read_machine
@@ -22,7 +22,7 @@ HOME = 0 0 1
 @pytest.mark.parametrize(("unit", "in_ini", "metres"), [(None, "mm", 1e-3), ("in", "inch", 0.0254)])
 def test_the_reader_of_hal_files_finds_the_joints_of_the_robot(unit, in_ini, metres, tmp_path):
     work = task()
-    asked = ExportSection(format="linuxcnc-gcode", segment="2 ms", tolerance="50 um", units=unit)
+    asked = export_section(format="linuxcnc-gcode", segment="2 ms", tolerance="50 um", units=unit)
     made = export_table(asked, work, tmp_path / "table.ngc")
     assert [path.name for path in made.beside] == ["table.genhexkins.hal"]
     ini = tmp_path / "machine.ini"
@@ -61,4 +61,4 @@ def test_the_reader_finds_the_thread_of_the_robot(thread, tmp_path):
 
 def test_a_unit_that_g_code_does_not_have():
     with pytest.raises(ValueError, match="lengths in um"):
-        ExportSection(format="linuxcnc-gcode", units="um")
+        export_section(format="linuxcnc-gcode", units="um")

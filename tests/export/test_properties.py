@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from expdesign.configuration import ExportSection
+from expdesign.configuration import export_section
 from expdesign.export.definition import Axes, Interpolation, Rows, Settings, TableError
 from expdesign.export.execution import differences, interpolated, refined
 from expdesign.export.formats import table_formats
@@ -32,7 +32,7 @@ rates = arrays(float, (4, 3), elements=st.floats(-5, 5))
 
 def made(name, digits, start):
     form = table_formats()[name]
-    section = ExportSection(format=name)
+    section = export_section(format=name)
     space = section.coordinates
     units = (form.units,) * 6
     axes = Axes(space, form.axes[space], units, np.arange(6), np.ones(6), np.zeros(6))

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from expdesign.configuration import ExportSection, InputError
+from expdesign.configuration import InputError, export_section
 from expdesign.export.exporting import export_table, file_name
 from expdesign.export.readme import readme
 from expdesign.export.result import ExportResult, exported_motion, exported_table
@@ -51,7 +51,7 @@ def test_every_part_of_the_motion_is_scaled():
 
 
 def exported(folder, **options):
-    section = ExportSection(scale=F, **options)
+    section = export_section(scale=F, **options)
     return export_table(section, work(), folder / file_name(section))
 
 
@@ -113,7 +113,7 @@ def test_rates_and_accelerations_of_the_table_are_its_derivatives(tmp_path):
 
 def test_its_record_tells_the_scale_and_it_is_found_again(tmp_path):
     made = exported(tmp_path, format="xps-pvt", **COARSE)
-    full = ExportSection(format="xps-pvt", **COARSE)
+    full = export_section(format="xps-pvt", **COARSE)
     other = export_table(full, work(), tmp_path / file_name(full))
     files = {one.path.name: exported_table(one) for one in (made, other)}
     record = ExportResult(exported_motion(work()), files)
@@ -140,11 +140,11 @@ def test_its_record_tells_the_scale_and_it_is_found_again(tmp_path):
 @pytest.mark.parametrize("scale", [0, -0.5, 1.01, "30 mm"])
 def test_no_scale(scale):
     with pytest.raises(ValueError, match=r"smaller and slower|not a share|is a length"):
-        ExportSection(format="csv", scale=scale)
+        export_section(format="csv", scale=scale)
 
 
 def test_a_scale_that_takes_hours(tmp_path):
-    section = ExportSection(format="csv", scale=1e-4)
+    section = export_section(format="csv", scale=1e-4)
     with pytest.raises(InputError, match=r"scale") as error:
         export_table(section, work(), tmp_path / "t.csv")
     assert "at least" in str(error.value)

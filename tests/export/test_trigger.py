@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from expdesign.configuration import ExportSection
+from expdesign.configuration import export_section
 from expdesign.export.exporting import export_table, file_name
 from expdesign.export.read_back import read_back
 from expdesign.export.result import exported_table
@@ -25,7 +25,7 @@ COMMANDS = {"linuxcnc-gcode": ("M62 P3", "M63 P3"), "pmac-pvt": ("M12==1", "M12=
 def made(tmp_path_factory):
     """Return a table of each format that switches an output."""
     folder = tmp_path_factory.mktemp("made")
-    sections = [ExportSection(format=name, **options) for name, options in SECTIONS.items()]
+    sections = [export_section(format=name, **options) for name, options in SECTIONS.items()]
     return {s.format: export_table(s, task(), folder / file_name(s)) for s in sections}
 
 
@@ -100,10 +100,10 @@ def test_events_of_another_element_are_found(made, tmp_path):
 def test_a_table_without_trigger_takes_the_events_of_the_one_before_away(tmp_path):
     path = tmp_path / "table.trj"
     options = SECTIONS["xps-pvt"]
-    export_table(ExportSection(format="xps-pvt", **options), task(), path)
+    export_table(export_section(format="xps-pvt", **options), task(), path)
     assert path.with_name("table.events.txt").is_file()
     made = export_table(
-        ExportSection(format="xps-pvt", **options | {"trigger": None}), task(), path
+        export_section(format="xps-pvt", **options | {"trigger": None}), task(), path
     )
     assert [file.name for file in tmp_path.iterdir()] == ["table.trj"]
     assert made.check.trigger is None
@@ -116,7 +116,7 @@ def test_a_table_without_trigger_takes_the_events_of_the_one_before_away(tmp_pat
 )
 def test_an_output_that_the_controller_does_not_have(name, number):
     with pytest.raises(ValidationError, match=r"output|trigger"):
-        ExportSection(format=name, trigger=number)
+        export_section(format=name, trigger=number)
 
 
 @pytest.mark.system("rs274")

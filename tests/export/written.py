@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from expdesign.configuration import ExportSection
+from expdesign.configuration import export_section
 from expdesign.export.definition import Task
 from expdesign.export.exporting import export_table
 from expdesign.export.table_file import read_table_file
@@ -29,5 +29,5 @@ def small_task(periods=PERIODS):
 def written(path, **options):
     """Write the small motion in a format and read it as its controller does."""
     task = small_task()
-    made = export_table(ExportSection(**options), task, path)
+    made = export_table(export_section(**options), task, path)
     return read_table_file(made.path, made.settings)

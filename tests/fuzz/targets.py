@@ -21,7 +21,7 @@ from estimation.identification.record import EstimateRecord
 from estimation.montecarlo.result import MonteCarloResult
 from estimation.twin.truth import Truth
 from estimation.validation.validate import ValidationRecord
-from expdesign.configuration import DataSection, ExportSection, InputError, load_run, resolved_yaml
+from expdesign.configuration import DataSection, InputError, export_section, load_run, resolved_yaml
 from expdesign.configuration.robot import load_robot_description
 from expdesign.experiment import DesignResult
 from expdesign.export.definition import TableError
@@ -162,7 +162,7 @@ def binary_recording(folder, rng, names=("mf4", "mcap", "db3", "h5", "mat")):
 @functools.cache
 def _table(number):
     """Return a table that was not checked, and what it was made with."""
-    section = ExportSection(**EXPORTS[number], segment="50 ms")
+    section = export_section(**EXPORTS[number], segment="50 ms")
     settings = settled(section, task())
     motion = settings.task.motion
     if settings.step is not None:

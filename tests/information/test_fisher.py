@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg as sla
 
-from expdesign.information.criteria import CRITERIA
+from expdesign.information.criteria import criteria
 from expdesign.information.fisher import (
     EXCITABLE,
     ScaledInformation,
@@ -57,7 +57,7 @@ def _judge(robot, criterion="d", scaling=None, names=None):
     return Evaluator(
         robot,
         robot.description.noise.force_covariance,
-        CRITERIA[criterion],
+        criteria()[criterion],
         np.ones(m) if scaling is None else scaling,
         names or robot.parameter_names,
     )

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from expdesign.configuration.identification import Identification
-from expdesign.information.criteria import CRITERIA
+from expdesign.information.criteria import criteria
 from expdesign.information.prior import PriorMachine
 
 M, CHANGED = 7, np.array([1, 2, 5])
@@ -113,7 +113,7 @@ def _slopes(prior, information, change, criterion, level):
 @pytest.mark.parametrize("key", ["d", "a", "e", "condition"])
 def test_derivatives_of_the_criteria(key):
     rng = np.random.default_rng(5)
-    criterion, prior = CRITERIA[key], _prior(_matrix(rng))
+    criterion, prior = criteria()[key], _prior(_matrix(rng))
     information = _matrix(rng)
     root = np.linalg.cholesky(information)
     relative = rng.normal(size=(M, M))

@@ -8,7 +8,7 @@ import pytest
 from constraints import Limit, limit_definitions
 from expdesign.configuration.limits import row_labels
 from expdesign.configuration.robot import load_robot_description
-from expdesign.information.criteria import CRITERIA
+from expdesign.information.criteria import criteria
 from expdesign.information.fisher import PeriodicNoise, information_matrix
 from expdesign.information.prior import PriorMachine
 from expdesign.noise.hum import Hum
@@ -32,7 +32,7 @@ def _problem(robot, criterion="d", names=None, scaling=None, harmonics=HARMONICS
         frequency=(0.1, 0.6),
         samples=SAMPLES,
         covariance=robot.description.noise.force_covariance,
-        criterion=CRITERIA[criterion],
+        criterion=criteria()[criterion],
         scaling=np.abs(robot.parameters) if scaling is None else scaling,
         names=names or robot.parameter_names,
     )
@@ -83,7 +83,7 @@ def _variant(problem, criterion="d", names=None, scaling=None):
     columns = np.array([problem.robot.parameter_names.index(name) for name in names])
     cost = dataclasses.replace(
         problem.cost,
-        criterion=CRITERIA[criterion],
+        criterion=criteria()[criterion],
         columns=columns,
         scaling=scaling[columns],
     )
@@ -303,7 +303,7 @@ def after_a_change(palida):
 
 @pytest.mark.parametrize("criterion", ["d", "a"])
 def test_gradient_for_a_change_with_a_prior(criterion, after_a_change, points):
-    problem = after_a_change[0].with_criterion(CRITERIA[criterion])
+    problem = after_a_change[0].with_criterion(criteria()[criterion])
     level = problem.criterion.levels[0]
     for x in points[:2]:
         value, gradient, hessian = problem.cost.derivatives(x, WIDTH, level)

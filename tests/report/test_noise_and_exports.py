@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from expdesign.cli.app import app
-from expdesign.configuration import ExportSection, InputError
+from expdesign.configuration import InputError, export_section
 from expdesign.export.exporting import export_table
 from expdesign.export.readme import readme
 from expdesign.export.result import ExportResult, exported_motion, exported_table
@@ -81,7 +81,7 @@ def exported(tmp_path_factory):
     place = tmp_path_factory.mktemp("exports")
     made = {}
     for name in ("xps-pvt.trj", "pvt-csv.csv"):
-        options = ExportSection(format=name.partition(".")[0])
+        options = export_section(format=name.partition(".")[0])
         made[name] = exported_table(export_table(options, task(), place / name))
     record = ExportResult(exported_motion(task()), made)
     record.write_as(place / "exports.json")

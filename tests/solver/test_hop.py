@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from expdesign.information.criteria import CRITERIA
+from expdesign.information.criteria import criteria
 from expdesign.solver.feasibility import perturb, random_start
 from expdesign.solver.jobs import is_hopeless
 from expdesign.solver.phases import PhaseResult, continuation_phases, hop_phases
@@ -89,7 +89,7 @@ def test_only_like_phases_are_compared():
 @pytest.mark.parametrize("widths", [(0.2,), (0.4, 0.2), (0.4, 0.2, 0.1)])
 def test_a_hops_last_phase_can_be_compared_with_a_starts(problem, harmonics, key, widths):
     """And with no other stage of a start: what a start is measured by is its last stage."""
-    case = problem.with_criterion(CRITERIA[key]).with_variables(harmonics=harmonics)
+    case = problem.with_criterion(criteria()[key]).with_variables(harmonics=harmonics)
     phases = continuation_phases(case, widths, 10)
     first, *_, settled = hop_phases(case, widths, 10)
     for name in ("name", "width", "level", "samples", "points"):

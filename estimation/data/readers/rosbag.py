@@ -19,7 +19,7 @@ from expdesign.configuration import (
     DataSection,
     InputError,
     Problem,
-    shown,
+    quote,
 )
 
 _MESSAGE = "sensor_msgs/msg/JointState"
@@ -120,7 +120,7 @@ def _table(
             names = message.name
             missing = sorted({joint for joint, _ in joints.values()} - set(names))
             if missing:
-                text = f"the message has no joint {', '.join(map(shown, missing))}"
+                text = f"the message has no joint {', '.join(map(quote, missing))}"
                 problems.append(Problem(text, path, key=f"message {number}"))
                 names = []
                 continue

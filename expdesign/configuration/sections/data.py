@@ -1,4 +1,4 @@
-"""`data:`, `estimate:` and `montecarlo:`, from a measured file to parameters."""
+"""`data:`: location and format of a recording."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from expdesign.configuration.errors import refusal, require, shown
+from expdesign.configuration.errors import quote, refusal, require
 from expdesign.configuration.fields import (
     FilledText,
     ForceOffsets,
@@ -22,29 +22,29 @@ from expdesign.configuration.quantity import (
     DURATION,
     FORCE,
     LENGTH,
-    Dimension,
     Duration,
     ForceConstant,
     Number,
-    unit_dimension,
+    Quantity,
+    quantity_of_unit,
 )
-from expdesign.configuration.section import LATER, Section
+from expdesign.configuration.section import Section
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
 
 LENGTH_CHANNELS = numbered("q")
 FORCE_CHANNELS = numbered("Q")
 CHANNELS = ("t", *LENGTH_CHANNELS, *FORCE_CHANNELS, "period")
-"""Columns of a measurement; `period` is optional."""
+"""Columns of a recording; `period` is optional."""
 
 TimeGrid = Literal["uniform", "stamped"]
 DecimalMark = Literal[".", ","]
 
-CHANNEL_UNITS: dict[str, tuple[str, tuple[Dimension, ...]]] = {
+CHANNEL_UNITS: dict[str, tuple[str, tuple[Quantity, ...]]] = {
     "t": ("a unit of time", (DURATION,)),
     "q": ("a unit of length", (LENGTH,)),
     "Q": ("a unit of force or of current", (FORCE, CURRENT)),
 }
-"""Units that the channels of a group may have."""
+"""Quantities of the channels in a group, with words for messages."""
 
 _Channel = Annotated[str, one_of(CHANNELS, "channel")]
 _Units = Annotated[
@@ -54,39 +54,39 @@ _Units = Annotated[
 
 _ONE_CHARACTER = require(
     lambda text: len(text) == 1,
-    "{shown} is not one character",
+    "{quoted} is not one character",
     "one character, such as ',' or '\\t'",
 )
 _STEP_SHARE = require(
     lambda value: 0 < value < 0.5,  # noqa: PLR2004 - half a step confuses two samples
-    "{value:g} is no tolerance",
+    "{value:g} is not a tolerance",
     "0 < time_tolerance < 0.5 (of a step)",
 )
 
 
 class Delay(Section):
-    """By how much the channels lag behind their time stamps, s."""
+    """Delays of the channels against their time stamps, s."""
 
     forces: Duration = 0.0
     lengths: Duration = 0.0
 
 
 class OrderOfChannels(Section):
-    """Order of the channels where those of lengths and forces are not in the same one."""
+    """Separate orders of the channels for lengths and forces."""
 
     q: Order | None = None
     Q: Order | None = None
 
 
 class SignsOfChannels(Section):
-    """Signs of the channels where those of lengths and forces are not the same."""
+    """Separate signs of the channels for lengths and forces."""
 
     q: Signs | None = None
     Q: Signs | None = None
 
 
 class OffsetsOfChannels(Section):
-    """What a channel's strut has where the channel reads zero, m and N."""
+    """Lengths, m, and forces, N, of the struts at readings of zero."""
 
     q: Offsets | None = None
     Q: ForceOffsets | None = None
@@ -102,14 +102,14 @@ _BothOrEach = Annotated[
     Annotated[_Both, Tag("(name)")] | Annotated[_Each, Tag("(inline)")],
     Discriminator(_both_or_each),
 ]
-"""One for lengths and forces, or each of them its own."""
+"""One value for lengths and forces, or separate ones."""
 
 
 class DataSection(Section):
-    """Where a measurement stands and how it is read."""
+    """Location and format of a recording."""
 
     file: FilledText | None = None
-    """The measured file, relative to the run file; `--data` names another."""
+    """File of the recording, relative to the run file; `--data` overrides it."""
     columns: dict[_Channel, FilledText] = Field(default_factory=dict)
     """Channel (t, q1 …, Q1 …, period) → name in the file. Default: the same names."""
     units: dict[_Units, FilledText] = Field(default_factory=dict)
@@ -120,16 +120,16 @@ class DataSection(Section):
         None
     )
     """Force per ampere of the actuators, N/A, for files that hold currents."""
-    order: Annotated[_BothOrEach[Order, OrderOfChannels] | None, LATER] = None
+    order: _BothOrEach[Order, OrderOfChannels] | None = None
     """Number of the strut on each channel."""
-    sign: Annotated[_BothOrEach[Signs, SignsOfChannels] | None, LATER] = None
-    """Of the struts by their number: length or force = sign · channel + offset."""
-    offset: Annotated[_BothOrEach[Offsets, OffsetsOfChannels] | None, LATER] = None
-    """Length, m, at which the channel of a strut reads zero; of forces, N, by their group only."""
+    sign: _BothOrEach[Signs, SignsOfChannels] | None = None
+    """Signs by the struts' numbers: length or force = sign · channel + offset."""
+    offset: _BothOrEach[Offsets, OffsetsOfChannels] | None = None
+    """Lengths of the struts at readings of zero, m; forces, N, in a mapping with the key Q."""
     start: Duration | None = None
-    """Time of the trigger, s: rows before it are left out."""
+    """Time of the trigger, s: earlier rows are ignored."""
     end: Duration | None = None
-    """Time at which the measurement is over, s: rows from it on are left out."""
+    """End of the measurement, s: rows from then on are ignored."""
     delay: Delay = Delay()
     time: Annotated[TimeGrid, one_of(TimeGrid)] = "uniform"
     """Uniform time is replaced by the fitted grid, stamps are used as they are."""
@@ -137,7 +137,7 @@ class DataSection(Section):
     """Largest deviation from uniform time, as a share of a step."""
 
     @model_validator(mode="after")
-    def _keys_fit_each_other(self) -> DataSection:
+    def _check_combination(self) -> DataSection:
         if self.delimiter == self.decimal:
             message = f"'{self.decimal}' is both delimiter and decimal mark"
             raise refusal(message, "two different characters", key="decimal")
@@ -147,13 +147,13 @@ class DataSection(Section):
         for column in self.columns.values():
             channels = [channel for channel, name in self.columns.items() if name == column]
             if len(channels) > 1:
-                message = f"column {shown(column)} is both {' and '.join(channels)}"
+                message = f"column {quote(column)} is both {' and '.join(channels)}"
                 raise refusal(message, "a column for each channel", key="columns")
         for key, unit in self.units.items():
             allowed, dimensions = CHANNEL_UNITS[key[0]]
-            dimension = unit_dimension(unit)
+            dimension = quantity_of_unit(unit)
             if dimension not in dimensions:
-                raise refusal(f"'{unit}' is no unit for {key}", allowed, key="units")
+                raise refusal(f"'{unit}' is not a unit for {key}", allowed, key="units")
             if dimension is CURRENT and self.force_constants is None:
                 raise refusal(
                     f"{key} is a current, but no force_constants are given",
@@ -174,12 +174,12 @@ class DataSection(Section):
 
     @property
     def length_offsets(self) -> tuple[float, ...] | Literal["home"]:
-        """Lengths of the struts at which their channels read zero, m, or at home."""
+        """Lengths of the struts at readings of zero, m; ``"home"``: their lengths at home."""
         found = self.offset.q if isinstance(self.offset, OffsetsOfChannels) else self.offset
         return found or (0.0,) * ACTUATORS
 
     @property
     def force_offsets(self) -> tuple[float, ...]:
-        """Forces of the struts at which their channels read zero, N."""
+        """Forces of the struts at readings of zero, N."""
         found = self.offset.Q if isinstance(self.offset, OffsetsOfChannels) else None
         return found or (0.0,) * ACTUATORS

@@ -1,7 +1,8 @@
-"""`trajectory:`, `design:`, `motion:`: what is optimised and how, and the way in and out."""
+"""`trajectory:`, `design:` and `motion:`: family of motions, optimisation, lead-in and lead-out."""
 
 from __future__ import annotations
 
+from importlib import import_module
 from itertools import pairwise
 from typing import Annotated, Literal
 
@@ -22,34 +23,35 @@ from expdesign.configuration.fields import (
 from expdesign.configuration.parameters import ParameterName
 from expdesign.configuration.quantity import Duration, Frequency, Jerk, Positive, Speed
 from expdesign.configuration.robot import RobotSource
-from expdesign.configuration.section import LATER, Section
+from expdesign.configuration.section import Section
 from expdesign.mechanism.terms import rigid_platform
 
 _LARGEST_HARMONICS = 100
+_MOST_SAMPLES = 100_000
 
 _MOST_SOLVES = 10_000
-"""Starts, hops, iterations: days of work, whose history is kept."""
+"""Largest number of starts, hops or iterations: days of work."""
 
 Phase = Literal["start", "best"]
 
 
 class TrajectorySection(Section):
-    """The family of finite Fourier series among which the design chooses."""
+    """The family of finite Fourier series for the design."""
 
     harmonics: Annotated[int, whole(1, _LARGEST_HARMONICS)] = 5
-    """Number n of harmonics in each of the coordinates."""
+    """Number n of harmonics in each coordinate."""
     frequency: Annotated[
         tuple[Annotated[Frequency, Positive], Annotated[Frequency, Positive]], Pair, Ascending
     ] = (0.1, 0.6)
     """Smallest and largest fundamental frequency, Hz; equal values fix it."""
-    samples: Annotated[int, whole(None, None)] = 200
-    """Samples per period that the information is counted over; at least 4 n + 2."""
+    samples: Annotated[int, whole(1, _MOST_SAMPLES)] = 200
+    """Samples per period for the information matrix; at least 4 n + 2."""
     controller_period: Annotated[Duration, Positive] | None = None
-    """Step of the machine's controller, s, of which the period becomes a whole number.
-    None until the run is resolved: then one over the experiment's sampling."""
+    """Step of the machine's controller, s; the period becomes a multiple of it. None until the run
+    is resolved: then one over the experiment's sampling."""
 
     @model_validator(mode="after")
-    def _harmonics_are_resolved(self) -> TrajectorySection:
+    def _check_resolution(self) -> TrajectorySection:
         needed = 4 * self.harmonics + 2
         if self.samples < needed:
             raise refusal(
@@ -69,18 +71,26 @@ class TrajectorySection(Section):
 
 
 class MotionSection(Section):
-    """How the machine gets from rest at home into the periods, and back."""
+    """Lead-in from rest at home into the periods, and lead-out back to rest."""
 
     jerk: Annotated[Jerk, Positive] | None = None
-    """Largest jerk of a strut, m/s³. None: it follows from the limit of the struts' acceleration
-    and from the designed motion (`expdesign.motion.ramp_problem`)."""
+    """Largest jerk of a strut, m/s³, by default from the limit of the struts' acceleration and the
+    designed motion."""
     phase: Annotated[Phase, one_of(Phase)] = "start"
-    """Where on its orbit the designed motion is entered and left: at its t = 0, or where the
-    ramps are shortest."""
+    """Transition between ramps and designed motion: at its t = 0, or where the ramps are
+    shortest."""
 
 
-CRITERIA = ("a", "condition", "d", "e")
-"""The keys of `expdesign.information.criteria`, which is above this floor."""
+def criterion_keys() -> tuple[str, ...]:
+    """Return the keys of the criteria, also those of plug-ins.
+
+    Examples
+    --------
+    >>> criterion_keys()
+    ('a', 'condition', 'd', 'e')
+    """
+    return tuple(import_module("expdesign.information.criteria").criteria())
+
 
 Search = Literal["restarts", "hopping"]
 Start = Literal["periodic", "rest"]
@@ -97,7 +107,7 @@ _Judged = Annotated[
 PAYLOAD = "payload"
 
 
-def _payload(value: object) -> object:
+def _read_payload(value: object) -> object:
     return [one.name for one in rigid_platform.GENERAL.parameters] if value == PAYLOAD else value
 
 
@@ -111,58 +121,57 @@ _FALLING = require(
 class DesignSection(Section):
     """Settings of the optimal design."""
 
-    criterion: Annotated[str, one_of(CRITERIA)] = "d"
+    criterion: Annotated[str, one_of(criterion_keys)] = "d"
     starts: Annotated[int, whole(1, _MOST_SOLVES)] = 384
-    """Number of random starts; the best of their rough searches go on."""
+    """Number of random starts; the search continues from the best of them."""
     seed: Seed = 0
-    """Of the random starts and of the hops."""
+    """Seed of the random starts and hops."""
     search: Annotated[Search, one_of(Search)] = "hopping"
-    """Only restarts, or then hops from the best motions."""
+    """Random starts only, or followed by hops from the best motions."""
     hops: Annotated[int, whole(0, _MOST_SOLVES)] = 800
-    """Number of hops at most; without effect on restarts."""
+    """Largest number of hops; without effect on restarts."""
     start: Annotated[Start, one_of(Start)] = "periodic"
-    """Whether the series starts at rest (rate and acceleration zero at t = 0)."""
+    """``rest``: rate and acceleration of the series are zero at t = 0."""
     scaling: Annotated[Scaling, one_of(Scaling)] = "si"
-    """Of the information matrix's columns, for criteria that depend on it."""
+    """Scaling of the information matrix's columns, for criteria that depend on it."""
     parameters: Annotated[
         _Judged | None,
         *word_for_none("all", word_or("base", at_least(1, "parameters"))),
-        BeforeValidator(_payload),
+        BeforeValidator(_read_payload),
     ] = None
-    """Those that the experiment shall identify; None (``all`` in the YAML): all; ``base``: those
-    that some motion within the limits shows, one for each combination; ``payload``: the ten of the
-    platform."""
-    prior: Annotated[RobotSource | None, LATER] = None
-    """The machine as it was identified, of which `parameters` have changed since by what is
-    unknown: a run folder, its identified-robot.yaml, or the machine itself. The criterion then
-    judges the change, with all parameters known as far as their covariance says."""
+    """Parameters for the experiment to identify; None (``all`` in the YAML): all; ``base``: the
+    combinations that motions within the limits can excite; ``payload``: the ten of the platform."""
+    prior: RobotSource | None = None
+    """Identified machine before an unknown change of `parameters`: a run folder, its
+    identified-robot.yaml, or the machine itself. The criterion then judges the change, with the
+    covariance of all parameters as prior knowledge."""
     smoothing: (
         Annotated[tuple[Annotated[Speed, Positive], ...], at_least(1, "widths"), _FALLING] | None
     ) = None
-    """Falling widths of the smoothed friction sign, m/s of the struts: the problem is solved with
-    the first, then, from that solution, with the next. None until the run is resolved: then
-    shares of the largest strut speed that is allowed."""
+    """Falling widths of the smoothed friction sign, m/s of the struts: each solution is the start
+    of the next problem. None until the run is resolved: then shares of the largest allowed strut
+    speed."""
     max_iterations: Annotated[int, whole(1, _MOST_SOLVES)] = 160
-    """Of each stage of a start; those of hops and of the finish have shares of it."""
+    """Iterations in each phase of a start; hops and finish have shares of them."""
     max_seconds: Annotated[Duration, Positive] | None = None
-    """Time for all starts and hops, s; the finish comes on top."""
+    """Time for all starts and hops, s, without the finish."""
 
     @model_validator(mode="after")
-    def _prior_of_a_change(self) -> DesignSection:
+    def _check_prior(self) -> DesignSection:
         if self.prior is not None and self.named_parameters is None:
             raise refusal(
-                "a prior, and nothing that is said to have changed since",
-                f"{PAYLOAD}, or the names of those that have changed",
+                "a prior is given without the parameters that have changed since",
+                f"{PAYLOAD}, or the names of the changed parameters",
                 key="parameters",
             )
         return self
 
     @property
     def information(self) -> str:
-        """Symbol of the matrix that is judged: ``F``, or with a prior ``S``, that of the change."""
+        """Symbol of the judged matrix: ``F``, or ``S`` for the change since a prior."""
         return "F" if self.prior is None else "S"
 
     @property
     def named_parameters(self) -> tuple[str, ...] | None:
-        """The parameters that are named one by one, None where they are not."""
+        """Parameters with their names, None for all or the base parameters."""
         return self.parameters if isinstance(self.parameters, tuple) else None

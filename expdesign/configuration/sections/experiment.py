@@ -10,10 +10,10 @@ from expdesign.configuration.bodies import FixedBodies
 from expdesign.configuration.errors import refusal, require
 from expdesign.configuration.fields import (
     Ascending,
+    Count,
     Distinct,
     Pair,
     Seed,
-    Sized,
     at_least,
     per_strut,
     whole,
@@ -32,7 +32,7 @@ from expdesign.configuration.quantity import (
     Share,
 )
 from expdesign.configuration.robot import RobotSource
-from expdesign.configuration.section import LATER, Section
+from expdesign.configuration.section import Section
 from expdesign.mechanism.hexapod import ACTUATORS
 
 _Harmonic = Annotated[int, whole(1, 1000)]
@@ -47,9 +47,9 @@ class TrackingError(Section):
     position: Annotated[Length, NotNegative] = 0.001
     """Root mean square of the deviation of x, y and z each, m."""
     angle: Annotated[Angle, NotNegative] = 0.0
-    """The same of φ, θ and ψ, rad."""
+    """Root mean square of the deviation of φ, θ and ψ each, rad."""
     harmonics: Annotated[tuple[_Harmonic, _Harmonic], Pair, Ascending] = (6, 15)
-    """First and last harmonic that it contains."""
+    """First and last harmonic of the deviation."""
 
 
 class Cogging(Section):
@@ -80,38 +80,40 @@ class Outliers(Section):
 
 _PART = require(
     lambda value: 0 <= value < 0.5,  # noqa: PLR2004 - most of the recording is there
-    "{value:g} of the samples is no recording",
+    "a share of {value:g} leaves too few samples",
     "0 ≤ share < 0.5",
 )
 _LARGEST_ROW = 10_000_000
 _MOST_ROWS = 10_000
 _NONE = (0.0,) * ACTUATORS
 _GAIN = require(
-    lambda value: value > -1, "{value:g} leaves nothing of the force", "a share above -1"
+    lambda value: value > -1,
+    "with {value:g} the measured force vanishes or changes its sign",
+    "a share above -1",
 )
 _Gains = Annotated[tuple[Annotated[Share, _GAIN], ...], per_strut("gains")]
 
 
 class ForceConstantError(Section):
-    """By which share forces are measured too large; the factors 1 + share are multiplied."""
+    """Relative errors of the force constants; the factors 1 + share are multiplied."""
 
     common: Annotated[Share, _GAIN] = 0.0
-    """Of all actuators alike."""
+    """Common error of all actuators."""
     each: _Gains = _NONE
-    """Of each actuator beyond it."""
+    """Additional error of each actuator."""
     drift: _Gains = _NONE
-    """What comes to it at the end of the experiment; linear in time."""
+    """Additional error at the end of the experiment; linear in time."""
 
 
-class Hum(Section):
-    """A sinusoid in the measured forces that no motion makes: the mains, with its harmonics."""
+class HumDisturbance(Section):
+    """A sinusoid in the measured forces from the mains, with its harmonics."""
 
     frequency: Annotated[Frequency, Positive] = 50.0
     amplitude: Annotated[tuple[Annotated[Force, NotNegative], ...], per_strut("amplitudes")]
-    """Of the fundamental, N: one value for all actuators, or one for each."""
+    """Amplitude of the fundamental, N: one value for all actuators, or one for each."""
     phase: Annotated[tuple[Angle, ...] | None, *word_for_none("drawn", per_strut("phases"))] = None
-    """At the first sample, rad, of amplitude · sin(k (2π f t + phase)); None (``drawn`` in the
-    YAML): every repetition draws that of each actuator and harmonic."""
+    """Phase at the first sample, rad, of amplitude · sin(k (2π f t + phase)); None (``drawn`` in
+    the YAML): every repetition draws one for each actuator and harmonic."""
     harmonics: Annotated[tuple[Annotated[Number, NotNegative], ...], at_least(1, "amplitudes")] = (
         1.0,
     )
@@ -119,10 +121,10 @@ class Hum(Section):
 
 
 class Lost(Section):
-    """Samples that are missing from the recording: the stamps of those that are there say so."""
+    """Lost samples of the recording, visible as gaps between the time stamps."""
 
     share: Annotated[Share, _PART] | None = None
-    """Of the samples; every repetition draws its own."""
+    """Share of the samples; every repetition draws others."""
     rows: (
         Annotated[
             tuple[Annotated[int, whole(1, _LARGEST_ROW)], ...],
@@ -131,59 +133,57 @@ class Lost(Section):
         ]
         | None
     ) = None
-    """Numbers of samples, from 1: the same in every repetition."""
+    """Numbers of the lost samples, from 1, the same in every repetition."""
 
     @model_validator(mode="after")
-    def _one_way(self) -> Lost:
+    def _check_one_form(self) -> Lost:
         if (self.share is None) == (self.rows is None):
             both = "both" if self.rows is not None else "neither"
-            raise refusal(
-                f"{both} of share and rows say which samples are lost", "share or rows", key="share"
-            )
+            raise refusal(f"{both} of share and rows are given", "share or rows", key="share")
         return self
 
 
 _CLOCK = require(
     lambda value: abs(value) < 0.1,  # noqa: PLR2004 - no clock is that wrong
-    "{value:g} is no error of a clock",
+    "{value:g} is not an error of a clock",
     "a share between -0.1 and 0.1",
 )
 
 
 class ExperimentSection(Section):
-    """Execution of the trajectory; disturbances are off unless given."""
+    """Execution of the trajectory, and disturbances of the twin, by default none."""
 
-    periods: Sized = 10
-    """Number of periods that are measured."""
+    periods: Count = 10
+    """Number of measured periods."""
     sampling: Annotated[Frequency, Positive] = 1000.0
-    """Of the measurement, Hz."""
+    """Sampling of the measurement, Hz."""
     seed: Seed = 1
-    """Of noise and disturbances."""
+    """Seed of noise and disturbances."""
     tracking_error: TrackingError | None = None
     drift: Annotated[Length, NotNegative] = 0.0
-    """Slow change of the strut lengths, m at the end of the experiment."""
+    """Drift of the strut lengths at the end of the experiment, m."""
     cogging: Cogging | None = None
     quantisation: Quantisation | None = None
     outliers: Outliers | None = None
-    truth: Annotated[RobotSource | None, LATER] = None
-    """The machine that is measured, where it is not the run's robot: one that ships, a path
+    truth: RobotSource | None = None
+    """True machine of the twin, by default the run's robot: the name of an included robot, a path
     relative to the run file, or the machine itself."""
-    payload: Annotated[FixedBodies, LATER] = ()
-    """What the platform carries beyond the robot's own bodies, as far as it is known: limits of
-    forces hold with it, and the machine that the twin measures has it."""
-    force_constant: Annotated[ForceConstantError | None, LATER] = None
-    hum: Annotated[Hum | None, LATER] = None
-    delay: Annotated[Duration, LATER] = 0.0
-    """By how much the measured forces lag behind the lengths, s."""
-    clock: Annotated[Share, _CLOCK, LATER] = 0.0
-    """By which share the stamps of the recording run fast, against the controller's clock."""
-    strut_length: Annotated[tuple[Length, ...], per_strut("errors"), LATER] = (0.0,) * ACTUATORS
-    """By how much each length is measured too long, m: its zero is off."""
+    payload: FixedBodies = ()
+    """Known bodies on the platform in addition to the robot's: limits of forces hold with them, and
+    the twin has them."""
+    force_constant: ForceConstantError | None = None
+    hum: HumDisturbance | None = None
+    delay: Duration = 0.0
+    """Delay of the measured forces against the lengths, s."""
+    clock: Annotated[Share, _CLOCK] = 0.0
+    """Relative error of the recording's clock against the controller's, positive if fast."""
+    strut_length: Annotated[tuple[Length, ...], per_strut("errors")] = (0.0,) * ACTUATORS
+    """Zero errors of the length measurements, m, positive if too long."""
     compliance: Annotated[
-        tuple[Annotated[Compliance, NotNegative], ...], per_strut("compliances"), LATER
+        tuple[Annotated[Compliance, NotNegative], ...], per_strut("compliances")
     ] = (0.0,) * ACTUATORS
-    """Of the struts, between motor with its sensor and platform, m/N."""
-    lost: Annotated[Lost | None, LATER] = None
+    """Compliance of the struts, between motor with its sensor and platform, m/N."""
+    lost: Lost | None = None
 
     @property
     def step(self) -> float:

@@ -1,4 +1,4 @@
-"""`sweep:`, a grid of designs: key paths of the run file, each with the values that it takes."""
+"""`sweep:`: a grid of designs, from key paths of the run file with their values."""
 
 from __future__ import annotations
 
@@ -8,33 +8,33 @@ from functools import cache, partial
 from math import prod
 from typing import Annotated, Any, get_args
 
-from pydantic import AfterValidator, BeforeValidator
+from pydantic import AfterValidator
 from pydantic.fields import FieldInfo
 
 from constraints import limit_definitions
-from expdesign.configuration.errors import nearest, refusal, shown
+from expdesign.configuration.errors import nearest_name, quote, refusal
 from expdesign.configuration.fields import at_least, by_key
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH, RESERVE
-from expdesign.configuration.quantity import NUMBER, Dimension
+from expdesign.configuration.quantity import NUMBER, Quantity
 from expdesign.configuration.section import Section
 from expdesign.configuration.sections.design import DesignSection, TrajectorySection
 from expdesign.configuration.sections.experiment import ExperimentSection
 
 MOST_DESIGNS = 200
-"""Of one sweep: days of work, each a run folder."""
+"""Largest number of designs in one sweep: days of work."""
 
 LIMITS = "limits"
 SCALE = "scale"
-"""Last part of a path whose values are factors of a limit's bounds, not bounds."""
+"""Last part of a path with factors of a limit's bounds instead of bounds."""
 FREQUENCY = "trajectory.frequency"
-"""Here one value stands for two equal bounds."""
+"""Path at which one value means two equal bounds."""
 
 _SECTIONS: dict[str, tuple[type[Section], tuple[str, ...]]] = {
     "trajectory": (TrajectorySection, tuple(TrajectorySection.model_fields)),
     "design": (DesignSection, tuple(DesignSection.model_fields)),
     "experiment": (ExperimentSection, ("periods", "sampling")),
 }
-"""Sections that a design is made from, with those of their keys that it depends on."""
+"""Sections and keys that a design depends on."""
 
 _ALLOWED = (
     "trajectory.KEY, design.KEY, experiment.periods, experiment.sampling, limits.KEY, "
@@ -45,9 +45,14 @@ _values: Callable[..., Any] = at_least(1, "values", MOST_DESIGNS).func
 
 @cache
 def path_units() -> dict[str, str]:
-    """Return the key paths that can be swept, with the unit of plain numbers there.
+    """Return the key paths for sweeps, with the unit of their plain numbers.
 
-    It is ``"1"`` for pure numbers, and empty where no numbers stand.
+    The unit is ``"1"`` for pure numbers, and empty for texts.
+
+    Examples
+    --------
+    >>> path_units()["trajectory.frequency"]
+    'Hz'
     """
     found = {
         f"{name}.{key}": _unit(section.model_fields[key])
@@ -63,57 +68,53 @@ def path_units() -> dict[str, str]:
 
 
 def _unit(info: FieldInfo) -> str:
-    """Return the unit that a key's plain numbers have: that of what reads them."""
-    dimensions = [part for part in _parts(info) if isinstance(part, Dimension)]
-    if dimensions:
-        return dimensions[0].unit
-    return "1" if any(part in (int, float) for part in _parts(info)) else ""
+    """Return the unit of a key's plain numbers."""
+    parts = [*_parts(info.annotation), *info.metadata]
+    units = [part.unit for part in parts if isinstance(part, Quantity)]
+    return units[0] if units else "1" if any(part in (int, float) for part in parts) else ""
 
 
 def _parts(annotation: Any) -> Iterator[Any]:
-    """Yield the types in an annotation, and the dimensions of what reads quantities."""
-    if isinstance(annotation, FieldInfo):
-        yield from _parts(annotation.annotation)
-    inner = annotation.metadata if isinstance(annotation, FieldInfo) else get_args(annotation)
-    for part in inner:
+    """Yield the types and annotations inside a type."""
+    for part in get_args(annotation):
         yield from _parts(part)
-    if isinstance(annotation, BeforeValidator):
-        yield getattr(annotation.func, "__self__", None)
     yield annotation
 
 
-def _listed(path: str, value: object) -> tuple[Any, ...]:
-    """Return the values of a path that can be swept."""
+def _read_values(path: str, value: object) -> tuple[Any, ...]:
+    """Return the values of a path."""
     valid = path_units()
     if path not in valid:
-        raise refusal(f"unknown key path {shown(path)}", _ALLOWED, partial(nearest, path, valid))
+        raise refusal(
+            f"unknown key path {quote(path)}", _ALLOWED, partial(nearest_name, path, valid)
+        )
     values = tuple(_values(value))
     texts = [json.dumps(one, sort_keys=True, default=repr) for one in values]
     for number, text in enumerate(texts):
         if text in texts[:number]:
-            raise refusal(f"{shown(values[number])} is listed twice", "each one once")
+            raise refusal(f"{quote(values[number])} is listed twice", "each one once")
     if is_scale(path):
         for one in values:
             if NUMBER.parse(one) <= 0:
-                raise refusal(f"the factor {shown(one)} is not positive", "factors above 0")
+                raise refusal(f"the factor {quote(one)} is not positive", "factors above 0")
     return values
 
 
 def is_scale(path: str) -> bool:
-    """Tell whether the values of a path are factors of a limit's bounds."""
+    """Return True for a path with factors of a limit's bounds."""
     return path.startswith(f"{LIMITS}.") and path.endswith(f".{SCALE}")
 
 
-def _grid(paths: dict[str, tuple[Any, ...]]) -> dict[str, tuple[Any, ...]]:
-    """Refuse paths that do not make a grid, or one that is too large."""
+def _check_grid(paths: dict[str, tuple[Any, ...]]) -> dict[str, tuple[Any, ...]]:
+    """Refuse overlapping paths and a grid that is too large."""
     if not paths:
         raise refusal("the sweep names no key", f"key paths with lists of values: {_ALLOWED}")
     for path in paths:
         for other in paths:
-            # A scale changes all of its limit, and so does the limit itself.
+            # A scale changes all of its limit, as does the limit itself.
             whole, part = (one.removesuffix(f".{SCALE}") for one in (path, other))
             if other != path and (part == whole or part.startswith(f"{whole}.")):
-                raise refusal(f"it changes a part of {path}, too", "one of the two", key=other)
+                raise refusal(f"it overlaps with {path}", "one of the two", key=other)
     count = prod(len(values) for values in paths.values())
     if count > MOST_DESIGNS:
         sizes = " · ".join(str(len(values)) for values in paths.values())
@@ -124,7 +125,7 @@ def _grid(paths: dict[str, tuple[Any, ...]]) -> dict[str, tuple[Any, ...]]:
 
 Sweep = Annotated[
     dict[str, tuple[Any, ...]],
-    by_key(_listed, "key paths with lists of values"),
-    AfterValidator(_grid),
+    by_key(_read_values, "key paths with lists of values"),
+    AfterValidator(_check_grid),
 ]
-"""Key paths with their values, as they are written."""
+"""Key paths with their values, in the user's notation."""

@@ -1,13 +1,12 @@
-"""The formats of controller tables: a module of this folder for each, with its ``FORMAT``."""
+"""Formats of controller tables: a module for each, with its ``FORMAT`` and its options."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
-from importlib import import_module
 from types import MappingProxyType
 
-from expdesign.configuration.sections.export import OFFERS
+from constraints.plugins import declarations
 from expdesign.export.definition import TableFormat
 
 
@@ -15,10 +14,12 @@ from expdesign.export.definition import TableFormat
 def table_formats() -> Mapping[str, TableFormat]:
     """Return every format by its name, in alphabetical order.
 
-    A name among the `OFFERS` of the configuration, and the module here that is spelt so, are all
-    that a new format needs.
+    A new format is one file in this folder, or a plug-in.
+
+    Examples
+    --------
+    >>> table_formats()["csv"].suffix
+    '.csv'
     """
-    modules = {
-        name: import_module(f"{__name__}.{name.replace('-', '_')}") for name in sorted(OFFERS)
-    }
-    return MappingProxyType({name: module.FORMAT for name, module in modules.items()})
+    found = {form.name: form for form in declarations(TableFormat, __name__, "FORMAT")}
+    return MappingProxyType(dict(sorted(found.items())))

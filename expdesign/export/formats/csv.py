@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from expdesign.configuration.sections.export import ExportSection
 from expdesign.export.definition import Interpolation, Rows, Settings, TableFormat
 from expdesign.export.row_times import COLUMNS
 from expdesign.export.text_table import lines_after, numbers, write_lines
@@ -30,12 +31,20 @@ def _read(path: Path, _settings: Settings) -> Rows:
     return Rows(record["t"], length, rate, acceleration, record).checked()
 
 
+class CsvOptions(ExportSection):
+    """Options of a CSV file with the whole motion."""
+
+    spaces = ("strut",)
+
+
 FORMAT = TableFormat(
+    name="csv",
     title="CSV with the whole motion",
     suffix=".csv",
     interpolation=Interpolation.LINEAR,
     write=_write,
     read=_read,
+    options=CsvOptions,
     guide=(
         "For your own tools: one row every {step}, comma-separated, the unit in every column's "
         "name, SI units and radians, all digits. t, pose (x y z phi theta psi), its first (d…) "

@@ -5,11 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import model_validator
 
 from constraints.arrays import Array
 from expdesign.configuration import ResolvedRobot
+from expdesign.configuration.errors import refusal
+from expdesign.configuration.quantity import Length, Positive
+from expdesign.configuration.sections.export import ExportSection
 from expdesign.export.definition import (
     LENGTH_UNITS,
     Interpolation,
@@ -42,7 +47,7 @@ def _written_times(times: Array) -> Array:
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
     unit = settings.axes.units[0]
-    blend = LENGTH_UNITS[unit] * (settings.section.blend or _BLEND)
+    blend = LENGTH_UNITS[unit] * (getattr(settings.section, "blend", None) or _BLEND)
     head = [
         f"({settings.title}: {unit} and degrees, A B C are roll, pitch and yaw about fixed axes)",
         f"{_UNIT_CODES[unit]} G90 G93 G64 P{blend:.8f}",
@@ -155,12 +160,32 @@ def _points(kind: str, joints: Array) -> Iterator[str]:
             yield f"setp genhexkins.{kind}.{index}.{letter} {value + 0.0:.12g}"
 
 
+class GcodeOptions(ExportSection):
+    """Options of G-code for LinuxCNC."""
+
+    spaces = ("pose",)
+    shared = ("digits", "units", "trigger")
+    outputs = (0, 63)
+    """P of M62 and M63."""
+
+    blend: Annotated[Length, Positive] | None = None
+    """Path tolerance of LinuxCNC's G64, m."""
+
+    @model_validator(mode="after")
+    def _check_units(self) -> GcodeOptions:
+        if self.units not in (None, "mm", "in"):
+            raise refusal(f"G-code has no lengths in {self.units}", "mm or in", key="units")
+        return self
+
+
 FORMAT = TableFormat(
+    name="linuxcnc-gcode",
     title="LinuxCNC, G-code for genhexkins",
     suffix=".ngc",
     interpolation=Interpolation.LINEAR,
     write=_write,
     read=_read,
+    options=GcodeOptions,
     guide=(
         "For a LinuxCNC machine with the kinematics genhexkins. Its geometry has to be that of the "
         "robot file: put the setp lines of {beside} in place of those in the machine's HAL file, "

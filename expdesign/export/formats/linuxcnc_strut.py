@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from expdesign.configuration.sections.export import STRUT_AXES, ExportSection
 from expdesign.export.definition import Interpolation, Rows, Settings, TableFormat
 from expdesign.export.text_table import lines, marked, numbers, uniform_rows, write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, numbered
@@ -22,12 +23,21 @@ def _read(path: Path, settings: Settings) -> Rows:
     return uniform_rows(numbers(lines(path), ACTUATORS, "lengths", comment="#"), settings)
 
 
+class HalstreamerOptions(ExportSection):
+    """Options of strut lengths for halstreamer."""
+
+    spaces = ("strut",)
+    shared = ("digits", "units", *STRUT_AXES, "counts_per_metre")
+
+
 FORMAT = TableFormat(
+    name="linuxcnc-strut",
     title="LinuxCNC, strut lengths for halstreamer",
     suffix=".txt",
     interpolation=Interpolation.LINEAR,
     write=_write,
     read=_read,
+    options=HalstreamerOptions,
     guide=(
         "Load the streamer with `loadrt streamer cfg=ffffff`, add it to the servo thread, whose "
         "period has to be {step}, and connect its pins 0 to 5 to the position commands of "

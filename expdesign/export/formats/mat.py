@@ -10,6 +10,7 @@ import numpy as np
 from scipy.io import loadmat, savemat
 from scipy.io.matlab import MatReadError
 
+from expdesign.configuration.sections.export import STRUT_AXES, ExportSection
 from expdesign.export.definition import (
     POSE_AXES,
     Interpolation,
@@ -70,12 +71,21 @@ def _column(values: Any) -> Any:
     return np.asarray(values, dtype=float)[:, 0]
 
 
+class MatOptions(ExportSection):
+    """Options of a MAT-file."""
+
+    spaces = ("strut", "pose")
+    shared = ("space", "units", "angles", "axes", *STRUT_AXES, "counts_per_metre")
+
+
 FORMAT = TableFormat(
+    name="mat",
     title="MATLAB, Simulink and dSPACE",
     suffix=".mat",
     interpolation=Interpolation.LINEAR,
     write=_write,
     read=_read,
+    options=MatOptions,
     guide=(
         "`load {file}`. `command` is a matrix for the block From Workspace, column 1 the time in "
         "s, then the axes {axes}, one row every {step}; set the block's sample time to that, "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from expdesign.configuration.sections.export import ExportSection
 from expdesign.export.definition import POSE_AXES, Interpolation, Rows, Settings, TableFormat
 from expdesign.export.text_table import lines, numbers, uniform_rows, write_lines
 
@@ -16,12 +17,21 @@ def _read(path: Path, settings: Settings) -> Rows:
     return uniform_rows(numbers(lines(path), len(POSE_AXES), "coordinates"), settings)
 
 
+class WaveTableOptions(ExportSection):
+    """Options of a wave table of the C-887."""
+
+    spaces = ("pose",)
+    shared = ("digits", "units", "angles")
+
+
 FORMAT = TableFormat(
+    name="pi-wave",
     title="Physik Instrumente C-887, wave generator",
     suffix=".txt",
     interpolation=Interpolation.LINEAR,
     write=_write,
     read=_read,
+    options=WaveTableOptions,
     guide=(
         "Load the columns into wave tables 1 to 6 (WAV … PNT) and connect them with WSL to the "
         "axes {axes}. Set the wave table rate (WTR) so that a row lasts {step}, which is the "

@@ -7,7 +7,10 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from pydantic import model_validator
 
+from expdesign.configuration.errors import refusal
+from expdesign.configuration.sections.export import PVT_OPTIONS, ExportSection
 from expdesign.export.definition import (
     Interpolation,
     Rows,
@@ -20,6 +23,7 @@ from expdesign.export.definition import (
     switching,
 )
 from expdesign.export.text_table import lines, number, refuse_motion_at_end, write_lines
+from expdesign.mechanism.hexapod import ACTUATORS
 
 LETTERS = ("X", "Y", "Z", "A", "B", "C")
 LONGEST = 4095.9998
@@ -109,12 +113,34 @@ def _read(path: Path, settings: Settings) -> Rows:
     return Rows(stamps, np.array(positions), np.array(rates), trigger=trigger).checked()
 
 
+_LETTERS = tuple("ABCUVWXYZ")
+
+
+class PmacOptions(ExportSection):
+    """Options of a PVT motion program of the PMAC."""
+
+    spaces = ("strut", "pose")
+    shared = PVT_OPTIONS
+    outputs = (0, 8191)
+    """M-variable."""
+
+    @model_validator(mode="after")
+    def _check_axes(self) -> PmacOptions:
+        unknown = [name for name in self.axes or () if name not in _LETTERS]
+        if unknown:
+            allowed = f"{ACTUATORS} of the letters {' '.join(_LETTERS)}"
+            raise refusal(f"'{unknown[0]}' is not an axis of a PMAC", allowed, key="axes")
+        return self
+
+
 FORMAT = TableFormat(
+    name="pmac-pvt",
     title="Delta Tau and Omron PMAC, PVT motion program",
     suffix=".pmc",
     interpolation=Interpolation.CUBIC,
     write=_write,
     read=_read,
+    options=PmacOptions,
     guide=(
         "Define a coordinate system with the axes {axes}, scaled to the units below, and the time "
         "unit of one second (Isx90 = 1000) for the velocities. Download the file, move the axes "

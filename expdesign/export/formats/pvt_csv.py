@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from expdesign.configuration.sections.export import STRUT_AXES, ExportSection
 from expdesign.export.definition import (
     Interpolation,
     Rows,
@@ -47,12 +48,21 @@ def _read(path: Path, settings: Settings) -> Rows:
     return Rows(times, table[:, 1::2], table[:, 2::2]).checked()
 
 
+class PvtCsvOptions(ExportSection):
+    """Options of PVT points as CSV."""
+
+    spaces = ("strut",)
+    shared = ("digits", "units", "axes", *STRUT_AXES)
+
+
 FORMAT = TableFormat(
+    name="pvt-csv",
     title="PVT points as CSV (Zaber's grammar)",
     suffix=".csv",
     interpolation=Interpolation.CUBIC,
     write=_write,
     read=_read,
+    options=PvtCsvOptions,
     guide=(
         "For controllers that take position, velocity and time. With a Zaber controller: "
         "`PvtSequence.load_sequence_data` reads the file. The first row, at time 0, is the start: "

@@ -14,12 +14,16 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import model_validator
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from expdesign.configuration.errors import refusal
+from expdesign.configuration.fields import one_of
+from expdesign.configuration.sections.export import STRUT_AXES, ExportSection
 from expdesign.export.definition import (
     POSE_AXES,
     Interpolation,
@@ -75,12 +79,12 @@ _BAG_FAILURES = (
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
-    write = _write_bag if settings.section.encoding == "mcap" else _write_yaml
+    write = _write_bag if settings.section.binary_suffix else _write_yaml
     write(path, message_of(rows, settings), settings)
 
 
 def _read(path: Path, settings: Settings) -> Rows:
-    bag = settings.section.encoding == "mcap"
+    bag = settings.section.binary_suffix
     return rows_of(_read_bag(path, settings) if bag else _read_yaml(path), settings)
 
 
@@ -241,12 +245,38 @@ def _plain(value: Any) -> Any:
     return [_plain(one) for one in value] if isinstance(value, list) else value
 
 
+Encoding = Literal["yaml", "mcap"]
+
+
+class Ros2Options(ExportSection):
+    """Options of a ROS 2 trajectory."""
+
+    spaces = ("strut", "pose")
+    shared = ("space", "digits", "axes", *STRUT_AXES)
+
+    encoding: Annotated[Encoding, one_of(Encoding)] | None = None
+
+    @model_validator(mode="after")
+    def _check_digits(self) -> Ros2Options:
+        if self.binary_suffix and self.digits is not None:
+            message = "a bag holds numbers with all their digits"
+            raise refusal(message, "with encoding: yaml only", key="digits")
+        return self
+
+    @property
+    def binary_suffix(self) -> str:
+        """Suffix of an MCAP bag; empty for YAML."""
+        return ".mcap" if self.encoding == "mcap" else ""
+
+
 FORMAT = TableFormat(
+    name="ros2",
     title="ROS 2, trajectory_msgs",
     suffix=".yaml",
     interpolation=Interpolation.QUINTIC,
     write=_write,
     read=_read,
+    options=Ros2Options,
     guide=(
         "Move the robot to the start below. Publish the YAML file once to your trajectory "
         'controller, `ros2 topic pub --once TOPIC TYPE "$(cat {file})"`, with the TYPE that its '

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from expdesign.configuration.sections.export import PVT_OPTIONS, ExportSection
 from expdesign.export.definition import (
     POSE_AXES,
     Interpolation,
@@ -92,12 +93,23 @@ def _read(path: Path, settings: Settings) -> Rows:
     return Rows(times, np.cumsum(steps, axis=0), rates, trigger=trigger).checked()
 
 
+class XpsOptions(ExportSection):
+    """Options of a PVT trajectory of the XPS."""
+
+    spaces = ("strut", "pose")
+    shared = PVT_OPTIONS
+    outputs = (1, 8)
+    """GPIO1.DO."""
+
+
 FORMAT = TableFormat(
+    name="xps-pvt",
     title="Newport XPS, PVT trajectory",
     suffix=".trj",
     interpolation=Interpolation.CUBIC,
     write=_write,
     read=_read,
+    options=XpsOptions,
     guide=(
         "Copy the file into the controller's folder of trajectories. Make one positioner group of "
         "the axes {axes}, in this order. Move the group to the start below, wait until it has "

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration.errors import shown
+from expdesign.configuration.errors import quote
 from expdesign.configuration.robot import EARTH_GRAVITY
 from expdesign.machines.closed_loops import hexapod
 from expdesign.machines.machine import Machine, MachineFormat, Question
@@ -37,7 +37,7 @@ def _read(name: str, files: tuple[Path, ...]) -> Machine:
     for closing in root.all("equality"):
         model.close_loops(closing)
     model.drive()
-    source = f"MuJoCo model {shown(root.attributes.get('model', ''))}, {files[0].name}"
+    source = f"MuJoCo model {quote(root.attributes.get('model', ''))}, {files[0].name}"
     machine = hexapod(name, source, model.bodies, model.joints, 0, files[0])
     gravity = _gravity(root)
     if not np.any(gravity):
@@ -128,7 +128,7 @@ class _Model:
         given = self.attributes.given(element, inherited)
         title = "free" if element.tag == "freejoint" else given.get("type", "hinge")
         if title not in _KINDS:
-            raise element.refusal(f"the type {shown(title)} is unknown", ", ".join(_KINDS))
+            raise element.refusal(f"the type {quote(title)} is unknown", ", ".join(_KINDS))
         point = place.point(element.numbers(given.get("pos", "0 0 0"), "pos", 3))
         axes = np.zeros((0, 3))
         if title in ("hinge", "slide"):
@@ -190,12 +190,12 @@ class _Model:
             names = (given["site1"], given["site2"])
             for name in names:
                 if name not in self._sites:
-                    raise element.refusal(f"there is no site {shown(name)}", "a site of a body")
+                    raise element.refusal(f"there is no site {quote(name)}", "a site of a body")
             return self._sites[names[0]], self._sites[names[1]]
         names = (given.get("body1", ""), given.get("body2", "world"))
         for name in names:
             if name not in self._numbers:
-                raise element.refusal(f"there is no body {shown(name)}", "a body of the model")
+                raise element.refusal(f"there is no body {quote(name)}", "a body of the model")
         first, second = (self._numbers[name] for name in names)
         anchor = element.numbers(given.get("anchor", "0 0 0"), "anchor", 3)
         point = self.bodies[first].place.point(anchor)

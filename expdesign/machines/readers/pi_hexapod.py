@@ -15,7 +15,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration.document import Document, read_yaml
-from expdesign.configuration.errors import InputError, Key, Problem, shown
+from expdesign.configuration.errors import InputError, Key, Problem, quote
 from expdesign.machines.machine import Machine, MachineFormat, Question, rows
 from expdesign.mechanism.hexapod import ACTUATORS
 
@@ -47,7 +47,7 @@ def _read(name: str, files: tuple[Path, ...]) -> Machine:
     for key, (place, words) in per_axis.items():
         value = description.document.data.get(key)
         if value is not None:
-            text = f"PI's file has {key} = {shown(value)}, {words}: what can one strut do?"
+            text = f"PI's file has {key} = {quote(value)}, {words}: what can one strut do?"
             questions.append(Question(place, text))
     return Machine(
         name=name,
@@ -98,7 +98,7 @@ class _Description:
             value = value[part]
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if not number or not math.isfinite(value):
-            self.report(key, f"{shown(value)} is no number", _NUMBER)
+            self.report(key, f"{quote(value)} is no number", _NUMBER)
             return math.nan
         return float(value)
 

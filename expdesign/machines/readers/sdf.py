@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
-from expdesign.configuration.errors import InputError, shown
+from expdesign.configuration.errors import InputError, quote
 from expdesign.machines.closed_loops import hexapod
 from expdesign.machines.machine import Machine, MachineFormat
 from expdesign.machines.mechanism_graph import NOTHING, WORLD, Joint, Kind, Link, Placement
@@ -55,7 +55,7 @@ def _read(name: str, files: tuple[Path, ...]) -> Machine:
     joints = [_joint(element, frames, numbers) for element in model.all("joint")]
     held = any(joint.kind == "fixed" and numbers[_WORLD_NAME] in joint.bodies for joint in joints)
     base = numbers[_WORLD_NAME] if held else None
-    source = f"SDF model {shown(model.attributes.get('name', ''))}, {files[0].name}"
+    source = f"SDF model {quote(model.attributes.get('name', ''))}, {files[0].name}"
     return hexapod(name, source, bodies, joints, base, files[0])
 
 
@@ -104,7 +104,7 @@ class _Frames:
         if element is None or name in self._open:
             reason = "unknown" if element is None else "placed relative to itself"
             at = asking or self.elements.get(name)
-            message = f"the frame {shown(name)} is {reason}"
+            message = f"the frame {quote(name)} is {reason}"
             if at is None:
                 raise InputError(message)
             raise at.refusal(message, "a link, joint or frame of the model")
@@ -162,12 +162,12 @@ def _pose(element: Element) -> tuple[Placement, str]:
 def _joint(element: Element, frames: _Frames, numbers: dict[str, int]) -> Joint:
     title = element.attributes.get("type", "").strip()
     if title not in _KINDS:
-        raise element.refusal(f"the type {shown(title)} is not read", ", ".join(_KINDS))
+        raise element.refusal(f"the type {quote(title)} is not read", ", ".join(_KINDS))
     ends = []
     for side in ("parent", "child"):
         name = _end(element, side)
         if name not in numbers:
-            raise element.refusal(f"its {side} {shown(name)} is no link", "a link of the model")
+            raise element.refusal(f"its {side} {quote(name)} is no link", "a link of the model")
         ends.append(numbers[name])
     point = frames.place(element.attributes["name"].strip()).origin
     tags = ("axis", "axis2")[: _AXES.get(title, 0)]
@@ -206,7 +206,7 @@ def _limit(joint: Element, limit: Element | None, tag: str) -> float | None:
     except ValueError:
         value = math.nan
     if math.isnan(value):
-        raise joint.refusal(f"<{tag}> is {shown(given.text.strip())}", "a number")
+        raise joint.refusal(f"<{tag}> is {quote(given.text.strip())}", "a number")
     return value if abs(value) < _NO_LIMIT else None
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from expdesign.configuration import ExportSection, load_run
+from expdesign.configuration import export_section, load_run
 from expdesign.export.exporting import export_table
 from expdesign.export.formats.linuxcnc_gcode import setp_lines
 from expdesign.machines.importing import read_machine
@@ -84,7 +84,7 @@ def test_lengths_and_poses_of_an_imported_machine(unit, metres, lead, genhexkins
 @pytest.mark.parametrize(("unit", "metres"), [(None, 1e-3), ("in", 0.0254)])
 def test_a_table_with_its_geometry_moves_the_struts_as_designed(unit, metres, genhexkins, tmp_path):
     work = task()
-    asked = ExportSection(
+    asked = export_section(
         format="linuxcnc-gcode", segment="2 ms", tolerance="50 um", units=unit, digits=9
     )
     made = export_table(asked, work, tmp_path / "table.ngc")
