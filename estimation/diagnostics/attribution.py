@@ -45,6 +45,14 @@ REMAINDER = 0.02
 _MOST = 12
 """Largest number of effects: with more, the model needs a revision."""
 
+_NOT_PERIODIC = Assumption(
+    "no position-periodic force",
+    "a force is periodic in the strut's length",
+    "compensate it in the drives, or add `cogging` with this `pitch` to the robot's `terms` (and "
+    "`cogging_second` for half of it): it biases the parameters by more than their intervals show",
+)
+_PERIODIC_FORCE = "a position-periodic force"
+
 
 @dataclass(frozen=True)
 class Rival:
@@ -209,15 +217,6 @@ def _best_force(solved: SolvedSystem, part: Linearisation, scan: PitchScan) -> P
         return None
     _, values, covariance = periodic_fit(solved, part, scan)
     return periodic_force(part, scan.strut, scan.best_pitch, values, covariance)
-
-
-_NOT_PERIODIC = Assumption(
-    "no position-periodic force",
-    "a force is periodic in the strut's length",
-    "compensate it in the drives, or add `cogging` with this `pitch` to the robot's `terms` (and "
-    "`cogging_second` for half of it): it biases the parameters by more than their intervals show",
-)
-_PERIODIC_FORCE = "a position-periodic force"
 
 
 def position_periodic_finding(attribution: Attribution) -> Finding:

@@ -24,6 +24,11 @@ from expdesign.mechanism.term import Term, parameters_of
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation, deviations, estimated_constants, tolerated
 
+CANDIDATE_TERMS = ("load_friction", "drive_inertia", "stribeck", "force_offset", "cable")
+"""Terms of the catalogue that a robot may lack; the load-dependent one comes first, so that the
+load is that of the robot's own terms."""
+_GEOMETRIC = ("base_joints", "platform_joints", "gravity", "strut_length")
+
 
 @dataclass(frozen=True, eq=False)
 class CandidateEffects:
@@ -65,6 +70,10 @@ class CandidateEffects:
         columns = slice(*_columns_of(robot.terms, name))
         return self._of_forces(self.part.cells.mean(regressors[:, :, columns]))
 
+    def missing_term(self, name: str) -> Signature:
+        """Return the columns of a term without constants, if the robot lacks it; otherwise none."""
+        return self.term(name) if self.lacks(name) else Signature.none(self.part)
+
     def deviations(self, names: Sequence[str]) -> Signature:
         """Return the columns of `expdesign.robot.deviation` with these names."""
         picked = [self._deviations[1].index(name) for name in names]
@@ -77,7 +86,7 @@ class CandidateEffects:
         """
         entries = self._inexact if self.motion is not None else ()
         if not entries:
-            return self._of_forces(np.zeros((*self.part.forces.shape, 0))), np.zeros(0)
+            return Signature.none(self.part), np.zeros(0)
         precision = np.array([each.std**-2 for each in entries])
         return self.deviations([each.name for each in entries]), precision
 
@@ -179,10 +188,3 @@ def _columns_of(terms: Sequence[Term], name: str) -> tuple[int, int]:
     place = names.index(name)
     first = len(parameters_of(tuple(terms[:place])))
     return first, first + len(terms[place].parameters)
-
-
-CANDIDATE_TERMS = ("load_friction", "drive_inertia", "stribeck", "force_offset", "cable")
-"""Terms of the catalogue that a robot may lack; the load-dependent one comes first, so that the
-load is that of the robot's own terms."""
-
-_GEOMETRIC = ("base_joints", "platform_joints", "gravity", "strut_length")

@@ -104,11 +104,16 @@ _GAINS_STAY = Assumption(
     "recording; state the uncertainty of the mean gain as `tolerances.force_constant`",
 )
 
-
 _NOT_COMPARED = "no two periods are compared sample by sample"
 """Why, in folders of versions that did not say it."""
 _NOTICEABLE_RATIO = 1.2
 """Smallest relevant ratio of a standard deviation to that under white noise."""
+
+_MOVING = Assumption(
+    "the recording begins with the motion",
+    "the recording begins at rest",
+    "leave the rows before the motion out",
+)
 
 
 def verdict(
@@ -364,13 +369,6 @@ def _periods(tests: _OfNoise) -> Finding:
 def _family_p(p_values: Array) -> float:
     """Return the smallest p of a family, corrected for its size."""
     return float(min(1.0, len(p_values) * np.nanmin(p_values)))
-
-
-_MOVING = Assumption(
-    "the recording begins with the motion",
-    "the recording begins at rest",
-    "leave the rows before the motion out",
-)
 
 
 def check_motion_onset(experiments: Sequence[Experiment]) -> tuple[Finding, ...]:

@@ -20,7 +20,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.diagnostics.candidate_effects import CandidateEffects
 from estimation.diagnostics.finding import Assumption
-from estimation.diagnostics.hypothesis import THERE, Hypothesis, Label
+from estimation.diagnostics.hypothesis import MODELLED, Hypothesis, Label
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.periodic_forces import hum_hypotheses
 from estimation.diagnostics.significance import HYPOTHESES
@@ -30,13 +30,17 @@ from expdesign.mechanism.hexapod import ACTUATORS, numbered
 _DELAYS = (-3.0, -1.0, 0.1, 1.0, 3.0)
 """Delays of the tested secants, in steps of the recording; the small one is a derivative."""
 
+STRIBECK_VELOCITIES = (0.02, 0.05, 0.12)
+"""Tested Stribeck velocities, m/s; neighbouring ones overlap."""
+
 _EACH: tuple[Label, ...] = tuple(("", j) for j in range(ACTUATORS))
+_ALL_AND_EACH: tuple[Label, ...] = (("", None), *(("", j) for j in range(ACTUATORS)))
 _POINTWISE = "pointwise kinematics have no motion model for deviations"
 _JOINTLY = "`estimate.systematic: estimated`, which includes it in the estimate"
 
 
 def list_hypotheses(
-    candidate_effects: CandidateEffects,
+    effects: CandidateEffects,
     names: tuple[str, ...],
     *,
     held_out: bool,
@@ -47,16 +51,16 @@ def list_hypotheses(
     `names` belong to the regressor's columns; if `held_out`, the parameters were not estimated from
     these data.
     """
-    own = parameter_hypothesis(candidate_effects.part, names, held_out=held_out)
+    own = parameter_hypothesis(effects.part, names, held_out=held_out)
     others = [
-        *drive_hypotheses(candidate_effects),
-        *_forces(candidate_effects),
-        *_geometric_errors(candidate_effects),
-        _delay(candidate_effects),
-        *hum_hypotheses(candidate_effects),
+        *drive_hypotheses(effects),
+        *_forces(effects),
+        *_geometric_errors(effects),
+        _delay(effects),
+        *hum_hypotheses(effects),
     ]
     # In a prediction, or with fixed parameters, the most frequent error is that of a parameter.
-    parameters_first = held_out or not np.all(candidate_effects.part.free)
+    parameters_first = held_out or not np.all(effects.part.free)
     weights = np.ones(1 + len(others))
     weights[0] = len(others) if parameters_first else 1.0
     levels = (HYPOTHESES / experiments * weights / np.sum(weights)).tolist()
@@ -64,8 +68,7 @@ def list_hypotheses(
         replace(
             hypothesis,
             level=level,
-            modelled=hypothesis.kind in term_definitions()
-            and not candidate_effects.lacks(hypothesis.kind),
+            modelled=hypothesis.kind in term_definitions() and not effects.lacks(hypothesis.kind),
         )
         for hypothesis, level in zip((own, *others), levels, strict=True)
     )
@@ -94,7 +97,6 @@ def parameter_hypothesis(
         kind="column",
         labels=labels,
         columns=Signature.of_forces(part, columns),
-        level=HYPOTHESES,
         assumption=assumption,
         noun="another value of",
         absent="no parameter needs a different value in one of the struts (p = {p:.2g})",
@@ -122,20 +124,14 @@ def _parameter_columns(
     return tuple(labels), stacked
 
 
-def _forces(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
+def _forces(effects: CandidateEffects) -> Iterator[Hypothesis]:
     """Yield errors of one actuator: offset, gain, and a spring along the strut."""
-    part = candidate_effects.part
-    nothing = Signature.of_forces(part, np.zeros((*part.forces.shape, 0)))
-    offsets = (
-        candidate_effects.term("force_offset")
-        if candidate_effects.lacks("force_offset")
-        else nothing
-    )
+    part = effects.part
+    offsets = effects.missing_term("force_offset")
     yield Hypothesis(
         kind="force_offset",
         labels=_EACH if offsets.count else (),
         columns=offsets,
-        level=HYPOTHESES,
         assumption=Assumption(
             "no constant force in an actuator",
             "an actuator has a constant force that the model lacks",
@@ -144,14 +140,12 @@ def _forces(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
         ),
         noun="a constant force",
         absent="no actuator has an unmodelled constant force (p = {p:.2g})",
-        reason_untested=THERE,
         unit=lambda _: "N",
     )
     yield Hypothesis(
         kind="gain",
         labels=_EACH,
-        columns=candidate_effects.gains(),
-        level=HYPOTHESES,
+        columns=effects.gains(),
         assumption=Assumption(
             "the forces have the same gain",
             "the gain of an actuator's force differs from the others",
@@ -160,17 +154,14 @@ def _forces(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
         ),
         noun="a gain error",
         absent="no actuator's force has a different gain (p = {p:.2g})",
-        reason_untested=THERE,
         scale=100.0,
         unit=lambda _: "%",
     )
-    springs = nothing
-    if candidate_effects.lacks("cable"):
+    springs = Signature.none(part)
+    if effects.lacks("cable"):
         # Each with a constant force, since the rest length is unknown.
         middle = np.mean(part.position, axis=0)
-        stretch = (
-            candidate_effects.term("cable", rest_length=0.0).forces - np.eye(ACTUATORS) * middle
-        )
+        stretch = effects.term("cable", rest_length=0.0).forces - np.eye(ACTUATORS) * middle
         constant = np.broadcast_to(np.eye(ACTUATORS), stretch.shape)
         springs = Signature.of_forces(part, np.concatenate([stretch, constant], axis=2))
     yield Hypothesis(
@@ -178,7 +169,6 @@ def _forces(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
         labels=_EACH if springs.count else (),
         columns=springs,
         places=tuple((j, ACTUATORS + j) for j in range(ACTUATORS)) if springs.count else (),
-        level=HYPOTHESES,
         assumption=Assumption(
             "no force linear in a strut's length",
             "a spring acts along a strut",
@@ -187,18 +177,16 @@ def _forces(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
         ),
         noun="a spring",
         absent="no force is linear in a strut's length (p = {p:.2g})",
-        reason_untested=THERE,
         unit=lambda _: "N/m",
         values_shown=1,
         contains="force_offset",
     )
 
 
-def _geometric_errors(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
+def _geometric_errors(effects: CandidateEffects) -> Iterator[Hypothesis]:
     """Yield deviations of the geometry and of gravity's direction from the robot file."""
-    part = candidate_effects.part
-    nothing = Signature.of_forces(part, np.zeros((*part.forces.shape, 0)))
-    has_motion = candidate_effects.motion is not None
+    has_motion = effects.motion is not None
+    untested = MODELLED if has_motion else _POINTWISE
     joints = [
         tuple(f"{kind}_{axis}" for axis in "xyz")
         for kind in (*numbered("base_joint_"), *numbered("platform_joint_"))
@@ -206,7 +194,7 @@ def _geometric_errors(candidate_effects: CandidateEffects) -> Iterator[Hypothesi
     tilts, zeros = ("gravity_1", "gravity_2"), numbered("strut_length_")
 
     def columns(names: Sequence[str]) -> Signature:
-        return candidate_effects.deviations(names) if has_motion else nothing
+        return effects.deviations(names) if has_motion else Signature.none(effects.part)
 
     yield Hypothesis(
         kind="joint",
@@ -217,7 +205,6 @@ def _geometric_errors(candidate_effects: CandidateEffects) -> Iterator[Hypothesi
         places=tuple((3 * k, 3 * k + 1, 3 * k + 2) for k in range(len(joints)))
         if has_motion
         else (),
-        level=HYPOTHESES,
         assumption=Assumption(
             "the joints are where the robot file says",
             "a joint is not at its position in the robot file",
@@ -227,7 +214,7 @@ def _geometric_errors(candidate_effects: CandidateEffects) -> Iterator[Hypothesi
         noun="a displaced joint",
         phrase="{place} displaced",
         absent="no joint is displaced (p = {p:.2g})",
-        reason_untested=THERE if has_motion else _POINTWISE,
+        reason_untested=untested,
         scale=1e3,
         unit=lambda _: "mm",
     )
@@ -236,7 +223,6 @@ def _geometric_errors(candidate_effects: CandidateEffects) -> Iterator[Hypothesi
         labels=(("", None),) if has_motion else (),
         columns=columns(tilts),
         places=((0, 1),) if has_motion else (),
-        level=HYPOTHESES,
         assumption=Assumption(
             "gravity has the direction of the robot file",
             "gravity does not have the direction in the robot file",
@@ -244,7 +230,7 @@ def _geometric_errors(candidate_effects: CandidateEffects) -> Iterator[Hypothesi
         ),
         noun="a tilt of gravity",
         absent="gravity is not tilted (p = {p:.2g})",
-        reason_untested=THERE if has_motion else _POINTWISE,
+        reason_untested=untested,
         scale=180 / np.pi,
         unit=lambda _: "deg",
     )
@@ -252,7 +238,6 @@ def _geometric_errors(candidate_effects: CandidateEffects) -> Iterator[Hypothesi
         kind="length_zero",
         labels=_EACH if has_motion else (),
         columns=columns(zeros),
-        level=HYPOTHESES,
         assumption=Assumption(
             "lengths are measured from where the robot file says",
             "the zero of a length is wrong",
@@ -261,27 +246,25 @@ def _geometric_errors(candidate_effects: CandidateEffects) -> Iterator[Hypothesi
         ),
         noun="a shifted zero of the length",
         absent="no zero of a length is wrong (p = {p:.2g})",
-        reason_untested=THERE if has_motion else _POINTWISE,
+        reason_untested=untested,
         scale=1e3,
         unit=lambda _: "mm",
     )
 
 
-def _delay(candidate_effects: CandidateEffects) -> Hypothesis:
-    part, step = candidate_effects.part, candidate_effects.experiment.record.step
-    has_motion = candidate_effects.motion is not None
+def _delay(effects: CandidateEffects) -> Hypothesis:
+    """Return the delay of the forces, by its secants."""
+    step = effects.experiment.record.step
+    has_motion = effects.motion is not None
     seconds = tuple(steps * step for steps in _DELAYS) if has_motion else ()
-    secants = [candidate_effects.delay(each) for each in seconds]
+    secants = [effects.delay(each) for each in seconds]
     return Hypothesis(
         kind="delay",
         labels=(("", None),) * len(seconds),
-        columns=Signature.concatenate(
-            [Signature.of_forces(part, np.zeros((*part.forces.shape, 0))), *secants]
-        ),
+        columns=Signature.concatenate([Signature.none(effects.part), *secants]),
         constants=seconds,
-        at=lambda _, seconds: candidate_effects.delay(seconds),
+        at=lambda _, seconds: effects.delay(seconds),
         sized_by_constant=True,
-        level=HYPOTHESES,
         assumption=Assumption(
             "forces and lengths are sampled at the same time",
             "the forces lag behind the lengths",
@@ -300,30 +283,23 @@ def _delay(candidate_effects: CandidateEffects) -> Hypothesis:
     )
 
 
-STRIBECK_VELOCITIES = (0.02, 0.05, 0.12)
-"""Tested Stribeck velocities, m/s; neighbouring ones overlap."""
-
-_ALL_AND_EACH: tuple[Label, ...] = (("", None), *(("", j) for j in range(ACTUATORS)))
-
-
-def drive_hypotheses(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
+def drive_hypotheses(effects: CandidateEffects) -> Iterator[Hypothesis]:
     """Yield effects of the drives: inertia, friction near standstill, friction by load."""
-    yield _inertia(candidate_effects)
-    yield from _friction(candidate_effects)
+    yield _inertia(effects)
+    yield from _friction(effects)
 
 
-def _inertia(candidate_effects: CandidateEffects) -> Hypothesis:
+def _inertia(effects: CandidateEffects) -> Hypothesis:
     """Return the inertia of motor and screw, which resists a strut's acceleration."""
-    part = candidate_effects.part
-    columns = Signature.of_forces(part, np.zeros((*part.forces.shape, 0)))
-    if candidate_effects.lacks("drive_inertia"):
-        along = candidate_effects.term("drive_inertia").forces
+    part = effects.part
+    columns = Signature.none(part)
+    if effects.lacks("drive_inertia"):
+        along = effects.term("drive_inertia").forces
         columns = _all_and_each(Signature.of_forces(part, along * np.eye(ACTUATORS)))
     return Hypothesis(
         kind="drive_inertia",
         labels=_ALL_AND_EACH if columns.count else (),
         columns=columns,
-        level=HYPOTHESES,
         assumption=Assumption(
             "the drives have no unmodelled inertia",
             "the inertia of the drives is missing in the model",
@@ -332,29 +308,25 @@ def _inertia(candidate_effects: CandidateEffects) -> Hypothesis:
         ),
         noun="an inertia of the drives",
         absent="no drive has an unmodelled inertia (p = {p:.2g})",
-        reason_untested=THERE,
         unit=lambda _: "kg",
     )
 
 
-def _friction(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
+def _friction(effects: CandidateEffects) -> Iterator[Hypothesis]:
     """Yield friction that depends on speed or on the load."""
-    part = candidate_effects.part
-    nothing = Signature.of_forces(part, np.zeros((*part.forces.shape, 0)))
-    speeds = STRIBECK_VELOCITIES if candidate_effects.lacks("stribeck") else ()
-    shapes = [_all_and_each(candidate_effects.term("stribeck", velocity=speed)) for speed in speeds]
+    speeds = STRIBECK_VELOCITIES if effects.lacks("stribeck") else ()
+    shapes = [_all_and_each(effects.term("stribeck", velocity=speed)) for speed in speeds]
 
     def of_speed(label: Label, speed: float) -> Signature:
         chosen = [_ALL_AND_EACH.index(label)]
-        return _all_and_each(candidate_effects.term("stribeck", velocity=speed)).select(chosen)
+        return _all_and_each(effects.term("stribeck", velocity=speed)).select(chosen)
 
     yield Hypothesis(
         kind="stribeck",
         labels=_ALL_AND_EACH * len(speeds),
-        columns=Signature.concatenate([nothing, *shapes]),
+        columns=Signature.concatenate([Signature.none(effects.part), *shapes]),
         constants=tuple(speed for speed in speeds for _ in _ALL_AND_EACH),
         at=of_speed,
-        level=HYPOTHESES,
         assumption=Assumption(
             "friction does not rise near standstill",
             "friction near standstill differs from the model",
@@ -363,19 +335,14 @@ def _friction(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
         ),
         noun="friction near standstill",
         absent="friction near standstill agrees with the model (p = {p:.2g})",
-        reason_untested=THERE,
         unit=lambda _: "N",
     )
-    loaded = (
-        _all_and_each(candidate_effects.term("load_friction"))
-        if candidate_effects.lacks("load_friction")
-        else nothing
-    )
+    loaded = effects.missing_term("load_friction")
+    loaded = _all_and_each(loaded) if loaded.count else loaded
     yield Hypothesis(
         kind="load_friction",
         labels=_ALL_AND_EACH if loaded.count else (),
         columns=loaded,
-        level=HYPOTHESES,
         assumption=Assumption(
             "friction does not depend on the load",
             "friction grows with the load of the actuators",
@@ -383,7 +350,6 @@ def _friction(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
         ),
         noun="friction by load",
         absent="friction does not depend on the load (p = {p:.2g})",
-        reason_untested=THERE,
         scale=100.0,
         unit=lambda _: "%",
     )

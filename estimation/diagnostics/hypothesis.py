@@ -18,15 +18,18 @@ from constraints.arrays import Array
 from estimation.diagnostics.finding import Assumption
 from estimation.diagnostics.joint_system import ConditionalScores, Places
 from estimation.diagnostics.linearisation import Signature
-from estimation.diagnostics.significance import Strut, log_tail
+from estimation.diagnostics.significance import HYPOTHESES, Strut, log_tail
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder import OpenNumber, OpenNumbers, described
 
 Label = tuple[str, int | None]
 """Parameter, or empty, and actuator (from 0; None: all of them)."""
 
-THERE = "the model has the term, or its columns explain the effect"
+MODELLED = "the model has the term, or its columns explain the effect"
 """Reason why no candidate of a family can be tested."""
+
+POWER = 0.8
+"""Power of the test at the smallest detectable values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +42,6 @@ class Hypothesis:
     """Labels of the candidates. Candidates with equal labels differ in a constant (a speed)."""
     columns: Signature
     """Columns of all candidates, per SI unit of the effect."""
-    level: float
-    """Level of all candidates together."""
     assumption: Assumption
     """Assumption that there is no such effect."""
     noun: str
@@ -48,8 +49,10 @@ class Hypothesis:
     absent: str
     """Sentence if none was found; a format of `p`, and of `value` and `std` of the most significant
     candidate."""
-    reason_untested: str
+    reason_untested: str = MODELLED
     """Reason for an omitted test, if no column remains."""
+    level: float = HYPOTHESES
+    """Level of all candidates together."""
     places: tuple[tuple[int, ...], ...] = ()
     """Indices of every candidate's columns; by default one each, in their order."""
     constants: tuple[float, ...] = ()
@@ -88,10 +91,6 @@ class Hypothesis:
     def constant_of(self, candidate: int) -> float:
         """Return a candidate's constant; NaN if the family has none."""
         return self.constants[candidate] if self.constants else np.nan
-
-
-POWER = 0.8
-"""Power of the test at the smallest detectable values."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,6 +38,10 @@ from expdesign.noise.spectrum import lines_of, multiplicity
 _DETERMINED = 1e-12
 """Smallest eigenvalue of the scaled J, relative to the largest, of independent columns."""
 
+SEEN = 1e-6
+"""Smallest share of an effect's information that must remain given all other unknowns."""
+Places = NDArray[np.intp]
+
 
 @dataclass(frozen=True, eq=False)
 class JointSystem:
@@ -276,12 +280,6 @@ class RowWhitening:
         gains = np.linalg.norm(self.white @ noise_filter.gain[:, :, actuator].T, axis=0) ** 2
         weights = count * gains * multiplicity(noise_filter.samples)
         return lambda z, y: weights @ (lines_of(z.T).conj() * lines_of(y.T)).real
-
-
-SEEN = 1e-6
-"""Smallest share of an effect's information that must remain given all other unknowns."""
-
-Places = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)

@@ -243,6 +243,11 @@ class Signature:
         return cls(columns, np.zeros((rows, *columns.shape[1:])))
 
     @classmethod
+    def none(cls, part: Linearisation) -> Self:
+        """Build the signature of no effects."""
+        return cls.of_forces(part, np.zeros((*part.forces.shape, 0)))
+
+    @classmethod
     def concatenate(cls, parts: Sequence[Signature]) -> Self:
         """Concatenate effects; at least one part."""
         return cls(

@@ -35,6 +35,26 @@ from expdesign.runfolder import copied
 _ROUNDING = 1e-12
 """Relative rounding error of a mean over equal numbers."""
 
+_NO_HUM = Assumption(
+    "no hum of the mains",
+    "the mains hum in the noise",
+    "earth and shield the measurement; until then state the spectrum as `noise.force_spectrum` or "
+    "`noise.length_spectrum`: a design then keeps the motion's multiples away from it",
+    serious=False,
+)
+_UNITS = {"force": (1.0, "N"), "length": (1e3, "mm")}
+_SEEN_ELSEWHERE = (
+    "the estimate searches the residuals for it; or state it in `noise.force_spectrum.hum` and "
+    "design again: the motion then avoids it"
+)
+_LEVEL = 0.001
+_NOTICEABLE = 0.05
+"""Smallest relevant correlation."""
+_CLOSE, _FINE, _COARSE = 0.01, 8, 3
+"""Smallest eigenvalue of a correlation that is not close to singular; digits if it is, or not."""
+_WIDTH = 78
+_KINDS = {"force": ("N", 1.0), "length": ("mm", 1e3)}
+
 
 def analyse_noise(record: PeriodicRecording, source: str = "") -> NoiseRecord:
     """Analyse the noise of a recording of two periods or more; `source` is its file.
@@ -111,22 +131,6 @@ def _remove_rounding_noise(channels: Channels, still: Mask) -> Channels:
     return replace(channels, periods=None, repeats=None, scatter=scatter)
 
 
-_NO_HUM = Assumption(
-    "no hum of the mains",
-    "the mains hum in the noise",
-    "earth and shield the measurement; until then state the spectrum as `noise.force_spectrum` or "
-    "`noise.length_spectrum`: a design then keeps the motion's multiples away from it",
-    serious=False,
-)
-_UNITS = {"force": (1.0, "N"), "length": (1e3, "mm")}
-
-
-_SEEN_ELSEWHERE = (
-    "the estimate searches the residuals for it; or state it in `noise.force_spectrum.hum` and "
-    "design again: the motion then avoids it"
-)
-
-
 def hum_finding(searches: Mapping[str, HumSearch | None], refused: str = "") -> Finding:
     """Report the search for a hum.
 
@@ -169,15 +173,6 @@ def _describe_hum(kind: str, line: HumLine) -> str:
 
 def _join_frequencies(frequencies: Iterable[float]) -> str:
     return ", ".join(f"{frequency:.4g}" for frequency in sorted(frequencies))
-
-
-_LEVEL = 0.001
-_NOTICEABLE = 0.05
-"""Correlation below which it changes nothing that is designed or estimated."""
-_CLOSE, _FINE, _COARSE = 0.01, 8, 3
-"""Smallest eigenvalue of a correlation that is close to singular; digits then, and otherwise."""
-_WIDTH = 78
-_KINDS = {"force": ("N", 1.0), "length": ("mm", 1e3)}
 
 
 def noise_block(noise: NoiseFile, densities: dict[str, NoiseDensity]) -> str:

@@ -38,6 +38,8 @@ _SKEWED, _KURTIC = 0.1, 0.3
 _FAR = 4.5
 """Distance of an outlier in robust standard deviations: 7 in a million normal samples."""
 
+_FEWEST = 2
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Whiteness(ChannelTest):
@@ -351,9 +353,6 @@ def _test_channels(
         block = np.arange(len(rows)) * max(1, round(record.periods)) // len(rows)
         change = drift(rows, block, 0, level)
     return samples, white, None if samples is None else normality(samples, level), change
-
-
-_FEWEST = 2
 
 
 def why_not_compared(record: PeriodicRecording) -> str:

@@ -29,7 +29,7 @@ from estimation.diagnostics.finding import Assumption
 from estimation.diagnostics.hypothesis import Hypothesis
 from estimation.diagnostics.joint_system import SolvedSystem
 from estimation.diagnostics.linearisation import Linearisation, Signature
-from estimation.diagnostics.significance import HYPOTHESES, POSITION_PERIODIC, log_pair_tail
+from estimation.diagnostics.significance import POSITION_PERIODIC, log_pair_tail
 from estimation.processing.hum import mains_frequencies
 from estimation.processing.periodic_recording import PeriodicRecording
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -40,6 +40,10 @@ SAMPLES_PER_PITCH = 4.0
 _OVERSAMPLING = 4
 _SEEN = 1e-6
 """Smallest share of a column's information that must remain given the model's columns."""
+
+_FEWEST_PERIODS = 2
+_MULTIPLES = 3
+"""Number of multiples of the mains that are considered."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,11 +232,6 @@ def _pair_statistic(
     return statistic
 
 
-_FEWEST_PERIODS = 2
-_MULTIPLES = 3
-"""Number of multiples of the mains that are considered."""
-
-
 def hidden_hums(record: PeriodicRecording) -> tuple[tuple[float, int], ...]:
     """Return the mains frequencies, Hz, within one line of a multiple of the motion's frequency.
 
@@ -250,9 +249,9 @@ def hidden_hums(record: PeriodicRecording) -> tuple[tuple[float, int], ...]:
     return tuple(found)
 
 
-def hum_hypotheses(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
+def hum_hypotheses(effects: CandidateEffects) -> Iterator[Hypothesis]:
     """Yield the family of hums that contrasts between periods cancel, if there are any."""
-    part, record = candidate_effects.part, candidate_effects.experiment.record
+    part, record = effects.part, effects.experiment.record
     hidden = hidden_hums(record)
     if not hidden:
         return
@@ -268,7 +267,6 @@ def hum_hypotheses(candidate_effects: CandidateEffects) -> Iterator[Hypothesis]:
         labels=tuple((f"of {frequency:g} Hz", None) for frequency, _ in hidden),
         columns=Signature.of_forces(part, np.concatenate(columns, axis=2)),
         places=tuple(tuple(range(k * width, (k + 1) * width)) for k in range(len(hidden))),
-        level=HYPOTHESES,
         assumption=Assumption(
             "no hum that repeats in every period",
             "the mains hum at a multiple of the motion's frequency",

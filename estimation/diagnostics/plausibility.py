@@ -45,6 +45,16 @@ _PLAUSIBLE = Assumption(
     "way, the inertia of motors and screws (`drive`), and a-priori values of another machine",
 )
 
+_FAR = 9.0
+"""Factor that excludes another machine of the kind; kilograms instead of newtons give 9.8."""
+_NEAR = 0.15
+"""Tolerance, in the logarithm, between a factor and that of a unit: accuracy of masses."""
+_LARGE = 2.5
+_KNOWN_WELL = 0.1
+_ALIKE = 0.3
+_MOST = 2 / 3
+_FEWEST = 2
+
 
 @dataclass(frozen=True)
 class _Doubt:
@@ -229,17 +239,6 @@ def _lump(
         f"{first} … {last}" if len(lump.parameters) > _MOST_SHOWN else join_words(lump.parameters)
     )
     return _Doubt(which, f"{lump.meaning} are physically inconsistent ({which} together)", p)
-
-
-_FAR = 9.0
-"""Factor that excludes another machine of the kind; kilograms instead of newtons give 9.8."""
-_NEAR = 0.15
-"""Tolerance, in the logarithm, between a factor and that of a unit: accuracy of masses."""
-_LARGE = 2.5
-_KNOWN_WELL = 0.1
-_ALIKE = 0.3
-_MOST = 2 / 3
-_FEWEST = 2
 
 
 @dataclass(frozen=True, eq=False)

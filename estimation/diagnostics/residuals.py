@@ -36,6 +36,10 @@ from estimation.estimators.experiment import Experiment
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import Column, Numbers, OpenNumber, described, sized, strutwise
 
+_MOST_BINS, _FEWEST_BINS = 60, 12
+_PER_BIN = 24
+_FEWEST = 4
+
 
 @dataclass(frozen=True)
 class ChiSquare:
@@ -192,11 +196,6 @@ def lack_of_fit(
         p_values=np.array(p_values),
         level=level,
     )
-
-
-_MOST_BINS, _FEWEST_BINS = 60, 12
-_PER_BIN = 24
-_FEWEST = 4
 
 
 @dataclass(frozen=True, eq=False)

@@ -104,7 +104,7 @@ class Search:
     ) -> None:
         self.system, self.part, self.families = system, part, families
         self.step, self.level = step, level
-        nothing = Signature.of_forces(part, np.zeros((*part.forces.shape, 0)))
+        nothing = Signature.none(part)
         self.signature = Signature.concatenate(
             [nothing, *(hypothesis.columns for hypothesis in families)]
         )

@@ -40,6 +40,12 @@ every relevant deviation is highly significant; marginal ones need no alarm."""
 CHI_SQUARE = 0.001
 """Level over both tails of forces and lengths."""
 
+OfEach = Annotated[OpenNumbers, sized(ACTUATORS)]
+"""One number per channel, of which some may be missing."""
+_SMALLEST = 1e-280
+_NEAR_MEAN = 1e-2
+"""Distance from the mean, in standard deviations, below which digits cancel."""
+
 
 def _from_one(index: int | None) -> int | None:
     return None if index is None else index + 1
@@ -53,10 +59,6 @@ Strut = Annotated[
     int | None, BeforeValidator(_from_zero), PlainSerializer(_from_one, return_type=int | None)
 ]
 """Index of a strut: from 0 in memory, from 1 in a file; None: all of them."""
-
-
-OfEach = Annotated[OpenNumbers, sized(ACTUATORS)]
-"""One number per channel, of which some may be missing."""
 
 
 def no_numbers() -> Array:
@@ -105,11 +107,6 @@ def below_level(p_values: Array, level: float) -> NDArray[np.bool_]:
     [True, False]
     """
     return p_values < level / len(p_values)
-
-
-_SMALLEST = 1e-280
-_NEAR_MEAN = 1e-2
-"""Distance from the mean, in standard deviations, below which digits cancel."""
 
 
 def log_two_sided(values: Array, freedom: float) -> Array:

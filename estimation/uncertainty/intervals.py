@@ -19,7 +19,6 @@ from expdesign.runfolder import MAY_BE_EMPTY, OpenNumber, described
 LEVEL = 0.95
 """Coverage of the intervals."""
 
-
 _DECIMALS = 9
 """Largest number of decimals; smaller numbers are shown with an exponent."""
 
