@@ -20,9 +20,13 @@ def experiment_view(folder: RunFolder) -> StageView:
     if truth.machine is not None:
         twin += f", a machine ({truth.machine.name}) that is not the robot of the run"
     rate, periods = f"{readable(experiment.sampling)} Hz", f"{experiment.periods:g}"
+    period = f"{readable(truth.executed.period, 5)} s"
+    files = len(list(folder.path.glob("repetitions/*/measurement.csv")))
+    times = f", {files} times" if files else ""
     sentence = (
-        f"Simulated on {twin}: {periods} periods measured at {rate}, {experiment.samples} "
-        f"samples. Disturbances besides the noise: {disturbances}."
+        f"Simulated on {twin}: {periods} periods of {period} measured at {rate}{times}: "
+        f"{experiment.samples} samples, {readable(experiment.samples_per_period, 6)} per period. "
+        f"Disturbances except the noise: {disturbances}."
     )
     entry = folder.entry("experiment")
     level, word = Level.NEUTRAL, "simulated"
@@ -34,7 +38,7 @@ def experiment_view(folder: RunFolder) -> StageView:
         (
             Fact("periods", periods),
             Fact("sampling", rate),
-            Fact("period", f"{readable(truth.executed.period)} s"),
+            Fact("period", period),
             *((Fact("controller table", table, _execution(truth)),) if table else ()),
             *((Fact("true machine", truth.machine.name),) if truth.machine else ()),
             Fact("disturbances", disturbances),

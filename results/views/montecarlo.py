@@ -28,9 +28,11 @@ def montecarlo_view(folder: RunFolder) -> StageView:
     failures = sum(len(entry.failures) for entry in estimators.values())
     names = ", ".join(NAMES.get(name, name) for name in estimators)
     identified = f"{len(summary.identified)} of {len(summary.parameters)}"
+    experiment = summary.settings["experiment"]
     sentence = (
-        f"{summary.counts.done} simulated experiments, estimators {names}; {identified} "
-        "parameters are identified."
+        f"{summary.counts.done} simulated experiments of {experiment['periods']} periods at "
+        f"{experiment['sampling']:g} Hz, estimators {names}; {identified} parameters are "
+        "identified."
     )
     if summary.interrupted:
         sentence += f" Interrupted: {summary.counts.wanted} were wanted."

@@ -53,7 +53,7 @@ def answers(monkeypatch):
 def test_what_init_writes_passes_check(expdesign, tmp_path):
     status, out, err = expdesign("init", "mine")
     assert (status, out) == (0, "written to mine.yaml and mine-run.yaml\n")
-    assert "assumed" in err
+    assert "defaults to check" in err
     status, _, err = expdesign("check", "mine-run.yaml")
     assert status == 0
     # Nothing is odd; what the template leaves open is said.

@@ -77,7 +77,7 @@ def test_what_is_written(expdesign, run_file, design, tmp_path):
     out = tmp_path / "out"
     status, answer, messages = expdesign("montecarlo", run_file(), "--design", design, "--out", out)
     assert status == 0, messages
-    assert "3 repetitions of 3 periods at 60 Hz" in answer
+    assert "3 simulated experiments of 3 periods at 60 Hz" in answer
     assert "8 of 24 parameters are identified" in answer
     assert files(out) == WRITTEN | {"manifest.json", NAME}
     entry = stage(out)

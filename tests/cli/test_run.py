@@ -50,7 +50,7 @@ def test_a_run_is_resumed_and_repeated_from_its_folder(
     status, out, messages = expdesign("run", run_file, "--out", folder)
     assert status == 0
     assert "log det F" in out
-    assert "strut_length" in out
+    assert "strut length" in out
     assert "3 periods of" in out
     assert "Traceback" not in messages
     before = states(folder)
@@ -141,11 +141,11 @@ def seen(monkeypatch):
     asked = []
 
     def perform(stage, work):
-        asked.append((stage, work.configuration.run.name, work.folder))
-        work.made[stage] = Outcome(stage, work.folder, True)
+        asked.append((stage.name, work.configuration.run.name, work.folder))
+        work.made[stage.name] = Outcome(stage.name, work.folder, True)
 
-    monkeypatch.setattr("expdesign.stages.run.do_stage", perform)
-    monkeypatch.setattr("expdesign.stages.run.stage_inputs", lambda *_: "")
+    monkeypatch.setattr("expdesign.stages.run.execute", perform)
+    monkeypatch.setattr("expdesign.stages.run.input_hash", lambda *_: "")
     return asked
 
 

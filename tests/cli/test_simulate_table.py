@@ -98,7 +98,9 @@ def test_the_table_is_measured(expdesign, run_file, folder, table, tmp_path):
     arguments = ("simulate", run_file(), "--design", folder, "--out")
     status, answer, messages = expdesign(*arguments, out, "--table", table)
     assert status == 0, messages
-    assert "executed: xps-pvt.trj (xps-pvt), measured from 0.4000 s after its start" in answer
+    assert (
+        "controller table: xps-pvt.trj (xps-pvt, measured from 0.4000 s after its start" in answer
+    )
     truth = json.loads((out / "truth.json").read_text())
     assert truth["table"]["file"] == "xps-pvt.trj"
     assert truth["table"]["window"] == [0.4, 2.4]
