@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+import matplotlib as mpl
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 PAGE_WIDTH = 7.0
 """Width of a figure over both columns of a paper, inches."""
@@ -104,8 +105,6 @@ STYLE: dict[str, Any] = {
 @contextmanager
 def house_style() -> Iterator[None]:
     """Draw and save in the project's style, whatever the user's own settings are."""
-    import matplotlib as mpl
-
     settings: dict[Any, Any] = {
         key: mpl.rcParamsDefault[key]
         for key in mpl.rcParamsDefault
@@ -117,9 +116,6 @@ def house_style() -> Iterator[None]:
 
 def new_figure(height: float, width: float = PAGE_WIDTH) -> Figure:
     """Return an empty figure on its own canvas; sizes in inches."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure

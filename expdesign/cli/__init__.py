@@ -81,7 +81,7 @@ def _run() -> int:
 
 
 class _Undemanding(io.FileIO):
-    """Takes messages though nobody does: a run goes on when its terminal or its pipe is closed."""
+    """Output stream that ignores errors, so that a run continues when its terminal is closed."""
 
     def write(self, data: Any, /) -> int:
         """Write, if possible."""

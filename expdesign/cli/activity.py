@@ -1,4 +1,4 @@
-"""What a stage is at, on the terminal: a bar, or elsewhere a line every five seconds at most."""
+"""Progress of a stage: a bar on the terminal, elsewhere at most a line every five seconds."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def time_text(seconds: float) -> str:
 
 
 def left_text(passed: float, share: float) -> str:
-    """Return how long it will take still, when a share of the whole took so long; empty: unknown.
+    """Return the remaining time, from the time for a share of the whole; empty: unknown.
 
     Nothing is said of the first moments, which tell too little.
     """
@@ -78,7 +78,7 @@ class Activity:
 
     @property
     def line(self) -> str:
-        """What it is at, how far, and how long still."""
+        """Activity, progress and remaining time."""
         now = time.monotonic()
         counted = f", {self._done} of {self._total}" if self._total else ""
         share = 0.0

@@ -1,4 +1,4 @@
-"""The commands of the command line, in the order in which they are listed and used.
+"""Command line: the commands in the order of their use.
 
 Each command is a function that is imported here. It imports what it computes with when it runs,
 takes `--json`, returns nothing when all is well, raises `StageFailed` (exit 1) or `InputError`

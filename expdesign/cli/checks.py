@@ -107,7 +107,7 @@ def check(run: str, out: Path | None, *, machine: bool, as_json: bool) -> None:
 
 
 def _constants_in_words(robot: Robot) -> list[str]:
-    """Return which constants of terms an estimate finds, and from where on."""
+    """Return the constants of terms that an estimate determines, with their initial values."""
     found = []
     for one in estimated_constants(robot):
         prior = f"a prior of ± {quantity_text(one.std, one.unit)} (tolerances.{one.group})"
@@ -122,7 +122,7 @@ def _constants_in_words(robot: Robot) -> list[str]:
 
 
 def _designs_in_words(configuration: RunConfiguration) -> list[str]:
-    """Return how many designs a sweep makes, and of what; nothing without one."""
+    """Return the number of designs of a sweep and their values; nothing without a sweep."""
     lists = [
         f"{path} {' | '.join(value_text(value) for value in values)}"
         for path, values in (configuration.run.sweep or {}).items()

@@ -51,7 +51,7 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
 
 
 def ended_plainly(command: Callable[..., None]) -> Callable[..., None]:
-    """Let an interruption of a command be told as other failures are, not by Typer."""
+    """Report an interruption of a command as a failure, instead of Typer's own message."""
 
     @wraps(command)
     def ended(*arguments: Any, **options: Any) -> None:
@@ -64,11 +64,14 @@ def ended_plainly(command: Callable[..., None]) -> Callable[..., None]:
 
 
 class InterruptedCommand(Exception):  # noqa: N818 - no error but the end of a command
-    """A command was interrupted, and what it did besides is not kept."""
+    """Interruption of a command."""
 
 
 def _status_of(error: BaseException, as_json: bool) -> int | None:
-    """Tell of an error; None: it is a bug. What it knows is loaded now: --help needs none of it."""
+    """Report an error and return its exit status; None for a bug.
+
+    Modules are loaded here, since --help needs none of them.
+    """
     if isinstance(error, KeyboardInterrupt | InterruptedCommand | typer.Abort):
         return _failed(INTERRUPTED, as_json)
     from expdesign.configuration import ComputationError, InputError, Problem
@@ -94,9 +97,9 @@ def _of_system(error: OSError, as_json: bool) -> int:
 
 
 def _empty_text(arguments: Sequence[str]) -> str | None:
-    """Return the option, or nothing for an argument, of a text that is empty; None: there is none.
+    """Return the option of an empty text, empty for an argument; None without an empty text.
 
-    No command takes one, and as a path it would be the current folder.
+    No command accepts it, and as a path it would be the current folder.
     """
     for before, text in zip(["", *arguments], arguments, strict=False):
         option, sign, value = text.partition("=")
@@ -124,7 +127,7 @@ def _bad_input(problems: Iterable[Problem], as_json: bool) -> int:
         console.print(line.append(problem.message))
         if problem.nearest:
             console.print(f"  did you mean '{problem.nearest}'?")
-        # What is allowed for several problems in a row is said once, after the last.
+        # Equal allowed values of several problems in a row are printed once, after the last.
         if problem.allowed and (following is None or following.allowed != problem.allowed):
             console.print(f"  allowed: {problem.allowed}")
     return BAD_INPUT

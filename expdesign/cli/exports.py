@@ -107,9 +107,9 @@ def _list(*, as_json: bool) -> None:
 
 
 def _section(name: str, given: dict[str, Any], configuration: RunConfiguration) -> ExportSection:
-    """Return what is asked for: the run's own options for the format, overridden by these.
+    """Return the options of the run for the format, overridden by the given ones.
 
-    Options of the run that do not go with what is given are left out, and named.
+    Options of the run that contradict the given ones are left out, with a note.
     """
     stated = _stated(name, given.get("file"), configuration)
     data = {} if stated is None else stated.model_dump(exclude_none=True)
@@ -127,7 +127,7 @@ def _section(name: str, given: dict[str, Any], configuration: RunConfiguration) 
 
 
 def _stated(name: str, file: str | None, configuration: RunConfiguration) -> ExportSection | None:
-    """Return the table of this format that the run names; of several the one with this file."""
+    """Return the run's table of a format; of several the one with this file."""
     named = [entry for entry in configuration.run.export if entry.format == name]
     if len(named) > 1:
         named = [entry for entry in named if entry.stem == file] or named
@@ -144,7 +144,7 @@ def _stated(name: str, file: str | None, configuration: RunConfiguration) -> Exp
 
 
 def _left_out(given: dict[str, Any], stated: ExportSection) -> dict[str, str]:
-    """Return which options of the run do not go with those given, each with the option given."""
+    """Return options of the run that contradict given ones, each with the given option."""
     space = given.get("space", stated.coordinates)
     # Axes of the run are those of its coordinates.
     of_space = ("axes", *(STRUT_ONLY if space == "pose" else ()))

@@ -32,9 +32,9 @@ _LIMIT, _FREE = "limit", range_text((-np.inf, np.inf))
 _NOTHING = 1e-9
 """Share of a column's largest value that is rounding."""
 _STRUTS = {"strut_length": "length", "actuator_force": "force", "alpha": "α", "beta": "β"}
-"""What is told of every strut, and how its column is called."""
+"""Quantities of every strut, with the titles of their columns."""
 _WHOLE = ("jacobian_condition", "strut_clearance", "tilt", "platform_joint_angle")
-"""What is told of the machine: its worst row."""
+"""Quantities of the machine, shown by their worst row."""
 
 
 def show_machine(
@@ -66,7 +66,7 @@ def show_machine(
 
 
 def _shown_in_words(found: Excitable) -> str:
-    """Return how many parameters some motion within the limits tells apart."""
+    """Return the number of parameters that motions within the limits can identify."""
     told, every = len(found.base.base), len(found.base.names)
     if told == every:
         return f"Motions within the limits tell all {every} parameters apart."
@@ -178,7 +178,7 @@ def _reach(reaches: Sequence[Reach]) -> Table:
 
 
 def _stopped(stop: Stop) -> str:
-    """Return what stops a coordinate, its bound and where: ``"strut length 950 mm, strut 2"``."""
+    """Return the limit that stops a coordinate, its bound and place: ``"strut length 950 mm, strut 2"``."""
     if stop.bound is None:
         return stop.title if stop.limit == SINGULAR else "nothing so far"
     bound = handy_unit(stop.unit, [stop.bound]).quantity(stop.bound)
@@ -204,7 +204,7 @@ def _symbol(unit: DisplayUnit) -> str:
 
 
 def _number(unit: DisplayUnit, value: float, column: Array) -> str:
-    """Return a value of a column, without what is rounding only."""
+    """Return a value of a column, with rounding errors as zero."""
     largest = float(np.max(np.abs(column)))
     return unit.number(0.0 if abs(value) <= _NOTHING * max(largest, 1.0) else value)
 

@@ -15,7 +15,6 @@ from expdesign.stages.registry import reported_stages, stages
 from expdesign.stages.report import report_folder
 from expdesign.stages.run import run
 from expdesign.stages.workspace import Sources, StageFailed, Workspace, short
-from results.comparison.comparison import write_comparison
 
 
 def execute_stage(
@@ -81,6 +80,8 @@ def compare_folders(
     folders: Sequence[Path], out: Path, precision: str, *, quick: bool, as_json: bool
 ) -> None:
     """Write the comparison of run folders."""
+    from results.comparison.comparison import write_comparison
+
     share = precision_share(precision)
     place = out.absolute()
     refuse_unwritable(place)

@@ -25,7 +25,7 @@ from expdesign.stages.workspace import Outcome, Progress, short
 from results.render.terminal import print_view
 
 _TRUE = ("done", "finished")
-"""Phases whose objective is by the unsmoothed model."""
+"""Phases with an objective of the exact (unsmoothed) friction model."""
 
 
 class Terminal(Progress):
@@ -86,7 +86,7 @@ class Terminal(Progress):
 
 @contextmanager
 def working(what: str) -> Iterator[Terminal]:
-    """Show what a command that is no stage is at."""
+    """Show the progress of a command that is not a stage."""
     terminal = Terminal()
     with terminal.working(what) as listener, listening(listener):
         yield terminal
@@ -161,7 +161,7 @@ class SearchDisplay:
                 )
 
     def told(self, what: str, done: int, total: int) -> None:
-        """Show what is done before the first start and after the last."""
+        """Show the progress before the first start and after the last."""
         self._before.told(what, done, total)
 
     @contextmanager
@@ -209,7 +209,7 @@ class SearchDisplay:
         return left_text(passed, max(share, passed / self._max_seconds))
 
     def _name(self, event: SearchEvent) -> str:
-        """Return which start or hop an event is of; hops have the numbers after the starts."""
+        """Return the start or hop of an event; hops have the numbers after the starts."""
         if event.start <= self._starts:
             return f"start {event.start} of {self._starts}"
         return f"start {event.start} (hop {event.start - self._starts} of {self._hops})"
@@ -263,7 +263,7 @@ class SearchDisplay:
 
 
 def _stage(event: SearchEvent) -> str:
-    """Return what stage of a start an event is of, in words."""
+    """Return the phase of a start in words."""
     number, count = event.place
     title = PHASE_TITLES.get(event.phase, event.phase)
     return f"{title} ({number} of {count})" if count > 1 else title

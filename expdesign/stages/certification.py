@@ -1,4 +1,4 @@
-"""What is proved of a run folder's motions: its design, the way there and back, and its tables."""
+"""Certificates of a run folder's motions: design, lead-in and lead-out, and tables."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from expdesign.trajectory import FourierTrajectory
 
 @dataclass(frozen=True)
 class CertifiedPart:
-    """A motion of a run folder with what is proved of it."""
+    """A motion of a run folder with its certificate."""
 
     name: str
     title: str
@@ -43,12 +43,12 @@ class CertifiedPart:
 
 
 def certified_folder(work: Workspace) -> list[CertifiedPart]:
-    """Return what is proved of the design of a run folder, of its ways, and of all its tables.
+    """Return the certificates of the design of a run folder, of lead-in and lead-out, and of tables.
 
-    The ways from and to rest are those that exports.json records; they keep `motion.jerk` as well.
+    Lead-in and lead-out are those of exports.json; they keep `motion.jerk` as well.
     """
     if not work.design_file.exists():
-        message = f"there is no {work.design_file.name}: nothing was designed here"
+        message = f"there is no {work.design_file.name}"
         raise InputError(message, work.folder, allowed="a folder that `expdesign design` wrote")
     manifest = Manifest.known(work.folder)
     entry = None if manifest is None else manifest.stages.get("design")
@@ -62,13 +62,13 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
     place = work.folder / FOLDER
     record = ExportResult.known(place / RECORD)
     if record is None:
-        work.progress.note(
-            "no table was exported: the lead-in and lead-out, which are planned then, are not there"
-        )
+        work.progress.note("no table was exported, and therefore no lead-in and lead-out planned")
         return found
     motion = _executable(record, trajectory, robot)
     if motion is None:
-        work.progress.warn(f"the ways in {RECORD} are not those of this design: left out")
+        work.progress.warn(
+            f"the lead-in and lead-out in {RECORD} belong to another design: left out"
+        )
     else:
         with progress_prefix("lead-in and lead-out"):
             limits = check_motion(work.configuration, motion).limits
@@ -78,19 +78,19 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
         if (place / name).is_file():
             found.append(certified_table(work, place / name))
         else:
-            work.progress.warn(f"{name} is in {RECORD}, and no longer in the folder")
+            work.progress.warn(f"{name} is in {RECORD}, but no longer in the folder")
     return found
 
 
 def certified_table(work: Workspace, path: Path) -> CertifiedPart:
-    """Return what is proved of a table of the run folder's design, which may be a copy of one."""
+    """Return the certificate of a table of the run folder's design, or of a copy of one."""
     robot = robot_from(work.configuration.robot)
     exports = work.folder / FOLDER / RECORD
     table = find_table_file(path, robot, work.design().trajectory, exports)
     if table.described_in == exports != path.with_name(RECORD):
         work.progress.note(
-            f"no record stands beside {path.name}: by its SHA-256 it is {table.exported_as} of "
-            f"{short(exports)}, and is read as that"
+            f"{path.name} has no description in its folder: by its SHA-256 it is {table.exported_as} of "
+            f"{short(exports)}, and is read as such"
         )
     if table.changed:
         work.progress.warn(f"{path.name} was changed after it was exported")
@@ -103,13 +103,13 @@ def certified_table(work: Workspace, path: Path) -> CertifiedPart:
 
 
 def folder_of_table(path: Path) -> Path:
-    """Return the run folder that a table stands in."""
+    """Return the run folder of a table in its exports/."""
     folder = path.parent.parent
     if path.parent.name != FOLDER or not (folder / RUN_FILE).is_file():
         refuse_run_file(path)
         raise InputError(
-            "it stands in no exports/ of a run folder: if it is a table, nothing here tells which "
-            "robot executes it, and which design it is of",
+            "it is not in the exports/ of a run folder, so that its robot and its design are not "
+            "known",
             path,
             key="--design",
             allowed="a run folder, a table in its exports/, or a table with --design DIR, the run "
@@ -119,10 +119,10 @@ def folder_of_table(path: Path) -> Path:
 
 
 def refuse_part_of_folder(path: Path) -> None:
-    """Refuse a file of a run folder that is no table, and the folder of its tables."""
+    """Refuse the folder of the tables, and a file of a run folder that is not a table."""
     part = path.is_file() or (path.name == FOLDER and not (path / RUN_FILE).exists())
     if part and (path.parent / RUN_FILE).is_file():
-        what = "the folder of the tables" if path.is_dir() else "a file, and no table,"
+        what = "the folder of the tables" if path.is_dir() else "a file other than a table"
         message = f"this is {what} of the run folder {short(path.parent)}"
         allowed = f"{short(path.parent)}, or a table in its {FOLDER}/"
         raise InputError(message, path, allowed=allowed)

@@ -170,8 +170,8 @@ def clear_leftovers(folder: Path) -> None:
 def write_entry(work: Workspace, outcome: Outcome, seconds: float) -> None:
     """Write the entry of a stage into the manifest.
 
-    The entries of other stages stay, unless other versions made them: the hashes of their inputs
-    identify what they belong to.
+    The entries of other stages stay, unless other versions made them; each has the hash of its
+    inputs.
     """
     run = work.configuration.run
     sections = {name: getattr(run, name) for name in type(run).model_fields}

@@ -1,4 +1,4 @@
-"""The run folder: where it is, and whether it can be written to and still holds what was made."""
+"""The run folder: its place, and checks that it can be written to and still holds its results."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from expdesign.stages.workspace import Outcome, StageFailed, short
 Place = str | PathLike[str]
 
 _ROOM = 2**20
-"""Bytes that there is to be room for before a stage begins: some stages write more, most less."""
+"""Free bytes that a stage needs at its beginning; most stages write less."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 _LONGEST_NAME, _LONGEST_PATH = 255, 3800
@@ -25,7 +25,7 @@ _LONGEST_NAME, _LONGEST_PATH = 255, 3800
 
 
 def run_folder(configuration: RunConfiguration, out: Place | None) -> Path:
-    """Return the run folder: what was asked for, or runs/<name> in the current folder."""
+    """Return the run folder: the given one, or runs/<name> in the current folder."""
     if out is not None and not os.fspath(out):
         raise InputError("the text is empty", key="--out", allowed="the name of a folder")
     folder = (Path("runs") / configuration.run.name if out is None else Path(out)).absolute()
@@ -34,7 +34,7 @@ def run_folder(configuration: RunConfiguration, out: Place | None) -> Path:
 
 
 def refuse_long(folder: Path) -> None:
-    """Refuse a folder whose name, or whose files' names, no system takes."""
+    """Refuse a folder with a name that is too long for the system."""
     longest = max(len(os.fsencode(part)) for part in folder.parts)
     if longest > _LONGEST_NAME or len(os.fsencode(folder)) > _LONGEST_PATH:
         message = f"{quote(folder.name)}: the name is too long"
@@ -43,20 +43,20 @@ def refuse_long(folder: Path) -> None:
 
 
 def refuse_run_file(place: Path) -> None:
-    """Refuse a run, by its file or the name of one that ships, where its folder is wanted."""
+    """Refuse a run file, or the name of a run that ships, instead of a run folder."""
     if not (place.is_file() or str(place) in run_files()):
         return
     try:
         folder = run_folder(load_run(str(place) if str(place) in run_files() else place), None)
     except InputError:
-        return  # another file: that it is no folder is all there is to say
-    made = "" if folder.is_dir() else ", which is not there yet"
-    message = f"this is a run, not its folder, {short(folder)}{made}"
+        return  # another file: the caller refuses it
+    made = "" if folder.is_dir() else ", which does not exist yet"
+    message = f"this is a run and not its folder, {short(folder)}{made}"
     raise InputError(message, place, allowed=f"a run folder such as {short(folder)}")
 
 
 def refuse_unwritable(folder: Path) -> None:
-    """Find out before the work, not after it, that its result cannot be written."""
+    """Refuse a folder that cannot be written to, before the computation."""
     allowed = "a folder that is new, or may be written to"
     refuse_long(folder)
     existing = next(path for path in (folder, *folder.parents) if path.exists())
@@ -73,12 +73,12 @@ def refuse_unwritable(folder: Path) -> None:
 
 
 def refuse_removed(folder: Path, made: Iterable[Outcome]) -> None:
-    """Fail when a folder no longer holds what stages have written or kept there."""
+    """Fail when a folder no longer holds the results of its stages."""
     manifest = Manifest.known(folder)
     held = {} if manifest is None else manifest.stages
     gone = [one.stage for one in made if (one.files or one.kept) and one.stage not in held]
     if gone:
         raise StageFailed(
-            f"{short(folder)} was removed or emptied while the run went on: what "
-            f"{', '.join(gone)} wrote is gone. The same command makes it again."
+            f"{short(folder)} was removed or emptied during the run: the results of "
+            f"{', '.join(gone)} are lost. The same command makes them again."
         )

@@ -1,4 +1,4 @@
-"""The identified robot for a controller: written, tested here where that can be, and described."""
+"""Control model of the identified robot: written, tested where possible, and described."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def export_model(
     robot = load_robot(file)
     known, path = robot.description.description.identification, robot.description.source
     if path is None:
-        raise InputError("a robot that is no file has no control model", key="DIR")
+        raise InputError("a robot without a file has no control model", key="DIR")
     place = Path("runs") / robot.name if folder is None else folder
     target = (place / FOLDER / name if out is None else out).absolute()
     refuse_unwritable(target)
@@ -79,12 +79,11 @@ def export_model(
     if uncertainty is not None and lacking:
         progress.warn(
             f"{short(path)} lacks the covariance of the parameters with {', '.join(lacking)} "
-            "(identification.constants): an earlier version wrote it, or they were not estimated "
-            "with them. The standard deviations of the forces count the parameters alone, and are "
-            "as a rule too large. Estimate again"
+            "(identification.constants): they were not estimated together. The standard deviations "
+            "of the forces count the parameters alone, and are usually too large. Estimate again"
         )
     model = ControlModel(robot, _origin(path, known, folder), width, uncertainty)
-    _tell_doubts(model, progress)
+    _report_doubts(model, progress)
     report_progress(f"writing and testing {name}")
     with TemporaryDirectory(prefix="expdesign-model-") as place_to_work:
         made = FORMATS[name].make(model, Path(place_to_work))
@@ -118,13 +117,11 @@ def export_model(
 
 
 def _identified(folder: Path, progress: Progress) -> Path:
-    """Return the robot file of a run folder's estimate; warn when it was changed since."""
+    """Return the robot file of a run folder's estimate; warn when it was changed."""
     path = folder / IDENTIFIED
     if not path.is_file():
-        made = (folder / EstimateFile.FILE).is_file()
-        message = "of an earlier version: it has no robot file" if made else "there is no estimate"
         raise InputError(
-            f"{message}, {IDENTIFIED}",
+            f"there is no estimate: {IDENTIFIED} is missing",
             folder,
             key="DIR",
             allowed="a run folder in which `expdesign estimate` was done, a robot file, or the "
@@ -138,7 +135,7 @@ def _identified(folder: Path, progress: Progress) -> Path:
 
 
 def _motion(folder: Path) -> tuple[str, FourierTrajectory | None]:
-    """Return what the uncertainty is stated on: the folder's design, else what was estimated."""
+    """Return the motion of the uncertainty: the folder's design, else the estimated motion."""
     if (folder / TrajectoryFile.FILE).is_file():
         return "the design", TrajectoryFile.read(folder).trajectory
     if (folder / EstimateFile.FILE).is_file():
@@ -172,7 +169,7 @@ def _uncertainty(
 
 
 def _lacking(robot: Robot, known: Identification) -> tuple[str, ...]:
-    """Return the constants that are estimated, and whose covariance is not known."""
+    """Return the estimated constants without a covariance."""
     return tuple(one.name for one in estimated_constants(robot) if one.name not in known.constants)
 
 
@@ -186,43 +183,43 @@ def _origin(path: Path, known: Identification | None, folder: Path | None) -> Or
     return Origin(run=known.run, estimator=known.estimator, verdict=known.verdict, **about)
 
 
-def _tell_doubts(model: ControlModel, progress: Progress) -> None:
+def _report_doubts(model: ControlModel, progress: Progress) -> None:
     known = model.identification
     if known is None:
         progress.note(
-            f"{model.robot.name} is no result of an estimate: the model has its nominal parameters"
+            f"{model.robot.name} does not come from an estimate: the model has nominal parameters"
         )
         return
     for warning in known.warnings:
         progress.warn(warning)
-    if told := _force_constants(known):
-        progress.warn(told)
+    if text := _force_constants(known):
+        progress.warn(text)
     names = np.array(model.robot.parameter_names)
     negative = names[_below(model)]
     if negative.size:
         progress.warn(
-            f"friction below zero drives the machine: {', '.join(negative)}. They are not "
-            "identified well enough; see estimates.csv"
+            f"negative friction would drive the machine: {', '.join(negative)} are not identified "
+            "well enough; see estimates.csv"
         )
 
 
 def _force_constants(known: Identification) -> str:
-    """Say that forces are true newtons where the estimate has corrected the drive's; else ""."""
+    """Return a warning where the estimate has corrected the force constants; else ""."""
     constants = [one for one in known.deviations if one.name.startswith(FORCE_CONSTANT)]
     common = sum(one.value for one in constants if one.name == FORCE_CONSTANT)
     own = {one.name: one.value for one in constants}
     shares = [common + own.get(name, 0.0) for name in numbered(f"{FORCE_CONSTANT}_")]
     if not any(abs(share) > _SAME_UNIT for share in shares):
         return ""  # none was estimated, or none is off
-    told = ", ".join(f"{100 * share:+.2g} %" for share in shares)
+    errors = ", ".join(f"{100 * share:+.2g} %" for share in shares)
     return (
         "the estimate has corrected the force constants: the model's forces are true newtons, and "
-        f"not the drive's units, which are off by {told} (actuators 1 to {ACTUATORS})"
+        f"not the drive's units, which are off by {errors} (actuators 1 to {ACTUATORS})"
     )
 
 
 def _below(model: ControlModel) -> Array:
-    """Return which parameters of friction are below the bound that every machine keeps."""
+    """Return the friction parameters below their physical bound, as a mask."""
     return np.array(
         [
             bool(term.rates) and value < one.lower

@@ -205,7 +205,7 @@ def estimate(
 
 
 def report(folder: Place) -> Path:
-    """Write the report of a run folder: one page for every stage that it holds.
+    """Write the report of a run folder, one page for all its stages.
 
     Returns
     -------

@@ -33,8 +33,8 @@ def run_sections(*names: str, **keys: set[str]) -> Mapping[str, Keys]:
 class Stage(ABC):
     """A stage of a run: its inputs, its computation, its files and its view.
 
-    A subclass in a module of its own is all that a new stage needs; one from another package is
-    found through the entry-point group ``expdesign.plugins``. Modules that take long to load are
+    A new stage needs a subclass in a module, and nothing more; another package registers its module
+    in the entry-point group ``expdesign.plugins``. Modules that take long to load are
     imported in the methods.
     """
 

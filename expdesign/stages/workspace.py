@@ -31,7 +31,7 @@ ESTIMATE_FILE = "estimate.json"
 
 
 class Progress:
-    """Listener of a run. This one ignores everything; a subclass overrides what it shows."""
+    """Listener of a run that ignores everything; a subclass overrides the methods of interest."""
 
     def warn(self, text: str) -> None:
         """Take a warning."""

@@ -16,7 +16,7 @@ from results.render.html import html_page
 from results.render.latex import latex_table
 from results.render.run_report import NAME, page_section
 from results.views.folder import RunFolder, ViewedStage
-from results.views.view import Page, ReportSection, ReportTable, StageView, text_columns
+from results.views.view import Page, PageSection, ReportTable, StageView, text_columns
 
 _FORMATS = ("png", "svg", "pdf")
 _MOST_NAMED = 4
@@ -151,7 +151,7 @@ def open_folders(paths: Sequence[Path], stages: Mapping[str, ViewedStage]) -> di
     return folders
 
 
-def sources_section(folders: Mapping[str, RunFolder]) -> ReportSection:
+def sources_section(folders: Mapping[str, RunFolder]) -> PageSection:
     """Return the sources of a comparison: folders, versions and hashes of their results."""
     rows = []
     for label, folder in folders.items():
@@ -169,7 +169,7 @@ def sources_section(folders: Mapping[str, RunFolder]) -> ReportSection:
         ]
     columns = text_columns("name", "stage", "folder", "expdesign", "SHA-256 of the result")
     table = ReportTable.of("sources", "Compared results", columns, rows)
-    return ReportSection("sources", "Sources", (table,))
+    return PageSection("sources", "Sources", (table,))
 
 
 def _labels(paths: list[Path]) -> list[str]:

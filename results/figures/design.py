@@ -6,9 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.container import Container
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from constraints.arrays import Array
 from expdesign.experiment import DesignResult
@@ -27,19 +32,12 @@ from results.figures.parameters import precision_figure
 from results.notation import counted, handy_unit, plain_number, symbol
 from results.style import ALERT, EMPHASIS, GREY, INK, MUTED, ORANGE, SECOND
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.container import Container
-    from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
-
-
 _ACTIVE = 100 * REACHED
 """From this share on, %, a limit counts as one that holds the design back."""
 _DIGITS = (4, 5, 6)
 _MOST = 130.0
 _COLUMNS = (6.0, 92.0)
-"""Of the texts beside the bars, points."""
+"""Offsets of the two texts of a bar, points."""
 _BROKEN, _FULL, _FREE = "broken", f"at least {_ACTIVE:g} % used", f"below {_ACTIVE:g} %"
 _LOOK: dict[str, dict[str, Any]] = {
     _BROKEN: {"color": ALERT},
@@ -55,7 +53,7 @@ _LOOK: dict[str, dict[str, Any]] = {
     height=1.0,
 )
 def limits_used_figure(figure: Figure, record: DesignResult) -> None:
-    """Draw one bar per limit, the fullest on top, with the worst moment beside it."""
+    """Draw one bar per limit, the fullest on top, with its worst moment at the right."""
     figure.set_figheight(0.9 + 0.27 * max(len(record.checks), 2))
     share = np.array([100 * check.used for check in record.checks])
     order = np.argsort(-np.nan_to_num(share, nan=np.inf), kind="stable")
@@ -137,7 +135,6 @@ def eigenvalues_figure(figure: Figure, record: DesignResult) -> None:
 
 
 def _stems(axes: Axes, values: Array) -> None:
-    from matplotlib.ticker import MaxNLocator
 
     index = np.arange(1, values.size + 1)
     positive = values > 0
@@ -186,7 +183,7 @@ FLOOR = TOLERANCE
 _SETTLED = 0.25
 """The scale of the objective leaves out this first part of every start."""
 _BEYOND = 0.25
-"""Of what the written design is above the worst in view: that much above it is in view, too."""
+"""Room above the written design, as a share of its distance from the worst in view."""
 _LOGARITHMIC = 50.0
 """Objectives that differ by more than this factor get a logarithmic axis."""
 _KEPT = 1e-2
@@ -200,7 +197,7 @@ _LINES: dict[str, dict[str, Any]] = {
     _HOP: {"color": ORANGE, "linewidth": 0.6, "alpha": 0.6, "zorder": 1.9},
 }
 _OPAQUE = 40
-"""Lines of a kind up to which they are drawn as they are; more are fainter, so that all show."""
+"""Largest number of opaque lines of a kind; more lines are fainter, so that all are visible."""
 _FAINTEST = 0.08
 
 
@@ -236,8 +233,6 @@ def traces(iterations: Sequence[Iteration]) -> tuple[Trace, ...]:
 )
 def convergence_figure(figure: Figure, record: DesignResult) -> None:
     """Draw all starts, the one that the design came from in front."""
-    from matplotlib.lines import Line2D
-
     found = traces(record.iterations)
     objective, violation = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     roles = [_role(trace, record.solver.best_start) for trace in found]

@@ -1,13 +1,20 @@
-"""What a figure is, how it becomes files, and the parts that several figures have."""
+"""Definition of figures, their files, and parts that several figures share."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.container import Container
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from constraints.arrays import Array
 from expdesign.progress import track
@@ -22,14 +29,6 @@ from results.style import (
     house_style,
     new_figure,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
-    from matplotlib.container import Container
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import FuncFormatter
 
 Record = TypeVar("Record", contravariant=True)  # noqa: PLC0105 - the word is the reader's
 
@@ -62,7 +61,7 @@ class FigureDefinition(Generic[Record]):
 def figure_definition(
     key: str, caption: str, *, height: float, width: float = PAGE_WIDTH
 ) -> Callable[[Callable[[Figure, Record], None]], FigureDefinition[Record]]:
-    """Make a figure of the function that stands below: it is what fills it."""
+    """Return a decorator that makes a figure of the function that fills it."""
     return lambda fill: FigureDefinition(key, caption, fill, height, width)
 
 
@@ -74,7 +73,7 @@ _METADATA: dict[str, dict[str, None]] = {
 }
 
 FORMATS = ("png", "svg")
-"""What is written when nothing else is asked for."""
+"""Default formats."""
 _MANY_NAMES, _NAME, _SMALLEST_NAME = 32, 7.5, 4.0
 """Names that fit side by side; their size in points, and that of ever so many."""
 
@@ -109,7 +108,7 @@ def save_figures(
 
 
 def _lay_out(figure: Figure) -> None:
-    """Lay a figure out once: all its files look alike, whichever of them are written.
+    """Lay a figure out once, so that all its files look alike.
 
     At the resolution of the files: texts are not equally wide at every one.
     """
@@ -123,8 +122,6 @@ def _lay_out(figure: Figure) -> None:
 
 def strut_legend(figure: Figure) -> None:
     """Name the six strut colours above all panels."""
-    from matplotlib.lines import Line2D
-
     handles = [
         Line2D([], [], color=colour, linewidth=2.0, label=f"strut {j}")
         for j, colour in enumerate(STRUT_COLOURS, 1)
@@ -198,17 +195,13 @@ def parameter_axis(
 
 def plain_decades(axis: Axis) -> None:
     """Label a logarithmic axis with plain numbers: 0.5, 1, 2, 5, 10."""
-    from matplotlib.ticker import LogLocator, NullFormatter
-
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(plain_ticks())
     axis.set_minor_formatter(NullFormatter())
 
 
 def plain_ticks() -> FuncFormatter:
-    """Return what writes numbers without powers of ten, with a true minus sign."""
-    from matplotlib.ticker import FuncFormatter
-
+    """Return a formatter of numbers without powers of ten, with a true minus sign."""
     return FuncFormatter(lambda value, _: f"{value:g}".replace("-", "−"))
 
 

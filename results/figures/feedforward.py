@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from estimation.feedforward.result import MEANINGS, CaseName, FeedforwardResult
 from expdesign.mechanism.hexapod import ACTUATORS
 from results.figures.drawing import figure_definition, named_places, plain_decades
 from results.notation import handy_unit
 from results.style import BLUE, GREEN, GREY, ORANGE, VERMILLION
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _COLOURS: dict[CaseName, str] = {
     "none": GREY,
@@ -32,8 +29,6 @@ _COLOURS: dict[CaseName, str] = {
 )
 def feedforward_figure(figure: Figure, record: FeedforwardResult) -> None:
     """Draw the TCP's error over time, and the rms errors of the struts."""
-    from matplotlib.lines import Line2D
-
     above, below = figure.subplots(2, 1, height_ratios=(3, 2))
     cases = [each.case for each in record.cases]
     unit = handy_unit("m", [each.max_position for each in record.cases])

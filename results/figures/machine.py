@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
 
 from constraints.arrays import Array
 from expdesign.robot import Robot
@@ -14,17 +19,11 @@ from results.figures.drawing import figure_definition
 from results.notation import DisplayUnit, handy_unit
 from results.style import INK, MUTED, STRUT_COLOURS
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from matplotlib.transforms import Bbox
-
-
 View = tuple[float, float, float, float]
 """Left, bottom, width and height of a part of a figure, as shares of it."""
 _ELEVATION, _AZIMUTH = 20.0, -62.0
 _NAME_AT = 0.3
-"""Where on a strut its number stands, as a share of its length from the base."""
+"""Place of a strut's number, as a share of its length from the base."""
 _FITS = 2
 """Rounds of fitting a view: labels do not grow with it, so that one does not suffice. A third one
 moves nothing by more than a ten-thousandth of the figure."""
@@ -66,8 +65,6 @@ def draw_robot(
 
 def bound_view(axes: Any, unit: DisplayUnit, points: Array) -> float:
     """Put the axes around the points, with one scale for all three; return the floor."""
-    from matplotlib.ticker import MaxNLocator
-
     low, high = np.min(points, axis=0), np.max(points, axis=0)
     air = 0.03 * float(np.max(high - low))
     # A planar path still needs a box with some depth.
@@ -102,9 +99,7 @@ def fill_view(axes: Any, view: View) -> None:
 
 
 def view_extent(axes: Any) -> Bbox:
-    """Return what box and labels cover, as shares of the figure."""
-    from matplotlib.transforms import Bbox
-
+    """Return the area of box and labels, as shares of the figure."""
     axes.figure.draw_without_rendering()
     corners = np.array(list(product(axes.get_xlim(), axes.get_ylim(), axes.get_zlim())))
     projected = np.column_stack([corners, np.ones(len(corners))]) @ axes.get_proj().T
@@ -129,7 +124,7 @@ def closed(points: Array) -> Array:
 
 _SPACE: View = (0.01, 0.01, 0.54, 0.87)
 _LEFT, _WIDTH, _BOTTOM, _TOP, _BETWEEN = 0.66, 0.33, 0.11, 0.90, 0.11
-"""Of the plane views, which stand one above the other, as shares of the figure."""
+"""Margins of the plane views, one above the other, as shares of the figure."""
 _TITLES = ("In space", "From above", "From the front, along y")
 _COLUMNS = ((0, 1), (0, 2))
 _NAMES = "xyz"
@@ -146,8 +141,6 @@ _AIR = 0.06
 )
 def machine_figure(figure: Figure, robot: Robot) -> None:
     """Draw the robot at home in three views."""
-    from matplotlib.lines import Line2D
-
     # The layout engine does not know how far the labels of three-dimensional axes reach out.
     figure.set_layout_engine("none")
     about = robot.description
@@ -182,14 +175,14 @@ def machine_figure(figure: Figure, robot: Robot) -> None:
 
 
 def _range(points: Array) -> tuple[Array, Array]:
-    """Return the ends of what the views show, (3,) each."""
+    """Return the corners of the visible space, (3,) each."""
     low, high = np.min(points, axis=0), np.max(points, axis=0)
     air = _AIR * float(np.max(high - low))
     return low - air, high + air
 
 
 def _places(figure: Figure, points: Array) -> tuple[View, View]:
-    """Return where the plane views stand: one scale for both, as large as it gets."""
+    """Return the places of the plane views, with the largest common scale."""
     low, high = _range(points)
     width, height = figure.get_size_inches()
     free = (_TOP - _BOTTOM - _BETWEEN) * height
@@ -202,7 +195,6 @@ def _places(figure: Figure, points: Array) -> tuple[View, View]:
 
 
 def _bound_plane(axes: Axes, unit: DisplayUnit, points: Array, columns: tuple[int, int]) -> None:
-    from matplotlib.ticker import MaxNLocator
 
     across, up = columns
     low, high = _range(points)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from constraints.arrays import Array
 from estimation.montecarlo.result import StatisticsRow
@@ -18,10 +20,6 @@ from results.figures.drawing import (
     plain_ticks,
 )
 from results.style import BLACK, ESTIMATOR_LOOKS, FAINT, MUTED
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Rows = Sequence[StatisticsRow]
 
@@ -61,7 +59,7 @@ def _points(axes: Axes, rows: Rows, estimator: str, values: Array, bars: Array) 
 
 
 CLEAR = 3.5
-"""Standard errors from which on a bias is no chance: one in 2 000."""
+"""Standard errors from which a bias is significant: chance exceeds them once in 2 000."""
 
 _LINEAR_BIAS = 12.0
 
@@ -104,7 +102,7 @@ def bias_figure(figure: Figure, rows: Rows) -> None:
 
 
 NOMINAL = 95.0
-"""What the intervals should cover, %."""
+"""Nominal coverage of the intervals, %."""
 
 _LINEAR_RATIO = 3.0
 

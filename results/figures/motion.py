@@ -6,9 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations, product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
@@ -31,11 +34,6 @@ from results.style import (
     STRUT_COLOURS,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-
 _DOT = 0.15
 """A path smaller than this share of the workspace is drawn without it …"""
 _AWAY = 2.0
@@ -53,8 +51,6 @@ _VIEWS = ((0.01, 0.01, 0.47, 0.86), (0.52, 0.01, 0.47, 0.86))
 )
 def path_figure(figure: Figure, record: DesignResult) -> None:
     """Draw both views, each with one scale for its three axes."""
-    from matplotlib.lines import Line2D
-
     # The layout engine does not know how far the labels of three-dimensional axes reach out.
     figure.set_layout_engine("none")
     # Matplotlib has no types for three dimensions.
@@ -168,7 +164,7 @@ _SHARE = 6.0
 _NEAR = 1.0
 """… and each of them when it is at most this many spans away."""
 _BAND = 0.11
-"""Height of the forbidden area in view, as a share of what lies between."""
+"""Height of the visible forbidden area, as a share of the range between the bounds."""
 _AIR = 0.06
 _BEYOND = 0.35
 """How far the close-up of a ramp reaches into the periods, as a share of the ramp."""
@@ -266,7 +262,7 @@ def motion_figure(figure: Figure, record: RestToRestMotion) -> None:
 
 
 def _name_segments(axes: Axes, record: RestToRestMotion, names: tuple[str, ...]) -> None:
-    """Write each segment's name above the middle of what is in view of it."""
+    """Write each segment's name above the middle of its visible part."""
     low, high = axes.get_xlim()
     for name in names:
         k = record.names.index(name)

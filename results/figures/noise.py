@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import scipy
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
@@ -21,9 +21,6 @@ from results.figures.drawing import (
 from results.notation import handy_unit, plain_number
 from results.style import ALERT, BLUE, INK, STRUT_COLOURS, VERMILLION
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 @figure_definition(
     "noise_distribution",
@@ -32,7 +29,7 @@ if TYPE_CHECKING:
     height=4.3,
 )
 def noise_distribution_figure(figure: Figure, pictures: NoisePictures) -> None:
-    """Draw a histogram per actuator; what lies beyond the axis is counted in its outer bins."""
+    """Draw a histogram per actuator; values beyond the axis count in its outer bins."""
     bins, test = pictures.histogram, pictures.normality
     reach = float(bins.high[-1])
     for j, axes in enumerate(strut_panels(figure, "Actuator", share=True)):
@@ -114,7 +111,6 @@ def _pair(
     title: str,
     channel: str,
 ) -> None:
-    from matplotlib.colors import LinearSegmentedColormap
 
     colours = LinearSegmentedColormap.from_list("correlation", [BLUE, "#ffffff", VERMILLION])
     std = np.sqrt(np.diag(covariance))
@@ -161,7 +157,7 @@ _HEADROOM = 0.25
     height=4.6,
 )
 def noise_spectrum_figure(figure: Figure, record: NoiseRecord) -> None:
-    """Draw density over frequency, both logarithmic; a hum is a line that stands beside it."""
+    """Draw density over frequency, both logarithmic; a hum is a line next to it."""
     found = record.force_density
     panels = strut_panels(figure, "Actuator", share=True)
     shown = found.frequency > 0
@@ -206,7 +202,7 @@ def _percent(share: float) -> str:
 
 
 SPECTRUM_FIGURES = (noise_spectrum_figure,)
-"""What is shown of the noise of a recording beside `NOISE_FIGURES`."""
+"""Figures of a noise analysis in addition to `NOISE_FIGURES`."""
 
 NOISE_FIGURES = (noise_distribution_figure, noise_quantiles_figure, noise_covariance_figure)
-"""What is shown of noise alone, in the order of a report."""
+"""Figures of the noise, in the order of a report."""

@@ -1,12 +1,15 @@
-"""What is known of every parameter: predicted precision, estimates, several folders."""
+"""Figures of parameters: predicted precision, estimates, comparisons, selection of terms."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.container import Container
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from constraints.arrays import Array
 from estimation.identification.record import EstimateRecord
@@ -24,14 +27,6 @@ from results.figures.drawing import (
 )
 from results.notation import readable, symbol
 from results.style import ALERT, EMPHASIS, ESTIMATOR_LOOKS, FAINT, INK, MUTED, PALETTE, SECOND
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.container import Container
-    from matplotlib.figure import Figure
-
-    from estimation.identification.record import EstimateRecord
-
 
 _IDENTIFIABLE = 100 * IDENTIFIABLE
 _WIDTH = 0.38
@@ -154,7 +149,7 @@ def correlation_figure(figure: Figure, record: EstimateRecord) -> None:
 
 
 ESTIMATE_FIGURES = (estimates_figure, correlation_figure)
-"""What is shown of the parameters, in the order of a report."""
+"""Figures of the parameters, in the order of a report."""
 
 MARKERS = ("o", "s", "^", "D", "v", "P")
 
@@ -172,7 +167,7 @@ class ParameterSeries:
 
 
 def draw_series(axes: Axes, record: ParameterSeries) -> None:
-    """Draw a mark for each folder beside each other over every parameter."""
+    """Draw a mark for each folder over every parameter."""
     count = len(record.values)
     step = min(0.18, 0.7 / max(count, 1))
     places = np.arange(len(record.names))
@@ -227,7 +222,7 @@ WORTH = {
     "f": "ln(level) − ln(p) of the term",
     "holdout": "fall of −2 log L of held-out data with the term",
 }
-"""What a term is judged by, in words: it belongs into the model where that is above zero."""
+"""Criterion of a term in words: the term belongs to the model where it is above zero."""
 _MOST_STEPS = 14
 """That fit into a figure: the last ones are shown."""
 
@@ -270,7 +265,6 @@ def _direction(rows: Sequence[SelectionRow], number: int) -> str:
 
 
 def _draw_step(axes: Axes, place: int, rows: list[SelectionRow], names: list[str]) -> None:
-    from matplotlib.patches import Rectangle
 
     worth = {row.term: row for row in rows}
     inside = set(rows[0].beside.split()) if rows[0].direction == "add" else set()

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from constraints.arrays import Array
 from estimation.diagnostics.diagnosis_result import ExperimentRecord
@@ -20,10 +20,6 @@ from results.figures.drawing import (
 )
 from results.notation import handy_unit
 from results.style import ALERT, FAINT, MUTED, STRUT_COLOURS
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _BAND = 1.96
 _REACH = 0.9995
@@ -131,7 +127,7 @@ def residual_dependence_figure(figure: Figure, record: ExperimentRecord) -> None
     height=5.4,
 )
 def position_periodic_figure(figure: Figure, record: ExperimentRecord) -> None:
-    """Draw the statistic over the pitch: of the residuals, and with what was found taken out."""
+    """Draw the statistic over the pitch, of the residuals before and after the compensation."""
     tests = record.tests
     forces = {e.strut: e.force for e in tests.effects if e.force is not None}
     panels = strut_panels(figure, "Strut", (3, 2), share=True)
@@ -165,4 +161,4 @@ def position_periodic_figure(figure: Figure, record: ExperimentRecord) -> None:
 
 
 DIAGNOSTIC_FIGURES = (residuals_figure, residual_dependence_figure, position_periodic_figure)
-"""What is shown of the residuals, in the order of a report."""
+"""Figures of the residuals, in the order of a report."""

@@ -1,12 +1,17 @@
-"""What the designs of a sweep promise, against what they cost."""
+"""Figure of a sweep: predicted precision against measuring time and search time."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
 
 from constraints.arrays import Array
 from expdesign.configuration.grid import value_text
@@ -18,14 +23,6 @@ from results.figures.drawing import (
     plain_ticks,
 )
 from results.style import BLUE, GREY, MUTED, PALETTE
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
-    from matplotlib.text import Text
-    from matplotlib.transforms import Bbox
-
 
 _MOST_WORDS, _LONGEST_WORDS = 12, 16
 """So many designs at most are named by their values, and where no name is longer; others by their
@@ -97,13 +94,13 @@ def _draw(axes: Axes, record: SweepResult, cost: str, precision: str, looks: _Lo
 
 
 def _points(record: SweepResult, cost: str, precision: str) -> tuple[Array, list[int]]:
-    """Return cost and precision of every design, (K, 2), and which designs have both."""
+    """Return cost and precision of every design, (K, 2), and the designs that have both."""
     points = np.array([(getattr(one, cost), getattr(one, precision)) for one in record.designs])
     return points, np.flatnonzero(np.all(np.isfinite(points), axis=1)).tolist()
 
 
 class _Looks(NamedTuple):
-    """Colour and name of every design, and what the colours stand for."""
+    """Colour and name of every design, and the legend of the colours."""
 
     colours: list[str]
     names: list[str]
@@ -111,13 +108,11 @@ class _Looks(NamedTuple):
 
 
 def _looks(record: SweepResult) -> _Looks:
-    """Return how designs are told apart.
+    """Return colours and names of the designs.
 
     Colours are the values of one key, where there are two or more with several values: of those
     with the fewest. Names are the values of the others.
     """
-    from matplotlib.lines import Line2D
-
     grid, others, legend = record.grid, record.varied, []
     colours = [BLUE] * len(record.designs)
     path = min(others, key=lambda one: len(grid[one]))
@@ -137,7 +132,7 @@ def _looks(record: SweepResult) -> _Looks:
 
 
 def _unbeaten(points: Array, shown: Iterable[int]) -> list[int]:
-    """Return which designs no other one beats, from the cheapest to the dearest."""
+    """Return the Pareto-optimal designs, from the cheapest to the most expensive."""
     found: list[int] = []
     for k in sorted(shown, key=lambda k: tuple(points[k])):
         if not found or points[k, 1] < points[found[-1], 1]:
@@ -149,19 +144,16 @@ _STEPS = (6.0, 15.0, 26.0, 38.0)
 _ALIGNED = {-1: ("right", "top"), 0: ("center", "center"), 1: ("left", "bottom")}
 _WAYS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
 _PLACES = tuple((step, right, up) for step in _STEPS for right, up in _WAYS)
-"""Where a name may stand: how many points from its own, and in which direction; the best first."""
+"""Places of a name: distance from its point, in points, and direction; the best first."""
 _POINT = 2.5
-"""Half the size of what is drawn at a point, in points."""
+"""Half the size of a marker, in points."""
 _OUTSIDE = 10
-"""What it costs to leave the axes, in overlaps."""
+"""Penalty of a name beyond the axes, in overlaps."""
 _INCH = 72.0
 
 
 def label_points(axes: Axes, points: Array, texts: Sequence[str], colours: Sequence[str]) -> None:
     """Name points, (K, 2) in units of the data, of axes that have their final limits."""
-    from matplotlib.figure import Figure
-    from matplotlib.transforms import Bbox
-
     figure = axes.figure
     if not isinstance(figure, Figure):
         raise TypeError("names are placed in a figure, not in a part of one")

@@ -1,4 +1,4 @@
-"""HTML: a page in one file that needs nothing else."""
+"""HTML: a page in one file that works offline."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from results.views.view import (
     Level,
     ListingBlock,
     Page,
-    ReportSection,
+    PageSection,
     ReportTable,
     StageVerdict,
     StageView,
@@ -94,7 +94,7 @@ def run_page(folder: RunFolder, views: Mapping[str, StageView]) -> Page:
     sections = [view.section for view in views.values()]
     animation = robot_animation(folder)
     if animation is not None:
-        sections.insert(0, ReportSection("motion", "Robot in motion", (animation,)))
+        sections.insert(0, PageSection("motion", "Robot in motion", (animation,)))
     models = control_models_section(folder)
     if models is not None:
         sections.append(models)
@@ -102,7 +102,7 @@ def run_page(folder: RunFolder, views: Mapping[str, StageView]) -> Page:
     blocks = (block for section in sections for block in section.blocks)
     known = {block.key for block in blocks if isinstance(block, EmbeddedFigure)}
     if further := other_figures(folder.path, known):
-        sections.append(ReportSection("further", "Further figures", further))
+        sections.append(PageSection("further", "Further figures", further))
     sections.append(_provenance(folder))
     warnings = [text for view in views.values() for text in view.warnings]
     return Page(
@@ -116,7 +116,7 @@ def run_page(folder: RunFolder, views: Mapping[str, StageView]) -> Page:
     )
 
 
-def page_section(section: ReportSection, folder: Path) -> ReportSection:
+def page_section(section: PageSection, folder: Path) -> PageSection:
     """Return a section for a page: figures from files of the folder, findings as tables."""
     blocks = (b.table if isinstance(b, FindingsBlock) else b for b in section.blocks)
     return replace(section, blocks=embed_drawings(blocks, folder))
@@ -135,7 +135,7 @@ def _with_failures(folder: RunFolder, views: Mapping[str, StageView]) -> list[St
     return verdicts
 
 
-def _provenance(folder: RunFolder) -> ReportSection:
+def _provenance(folder: RunFolder) -> PageSection:
     """Return the origin of a run folder: stages, versions, seeds, files and the configuration."""
     blocks: list[Block] = []
     manifest = folder.manifest
@@ -169,4 +169,4 @@ def _provenance(folder: RunFolder) -> ReportSection:
         blocks.append(ReportTable.of("files", "Files of the run folder", heads, files, folded=True))
     resolved = folder.text(folder.path / "run.yaml")
     blocks.append(ListingBlock("run.yaml: the resolved configuration", resolved))
-    return ReportSection("provenance", "Configuration and versions", tuple(blocks))
+    return PageSection("provenance", "Configuration and versions", tuple(blocks))

@@ -12,7 +12,7 @@ from results.views.folder import RunFolder
 from results.views.view import (
     Block,
     Level,
-    ReportSection,
+    PageSection,
     ReportTable,
     StageVerdict,
     StageView,
@@ -23,7 +23,7 @@ from results.views.view import (
 )
 
 
-def control_models_section(folder: RunFolder) -> ReportSection | None:
+def control_models_section(folder: RunFolder) -> PageSection | None:
     """Return the section on a run folder's control models; None without any."""
     places = sorted(folder.path.glob(f"{FOLDER}/*/{ControlModelFile.FILE}"))
     models = {f"{FOLDER}/{one.parent.name}": ControlModelFile.read(one) for one in places}
@@ -36,7 +36,7 @@ def control_models_section(folder: RunFolder) -> ReportSection | None:
     if old:
         text = f"Made from another robot than the folder's: {', '.join(old)}. Write them again."
         blocks.insert(1, TextBlock(text, Level.CAUTION))
-    return ReportSection("model", "Control models", tuple(blocks))
+    return PageSection("model", "Control models", tuple(blocks))
 
 
 def control_models_view(models: Mapping[str, ControlModelFile]) -> StageView:

@@ -312,7 +312,7 @@ Block = (
 
 
 @dataclass(frozen=True)
-class ReportSection:
+class PageSection:
     """A part of a page with a heading."""
 
     key: str
@@ -336,9 +336,9 @@ class StageView:
     figure_note: str = ""
 
     @property
-    def section(self) -> ReportSection:
+    def section(self) -> PageSection:
         """The part of a page on this stage."""
-        return ReportSection(self.verdict.anchor, self.heading or self.verdict.title, self.blocks)
+        return PageSection(self.verdict.anchor, self.heading or self.verdict.title, self.blocks)
 
     @property
     def drawings(self) -> tuple[Drawing, ...]:
@@ -355,7 +355,7 @@ class Page:
     description: str
     verdicts: tuple[StageVerdict, ...]
     facts: tuple[Fact, ...]
-    sections: tuple[ReportSection, ...]
+    sections: tuple[PageSection, ...]
     warnings: tuple[str, ...] = ()
 
     @property

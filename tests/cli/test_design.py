@@ -329,7 +329,7 @@ def test_ctrl_c_keeps_the_best_so_far(tiny, few_limits, tmp_path):
     assert "Traceback" not in messages, messages
     assert status == 1
     assert "interrupted" in messages
-    assert "strut_speed" in printed
+    assert "strut speed" in printed
     record = json.loads((out / "design.json").read_text(encoding="utf-8"))
     assert record["status"] == "interrupted"
     assert 2 <= len(record["solver"]["starts"]) < 42

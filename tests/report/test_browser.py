@@ -12,7 +12,7 @@ from expdesign.stages.registry import reported_stages
 from results.render.html import html_page
 from results.render.run_report import write_report
 from results.views.estimate import estimates_table
-from results.views.view import Page, ReportSection
+from results.views.view import Page, PageSection
 from tests.estimation.cases import measured, run, trajectory
 from tests.report.browser import chromium
 
@@ -231,7 +231,7 @@ def test_the_widest_table_fits_a_laptop_and_scrolls_on_a_phone(browser, tmp_path
     table = estimates_table(record, truth)
     assert {"σ random", "σ systematic", "truth"} <= {column.title for column in table.columns}
     page = tmp_path / "page.html"
-    section = ReportSection("estimate", "Estimate", (table,))
+    section = PageSection("estimate", "Estimate", (table,))
     page.write_text(html_page(Page("t", "s", "d", (), (), (section,))), encoding="utf-8")
     scroll = "document.querySelector('.scroll')"
     browser.open(page, width=1200)
