@@ -178,7 +178,7 @@ def _reach(reaches: Sequence[Reach]) -> Table:
 
 
 def _stopped(stop: Stop) -> str:
-    """Return the limit that stops a coordinate, its bound and place: ``"strut length 950 mm, strut 2"``."""
+    """Return the limit that stops a coordinate: ``"strut length 950 mm, strut 2"``."""
     if stop.bound is None:
         return stop.title if stop.limit == SINGULAR else "nothing so far"
     bound = handy_unit(stop.unit, [stop.bound]).quantity(stop.bound)

@@ -43,7 +43,7 @@ class CertifiedPart:
 
 
 def certified_folder(work: Workspace) -> list[CertifiedPart]:
-    """Return the certificates of the design of a run folder, of lead-in and lead-out, and of tables.
+    """Return the certificates of a run folder's design, of its lead-in and lead-out, and tables.
 
     Lead-in and lead-out are those of exports.json; they keep `motion.jerk` as well.
     """
@@ -89,8 +89,8 @@ def certified_table(work: Workspace, path: Path) -> CertifiedPart:
     table = find_table_file(path, robot, work.design().trajectory, exports)
     if table.described_in == exports != path.with_name(RECORD):
         work.progress.note(
-            f"{path.name} has no description in its folder: by its SHA-256 it is {table.exported_as} of "
-            f"{short(exports)}, and is read as such"
+            f"{path.name} has no description in its folder: by its SHA-256 it is "
+            f"{table.exported_as} of {short(exports)}, and is read as such"
         )
     if table.changed:
         work.progress.warn(f"{path.name} was changed after it was exported")
