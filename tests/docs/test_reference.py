@@ -222,7 +222,7 @@ def term_rows():
 def test_the_run_folder_has_a_row_for_every_file_of_a_stage():
     rows = [name for row in table(RUN_FOLDER, "# Run folder") for name in codes(row[0])]
     for stage in stages().values():
-        for file in (stage.record, *stage.writes):
+        for file in (stage.file, *stage.writes):
             assert any(fnmatch(row, file) or fnmatch(file, f"{row}*") for row in rows), file
 
 
