@@ -257,10 +257,10 @@ class _Recording:
         furthest = _FURTHEST * float(np.mean(self.lengths[:, strut]))
         best, offset = own, 0.0
         for _ in range(_STEPS):
-            beside = self.columns(self.lengths + (offset + _STEP) * unit)
-            if beside is None:
+            shifted = self.columns(self.lengths + (offset + _STEP) * unit)
+            if shifted is None:
                 break
-            slope = (self.fit(beside).rest - best.rest) / _STEP
+            slope = (self.fit(shifted).rest - best.rest) / _STEP
             step = -float(slope @ best.rest) / float(slope @ slope)
             trial = float(np.clip(offset + step, -furthest, furthest))
             there = self.columns(self.lengths + trial * unit)

@@ -104,8 +104,6 @@ _GAINS_STAY = Assumption(
     "recording; state the uncertainty of the mean gain as `tolerances.force_constant`",
 )
 
-_NOT_COMPARED = "no two periods are compared sample by sample"
-"""Why, in folders of versions that did not say it."""
 _NOTICEABLE_RATIO = 1.2
 """Smallest relevant ratio of a standard deviation to that under white noise."""
 
@@ -287,10 +285,9 @@ def _noise_white(tests: _OfNoise) -> Finding:
     kinds = {"forces of actuator": white.force_noise, "lengths of strut": white.length_noise}
     done = {kind: test for kind, test in kinds.items() if test is not None}
     if not done:
-        reason = white.refused or _NOT_COMPARED
         if white.counted:
-            return _NOISE_WHITE_OR_COUNTED.skip(reason)
-        return _NOISE_WHITE.skip(f"{reason}: standard deviations assume white noise")
+            return _NOISE_WHITE_OR_COUNTED.skip(white.refused)
+        return _NOISE_WHITE.skip(f"{white.refused}: standard deviations assume white noise")
     p = min(_family_p(test.p_values) for test in done.values())
     level = next(iter(done.values())).level
     largest = max(float(np.max(np.abs(test.autocorrelation))) for test in done.values())
@@ -301,7 +298,7 @@ def _noise_white(tests: _OfNoise) -> Finding:
     if not white.counted:
         return _NOISE_WHITE.decide(where, absent, present, p, level)
     # Only the effect of the correlation on the parameters matters.
-    ratio = f"it raises standard deviations up to {white.std_ratio:.2g}-fold"
+    ratio = f"standard deviations are up to {white.std_ratio:.2g} times those under white noise"
     ratio += f" ({white.std_ratio_of})"
     if white.std_ratio_p < level and white.std_ratio > _NOTICEABLE_RATIO:
         where = where or white.std_ratio_of

@@ -36,7 +36,7 @@ from expdesign.progress import track
 
 PERIODIC = "position-periodic"
 """Kind of the effects that are periodic in a strut's length."""
-REJECTED = 0.001
+RIVAL_LEVEL = 0.001
 """Level at which an effect must remain significant, given a rival, to exclude that rival."""
 _ROUNDS = 4
 """Largest number of rounds of exchanging effects for better ones."""
@@ -104,34 +104,29 @@ class Search:
     ) -> None:
         self.system, self.part, self.families = system, part, families
         self.step, self.level = step, level
-        nothing = Signature.none(part)
-        self.signature = Signature.concatenate(
-            [nothing, *(hypothesis.columns for hypothesis in families)]
-        )
+        columns = [hypothesis.columns for hypothesis in families]
+        self.signature = Signature.concatenate([Signature.none(part), *columns])
         self.projection = system.solution.project(self.signature)
-        counts = [hypothesis.columns.count for hypothesis in families]
-        self.first = dict(
-            zip(
-                (hypothesis.kind for hypothesis in families),
-                np.cumsum([0, *counts[:-1]]).tolist(),
-                strict=True,
-            )
-        )
+        first = np.cumsum([0, *(each.count for each in columns[:-1])]).tolist()
+        kinds = [hypothesis.kind for hypothesis in families]
+        self.first = dict(zip(kinds, first, strict=True))
 
     # --- tests ------------------------------------------------------------------------------------
 
     def run_tests(self, known: Sequence[EffectCandidate]) -> EffectTests:
         """Test all candidates, given some known effects."""
-        solution = self.system.solution
-        if known:
-            solution = self.system.with_effects(
-                self.signature.select(column_indices(known))
-            ).solution
+        solution = self._solution_given(known)
         conditional = self.projection.conditional_on(column_indices(known))
         given = f" given {len(known)}" if known else ""
         struts = track(f"diagnosis: effects{given}, strut by strut", range(ACTUATORS))
         scans = tuple(self._scan(solution, strut) for strut in struts)
         return EffectTests(solution, conditional, scans, self._family_tests(conditional))
+
+    def _solution_given(self, known: Sequence[EffectCandidate]) -> SolvedSystem:
+        """Return the fit with known effects among its unknowns."""
+        if not known:
+            return self.system.solution
+        return self.system.with_effects(self.signature.select(column_indices(known))).solution
 
     def _family_tests(self, conditional: ConditionalScores) -> dict[str, HypothesisTest]:
         return {
@@ -270,36 +265,32 @@ class Search:
         tests = self._family_tests(conditional)
         candidates = list(self._candidates(tests))
         if item.kind != PERIODIC and item.strut is not None:
-            solution = self.system.solution
-            if others:
-                solution = self.system.with_effects(
-                    self.signature.select(column_indices(others))
-                ).solution
+            solution = self._solution_given(others)
             scan = self._scan(solution, item.strut)
-            if np.isfinite(scan.best_pitch) and scan.log_p < np.log(REJECTED):
+            if np.isfinite(scan.best_pitch) and scan.log_p < np.log(RIVAL_LEVEL):
                 candidates.append((self._periodic_candidate(solution, scan), scan.log_p))
                 conditional = self.projection.conditional_on(column_indices(others))
         taken = {item.name, *(other.name for other in others)}
         for rival, log_p in candidates:
-            if rival.name in taken or log_p > np.log(REJECTED):
+            if rival.name in taken or log_p > np.log(RIVAL_LEVEL):
                 continue
             if rival.contains == item.kind and rival.strut == item.strut:
                 continue
             # Given a rival, the item's statistic is at least the difference of both statistics.
             least = own.statistic - self._fit(rival, conditional).statistic
-            if self._rejects(
+            if self._is_significant(
                 item, EffectFit(max(least, 0.0), own.rank, own.values, own.covariance)
             ):
                 continue
             both = self.projection.conditional_on(column_indices([*others, rival]))
-            if self._rejects(item, self._fit(item, both)):
+            if self._is_significant(item, self._fit(item, both)):
                 continue
             if rival.name not in found or log_p < found[rival.name][1]:
                 found[rival.name] = (rival, log_p)
         return tuple(sorted(found.values(), key=lambda one: one[1] - one[0].limit))
 
-    def _rejects(self, item: EffectCandidate, fit: EffectFit) -> bool:
-        return item.log_p(fit, self.projection.freedom) < np.log(REJECTED)
+    def _is_significant(self, item: EffectCandidate, fit: EffectFit) -> bool:
+        return item.log_p(fit, self.projection.freedom) < np.log(RIVAL_LEVEL)
 
     def _fit(self, item: EffectCandidate, conditional: ConditionalScores) -> EffectFit:
         # The third column of a periodic force, a change of its pitch, does not measure its size.

@@ -356,7 +356,7 @@ def _refuse_of_combinations(section: EstimateSection, base: BaseParameters) -> N
         for name in (name for name in given if name in base.names):
             shown = [base.text(one) for one in base.base if name in (one, *base.members(one))]
             if name in base.regrouped or shown != [name]:
-                what = f"shows only in {listed(shown)}" if shown else "shows in nothing"
+                what = f"shows only in {listed(shown)}" if shown else "has no effect on the forces"
                 raise InputError(
                     f"{name} {what}, and estimate.parameters is base: it is not estimated alone",
                     key=f"estimate.{key}.{name}",
