@@ -30,7 +30,7 @@ from estimation.twin import Twin
 from expdesign.configuration import RunConfiguration, load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.robot import Robot, robot_from
-from expdesign.robot.deviation import deviated, deviations
+from expdesign.robot.deviation import apply_deviations, deviations
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 
 PERIODS, SAMPLES = 10, 300
@@ -121,7 +121,7 @@ def _with_term(term: Any, **parameters: float) -> Recorded:
 def _deviating(values: Mapping[str, float]) -> Recorded:
     """Return what a machine measures whose geometry, or gravity, deviates."""
     chosen = [each for each in deviations(_robot()) if each.name in values]
-    machine = deviated(_robot(), chosen, np.array([values[each.name] for each in chosen]))
+    machine = apply_deviations(_robot(), chosen, np.array([values[each.name] for each in chosen]))
     lengths, forces = _of(machine)
     zeros = [values.get(f"strut_length_{j + 1}", 0.0) for j in range(6)]
     return lengths + np.array(zeros), forces

@@ -26,7 +26,7 @@ from estimation.controlmodel.compiler import FLAGS, build, run_self_test
 from estimation.controlmodel.formats import FORMATS
 from estimation.controlmodel.model import ControlModel
 from estimation.controlmodel.vectors import random_states
-from expdesign.mechanism.hexapod import POSE, numbered
+from expdesign.mechanism.hexapod import POSE, actuator_names
 from tests.controlmodel.machines import ORIGIN, every_term
 
 TITLE = "Control models against the robot's own forces"
@@ -142,7 +142,7 @@ def _by_fmu(
     for column, values in zip(named, np.hstack(states).T, strict=True):
         given[column] = values
     steps = {"stop_time": len(given), "step_size": 1, "output_interval": 1}
-    outputs = [f"forces[{j}]" for j in range(1, len(numbered("")) + 1)]
+    outputs = [f"forces[{j}]" for j in range(1, len(actuator_names("")) + 1)]
     result = fmpy.simulate_fmu(str(path), input=given, output=outputs, **steps)
     # What is given at the beginning of a step is there at its end.
     found = np.stack([result[each] for each in outputs], axis=1)[1:]

@@ -29,7 +29,7 @@ from estimation.twin.machine import drawn_machine
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration import RunConfiguration
 from expdesign.robot import Robot, robot_from
-from expdesign.robot.deviation import tolerated
+from expdesign.robot.deviation import toleranced_deviations
 
 TITLE = "Truths drawn from the tolerances"
 
@@ -89,7 +89,7 @@ def _repetition(section: str, number: int) -> Drawn:
     with threadpool_limits(limits=1):
         twin = Twin.of(drawn.configuration, palida_design(), seed=number)
         robot = robot_from(run.robot)
-        knowledge, chosen = parameter_priors(run, robot), tolerated(robot)
+        knowledge, chosen = parameter_priors(run, robot), toleranced_deviations(robot)
         data = twin.measurement(1)
         experiments = [prepare_experiment(run, robot, data, palida_design())]
         plain = run_estimators(robot, experiments, knowledge, ("gm", "ml"))
@@ -132,7 +132,7 @@ def _seen(theta: Array, robot: Robot) -> Array:
     All joints of the base, or of the platform, that are shifted or turned together are the same
     machine in another frame.
     """
-    chosen = tolerated(robot)
+    chosen = toleranced_deviations(robot)
     scaled = theta / np.array([each.std for each in chosen])
     frames = (
         ("base_joints", robot.description.base_joints),

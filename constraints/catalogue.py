@@ -33,7 +33,7 @@ def _by_key(key: str) -> LimitDefinition:
     return limit_definitions()[key]
 
 
-def _reduced(definition: LimitDefinition) -> str | tuple[Any, ...]:
+def _reduce(definition: LimitDefinition) -> str | tuple[Any, ...]:
     if limit_definitions().get(definition.key) is definition:
         return _by_key, (definition.key,)
     stated = definition.key, definition.title, definition.unit, definition.kind
@@ -44,4 +44,4 @@ def _reduced(definition: LimitDefinition) -> str | tuple[Any, ...]:
 
 # A worker process has the same files: a definition goes there by its name, since the functions
 # that it holds may be lambdas.
-copyreg.pickle(LimitDefinition, _reduced)
+copyreg.pickle(LimitDefinition, _reduce)

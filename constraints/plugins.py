@@ -49,8 +49,8 @@ def declarations(
     True
     """
     found: dict[int, Kind] = {}
-    for module in _searched(package):
-        for value in _public(module, names):
+    for module in _search_modules(package):
+        for value in _public_values(module, names):
             items = value if isinstance(value, tuple | list) else (value,)
             found |= {id(item): item for item in items if isinstance(item, kind)}
     return tuple(found.values())
@@ -65,8 +65,8 @@ def declared_classes(
     """
     return tuple(
         value
-        for module in _searched(package)
-        for value in _public(module)
+        for module in _search_modules(package)
+        for value in _public_values(module)
         if isinstance(value, type)
         and issubclass(value, base)
         and value is not base
@@ -89,12 +89,12 @@ def plugin_modules() -> Mapping[str, ModuleType]:
     return MappingProxyType({point.name: importlib.import_module(point.value) for point in points})
 
 
-def _searched(package: ModuleType | str | None) -> Iterable[ModuleType]:
+def _search_modules(package: ModuleType | str | None) -> Iterable[ModuleType]:
     own = {} if package is None else modules_of(package)
     return (*own.values(), *plugin_modules().values())
 
 
-def _public(module: ModuleType, names: Collection[str] = ()) -> list[object]:
+def _public_values(module: ModuleType, names: Collection[str] = ()) -> list[object]:
     return [
         value
         for name, value in vars(module).items()

@@ -25,11 +25,11 @@ from estimation.controlmodel.compiler import (
 )
 from estimation.controlmodel.instructions import NUMPY, C
 from estimation.controlmodel.model import ControlModel, Origin
-from estimation.controlmodel.rendering import context, rendered
+from estimation.controlmodel.rendering import context, render_template
 from estimation.controlmodel.uncertainty import WRITTEN_BY, ActuatorUncertainty
 from estimation.controlmodel.vectors import VECTORS
 from expdesign.configuration import ComputationError
-from expdesign.mechanism.hexapod import ACTUATORS, POSE, numbered
+from expdesign.mechanism.hexapod import ACTUATORS, POSE, actuator_names
 from expdesign.runfolder import JsonFile, described
 
 OUTPUTS = (
@@ -89,7 +89,9 @@ class Block:
                 for one in POSE
             ]
         else:
-            each = [(f"{self.name}[{j}]", self.unit, f"{self.meaning} {j}") for j in numbered("")]
+            each = [
+                (f"{self.name}[{j}]", self.unit, f"{self.meaning} {j}") for j in actuator_names("")
+            ]
         return [Variable(*one, value) for one, value in zip(each, start.tolist(), strict=True)]
 
 
@@ -160,7 +162,7 @@ class ModelFormat:
 def _c(model: ControlModel, folder: Path) -> Made:
     filled = context(model, C)
     files = _c_files(model, filled) | {"Makefile": _text("Makefile.j2", filled)}
-    return _tested(model, files, folder)
+    return _self_test_report(model, files, folder)
 
 
 def _simulink(model: ControlModel, folder: Path) -> Made:
@@ -170,7 +172,7 @@ def _simulink(model: ControlModel, folder: Path) -> Made:
         f"{name}_sfun.c": _text("sfunction.c.j2", filled),
         f"build_{name}.m": _text("build.m.j2", filled),
     }
-    made = _tested(model, _c_files(model, filled), folder)
+    made = _self_test_report(model, _c_files(model, filled), folder)
     return replace(made, files={**made.files, **own})
 
 
@@ -195,7 +197,7 @@ def _fmu(model: ControlModel, folder: Path) -> Made:
     guid = "{" + str(uuid.uuid5(uuid.NAMESPACE_URL, _digest(sources[f"{name}.c"]))) + "}"
     filled |= {"guid": guid} | _signals(model)
     wrapper = f"{name}_fmu.c"
-    made = _tested(model, sources | {wrapper: _text("fmu.c.j2", filled)}, folder)
+    made = _self_test_report(model, sources | {wrapper: _text("fmu.c.j2", filled)}, folder)
     library = f"{name}{place.suffix}"
     flags = ("-shared", "-fPIC", "-fvisibility=hidden")
     build(compiler, folder, (f"{name}.c", wrapper), library, *flags)
@@ -204,7 +206,7 @@ def _fmu(model: ControlModel, folder: Path) -> Made:
         f"binaries/{place.folder}/{library}": (folder / library).read_bytes(),
         **{f"sources/{file}": made.files[file] for file in (f"{name}.c", f"{name}.h", wrapper)},
     }
-    return replace(made, files={f"{name}.fmu": _zipped(archive)})
+    return replace(made, files={f"{name}.fmu": _zip_files(archive)})
 
 
 FORMATS = {
@@ -238,7 +240,7 @@ def _c_files(model: ControlModel, filled: dict[str, Any]) -> dict[str, bytes]:
     }
 
 
-def _tested(model: ControlModel, files: dict[str, bytes], folder: Path) -> Made:
+def _self_test_report(model: ControlModel, files: dict[str, bytes], folder: Path) -> Made:
     """Build the self-test in double and single precision, and run both; none without compiler."""
     _put(folder, files, model)
     compiler = find_compiler()
@@ -260,7 +262,7 @@ def _put(folder: Path, files: Mapping[str, bytes], model: ControlModel) -> None:
 
 
 def _text(template: str, filled: dict[str, Any]) -> bytes:
-    return rendered(template, filled).encode("utf-8")
+    return render_template(template, filled).encode("utf-8")
 
 
 def _digest(content: bytes) -> str:
@@ -287,7 +289,7 @@ def _binaries() -> _Place:
     return known[system]
 
 
-def _zipped(files: Mapping[str, bytes]) -> bytes:
+def _zip_files(files: Mapping[str, bytes]) -> bytes:
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in files.items():

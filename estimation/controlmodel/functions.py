@@ -70,12 +70,12 @@ def model_functions(terms: tuple[Term, ...]) -> Mapping[str, ModelFunction]:
         for k, sliding in enumerate(bool(term.rates) for term in terms for _ in term.parameters)
     ]
     return {
-        "forces": of("forces of the actuators", tuple(states), _borne(graph, signs)),
-        "rest": of("forces that hold the platform still", (POSE,), _borne(graph, *still)),
+        "forces": of("forces of the actuators", tuple(states), _actuator_forces(graph, signs)),
+        "rest": of("forces that hold the platform still", (POSE,), _actuator_forces(graph, *still)),
         "friction": of(
             "the friction's share of the forces",
             tuple(states),
-            _borne(graph, signs, (graph.parameters, ca.vertcat(*rubbing))),
+            _actuator_forces(graph, signs, (graph.parameters, ca.vertcat(*rubbing))),
         ),
         "lengths": of("coordinates of the actuators", (POSE,), [lengths]),
         "rates": of("speeds of the actuators", (POSE, RATE), [rates]),
@@ -100,7 +100,7 @@ def sliding_speeds(graph: HexapodGraph) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *parts)
 
 
-def _borne(graph: HexapodGraph, *pairs: tuple[ca.SX, ca.SX]) -> list[ca.SX]:
+def _actuator_forces(graph: HexapodGraph, *pairs: tuple[ca.SX, ca.SX]) -> list[ca.SX]:
     """Return Gᵀ, w and f, with values for symbols; w and f of the load before, where it counts."""
     borne = list(graph.wrench_and_direct_forces(Friction.HELD))
     # All at once: the signs are expressions of pose and rate.

@@ -22,7 +22,7 @@ _WORDS = {"α": "alpha", "β": "beta", "²": "^2", "·": " ", "–": "-", "…":
 
 
 @dataclass(frozen=True, eq=False)
-class Constant:
+class ModelConstant:
     """An array of numbers of the robot."""
 
     name: str
@@ -38,7 +38,7 @@ class Constant:
         return tuple(self.name + "".join(f"[{k}]" for k in index) for index in indices)
 
 
-def robot_constants(model: ControlModel) -> tuple[Constant, ...]:
+def robot_constants(model: ControlModel) -> tuple[ModelConstant, ...]:
     """Return the constants in the order of the inputs of `model_functions`.
 
     Geometry, constants of the terms, parameters: one array to each piece of `GeometrySymbols`.
@@ -46,49 +46,49 @@ def robot_constants(model: ControlModel) -> tuple[Constant, ...]:
     robot = model.robot
     about = robot.description
     geometry = [
-        Constant("BASE_JOINTS", "joints at the base, base frame, m", about.base_joints),
-        Constant(
+        ModelConstant("BASE_JOINTS", "joints at the base, base frame, m", about.base_joints),
+        ModelConstant(
             "PLATFORM_JOINTS", "joints at the platform, platform frame, m", about.platform_joints
         ),
-        Constant(
+        ModelConstant(
             "CARDAN_FRAMES",
             "frames of the cardan joints, columns x y z, base frame",
             robot.cardan_frames,
         ),
-        Constant(
+        ModelConstant(
             "JOINT_AXES",
             "axes of the joints at the platform, platform frame",
             about.platform_joint_axes,
         ),
-        Constant("GRAVITY", "gravity, base frame, m/s^2", about.gravity),
+        ModelConstant("GRAVITY", "gravity, base frame, m/s^2", about.gravity),
     ]
     if about.platform_cardan_axes is not None:
         geometry += [
-            Constant(
+            ModelConstant(
                 "PLATFORM_CARDAN_AXES",
                 "first axes of the cardan joints at the platform, platform frame",
                 about.platform_cardan_axes,
             ),
-            Constant("LEAD", "lead of the threads, m per turn", np.array([about.thread_lead])),
+            ModelConstant("LEAD", "lead of the threads, m per turn", np.array([about.thread_lead])),
         ]
     known = [(term, one) for term in robot.terms for one in term.constants]
     return (
         *geometry,
-        Constant(
+        ModelConstant(
             "CONSTANTS",
             "constants of the terms",
             np.asarray(about.constants, dtype=float),
             tuple(f"{term.name}: {one.name} [{one.unit}]" for term, one in known),
         ),
-        Constant(
+        ModelConstant(
             "PARAMETERS", "parameters of the dynamics", robot.parameters, tuple(_parameters(model))
         ),
     )
 
 
-def home(model: ControlModel) -> Constant:
+def home(model: ControlModel) -> ModelConstant:
     """Return the home pose."""
-    return Constant("HOME", "home pose x y z phi theta psi, m and rad", model.robot.home)
+    return ModelConstant("HOME", "home pose x y z phi theta psi, m and rad", model.robot.home)
 
 
 def _parameters(model: ControlModel) -> Iterator[str]:
@@ -179,7 +179,7 @@ def context(model: ControlModel, language: Language) -> dict[str, Any]:
     }
 
 
-def rendered(template: str, filled: dict[str, Any]) -> str:
+def render_template(template: str, filled: dict[str, Any]) -> str:
     """Return the text of a template."""
     return _environment().get_template(template).render(filled)
 
@@ -199,15 +199,15 @@ def _place(key: str) -> Any:
     return place
 
 
-def _listed(values: Array, form: str, brackets: str) -> str:
+def _format_list(values: Array, form: str, brackets: str) -> str:
     """Return an array in brackets, its numbers in a form such as ``R({})``."""
     if np.ndim(values) == 0:
         return form.format(repr(float(values)))
-    inner = ", ".join(_listed(one, form, brackets) for one in values)
+    inner = ", ".join(_format_list(one, form, brackets) for one in values)
     return f"{brackets[0]}{inner}{brackets[1]}"
 
 
-def _wrapped(words: Sequence[str], width: int = 90) -> list[str]:
+def _wrap_comment(words: Sequence[str], width: int = 90) -> list[str]:
     """Return words joined by commas, in lines."""
     found = [""]
     for word in words:
@@ -228,10 +228,10 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
     )
     environment.filters |= {
-        "c_reals": partial(_listed, form="R({})", brackets="{}"),
-        "c_doubles": partial(_listed, form="{}", brackets="{}"),
-        "python": partial(_listed, form="{}", brackets="[]"),
-        "wrapped": _wrapped,
+        "c_reals": partial(_format_list, form="R({})", brackets="{}"),
+        "c_doubles": partial(_format_list, form="{}", brackets="{}"),
+        "python": partial(_format_list, form="{}", brackets="[]"),
+        "wrapped": _wrap_comment,
         "plain": plain,
     }
     return environment

@@ -100,7 +100,7 @@ def random_states(robot: Robot, count: int, seed: int) -> Array:
     rng = np.random.default_rng(seed)
     reach, found = 1.0, [states_at_rest(robot.home[None])]
     for _ in range(_ROUNDS):
-        made = _tried(robot, 4 * count, reach, rng)
+        made = _evaluate_states(robot, 4 * count, reach, rng)
         found.append(made)
         if sum(map(len, found)) >= count:
             break
@@ -109,7 +109,7 @@ def random_states(robot: Robot, count: int, seed: int) -> Array:
     return np.concatenate(found)[:count]
 
 
-def _tried(robot: Robot, count: int, reach: float, rng: np.random.Generator) -> Array:
+def _evaluate_states(robot: Robot, count: int, reach: float, rng: np.random.Generator) -> Array:
     size = robot.characteristic_length
     room = robot.limit("position")
     low, high = np.full((2, 3), size) * [[-1], [1]]
@@ -118,7 +118,7 @@ def _tried(robot: Robot, count: int, reach: float, rng: np.random.Generator) -> 
         high = np.minimum(high, np.array(room.upper) - robot.home[:3])
     low, high = np.append(low, [-_TILT] * 3), np.append(high, [_TILT] * 3)
     pose = robot.home + reach * rng.uniform(low, high, (count, COORDINATES))
-    pose = pose[_kept(robot, pose)]
+    pose = pose[_keep_states(robot, pose)]
     unit = np.array([1.0] * 3 + [1 / size] * 3)
     rate, acceleration = unit * rng.normal(size=(2, len(pose), COORDINATES))
     slope = robot.length_jacobian(pose)
@@ -128,7 +128,7 @@ def _tried(robot: Robot, count: int, reach: float, rng: np.random.Generator) -> 
     return states[_clear(robot, states)]
 
 
-def _kept(robot: Robot, pose: Array) -> Array:
+def _keep_states(robot: Robot, pose: Array) -> Array:
     model = LimitModel.of(robot)
     values = model.values(states_at_rest(pose))
     kept = np.ones(len(pose), dtype=bool)

@@ -103,7 +103,7 @@ def pick(
     problems: list[Problem] = []
     for channel in CHANNELS:
         wanted = (names[channel],) if channel in names else _default_names(channel)
-        matches = next((some for n in wanted if (some := _called(n.strip(), columns))), ())
+        matches = next((some for n in wanted if (some := _columns_named(n.strip(), columns))), ())
         if len(matches) == 1:
             found[channel] = matches[0]
         elif matches:
@@ -112,7 +112,7 @@ def pick(
             missing[channel] = wanted[0]
     free = [column for column in columns if column not in found.values()]
     problems += [_missing(*one, columns, free, place) for one in missing.items()]
-    problems += _shared(found, place)
+    problems += _shared_columns(found, place)
     if problems:
         raise InputError(problems)
     return found
@@ -122,7 +122,7 @@ def _default_names(channel: str) -> tuple[str, ...]:
     return (channel, f"{channel[0]}(:,{channel[1]})") if len(channel) == 2 else (channel,)  # noqa: PLR2004 - q1…Q6
 
 
-def _called(name: str, columns: Sequence[RecordedColumn]) -> Sequence[RecordedColumn]:
+def _columns_named(name: str, columns: Sequence[RecordedColumn]) -> Sequence[RecordedColumn]:
     """Return the columns of a name, in the most exact of its spellings that any has."""
     levels = ([c for c in columns if c.spellings[level] == name] for level in range(3))
     return next((level for level in levels if level), [])
@@ -160,7 +160,7 @@ def _missing(
     return replace(place, message=message, key=name, allowed=allowed, nearest=meant)
 
 
-def _shared(found: Mapping[str, RecordedColumn], place: Problem) -> Iterator[Problem]:
+def _shared_columns(found: Mapping[str, RecordedColumn], place: Problem) -> Iterator[Problem]:
     seen: dict[Any, str] = {}
     for channel, column in found.items():
         if column.place in seen:

@@ -56,14 +56,14 @@ def format_of(path: Path) -> FileFormat:
             message = "this folder is no rosbag2 recording"
         allowed = f"{known}, or the folder of a rosbag2 recording"
         raise InputError(message, path, allowed=allowed)
-    if found.library is not None and not _installed(found.library):
+    if found.library is not None and not _require_library(found.library):
         message = f"{found.title} is read with {found.library}, which is not installed"
         install = f"after: pip install expdesign[{found.extra}]"
         raise InputError(message, path, allowed=install)
     return found
 
 
-def _installed(library: str) -> bool:
+def _require_library(library: str) -> bool:
     try:
         return importlib.util.find_spec(library) is not None
     except ValueError:  # a module without a specification, such as one that was blocked

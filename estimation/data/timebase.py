@@ -63,7 +63,7 @@ def time_base(table: RawTable, section: DataSection) -> TimeBase:
     found = gaps(time)
     refuse_many_gaps(table, found)
     if section.time == "stamped":
-        return stamped(time, found)
+        return stamped_time_base(time, found)
     grid = fitted_grid(time, found)
     refuse_uneven(table, grid, section.time_tolerance)
     return grid
@@ -145,7 +145,7 @@ def fitted_grid(stamps: Array, missing: Sequence[tuple[int, int]] = ()) -> TimeB
     return TimeBase(stamps[0] + grid, step, float(deviation[worst]), worst, lost)
 
 
-def stamped(stamps: Array, missing: Sequence[tuple[int, int]] = ()) -> TimeBase:
+def stamped_time_base(stamps: Array, missing: Sequence[tuple[int, int]] = ()) -> TimeBase:
     """Return the stamps (T,) as they are, with their mean step and the jitter about a grid."""
     grid = fitted_grid(stamps, missing)
     mean = float((stamps[-1] - stamps[0]) / (len(stamps) - 1 + grid.lost))

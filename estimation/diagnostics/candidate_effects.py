@@ -22,7 +22,12 @@ from expdesign.mechanism.catalogue import term_definitions
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term, parameters_of
 from expdesign.robot import Robot
-from expdesign.robot.deviation import Deviation, deviations, estimated_constants, tolerated
+from expdesign.robot.deviation import (
+    Deviation,
+    deviations,
+    estimated_constants,
+    toleranced_deviations,
+)
 
 CANDIDATE_TERMS = ("load_friction", "drive_inertia", "stribeck", "force_offset", "cable")
 """Terms of the catalogue that a robot may lack; the load-dependent one comes first, so that the
@@ -94,7 +99,7 @@ class CandidateEffects:
     def _inexact(self) -> tuple[Deviation, ...]:
         constants = estimated_constants(self.robot)
         names = {one.name for one in constants}
-        others = (one for one in tolerated(self.robot) if one.name not in names)
+        others = (one for one in toleranced_deviations(self.robot) if one.name not in names)
         return (*constants, *others)
 
     def delay(self, seconds: float) -> Signature:

@@ -25,7 +25,7 @@ from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.periodic_forces import hum_hypotheses
 from estimation.diagnostics.significance import HYPOTHESES
 from expdesign.mechanism.catalogue import term_definitions
-from expdesign.mechanism.hexapod import ACTUATORS, numbered
+from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 
 _DELAYS = (-3.0, -1.0, 0.1, 1.0, 3.0)
 """Delays of the tested secants, in steps of the recording; the small one is a derivative."""
@@ -189,9 +189,9 @@ def _geometric_errors(effects: CandidateEffects) -> Iterator[Hypothesis]:
     untested = MODELLED if has_motion else _POINTWISE
     joints = [
         tuple(f"{kind}_{axis}" for axis in "xyz")
-        for kind in (*numbered("base_joint_"), *numbered("platform_joint_"))
+        for kind in (*actuator_names("base_joint_"), *actuator_names("platform_joint_"))
     ]
-    tilts, zeros = ("gravity_1", "gravity_2"), numbered("strut_length_")
+    tilts, zeros = ("gravity_1", "gravity_2"), actuator_names("strut_length_")
 
     def columns(names: Sequence[str]) -> Signature:
         return effects.deviations(names) if has_motion else Signature.none(effects.part)

@@ -36,7 +36,7 @@ from estimation.measurement_model.prediction import (
 )
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
-from expdesign.robot.deviation import Deviation, deviated
+from expdesign.robot.deviation import Deviation, apply_deviations
 from expdesign.robot.deviation_slope import delay_of_jumps
 
 
@@ -174,7 +174,7 @@ class PerturbedMachine:
         changes_robot = any(
             value != 0 for one, value in zip(chosen, theta, strict=True) if one.of_the_machine
         )
-        changed = deviated(robot, chosen, theta) if changes_robot else robot
+        changed = apply_deviations(robot, chosen, theta) if changes_robot else robot
         return cls(changed, tuple(chosen), theta)
 
     def forces(

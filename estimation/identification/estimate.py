@@ -37,7 +37,7 @@ from expdesign.configuration.robot import RobotDescription
 from expdesign.configuration.run import add_terms
 from expdesign.progress import report_progress, track
 from expdesign.robot import Robot, robot_from
-from expdesign.robot.deviation import Deviation, tolerated
+from expdesign.robot.deviation import Deviation, toleranced_deviations
 from expdesign.trajectory import FourierTrajectory
 
 
@@ -99,7 +99,9 @@ def estimate(
             for record, experiment in zip(records, experiments, strict=True)
         )
         report_progress("what is not known exactly")
-        chosen = tolerated(robot) if configuration.run.estimate.systematic != "none" else ()
+        chosen = (
+            toleranced_deviations(robot) if configuration.run.estimate.systematic != "none" else ()
+        )
         joint = chosen if configuration.run.estimate.systematic == "estimated" else ()
         estimates = {
             name: add_systematic_uncertainty(found, knowledge, chosen)

@@ -25,7 +25,7 @@ from estimation.uncertainty.intervals import Combination
 from expdesign.configuration import Problem
 from expdesign.experiment.combinations import KnownCombination
 from expdesign.robot import robot_from
-from expdesign.robot.deviation import tolerated
+from expdesign.robot.deviation import toleranced_deviations
 from expdesign.runfolder import Numbers, OpenNumbers, RunFile, copied, described
 from expdesign.runfolder.fields import (
     unknown_names,
@@ -335,7 +335,7 @@ def _intervals_note(result: EstimationResult) -> str:
     if systematic is None or not systematic.inexact:
         return (
             f"95 %, with {noise}; they hold for exact geometry and force "
-            f"constants: {_NO_TOLERANCES[bool(tolerated(result.robot))]}"
+            f"constants: {_NO_TOLERANCES[bool(toleranced_deviations(result.robot))]}"
         )
     verb = "and what is left of" if systematic.with_priors else "and"
     return f"95 %, with {noise}, {verb} the robot's tolerances"

@@ -17,7 +17,7 @@ from expdesign.information.identifiable import listed
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.robot import Robot
-from expdesign.robot.deviation import deviated, estimated_constants
+from expdesign.robot.deviation import apply_deviations, estimated_constants
 from expdesign.runfolder import Numbers, OpenNumber, OpenNumbers, copied, described
 
 
@@ -351,7 +351,7 @@ def constants_found(
     flagged = {one.name: one for one in estimated_constants(robot)}
     if systematic is None or not flagged:
         return ()
-    moved = deviated(robot, systematic.deviations, systematic.values)
+    moved = apply_deviations(robot, systematic.deviations, systematic.values)
     places = [one.name for one in systematic.deviations]
     return tuple(
         ConstantKeys(

@@ -22,7 +22,7 @@ from expdesign.configuration.tolerances import RobotTolerances
 from expdesign.configuration.writing import robot_yaml
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot, robot_from
-from expdesign.robot.deviation import Deviation, as_in_a_file, deviated, estimated_constants
+from expdesign.robot.deviation import Deviation, apply_deviations, as_in_a_file, estimated_constants
 
 FILE = IDENTIFIED_ROBOT
 
@@ -41,7 +41,7 @@ def identified_robot(result: EstimationResult, diagnosis: Diagnosis | None) -> s
     description = robot.description.description
     if found is not None and found.estimated:
         tolerances = _tolerances(description, robot, best)
-        moved = as_in_a_file(deviated(robot, found.deviations, found.values).description)
+        moved = as_in_a_file(apply_deviations(robot, found.deviations, found.values).description)
         description = moved.model_copy(update={"tolerances": tolerances})
     names, values = result.knowledge.names, best.values
     if (near := _taken(result)) is not None:

@@ -18,7 +18,7 @@ from scipy.special import erf
 from constraints.arrays import Array
 from estimation.kinematics.fourier_fit import MotionFitError
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.motion import SampledMotion
+from estimation.measurement_model.motion import MotionSamples
 from estimation.measurement_model.prediction import chunks, sliding_kernel, sliding_rate_kernel
 from estimation.processing import PeriodicRecording
 from expdesign.robot import ForwardKinematicsError, Robot
@@ -94,7 +94,7 @@ def expected_signs(robot: Robot, motion: HarmonicMotion, times: Array, spread: A
     return signs_along(robot, motion.at(times), spread)
 
 
-def signs_along(robot: Robot, sampled: SampledMotion, spread: Array) -> Array:
+def signs_along(robot: Robot, sampled: MotionSamples, spread: Array) -> Array:
     """Return the same signs along a motion that is sampled already."""
     kernel = sliding_rate_kernel(robot.terms)
     (rates,) = kernel(sampled.state(), robot.geometry_vector)

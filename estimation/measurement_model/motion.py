@@ -75,16 +75,16 @@ class HarmonicMotion:
         table = self.table + step[:size].reshape(self.table.shape)
         return replace(self, table=table, omega=omega)
 
-    def at(self, times: Array) -> SampledMotion:
+    def at(self, times: Array) -> MotionSamples:
         """Return the motion at the times given, s."""
         angle = np.multiply.outer(self.omega * times, np.arange(self.harmonics + 1))
         waves = np.empty(angle.shape, dtype=np.complex128)
         waves.real, waves.imag = np.cos(angle), np.sin(angle)
-        return SampledMotion(self, times, waves)
+        return MotionSamples(self, times, waves)
 
 
 @dataclass(frozen=True, eq=False)
-class SampledMotion:
+class MotionSamples:
     """A motion at S instants, s."""
 
     motion: HarmonicMotion
@@ -172,7 +172,7 @@ class MotionColumns:
     """(S, 6, k), of what is not the motion."""
     slope: Array
     """(S, 6, 6 n), to the pose and its n − 1 first derivatives."""
-    sampled: SampledMotion
+    sampled: MotionSamples
     """The motion at the samples."""
 
     def dense(self) -> Array:
@@ -215,7 +215,7 @@ class MotionColumns:
         return result
 
 
-def _table_products(each: Array, sampled: SampledMotion) -> Array:
+def _table_products(each: Array, sampled: MotionSamples) -> Array:
     """Return the products of the columns of the table, from those of the slopes, (S, 6 n, 6 n)."""
     h, waves = sampled.motion.harmonics, sampled.waves
     orders = each.shape[1] // COORDINATES

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.measurement_model.motion import HarmonicMotion, MotionColumns, SampledMotion
+from estimation.measurement_model.motion import HarmonicMotion, MotionColumns, MotionSamples
 from expdesign.evaluation.batch import Graph
 from expdesign.evaluation.kernel import kernel
 from expdesign.mechanism.graph import hexapod_graph
@@ -72,7 +72,7 @@ def predict_lengths(robot: Robot, motion: HarmonicMotion, times: Array) -> tuple
     return lengths, columns.dense()
 
 
-def length_columns(robot: Robot, sampled: SampledMotion) -> tuple[Array, MotionColumns]:
+def length_columns(robot: Robot, sampled: MotionSamples) -> tuple[Array, MotionColumns]:
     """Return strut lengths, (S, 6), m, and the columns of ξ in them."""
     lengths, jacobian = robot.lengths_and_jacobian(sampled.pose())
     return lengths, MotionColumns(jacobian[:, :, :0], jacobian, sampled)
@@ -106,7 +106,7 @@ def predict_forces(
 
 def force_columns(
     robot: Robot,
-    sampled: SampledMotion,
+    sampled: MotionSamples,
     signs: Array,
     parameters: Array,
     free: NDArray[np.bool_] | None = None,

@@ -98,7 +98,7 @@ class _Candidate:
     @property
     def spectrum(self) -> SmoothedSpectrum:
         return SmoothedSpectrum(
-            _coloured(self.smooth, self.own / self.filters),
+            _colour_test(self.smooth, self.own / self.filters),
             self.freedom,
             self.order,
             self.half_width,
@@ -111,7 +111,7 @@ def _candidates(lines: NoiseLines, covariance: Array) -> Iterator[_Candidate]:
     widest = lines.samples // 4 - 1
     for order in _ORDERS:
         filters = _prewhitening(lines, order)
-        flat = NoiseLines(_coloured(lines.matrices, filters), lines.samples, lines.freedom)
+        flat = NoiseLines(_colour_test(lines.matrices, filters), lines.samples, lines.freedom)
         mean = flat.covariance if order else covariance
         constant = mean.astype(np.complex128)
         everyone = np.ones(len(flat.matrices))
@@ -162,7 +162,7 @@ def _prewhitening(lines: NoiseLines, order: int) -> ComplexArray:
     return np.fft.rfft(np.transpose(filters), lines.samples, axis=0)
 
 
-def _coloured(matrices: ComplexArray, response: ComplexArray) -> ComplexArray:
+def _colour_test(matrices: ComplexArray, response: ComplexArray) -> ComplexArray:
     """Return D C Dᴴ of every line for a response of the channels, (L, 6)."""
     return matrices * response[:, :, None] * response.conj()[:, None, :]
 
@@ -216,7 +216,7 @@ def _likelihood(flat: NoiseLines, smooth: ComplexArray, own: Array, filters: Com
 
     These are lines that the filters have made flat, (L, 6); the likelihood is that of them before.
     """
-    scaled = replace(flat, matrices=_coloured(flat.matrices, 1 / own.astype(np.complex128)))
+    scaled = replace(flat, matrices=_colour_test(flat.matrices, 1 / own.astype(np.complex128)))
     _, logarithm = np.linalg.slogdet(smooth)
     logarithm = logarithm + 2 * np.sum(np.log(own / np.abs(filters)), axis=1)
     weight = multiplicity(flat.samples) / 2 * flat.freedom

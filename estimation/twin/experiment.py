@@ -121,7 +121,7 @@ class Twin:
         # Rows and rounding of a table differ from period to period, as a wrong clock does.
         alike = table is None and section.clock == 0
         stamps = grid.distinct_times if alike else grid.times
-        found = _measured(machine, motion, stamps / (1 + section.clock), section, configuration)
+        found = _measure(machine, motion, stamps / (1 + section.clock), section, configuration)
         lengths, forces, positions = map(grid.repeated, found) if alike else found
         if section.cogging is not None:
             forces = forces + cogging_force(positions, section.cogging)
@@ -208,7 +208,7 @@ def _spectrum(machine: ResolvedRobot, kind: str) -> dict[str, Any] | None:
     return dict(found.model_dump(exclude_none=True))
 
 
-def _measured(
+def _measure(
     machine: Machine,
     motion: Motion,
     times: Array,

@@ -19,7 +19,13 @@ from expdesign.mechanism.terms import (
 )
 from expdesign.recheck.limit_check import Motion
 from expdesign.robot import Robot
-from expdesign.robot.deviation import Deviation, as_in_a_file, deviated, deviations, tolerated
+from expdesign.robot.deviation import (
+    Deviation,
+    apply_deviations,
+    as_in_a_file,
+    deviations,
+    toleranced_deviations,
+)
 from expdesign.trajectory import PoseSamples
 
 CARRIED = frozenset(
@@ -200,7 +206,7 @@ def drawn_machine(configuration: RunConfiguration, rng: np.random.Generator) -> 
     """
     base = configuration.truth or configuration.robot
     robot = Robot(replace(base, tolerances=configuration.robot.tolerances))
-    entries = tolerated(robot)
+    entries = toleranced_deviations(robot)
     values = rng.standard_normal(len(entries)) * np.array([each.std for each in entries])
     theta = np.zeros(len(deviations(robot)))
     theta[[each.place for each in entries]] = values
@@ -215,7 +221,9 @@ def drawn_machine(configuration: RunConfiguration, rng: np.random.Generator) -> 
         "common": _product(error.common, common),
         "each": tuple(_product(stated, drawn) for stated, drawn in each),
     }
-    truth = replace(deviated(robot, entries, values).description, tolerances=base.tolerances)
+    truth = replace(
+        apply_deviations(robot, entries, values).description, tolerances=base.tolerances
+    )
     described = as_in_a_file(truth)
     measured = configuration.with_section(
         "experiment",

@@ -18,7 +18,7 @@ from expdesign.configuration.errors import Problem
 from expdesign.configuration.section import validate
 from expdesign.machines.description import MachineDescription, machine_from_answers
 from expdesign.machines.importing import read_machine
-from expdesign.machines.machine import Machine
+from expdesign.machines.machine import MachineDraft
 from expdesign.machines.writing import WrittenFiles, write_files
 from expdesign.stages.folder import refuse_unwritable
 from expdesign.stages.workspace import short
@@ -43,7 +43,7 @@ def init(
     refuse_unwritable(folder)
     given = {key: INIT_OPTIONS[key].read(text) for key, text in options.items() if text is not None}
     description = _validated({"name": name, **given})
-    known = read_machine(name, sources) if sources else Machine(name)
+    known = read_machine(name, sources) if sources else MachineDraft(name)
     if sys.stdin.isatty() and not as_json:
         given = _answered(given, _known(known))
         description = _validated({"name": name, **given})
@@ -78,7 +78,7 @@ def _with_option(problem: Problem, options: Mapping[str, Any]) -> Problem:
     return replace(problem, key=flag(key) + parts[1] + parts[2]) if key in options else problem
 
 
-def _known(machine: Machine) -> set[str]:
+def _known(machine: MachineDraft) -> set[str]:
     """Return the options whose values are known from files."""
     found = set(machine.limits)
     for end in ("base", "platform"):

@@ -20,7 +20,7 @@ from expdesign.configuration.document import Located
 from expdesign.configuration.errors import key_path, nearest_name, quote, refusal
 from expdesign.configuration.fields import by_key, read_only
 from expdesign.configuration.quantity import SHARE, quantity_in, quantity_text
-from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES, numbered
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES, actuator_names
 
 CHARACTERISTIC_LENGTH = "characteristic_length"
 RESERVE = "reserve"
@@ -144,7 +144,7 @@ def row_labels(definition: LimitDefinition) -> tuple[str, ...]:
     if definition.components:
         return definition.components
     if definition.per_actuator:
-        return numbered("strut ")
+        return actuator_names("strut ")
     if definition.pairs:
         return tuple(f"struts {i + 1}-{j + 1}" for i, j in _PAIRS)
     return ("",)

@@ -30,7 +30,7 @@ from expdesign.configuration.quantity import (
     Share,
 )
 from expdesign.configuration.section import RESOLVED, Section, validate
-from expdesign.mechanism.hexapod import ACTUATORS, numbered
+from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 from expdesign.noise.hum import Hum
 from expdesign.noise.spectrum import (
     Autoregressive,
@@ -52,8 +52,8 @@ SPECTRUM_FORMS = (
 """Accepted spectra, for messages."""
 
 FREQUENCY = "frequency"
-DENSITIES = numbered("density_")
-AMPLITUDES = numbered("amplitude_")
+DENSITIES = actuator_names("density_")
+AMPLITUDES = actuator_names("amplitude_")
 PAIRS = tuple((i, j) for i in range(ACTUATORS) for j in range(i))
 COHERENCIES = tuple(f"{part}_{i + 1}_{j + 1}" for i, j in PAIRS for part in ("real", "imaginary"))
 """Columns of a table: frequency, Hz; density of every channel, the square of its unit per Hz;

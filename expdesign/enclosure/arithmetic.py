@@ -122,16 +122,16 @@ def horner(x: Array, kx: int, values: Array, more: Array, out: Array, room: Arra
     and by `more`, (n + 1,). `room` (3, TERMS + 1, N) is overwritten.
     """
     last, count = len(values) - 1, 1
-    _write_rounded(values[last], more[last], out)
+    _write_rounding(values[last], more[last], out)
     for k in range(last - 1, -1, -1):
         width = multiply(out, count, x, kx, room[0], room[1])
-        _write_rounded(values[k], more[k], room[2])
+        _write_rounding(values[k], more[k], room[2])
         count = add(room[0], width, room[2], 1, 1.0, out)
     return count
 
 
 @compiled
-def _write_rounded(values: Array, more: float, out: Array) -> None:
+def _write_rounding(values: Array, more: float, out: Array) -> None:
     for n in range(len(values)):
         out[0, n] = values[n]
         out[TERMS, n] = 8 * EPS * abs(values[n]) + TINY + more

@@ -79,7 +79,7 @@ class StrutPath:
         rough, lengths = self.poses.over(edges), self.lengths.over(edges)
         speed, acceleration = (part.over(edges) for part in self._derivatives)
         with np.errstate(all="ignore"):  # what is not known is infinite, or not a number
-            pose = _sharpened(self._kinematics, rough, lengths)
+            pose = _tighten_poses(self._kinematics, rough, lengths)
             first, second = self._kinematics.motion(pose, speed, acceleration)
         return [*pose, *first, *second, *[TaylorModel.unknown()] * COORDINATES]
 
@@ -119,7 +119,7 @@ def enclosed_poses(
         poses = _Poses.joined(parts)
         again = ~(poses.error <= ACCURATE) & (division < _DIVISIONS)
         found.append(poses.among(~again))
-        edges = _halved(edges[again])
+        edges = _halve_cells(edges[again])
         if not len(edges):
             break
     every = _Poses.joined(found)
@@ -204,7 +204,7 @@ def _known_from_home(
         least, most = at_home.bounds()
         low, high = begin - slack - most, begin + slack - least
         ways.append(TaylorModel.within(np.minimum(low, 0.0), np.maximum(high, 0.0)))
-    error, within = _proved(kinematics, start, ways)
+    error, within = _prove_poses(kinematics, start, ways)
     errors = np.concatenate([error, poses.error])
     withins = np.concatenate([within, poses.within])
     ends = np.concatenate([home.T, poses.at(1.0)[:-1]])
@@ -241,11 +241,11 @@ def _poses(
     pose = [TaylorModel(coefficients[:, i].copy(), np.zeros(1)) for i in range(COORDINATES)]
     with np.errstate(all="ignore"):
         off = [a - b for a, b in zip(kinematics.lengths(pose), wanted, strict=True)]
-        error, within = _proved(kinematics, pose, off)
+        error, within = _prove_poses(kinematics, pose, off)
     return _Poses(edges, coefficients, error, within, _scale(robot))
 
 
-def _sharpened(
+def _tighten_poses(
     kinematics: EnclosedKinematics, pose: list[TaylorModel], lengths: list[TaylorModel]
 ) -> list[TaylorModel]:
     """Tighten known models of poses with the lengths of a shorter cell.
@@ -271,7 +271,7 @@ def _sharpened(
     )
     least = np.max(before / scale, axis=1) * _UP
     off = [a - b for a, b in zip(kinematics.lengths(moved), lengths, strict=True)]
-    error, _ = _proved(kinematics, moved, off, np.where(np.isfinite(least), least, 0.0))
+    error, _ = _prove_poses(kinematics, moved, off, np.where(np.isfinite(least), least, 0.0))
     error = np.where(np.isfinite(least), np.minimum(error, least), np.inf) * _UP
     return [
         TaylorModel(model.coefficients, share * error)
@@ -298,7 +298,7 @@ def _whole(model: TaylorModel) -> Array:
     return found
 
 
-def _proved(
+def _prove_poses(
     kinematics: EnclosedKinematics,
     pose: list[TaylorModel],
     off: list[TaylorModel],
@@ -329,7 +329,7 @@ def _proved(
     return np.where(usable & (error < within), error, np.inf), within
 
 
-def _halved(edges: Array) -> Array:
+def _halve_cells(edges: Array) -> Array:
     grid = np.stack([edges[:, 0], edges.mean(axis=1), edges[:, 1]], axis=1)
     return np.stack([grid[:, :-1], grid[:, 1:]], axis=2).reshape(-1, 2)
 

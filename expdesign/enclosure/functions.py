@@ -23,20 +23,20 @@ _POWERS = TERMS + 2
 
 def reciprocal(a: TaylorModel) -> TaylorModel:
     """Return 1/a; unknown in cells where a may be zero."""
-    return _made(invert, a)
+    return _build_model(invert, a)
 
 
-def divided(a: TaylorModel, b: TaylorModel) -> TaylorModel:
+def divide(a: TaylorModel, b: TaylorModel) -> TaylorModel:
     """Return a/b; unknown in cells where b may be zero."""
     return a * reciprocal(b)
 
 
 def root(a: TaylorModel) -> TaylorModel:
     """Return √a for a ≥ 0; near zero a constant interval."""
-    return _made(take_root, a)
+    return _build_model(take_root, a)
 
 
-def _made(write: Callable[[Array, int, Array, Array], int], a: TaylorModel) -> TaylorModel:
+def _build_model(write: Callable[[Array, int, Array, Array], int], a: TaylorModel) -> TaylorModel:
     """Return the model that a function of packed models writes."""
     room = np.empty((4, TERMS + 1, a.cells))
     return TaylorModel.unpacked(room[0], write(*a.packed(a.cells), room[0], room[1:]))
@@ -172,7 +172,7 @@ def _series(
 
 
 def _polynomial(a: TaylorModel, values: list[Array], more: list[float]) -> TaylorModel:
-    """Return c₀ + c₁ a + c₂ a² + … of numbers c, (N,) each, that are rounded as `_rounded` says."""
+    """Return c₀ + c₁ a + c₂ a² + … for numbers c, (N,) each, rounded as in `_with_rounding`."""
     numbers, room = np.empty((len(values), a.cells)), np.empty((4, TERMS + 1, a.cells))
     for k, value in enumerate(values):
         numbers[k] = value
@@ -180,7 +180,7 @@ def _polynomial(a: TaylorModel, values: list[Array], more: list[float]) -> Taylo
     return TaylorModel.unpacked(room[0], count)
 
 
-def _rounded(values: Array, more: Array | float = 0.0) -> TaylorModel:
+def _with_rounding(values: Array, more: Array | float = 0.0) -> TaylorModel:
     """Return the model of numbers (N,) that were computed, wrong by a few units of the last digit.
 
     The exponential of NumPy is within four of them. `more` is added to the radius.
@@ -193,7 +193,7 @@ def _of_circle(values: Array) -> TaylorModel:
 
     Near their zeros nothing is asked of the last digit: NumPy's are within four units of that of 1.
     """
-    return _rounded(values, 8 * EPS)
+    return _with_rounding(values, 8 * EPS)
 
 
 def _with_radius(model: TaylorModel, radius: Array) -> TaylorModel:

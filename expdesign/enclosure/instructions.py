@@ -30,7 +30,7 @@ _COMPILED = {
 _CALLED: dict[int, Callable[..., TaylorModel]] = {
     ca.OP_SIN: f.sine,
     ca.OP_COS: f.cosine,
-    ca.OP_TAN: lambda a: f.divided(f.sine(a), f.cosine(a)),
+    ca.OP_TAN: lambda a: f.divide(f.sine(a), f.cosine(a)),
     ca.OP_ASIN: f.arc_sine,
     ca.OP_ACOS: f.arc_cosine,
     ca.OP_ATAN: lambda a: f.arc_tangent(a, TaylorModel.number(1.0)),

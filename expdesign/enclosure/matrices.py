@@ -76,7 +76,7 @@ class TaylorMatrix:
         rounding = 4 * TERMS * a.shape[3] * EPS
         beyond += whole_a @ other.radius + self.radius @ (whole_b + other.radius)
         beyond += rounding * (whole_a @ whole_b) + TINY
-        return TaylorMatrix(product, _known(beyond * _UP))
+        return TaylorMatrix(product, _is_finite(beyond * _UP))
 
     def inverse(self) -> TaylorMatrix:
         """Return the inverse of square matrices; unknown in cells where one may be singular.
@@ -106,10 +106,10 @@ class TaylorMatrix:
             more = np.where(norm < 1, norm / (1 - norm) * _UP, np.inf)
         radius = wrong + np.sum(wrong, axis=2, keepdims=True) * more[:, None, None]
         radius = np.where(usable[:, None, None], radius * _UP, np.inf)
-        return TaylorMatrix(x, _known(radius))
+        return TaylorMatrix(x, _is_finite(radius))
 
 
-def _known(radius: Array) -> Array:
+def _is_finite(radius: Array) -> Array:
     return np.where(np.isnan(radius), np.inf, radius)
 
 

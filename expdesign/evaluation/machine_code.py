@@ -135,7 +135,7 @@ def kept_code(name: str) -> MachineCode | None:
     with _lock:
         key = _read(_digest(name))
         content = None if key is None else _read(key.decode())
-        return None if content is None else _loaded(content)
+        return None if content is None else _load(content)
 
 
 def machine_code(
@@ -158,7 +158,7 @@ def machine_code(
             lanes = _lanes()
             try:
                 text = vector_code(function, form.varying, form.places, form.sizes, lanes)
-                code = _compiled(text)
+                code = _compile(text)
             except (UnknownInstructionError, RuntimeError):
                 return None  # RuntimeError: LLVM's own
             scratch = scratch_size(function, form.varying, lanes)
@@ -167,7 +167,7 @@ def machine_code(
             _keep(key, content)
         if name is not None:
             _keep(_digest(name), key.encode())
-        return _loaded(content)
+        return _load(content)
 
 
 def _digest(what: str) -> str:
@@ -190,7 +190,7 @@ def _usable() -> bool:
 @cache
 def _emitter() -> str:
     """Return a digest of the functions that write and call machine code."""
-    return str(content_key(vector_code, scratch_size, _compiled, MachineCode))
+    return str(content_key(vector_code, scratch_size, _compile, MachineCode))
 
 
 @cache
@@ -227,7 +227,7 @@ def _target() -> Any:
     )
 
 
-def _compiled(text: str) -> bytes:
+def _compile(text: str) -> bytes:
     return bytes(_target().emit_object(_llvm().parse_assembly(text)))
 
 
@@ -235,7 +235,7 @@ _engines: list[Any] = []
 """Machine code lives as long as what it was loaded with, and may be called until the end."""
 
 
-def _loaded(content: bytes) -> MachineCode:
+def _load(content: bytes) -> MachineCode:
     """Load what is kept: what the function is like, as JSON, and its machine code."""
     described, _, code = content.partition(_END)
     known = json.loads(described)

@@ -25,7 +25,7 @@ from expdesign.information.fisher import whitening
 from expdesign.information.prior import PriorMachine
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.robot import Robot
-from expdesign.robot.deviation import tolerated
+from expdesign.robot.deviation import toleranced_deviations
 from expdesign.robot.deviation_slope import (
     delay_of_jumps,
     deviating_forces,
@@ -62,7 +62,7 @@ def systematic_std(
     prior : PriorMachine, optional
         What is known before: the names are then those that have changed.
     """
-    chosen = tolerated(robot)
+    chosen = toleranced_deviations(robot)
     if not chosen and (prior is None or not prior.moved):
         return {}
     times = np.arange(samples) * trajectory.period / samples

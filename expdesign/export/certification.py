@@ -21,7 +21,7 @@ from expdesign.enclosure.taylor_model import (
     between_rows,
 )
 from expdesign.export.definition import Interpolation
-from expdesign.export.execution import ExecutedTable, blocks, refined
+from expdesign.export.execution import ExecutedTable, blocks, refine_times
 from expdesign.export.rotation import moving_angles
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.progress import track
@@ -74,7 +74,7 @@ class PathCertificate:
         return not self.broken and not self.open
 
 
-def certified(table: ExecutedTable) -> PathCertificate:
+def certify_table(table: ExecutedTable) -> PathCertificate:
     """Return what is proved of every limit of the robot, and the worst moments that were found.
 
     The path is that of the rows as they are read, in real numbers, as the controller's interpolator
@@ -90,7 +90,7 @@ def certified(table: ExecutedTable) -> PathCertificate:
     every = LimitModel.of(robot).limits
     undefined = [limit for limit in every if linear and _is_dynamic(limit)]
     model = LimitModel(robot, tuple(limit for limit in every if limit not in undefined))
-    motion = enclosed(table)
+    motion = enclose_table(table)
     until = motion.known_until if isinstance(motion, StrutPath) else np.inf
     # Where a pose is not known nothing can be proved of what comes behind it.
     checks: list[LimitCheck] = []
@@ -100,7 +100,7 @@ def certified(table: ExecutedTable) -> PathCertificate:
     open_ones = {check.key for check in checks if not np.isfinite(check.proved)}
     if not checks or open_ones:
         left = [one for one in model.limits if not checks or one.key in open_ones]
-        found = _sampled(table, LimitModel(robot, tuple(left)))
+        found = _sample_limits(table, LimitModel(robot, tuple(left)))
         checks = [check for check in checks if check.key not in open_ones]
         checks += [replace(check, proved=np.inf) for check in found]
     if undefined:
@@ -114,10 +114,10 @@ def _is_dynamic(limit: Limit) -> bool:
     return not _DYNAMIC.isdisjoint(limit.definition.requires)
 
 
-def _sampled(table: ExecutedTable, model: LimitModel) -> tuple[LimitCheck, ...]:
+def _sample_limits(table: ExecutedTable, model: LimitModel) -> tuple[LimitCheck, ...]:
     """Return the worst of a grid ten times as fine as the rows."""
     checks: list[LimitCheck] = []
-    for times in track("judging the table", tuple(blocks(refined(table.rows.times, _POINTS)))):
+    for times in track("judging the table", tuple(blocks(refine_times(table.rows.times, _POINTS)))):
         checks += worst_sampled(model, times, model.values(np.hstack(table.between(times).states)))
     return worst_of_each(checks)
 
@@ -130,7 +130,7 @@ def _at_rows(table: ExecutedTable, model: LimitModel) -> tuple[LimitCheck, ...]:
     return worst_of_each(checks)
 
 
-def enclosed(table: ExecutedTable) -> EnclosedMotion:
+def enclose_table(table: ExecutedTable) -> EnclosedMotion:
     """Return the motion of a table between and at its rows, which are taken as they are read."""
     axes, rows = table.axes, table.rows
     linear = table.interpolation is Interpolation.LINEAR

@@ -244,7 +244,7 @@ class Settings:
         return _MINUS_ZERO.sub("", row).split()
 
 
-def rounded(times: Array, digits: int) -> Array:
+def round_times(times: Array, digits: int) -> Array:
     """Return times (N,), s, with these digits after the decimal point."""
     return np.round(times, digits)
 

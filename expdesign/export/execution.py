@@ -24,7 +24,7 @@ from expdesign.robot import Robot
 from expdesign.trajectory import PoseSamples
 
 
-def interpolated(kind: Interpolation, rows: Rows) -> PPoly:
+def interpolate_rows(kind: Interpolation, rows: Rows) -> PPoly:
     """Return the path of the axes, (N,) times → (N, 6) in their units, as a piecewise polynomial.
 
     The rows have the velocities that a cubic path needs, and the accelerations of a quintic one.
@@ -50,7 +50,7 @@ def interpolated(kind: Interpolation, rows: Rows) -> PPoly:
     return PPoly(np.stack([quintic, quartic, cubic, a0 / 2, v0, p0]), rows.times)
 
 
-def refined(times: Array, points: int) -> Array:
+def refine_times(times: Array, points: int) -> Array:
     """Return a grid with this many points to a step, the steps' beginnings and the end in it."""
     shares = np.arange(points) / points
     inner = times[:-1, None] + np.diff(times)[:, None] * shares
@@ -122,7 +122,7 @@ class ExecutedTable:
             # The struts' mean speed over each row, as a pose's rate.
             lengths = self.robot.inverse_kinematics(rows)
             speed = (np.diff(lengths, axis=0) / steps)[place]
-            rate = _solved(self.robot.length_jacobian(values), speed)
+            rate = _solve(self.robot.length_jacobian(values), speed)
         return self._machine(times, values, rate, self._at(second, times))
 
     def lengths(self, times: Array) -> Array:
@@ -156,7 +156,7 @@ class ExecutedTable:
 
     @cached_property
     def _path(self) -> PPoly:
-        return interpolated(self.interpolation, self.rows)
+        return interpolate_rows(self.interpolation, self.rows)
 
     @cached_property
     def _differences(self) -> tuple[Array, Array, Array]:
@@ -179,14 +179,14 @@ class ExecutedTable:
             return Executed(PoseSamples(values, first, second), *lengths)
         pose = self.robot.forward_kinematics(values, self.motion.sample(times).pose)
         jacobian = self.robot.length_jacobian(pose)
-        rate = _solved(jacobian, first)
+        rate = _solve(jacobian, first)
         # q̈ = J λ̈ + J̇ λ̇; the graph gives the second part at λ̈ = 0.
         rest = self.robot.strut_motion(pose, rate, np.zeros_like(rate)).length_acceleration
-        acceleration = _solved(jacobian, second - rest)
+        acceleration = _solve(jacobian, second - rest)
         return Executed(PoseSamples(pose, rate, acceleration), values, first, second)
 
 
-def _solved(matrices: Array, vectors: Array) -> Array:
+def _solve(matrices: Array, vectors: Array) -> Array:
     return np.asarray(np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0], dtype=np.float64)
 
 
@@ -286,13 +286,13 @@ def information_change(table: ExecutedTable, task: Task) -> InformationChange | 
     """
     if task.force_covariance is None:
         return None
-    names, count = task.parameters, len(_measured(task))
+    names, count = task.parameters, len(_measured_times(task))
     try:
         reference, before = _predicted_by_design(task)
     except SingularInformationError:
         return None
     try:
-        found, after = _predicted(task, lambda at: table.smoothed(at).states)
+        found, after = _predict_precision(task, lambda at: table.smoothed(at).states)
     except SingularInformationError:
         return InformationChange(count, reference, -np.inf, np.inf, names[0])
     relative = after / before - 1
@@ -301,7 +301,7 @@ def information_change(table: ExecutedTable, task: Task) -> InformationChange | 
     return InformationChange(count, reference, change, largest, names[worst])
 
 
-def _measured(task: Task) -> Array:
+def _measured_times(task: Task) -> Array:
     """Return the times of the samples, (N,), s."""
     first, last = task.motion.window
     count = max(1, int(np.floor((last - first) * task.sampling * (1 + 1e-12))))
@@ -310,11 +310,11 @@ def _measured(task: Task) -> Array:
 
 @lru_cache(maxsize=1)
 def _predicted_by_design(task: Task) -> tuple[float, Array]:
-    """Return `_predicted` of the design itself, which several tables of it share."""
-    return _predicted(task, task.motion.sample)
+    """Return `_predict_precision` of the design itself, which several tables of it share."""
+    return _predict_precision(task, task.motion.sample)
 
 
-def _predicted(task: Task, sample: Callable[[Array], PoseSamples]) -> tuple[float, Array]:
+def _predict_precision(task: Task, sample: Callable[[Array], PoseSamples]) -> tuple[float, Array]:
     """Return log det F and the predicted standard deviations of a motion."""
     if task.force_covariance is None:
         raise ValueError("nothing is known of the noise")
@@ -322,7 +322,7 @@ def _predicted(task: Task, sample: Callable[[Array], PoseSamples]) -> tuple[floa
     columns = [every.index(name) for name in task.parameters]
     total = np.zeros((len(columns), len(columns)))
     for part in track(
-        "reading back: what it tells of the parameters", tuple(blocks(_measured(task)))
+        "reading back: what it tells of the parameters", tuple(blocks(_measured_times(task)))
     ):
         regressors = task.robot.regressor(*sample(part))
         total += information_matrix(regressors[:, :, columns], task.force_covariance)

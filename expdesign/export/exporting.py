@@ -152,7 +152,7 @@ def export_table(
         The file is beyond a tolerance.
     """
     refuse_missing_library(section, place)
-    settings = settled(section, task, place)
+    settings = resolve_settings(section, task, place)
     times = chosen_times(settings, place)
     rows = ideal_rows(settings, times)
     if settings.form.whole:
@@ -206,10 +206,10 @@ def _write_beside(path: Path, rows: Rows, settings: Settings) -> dict[str, Path]
     return made
 
 
-def settled(section: ExportSection, task: Task, place: str = "") -> Settings:
+def resolve_settings(section: ExportSection, task: Task, place: str = "") -> Settings:
     """Fill in the defaults of a format, and scale the motion as the section asks for."""
     form = table_formats()[section.format]
-    task = _scaled(section, task, place)
+    task = _scale_task(section, task, place)
     axes = _axes(section, form, task.robot)
     digits = section.digits
     if digits is None and form.digits is not None and not section.binary_suffix:
@@ -232,7 +232,7 @@ def settled(section: ExportSection, task: Task, place: str = "") -> Settings:
     )
 
 
-def _scaled(section: ExportSection, task: Task, place: str) -> Task:
+def _scale_task(section: ExportSection, task: Task, place: str) -> Task:
     factor, motion = section.factor, task.motion
     if factor == 1:
         return task

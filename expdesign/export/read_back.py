@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from expdesign.export.certification import LIMIT_SHARE, PathCertificate, certified
+from expdesign.export.certification import LIMIT_SHARE, PathCertificate, certify_table
 from expdesign.export.definition import Interpolation, Rows, Settings, TableError
 from expdesign.export.execution import (
     ExecutedTable,
@@ -16,7 +16,7 @@ from expdesign.export.execution import (
     blocks,
     deviation,
     information_change,
-    refined,
+    refine_times,
 )
 from expdesign.export.row_times import SHARE, ideal_rows, whole_motion
 from expdesign.progress import track
@@ -96,7 +96,7 @@ def read_back(path: Path, settings: Settings) -> ReadBack:
         return replace(found, failures=tuple(failures))
     table = ExecutedTable.of(settings, rows)
     try:
-        found = _executed(found, table)
+        found = _add_execution(found, table)
         failures += _beyond(found, table, settings)
         found = replace(found, information=information_change(table, settings.task))
     except (ForwardKinematicsError, np.linalg.LinAlgError) as trouble:
@@ -165,11 +165,11 @@ def _wrong_trigger(rows: Rows, settings: Settings) -> list[str]:
     ]
 
 
-def _executed(found: ReadBack, table: ExecutedTable) -> ReadBack:
+def _add_execution(found: ReadBack, table: ExecutedTable) -> ReadBack:
     """Add deviations on a grid finer than the rows, and limits."""
     linear = table.interpolation is Interpolation.LINEAR
     points = FINER if linear else max(FINER, int(np.ceil(found.longest_step / _FINEST)))
-    grid = refined(table.rows.times, points)
+    grid = refine_times(table.rows.times, points)
     worst = TableDeviation()
     for times in track("reading back", tuple(blocks(grid))):
         worst = worst.with_worse(deviation(table, times, table.between(times), forces=not linear))
@@ -178,7 +178,7 @@ def _executed(found: ReadBack, table: ExecutedTable) -> ReadBack:
             # Of the rows only what has no value between them: accelerations and forces.
             at_rows = deviation(table, times, table.smoothed(times), forces=True)
             worst = worst.with_worse(replace(at_rows, position=0.0, velocity=0.0))
-    return replace(found, points=len(grid), deviation=worst, certificate=certified(table))
+    return replace(found, points=len(grid), deviation=worst, certificate=certify_table(table))
 
 
 def limits_in_words(certificate: PathCertificate) -> str:

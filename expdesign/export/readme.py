@@ -35,13 +35,14 @@ def readme(result: ExportResult) -> str:
         _paragraph(
             f"{_which(result)} the same motion of {motion.duration:.4f} s: from rest at home "
             f"onto the periodic excitation, {motion.periods} periods of {motion.period:.6f} "
-            f"s, and back to rest at home. Home is {_pose(motion.home)}. {_certified(motion)}"
+            f"s, and back to rest at home. Home is {_pose(motion.home)}. "
+            f"{_certificate_text(motion)}"
         ),
         _heading("What to record", "-"),
         _paragraph(
             f"The measurement window lasts from {first:.6f} s to {last:.6f} s after the start of "
             f"the table: the {motion.periods} periods. "
-            f"{_of_scaled(result)}Record the six strut lengths and the "
+            f"{_scaled_tables_text(result)}Record the six strut lengths and the "
             f"six actuator forces (or motor currents) at {motion.sampling:g} Hz, every sample "
             "with its time from the start of the table or triggered by it, with forces and "
             "lengths of the same instants. Keep the raw, unfiltered values. The way to the window "
@@ -56,26 +57,26 @@ def readme(result: ExportResult) -> str:
         ),
     ]
     if motion.unlimited:
-        parts[-1:-1] = [_heading("What nothing limits", "-"), _paragraph(_unlimited(motion))]
+        parts[-1:-1] = [_heading("What nothing limits", "-"), _paragraph(_unlimited_text(motion))]
     for name, file in result.files.items():
         parts += [
             _heading(f"{name}: {file.title}", "-"),
-            *_scaled(file, motion),
+            *_first_run_text(file, motion),
             _paragraph(file.guide),
             _axes(file.axes),
             _paragraph(_rows(file)),
-            _paragraph(_checked(file.read_back)),
+            _paragraph(_check_text(file.read_back)),
         ]
     return "\n\n".join(parts) + "\n"
 
 
-def _certified(motion: ExportedMotion) -> str:
+def _certificate_text(motion: ExportedMotion) -> str:
     if not motion.certified:
         return "Its limits are not proved for every instant."
     return "By the nominal model every limit is proved to be kept at every instant of it."
 
 
-def _unlimited(motion: ExportedMotion) -> str:
+def _unlimited_text(motion: ExportedMotion) -> str:
     return (
         "Neither robot nor run set these limits, and nothing but this motion itself keeps the "
         f"machine from going further. It reaches: {in_words(motion.unlimited or ())}. Make sure "
@@ -90,14 +91,14 @@ def _which(result: ExportResult) -> str:
     return f"All files but {', '.join(scaled)} hold" if scaled else "All files hold"
 
 
-def _of_scaled(result: ExportResult) -> str:
+def _scaled_tables_text(result: ExportResult) -> str:
     """Say that tables for a first run have windows of their own, where there are any."""
     if all(file.scale == 1 for file in result.files.values()):
         return ""
     return "A table for a first run has a window of its own, told with it below. "
 
 
-def _scaled(file: ExportedTable, motion: ExportedMotion) -> list[str]:
+def _first_run_text(file: ExportedTable, motion: ExportedMotion) -> list[str]:
     """Describe a table for a first run, with the times of its measurement window."""
     if file.scale == 1:
         return []
@@ -121,7 +122,7 @@ def _rows(file: ExportedTable) -> str:
     )
 
 
-def _checked(check: TableCheck) -> str:
+def _check_text(check: TableCheck) -> str:
     text = (
         f"Read back: struts at most {1e6 * check.position_error:.3g} µm and "
         f"{1e3 * check.velocity_error:.3g} mm/s from the design"

@@ -16,7 +16,7 @@ from expdesign.export.execution import InformationChange
 from expdesign.export.exporting import Export
 from expdesign.export.read_back import LOG_DET_CHANGE, STD_SHARE, ReadBack, limits_in_words
 from expdesign.export.row_times import SHARE
-from expdesign.mechanism.hexapod import COORDINATE_NAMES, numbered
+from expdesign.mechanism.hexapod import COORDINATE_NAMES, actuator_names
 from expdesign.motion.executable import LeadRamps, lead_ramps
 from expdesign.recheck.limit_check import TOLERANCE, LimitCheck, Unlimited, unlimited
 from expdesign.runfolder import JsonFile, OpenNumber, described
@@ -212,7 +212,7 @@ def exported_table(export: Export) -> ExportedTable:
     """Describe a file that was written and checked."""
     settings, check = export.settings, export.check
     form, axes = settings.form, settings.axes
-    moved = COORDINATE_NAMES if axes.space == "pose" else numbered("q")
+    moved = COORDINATE_NAMES if axes.space == "pose" else actuator_names("q")
     entries = zip(axes.names, axes.units, axes.source, settings.start, strict=True)
     return ExportedTable(
         sha256=export.digest,

@@ -65,7 +65,7 @@ def message_of(rows: Rows, settings: Settings) -> dict[str, Any]:
     shape = _POINT[message_type(settings)]
     stamps = [divmod(int(time), NANOSECONDS) for time in np.rint(rows.times * NANOSECONDS)]
     points = [
-        {**_nested(shape, iter(values)), _TIME: {"sec": sec, "nanosec": nanosec}}
+        {**_nest_values(shape, iter(values)), _TIME: {"sec": sec, "nanosec": nanosec}}
         for (sec, nanosec), values in zip(
             stamps, np.concatenate(parts, axis=1).tolist(), strict=True
         )
@@ -73,13 +73,13 @@ def message_of(rows: Rows, settings: Settings) -> dict[str, Any]:
     return {"joint_names": list(names), "points": points}
 
 
-def _nested(shape: Any, values: Iterator[float]) -> Any:
+def _nest_values(shape: Any, values: Iterator[float]) -> Any:
     """Return the next values in nested data of a shape."""
     if shape is None:
         return next(values)
     if isinstance(shape, list):
-        return [_nested(part, values) for part in shape]
-    return {key: _nested(part, values) for key, part in shape.items()}
+        return [_nest_values(part, values) for part in shape]
+    return {key: _nest_values(part, values) for key, part in shape.items()}
 
 
 def _flat(shape: Any, found: Any) -> list[float]:

@@ -11,7 +11,13 @@ from constraints.arrays import Array
 from expdesign.configuration import InputError
 from expdesign.configuration.fields import MOST_ROWS, require_at_most
 from expdesign.export.definition import Rows, Settings, Task, in_window
-from expdesign.export.execution import ExecutedTable, TableDeviation, blocks, deviation, refined
+from expdesign.export.execution import (
+    ExecutedTable,
+    TableDeviation,
+    blocks,
+    deviation,
+    refine_times,
+)
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.sampled import SampledMotion
 from expdesign.progress import track
@@ -71,11 +77,11 @@ def divided_times(motion: ExecutableMotion, longest: Sequence[float]) -> Array:
 
     `longest` is the longest step in each segment of the motion, s.
     """
-    parts = [_divided(motion, k, step) for k, step in enumerate(longest)]
+    parts = [_divide_segment(motion, k, step) for k, step in enumerate(longest)]
     return np.array([*itertools.chain.from_iterable(part[:-1] for part in parts), motion.duration])
 
 
-def _divided(motion: ExecutableMotion, segment: int, longest: float) -> Array:
+def _divide_segment(motion: ExecutableMotion, segment: int, longest: float) -> Array:
     """Return the times of one segment, its end included."""
     begin, end = motion.starts[segment : segment + 2]
     parts = motion.periods if motion.segments[segment].name == "periods" else 1
@@ -116,7 +122,7 @@ def _step(settings: Settings, segment: int, place: str) -> float:
     for step in STEPS:
         if motion.duration / step > MOST_ROWS or (chosen and step < CLOSEST):
             break
-        times = _divided(motion, segment, step)
+        times = _divide_segment(motion, segment, step)
         if motion.segments[segment].name == "periods":
             # All periods have the same rows.
             times = times[: (len(times) - 1) // motion.periods + 1]
@@ -145,7 +151,7 @@ def _step(settings: Settings, segment: int, place: str) -> float:
 
 def _deviation(settings: Settings, table: ExecutedTable) -> TableDeviation:
     worst = TableDeviation()
-    for part in blocks(refined(table.rows.times, _POINTS)):
+    for part in blocks(refine_times(table.rows.times, _POINTS)):
         try:
             between = table.between(part)
         except ForwardKinematicsError:
@@ -161,5 +167,5 @@ def _excess(table: ExecutedTable, *, of_table: bool) -> float:
     """Return by how much the table, or the motion that it holds, exceeds the limits at most."""
     limits = LimitModel.of(table.robot)
     sample = (lambda at: table.between(at).states) if of_table else table.motion.sample
-    parts = (np.hstack(sample(part)) for part in blocks(refined(table.rows.times, _POINTS)))
+    parts = (np.hstack(sample(part)) for part in blocks(refine_times(table.rows.times, _POINTS)))
     return max(float(np.max(limits.violations(part), initial=-np.inf)) for part in parts)

@@ -9,7 +9,7 @@ from pathlib import Path
 from expdesign.configuration import InputError, Problem, export_section
 from expdesign.export.definition import Settings, TableError, Task
 from expdesign.export.execution import ExecutedTable
-from expdesign.export.exporting import refuse_missing_library, settled
+from expdesign.export.exporting import refuse_missing_library, resolve_settings
 from expdesign.export.result import RECORD, ExportedTable, ExportResult, result_file
 from expdesign.robot import Robot
 from expdesign.runfolder import MissingFileError
@@ -94,7 +94,7 @@ def find_table_file(
     """
     if not path.is_file():
         raise _refusal("there is no such table", path, "a file that `expdesign export` wrote")
-    described = _described(path, exports)
+    described = _find_description(path, exports)
     motion, entry = described.result.motion, described.entry
     changed = entry.sha256 != file_hash(path)
     try:
@@ -112,7 +112,7 @@ def find_table_file(
     )
     refuse_missing_library(section)
     try:
-        found = read_table_file(path, settled(section, task))
+        found = read_table_file(path, resolve_settings(section, task))
     except (TableError, OSError) as error:
         since = "; it was changed after it was exported" if changed else ""
         message = f"the controller would not read this table: {error}{since}"
@@ -137,7 +137,7 @@ class _Described:
         return self.result.files[self.name]
 
 
-def _described(path: Path, exports: Path | None) -> _Described:
+def _find_description(path: Path, exports: Path | None) -> _Described:
     """Return the description of a table and its entry there.
 
     A table may have been replaced after a description was written: the description with the

@@ -28,7 +28,9 @@ def write_lines(path: Path, text: Iterable[str]) -> None:
     path.write_text("\n".join(text) + "\n", encoding="ascii")
 
 
-def marked(text: Iterable[str], times: Array, settings: Settings, comment: str) -> Iterator[str]:
+def mark_window(
+    text: Iterable[str], times: Array, settings: Settings, comment: str
+) -> Iterator[str]:
     """Yield the lines of rows, with comments where the measurement window begins and ends.
 
     Parameters
@@ -103,7 +105,7 @@ def numbers(
         cells = code.split(separator)
         if len(cells) != count:
             raise TableError(f"line {k}: {len(cells)} {what} where there are {count}")
-        table.append(_ordinary(code, cells) or _checked(cells, k, what.removesuffix("s")))
+        table.append(_ordinary(code, cells) or _finite_numbers(cells, k, what.removesuffix("s")))
     if not table:
         raise TableError("the table has no rows")
     return np.array(table)
@@ -117,7 +119,7 @@ def _ordinary(row: str, cells: Sequence[str]) -> list[float] | None:
     return None
 
 
-def _checked(cells: Sequence[str], line: int, what: str) -> list[float]:
+def _finite_numbers(cells: Sequence[str], line: int, what: str) -> list[float]:
     return [number(cell.strip(), line, what) for cell in cells]
 
 

@@ -29,7 +29,7 @@ from expdesign.configuration.limits import (
 from expdesign.configuration.robot import EARTH_GRAVITY, RobotDescription, resolve_robot
 from expdesign.configuration.section import Section, validate
 from expdesign.machines.assumed_bodies import assumed_bodies, assumed_friction
-from expdesign.machines.machine import Machine, Points, round_digits
+from expdesign.machines.machine import MachineDraft, Points, round_digits
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import rigid_platform, struts
 from expdesign.robot import LimitModel, Robot
@@ -78,7 +78,7 @@ class _Bounded(Section):
 class Complete:
     """A machine whose files can be written: every value is known or assumed."""
 
-    machine: Machine
+    machine: MachineDraft
     """The machine with limits, noise, bodies, and the parameters that bodies do not determine."""
     assumed: frozenset[str]
     """Keys of assumed values: of the robot file, of single limits and parameters,
@@ -92,7 +92,7 @@ class Complete:
     of the stroke."""
 
 
-def complete_machine(machine: Machine) -> Complete:
+def complete_machine(machine: MachineDraft) -> Complete:
     """Fill in all unknown values.
 
     Raises
@@ -142,7 +142,7 @@ def points(joints: JointRing | Points | None) -> Array:
     return np.array(joints.points if isinstance(joints, JointRing) else joints, dtype=np.float64)
 
 
-def _with_geometry(machine: Machine) -> Machine:
+def _with_geometry(machine: MachineDraft) -> MachineDraft:
     base, platform = machine.base_joints, machine.platform_joints
     if (base is None) != (platform is None):
         there, lacking = ("base", "platform") if platform is None else ("platform", "base")
@@ -153,7 +153,7 @@ def _with_geometry(machine: Machine) -> Machine:
     return replace(machine, base_joints=base, platform_joints=platform, home=tuple(home))
 
 
-def _height(machine: Machine, base: Array, platform: Array) -> float:
+def _height(machine: MachineDraft, base: Array, platform: Array) -> float:
     """Return the height at which the struts are at mid-stroke.
 
     Without a known stroke the height follows from the radius of the base.
@@ -188,17 +188,17 @@ def _frequency(limits: Mapping[str, Any], lengths: Array) -> tuple[float, float]
     return round_digits(fastest / _SLOWEST, 2), fastest
 
 
-def _weight(mass: float, machine: Machine) -> float:
+def _weight(mass: float, machine: MachineDraft) -> float:
     return mass * float(np.linalg.norm(machine.gravity or EARTH_GRAVITY)) / ACTUATORS or mass
 
 
-def _parts(machine: Machine) -> dict[str, tuple[BodyDescription, ...]]:
+def _parts(machine: MachineDraft) -> dict[str, tuple[BodyDescription, ...]]:
     """Return the bodies of a machine by part; empty parts are left out."""
     given = {} if machine.bodies is None else dict(machine.bodies)
     return {part: bodies for part, bodies in given.items() if bodies}
 
 
-def _general(machine: Machine, platform: Array) -> bool:
+def _general(machine: MachineDraft, platform: Array) -> bool:
     """Return whether the platform needs its lateral moments."""
     if machine.bodies is None or not {"platform", "payload"} & set(_parts(machine)):
         return bool(geo.asymmetric_sums(platform))
@@ -206,8 +206,8 @@ def _general(machine: Machine, platform: Array) -> bool:
 
 
 def _with_dynamics(
-    machine: Machine, mass: float, lengths: Array, limits: Mapping[str, Any]
-) -> Machine:
+    machine: MachineDraft, mass: float, lengths: Array, limits: Mapping[str, Any]
+) -> MachineDraft:
     """Add assumed bodies and friction where the machine has no values."""
     strut = float(np.mean(lengths))
     known = "strut_speed" in limits
@@ -226,7 +226,7 @@ def _with_dynamics(
     )
 
 
-def _robot(machine: Machine, general: bool) -> Robot:
+def _robot(machine: MachineDraft, general: bool) -> Robot:
     """Return the machine as a robot without limits."""
     kind = "general" if general else "symmetric"
     mapping = {
@@ -252,7 +252,7 @@ def _robot(machine: Machine, general: bool) -> Robot:
     return Robot(resolve_robot(Located(description, document)))
 
 
-def _length(machine: Machine) -> float:
+def _length(machine: MachineDraft) -> float:
     given = machine.limits.get(CHARACTERISTIC_LENGTH)
     radius = geo.rms_radius(points(machine.platform_joints))
     if radius == 0:
@@ -261,7 +261,7 @@ def _length(machine: Machine) -> float:
     return round_digits(radius, 2) if given is None else given
 
 
-def _mass(machine: Machine, lengths: Array, limits: Mapping[str, Any], general: bool) -> float:
+def _mass(machine: MachineDraft, lengths: Array, limits: Mapping[str, Any], general: bool) -> float:
     """Return a mass that the actuators can carry, if their force is known."""
     if "p10" in machine.parameters:
         return machine.parameters["p10"]

@@ -12,7 +12,7 @@ from constraints.arrays import Array
 from expdesign.configuration.bodies import BodyDescription
 from expdesign.configuration.geometry import rms_radius
 from expdesign.machines.machine import round_digits
-from expdesign.mechanism.hexapod import numbered
+from expdesign.mechanism.hexapod import actuator_names
 
 _STATOR, _SLIDER = 0.08, 0.04
 """Masses as shares of the moved mass."""
@@ -73,23 +73,23 @@ def assumed_friction(strut: float, weight: float, speed: float) -> dict[str, flo
     speed : float
         Speed at which viscous friction equals dry friction, m/s.
     """
-    joint = _rounded(_JOINT * weight * strut)
+    joint = _round_value(_JOINT * weight * strut)
     return {
         "r_alpha": joint,
         "r_beta": joint,
-        **dict.fromkeys(numbered("r"), _rounded(_FRICTION * weight)),
-        **dict.fromkeys(numbered("v"), _rounded(_FRICTION * weight / speed)),
+        **dict.fromkeys(actuator_names("r"), _round_value(_FRICTION * weight)),
+        **dict.fromkeys(actuator_names("v"), _round_value(_FRICTION * weight / speed)),
     }
 
 
 def _body(mass: float, centre: Array, per_mass: Array) -> BodyDescription:
     """Return a body from its inertia about its centre for 1 kg, m²."""
     return BodyDescription(
-        mass=_rounded(mass),
-        centre=tuple(_rounded(value) for value in centre),
-        inertia=tuple(_rounded(mass * value) for value in per_mass),
+        mass=_round_value(mass),
+        centre=tuple(_round_value(value) for value in centre),
+        inertia=tuple(_round_value(mass * value) for value in per_mass),
     )
 
 
-def _rounded(value: float) -> float:
+def _round_value(value: float) -> float:
     return round_digits(value, _DIGITS) if abs(value) > _NOTHING else 0.0

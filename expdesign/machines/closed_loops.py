@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
 from expdesign.configuration.errors import InputError
-from expdesign.machines.machine import Machine, Question, rows
+from expdesign.machines.machine import MachineDraft, Question, rows
 from expdesign.machines.mechanism_graph import (
     Groups,
     Joint,
@@ -65,7 +65,7 @@ def hexapod(
     joints: Sequence[Joint],
     base: int | None,
     file: Path,
-) -> Machine:
+) -> MachineDraft:
     """Return the hexapod that a mechanism is; struts are numbered in the order of their slides.
 
     Parameters
@@ -104,7 +104,7 @@ def hexapod(
             raise slide.source.refusal("it does not connect base and platform", _ALLOWED)
         feet.append(_end(slide, below[groups.of(slide.bodies[end])], "base"))
         heads.append(_end(slide, above[tip], "platform"))
-    platform = _named(platform_group, groups, bodies, joints)
+    platform = _platform_body(platform_group, groups, bodies, joints)
     place = bodies[platform].place
     questions = [
         Question(
@@ -117,7 +117,7 @@ def hexapod(
     ]
     _ask_missed(slides, feet, heads, questions)
     limits = _limits(slides, lower, feet, heads, questions)
-    closed = _closed(feet, heads, questions)
+    closed = _are_loops_closed(feet, heads, questions)
     mass = _mass(platform_group, groups, bodies, questions)
     struts = [
         _parts(slide, end, (foot, head), (below, above), groups)
@@ -125,7 +125,7 @@ def hexapod(
     ]
     moved = moved_bodies(bodies, groups, struts, (platform_group, place), questions)
     angles = Rotation.from_matrix(place.rotation).as_euler(ANGLES) + 0.0
-    return Machine(
+    return MachineDraft(
         name=name,
         source=source,
         base_joints=rows(np.array([end.hub for end in feet])),
@@ -279,7 +279,7 @@ def _ask_missed(
             questions.append(Question(f"{where}_joints", text))
 
 
-def _closed(feet: list[_End], heads: list[_End], questions: list[Question]) -> bool:
+def _are_loops_closed(feet: list[_End], heads: list[_End], questions: list[Question]) -> bool:
     """Return whether the loops are closed in the model's own pose."""
     for j, ends in enumerate(zip(feet, heads, strict=True), 1):
         gap = max(float(np.linalg.norm(end.hub - end.leg)) for end in ends)
@@ -310,7 +310,9 @@ def _mass(
     return None
 
 
-def _named(group: int, groups: Groups, bodies: Sequence[Link], joints: Sequence[Joint]) -> int:
+def _platform_body(
+    group: int, groups: Groups, bodies: Sequence[Link], joints: Sequence[Joint]
+) -> int:
     """Return the body of a group that most joints hold; the heaviest, where each holds another."""
     members = [i for i in range(len(bodies)) if groups.of(i) == group]
     held = [body for joint in joints if joint.kind == "rotation" for body in joint.bodies]

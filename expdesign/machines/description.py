@@ -27,7 +27,7 @@ from expdesign.configuration.quantity import (
 )
 from expdesign.configuration.section import Section
 from expdesign.machines.assumed import points
-from expdesign.machines.machine import Machine, Points, Question
+from expdesign.machines.machine import MachineDraft, Points, Question
 from expdesign.machines.writing import INERTIA
 from expdesign.mechanism.hexapod import ACTUATORS
 
@@ -73,8 +73,8 @@ class MachineDescription(Section):
 
 
 def machine_from_answers(
-    answers: Located[MachineDescription], known: Machine | None = None
-) -> Machine:
+    answers: Located[MachineDescription], known: MachineDraft | None = None
+) -> MachineDraft:
     """Return the machine by the answers, completed by what is known already.
 
     Raises
@@ -85,7 +85,7 @@ def machine_from_answers(
     if problems := list(_contradictions(answers)):
         raise InputError(problems)
     one = answers.value
-    known = replace(known or Machine(one.name), name=one.name)
+    known = replace(known or MachineDraft(one.name), name=one.name)
     home = known.home
     if one.home_height is not None:
         home = (0.0, 0.0, one.home_height, 0.0, 0.0, 0.0)
@@ -172,7 +172,7 @@ def _drive(one: MachineDescription) -> Drive | None:
 
 
 def _about_home(
-    machine: Machine, stroke: float, answers: Located[MachineDescription]
+    machine: MachineDraft, stroke: float, answers: Located[MachineDescription]
 ) -> list[float]:
     """Return the range of strut lengths whose middle is home, m."""
     if machine.base_joints is None or machine.platform_joints is None or machine.home is None:

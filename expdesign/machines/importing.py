@@ -15,7 +15,7 @@ from expdesign.configuration.errors import InputError
 from expdesign.configuration.geometry import geometry_at
 from expdesign.machines import readers
 from expdesign.machines.assumed import points
-from expdesign.machines.machine import Machine, MachineFormat, Question
+from expdesign.machines.machine import MachineDraft, MachineFormat, Question
 from expdesign.mechanism.hexapod import COORDINATE_NAMES
 
 _FARTHEST = 1000.0
@@ -28,7 +28,7 @@ def machine_formats() -> tuple[MachineFormat, ...]:
     return declarations(MachineFormat, readers, "FORMAT")
 
 
-def read_machine(name: str, files: Sequence[Path]) -> Machine:
+def read_machine(name: str, files: Sequence[Path]) -> MachineDraft:
     """Read one machine from files, SI units; missing values become questions.
 
     Parameters
@@ -86,7 +86,7 @@ _ROUNDING = 1e-4
 """Relative excess over a range that the rounding of a file explains."""
 
 
-def drop_contradicting_ranges(machine: Machine) -> Machine:
+def drop_contradicting_ranges(machine: MachineDraft) -> MachineDraft:
     """Replace ranges that the machine's own home pose violates by questions."""
     if machine.home is None or machine.base_joints is None or machine.platform_joints is None:
         return machine

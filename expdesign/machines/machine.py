@@ -31,7 +31,7 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Machine:
+class MachineDraft:
     """A partly known hexapod, SI units and radians; None or a missing entry: unknown."""
 
     name: str
@@ -84,7 +84,7 @@ class MachineFormat:
     claims: Callable[[Path], bool]
     """``claims(path)``: whether an existing file with one of the extensions has this format. A file
     that cannot be read is claimed by no format that shares its extension."""
-    read: Callable[[str, tuple[Path, ...]], Machine]
+    read: Callable[[str, tuple[Path, ...]], MachineDraft]
     """``read(name, files)``: the machine under the name of the future robot. Raises `InputError`
     for files that cannot be used."""
     most_files: int = 1

@@ -20,7 +20,7 @@ from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
 from expdesign.configuration.parameters import Drive, chosen_terms, default_terms
 from expdesign.configuration.writing import yaml_lines
 from expdesign.machines.assumed import MASS, Complete, complete_machine
-from expdesign.machines.machine import Machine, Points, format_flow, format_quantity
+from expdesign.machines.machine import MachineDraft, Points, format_flow, format_quantity
 from expdesign.mechanism.term import Parameter, parameters_of
 from expdesign.robot import robot_from
 from expdesign.runfolder.files import write_text
@@ -46,12 +46,12 @@ def file_names(name: str) -> tuple[str, str]:
     return f"{name}.yaml", f"{name}-run.yaml"
 
 
-def write_files(machine: Machine, folder: Path) -> WrittenFiles:
+def write_files(machine: MachineDraft, folder: Path) -> WrittenFiles:
     """Write robot file and run file of a machine; both pass `expdesign check`.
 
     Parameters
     ----------
-    machine : Machine
+    machine : MachineDraft
         The known values. Unknown ones get a documented default and a comment that asks for them.
     folder : Path
         Made where it is missing.
@@ -193,7 +193,7 @@ def _assumed_part(key: str, complete: Complete) -> str:
     return f"; {', '.join(sorted(parts))} assumed" if parts else ""
 
 
-def _home(machine: Machine) -> str:
+def _home(machine: MachineDraft) -> str:
     pose = machine.home or ()
     place, angles = pose[:_ANGLES], pose[_ANGLES:]
     texts = [

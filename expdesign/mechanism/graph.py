@@ -220,7 +220,7 @@ class HexapodGraph:
     @property
     def sliding(self) -> ca.SX:
         """(s, 1): the rates whose signs the terms use."""
-        return _stacked(self.kinematic[rate.quantity] for rate in self.rates)
+        return _stack_columns(self.kinematic[rate.quantity] for rate in self.rates)
 
     @cached_property
     def jumping(self) -> tuple[bool, ...]:
@@ -295,7 +295,7 @@ class HexapodGraph:
         if friction is Friction.SMOOTH:
             # One width in m/s for the actuators; a passive joint slides by the angle that a
             # strut of the present length turns, so that its width is the same at the strut's end.
-            arm = _stacked(
+            arm = _stack_columns(
                 ca.SX.ones(ACTUATORS) if rate.arm is None else self.kinematic[rate.arm]
                 for rate in self.rates
             )
@@ -346,7 +346,7 @@ def _column(struts: Sequence[StrutKinematics | ThreadTurn], name: str) -> ca.SX:
     return ca.vertcat(*(getattr(strut, name) for strut in struts))
 
 
-def _stacked(parts: Iterable[ca.SX]) -> ca.SX:
+def _stack_columns(parts: Iterable[ca.SX]) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *parts)
 
 

@@ -32,6 +32,6 @@ COORDINATES = len(POSE)
 COORDINATE_NAMES = tuple(coordinate.name for coordinate in POSE)
 
 
-def numbered(prefix: str, suffix: str = "") -> tuple[str, ...]:
+def actuator_names(prefix: str, suffix: str = "") -> tuple[str, ...]:
     """Return one name per actuator, counted from 1: ``q1`` … ``q6``."""
     return tuple(f"{prefix}{number}{suffix}" for number in range(1, ACTUATORS + 1))

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.mechanism.hexapod import ACTUATORS, numbered
+from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 from expdesign.mechanism.strut import StrutKinematics
 
 _STEEP = 60.0
@@ -95,7 +95,7 @@ class Parameter:
 
 def per_actuator(parameter: Parameter) -> tuple[Parameter, ...]:
     """Return the parameter once for each actuator, numbered: ``r1`` … ``r6``."""
-    return tuple(replace(parameter, name=name) for name in numbered(parameter.name))
+    return tuple(replace(parameter, name=name) for name in actuator_names(parameter.name))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from constraints.arrays import Array, Mask
 from expdesign.configuration import ComputationError
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.motion.ramp_problem import RampProblem, RampProgram, enclosed, moving_states
+from expdesign.motion.ramp_problem import RampProblem, RampProgram, enclose_segment, moving_states
 from expdesign.motion.spline import FIXED, MotionState, SplineRamp, derivatives
 from expdesign.problem.design_problem import smoothing_gap
 from expdesign.progress import report_progress
@@ -88,7 +88,7 @@ def shortest(
     lower, upper = problem.limits.smooth_bounds()
     bounded = np.isfinite(lower) | np.isfinite(upper)
     for attempt in range(_ROUNDS_PER_DURATION):
-        margins = _capped(problem, x, shares, width, np.full(mask.shape, RESERVE))
+        margins = _cap_shares(problem, x, shares, width, np.full(mask.shape, RESERVE))
         violations = problem.limits.smooth_violations(problem.states(x, basis), width)
         broken = (violations > _FEASIBLE - margins) & inside & ~mask
         if attempt and not np.any(broken):
@@ -132,7 +132,7 @@ def find_ramp(
         if attempt.violation < _CLOSE_ENOUGH and (
             found is None or attempt.duration < found.duration
         ):
-            ramp, attempts[number] = _settled(attempt, name, step, width, found)
+            ramp, attempts[number] = _settle_duration(attempt, name, step, width, found)
             found = ramp or found
     found = found or _plain_ramp(problem, guesses, name, step)
     if found is not None:
@@ -170,7 +170,7 @@ def _plain_ramp(
         scaled = replace(problem, time_scale=duration)
         x = np.append(scaled.pack(guess)[:-1], 1.0)
         ramp = replace(scaled.ramp(x, name), duration=duration)
-        worst = _judged(scaled, ramp)
+        worst = _worst_limit(scaled, ramp)
         if worst.possible <= -RESERVE:
             return ramp
         if worst.possible <= TOLERANCE and kept is None:
@@ -178,7 +178,7 @@ def _plain_ramp(
     return kept
 
 
-def _settled(
+def _settle_duration(
     attempt: RampAttempt, name: str, step: float, width: float, known: SplineRamp | None
 ) -> tuple[SplineRamp | None, RampAttempt]:
     """Solve at a whole number of steps until the unsmoothed model keeps every limit.
@@ -208,7 +208,7 @@ def _settled(
         possible = excess < 10 * _FEASIBLE
         x, since = result.x, since + 1
         ramp = replace(problem.ramp(x, name), duration=steps * step)
-        worst = _judged(problem, ramp)
+        worst = _worst_limit(problem, ramp)
         attempt = RampAttempt(x, problem, worst.possible, worst.key)
         if worst.possible <= TOLERANCE:
             return ramp, attempt
@@ -220,7 +220,7 @@ def _settled(
     return None, attempt
 
 
-def _judged(problem: RampProblem, ramp: SplineRamp) -> LimitCheck:
+def _worst_limit(problem: RampProblem, ramp: SplineRamp) -> LimitCheck:
     """Return the same; where a limit is broken at some of many instants, of these: no proof."""
     times = ramp.duration * _fine_grid()
     values = problem.limits.values(moving_states(ramp, times))
@@ -231,7 +231,7 @@ def _judged(problem: RampProblem, ramp: SplineRamp) -> LimitCheck:
 
 def worst_limit(problem: RampProblem, ramp: SplineRamp) -> LimitCheck:
     """Return the limit that a ramp may break most, or comes closest to, at any instant."""
-    return max(certify(problem.limits, enclosed(ramp)), key=lambda check: check.possible)
+    return max(certify(problem.limits, enclose_segment(ramp)), key=lambda check: check.possible)
 
 
 def _nodes(points: int) -> Array:
@@ -255,7 +255,7 @@ def _critical_rows(problem: RampProblem, x: Array, width: float) -> tuple[Mask, 
     exact = limits.violations(states)
     reach = _FINE // (2 * _POINTS)
     hidden = smoothing_gap(limits, states, exact, width, reach, periodic=False)
-    margins = _capped(problem, x, fine, width, np.minimum(hidden + RESERVE, _LARGEST_MARGIN))
+    margins = _cap_shares(problem, x, fine, width, np.minimum(hidden + RESERVE, _LARGEST_MARGIN))
     peaks = local_worst(exact, periodic=False) & (exact > -_NEAR_PEAK)
     regular = np.zeros(len(fine), dtype=bool)
     regular[np.rint(_nodes(_POINTS) * _FINE).astype(int)] = True
@@ -265,7 +265,9 @@ def _critical_rows(problem: RampProblem, x: Array, width: float) -> tuple[Mask, 
     return used, margins
 
 
-def _capped(problem: RampProblem, x: Array, shares: Array, width: float, margins: Array) -> Array:
+def _cap_shares(
+    problem: RampProblem, x: Array, shares: Array, width: float, margins: Array
+) -> Array:
     """Let margins fade towards both ends, (K, R): what holds there is given.
 
     A row that an end itself has no room for, or breaks in its smoothed form, gets its room back
@@ -305,13 +307,15 @@ def guesses(problem: RampProblem, orbit: Motion, period: float, width: float) ->
     come first, the shortest of them before the others. `orbit` is the periodic motion on the
     ramp's own time axis, which begins (ramp in: ends) at 0; dry friction has a width in m/s.
     """
-    fades = [_faded(problem, orbit, share * period) for share in _FADES]
-    return _ranked(problem, [*polynomials(problem, width), *fades], width)
+    fades = [_fade_orbit(problem, orbit, share * period) for share in _FADES]
+    return _rank_guesses(problem, [*polynomials(problem, width), *fades], width)
 
 
 def polynomials(problem: RampProblem, width: float) -> list[SplineRamp]:
     """Return the polynomials of fifth order alone, in the same order."""
-    return _ranked(problem, [_polynomial(problem, duration) for duration in _DURATIONS], width)
+    return _rank_guesses(
+        problem, [_polynomial(problem, duration) for duration in _DURATIONS], width
+    )
 
 
 def pause_near(problem: RampProblem, width: float, *, arriving: bool) -> RampProblem:
@@ -339,7 +343,9 @@ def pause_near(problem: RampProblem, width: float, *, arriving: bool) -> RampPro
     return best
 
 
-def _ranked(problem: RampProblem, ramps: Iterable[SplineRamp], width: float) -> list[SplineRamp]:
+def _rank_guesses(
+    problem: RampProblem, ramps: Iterable[SplineRamp], width: float
+) -> list[SplineRamp]:
     return sorted(ramps, key=lambda ramp: (max(_worst(problem, ramp, width), 0.0), ramp.duration))
 
 
@@ -351,20 +357,20 @@ def _worst(problem: RampProblem, ramp: SplineRamp, width: float) -> float:
 def _polynomial(problem: RampProblem, duration: float) -> SplineRamp:
     # One piece has six control points: the ends determine them all.
     ends = replace(problem, intervals=1).at_duration(duration)
-    return _fitted(problem, duration, derivatives(1, _SHARES)[0] @ ends)
+    return _fit_spline(problem, duration, derivatives(1, _SHARES)[0] @ ends)
 
 
-def _faded(problem: RampProblem, orbit: Motion, duration: float) -> SplineRamp:
+def _fade_orbit(problem: RampProblem, orbit: Motion, duration: float) -> SplineRamp:
     home = problem.limits.robot.home
     arriving = np.array_equal(problem.start.pose, home)
     times = (_SHARES - 1) * duration if arriving else _SHARES * duration
     grown = _SHARES if arriving else 1 - _SHARES
     weight = grown**3 * (10 - 15 * grown + 6 * grown**2)
     poses = home + weight[:, None] * (orbit.sample(times).pose - home)
-    return _fitted(problem, duration, poses)
+    return _fit_spline(problem, duration, poses)
 
 
-def _fitted(problem: RampProblem, duration: float, poses: Array) -> SplineRamp:
+def _fit_spline(problem: RampProblem, duration: float, poses: Array) -> SplineRamp:
     """Return the ramp between the problem's ends that is closest to the poses."""
     basis = derivatives(problem.intervals, _SHARES)[0]
     coefficients = problem.at_duration(duration)

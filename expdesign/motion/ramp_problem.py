@@ -212,7 +212,7 @@ def jerk_limit(configuration: RunConfiguration, robot: Robot, orbit: Periods) ->
     given = configuration.run.motion.jerk
     if given is not None:
         limit = _within(np.full(ACTUATORS, given), "motion.jerk")
-        (check,) = certify(LimitModel(robot, (limit,)), enclosed(orbit))
+        (check,) = certify(LimitModel(robot, (limit,)), enclose_segment(orbit))
         if not check.kept:
             largest = f"{abs(check.value):.4g} m/s^3"
             raise InputError(
@@ -237,7 +237,7 @@ def _within(largest: Array, origin: str) -> Limit:
     return Limit(STRUT_JERK, -largest, largest, row_labels(STRUT_JERK), origin)
 
 
-def enclosed(segment: Segment) -> EnclosedMotion:
+def enclose_segment(segment: Segment) -> EnclosedMotion:
     """Return what encloses a segment from its own start; of the periods the first."""
     if isinstance(segment, Periods):
         return EnclosedSeries(segment.trajectory)
@@ -260,7 +260,7 @@ def check_motion(configuration: RunConfiguration, motion: ExecutableMotion) -> R
     limits = LimitModel.of(robot, jerk_limit(configuration, robot, orbit))
     checks: list[LimitCheck] = []
     for start, segment in zip(motion.starts[:-1], motion.segments, strict=True):
-        found = certify(limits, enclosed(segment))
+        found = certify(limits, enclose_segment(segment))
         if isinstance(segment, Periods):
             period = segment.trajectory.period
             found = tuple(

@@ -16,7 +16,7 @@ from constraints.arrays import Array
 from expdesign.configuration.fields import read_only
 from expdesign.configuration.robot import ResolvedRobot, RobotDescription
 from expdesign.configuration.tolerances import ForceConstantTolerance, RobotTolerances
-from expdesign.mechanism.hexapod import ACTUATORS, numbered
+from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 from expdesign.robot.robot import Robot
 
 FORCE_CONSTANT = "force_constant"
@@ -75,7 +75,7 @@ def deviations(robot: Robot) -> tuple[Deviation, ...]:
     )
 
 
-def tolerated(robot: Robot) -> tuple[Deviation, ...]:
+def toleranced_deviations(robot: Robot) -> tuple[Deviation, ...]:
     """Return the entries of θ that have a tolerance: none where everything is exact."""
     return tuple(each for each in deviations(robot) if each.std > 0)
 
@@ -109,7 +109,7 @@ def _entries(robot: Robot, given: RobotTolerances) -> Iterator[tuple[str, str, s
         ("platform_joints", given.platform_joints),
     ):
         std = np.zeros((ACTUATORS, len(_AXES))) if values is None else np.array(values)
-        for name, row in zip(numbered(f"{group[:-1]}_"), std.tolist(), strict=True):
+        for name, row in zip(actuator_names(f"{group[:-1]}_"), std.tolist(), strict=True):
             yield from (
                 (f"{name}_{axis}", group, "m", value)
                 for axis, value in zip(_AXES, row, strict=True)
@@ -122,18 +122,20 @@ def _entries(robot: Robot, given: RobotTolerances) -> Iterator[tuple[str, str, s
             group = f"terms.{term.name}.{constant.name}"
             yield f"{term.name}_{constant.name}", group, constant.unit, own.get(constant.name)
     forces = given.force_constant or ForceConstantTolerance()
-    yield from _numbered("strut_length", "strut_length", "m", given.strut_length)
+    yield from _numbered_entries("strut_length", "strut_length", "m", given.strut_length)
     yield FORCE_CONSTANT, "force_constant.common", "1", forces.common
-    yield from _numbered(FORCE_CONSTANT, "force_constant.each", "1", forces.each)
+    yield from _numbered_entries(FORCE_CONSTANT, "force_constant.each", "1", forces.each)
     yield "delay", "delay", "s", given.delay
     yield "clock", "clock", "1", given.clock
 
 
-def _numbered(
+def _numbered_entries(
     name: str, group: str, unit: str, values: Sequence[float] | None
 ) -> Iterator[tuple[str, str, str, float]]:
     std = [0.0] * ACTUATORS if values is None else values
-    yield from ((n, group, unit, value) for n, value in zip(numbered(f"{name}_"), std, strict=True))
+    yield from (
+        (n, group, unit, value) for n, value in zip(actuator_names(f"{name}_"), std, strict=True)
+    )
 
 
 def tilt_axes(gravity: Array) -> Array:
@@ -153,7 +155,7 @@ def tilt_axes(gravity: Array) -> Array:
     return np.stack([first, np.cross(up, first)])
 
 
-def deviated(robot: Robot, chosen: Sequence[Deviation], values: Array) -> Robot:
+def apply_deviations(robot: Robot, chosen: Sequence[Deviation], values: Array) -> Robot:
     """Return the robot whose joints, gravity and constants deviate by θ.
 
     Errors of the measurement among the entries do not change the robot. Its cardan axes keep

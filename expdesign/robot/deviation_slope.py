@@ -177,7 +177,7 @@ def deviating_forces(
         -rate[:, :, None],
         clock[:, :, None],
     ]
-    return DeviatingForces(regressors, by_state, _picked(blocks, chosen))
+    return DeviatingForces(regressors, by_state, _pick_columns(blocks, chosen))
 
 
 def length_deviation_columns(
@@ -203,7 +203,7 @@ def length_deviation_columns(
         np.zeros((*samples, 1 + ACTUATORS + 1)),
         clock[:, :, None],
     ]
-    return _picked(blocks, chosen)
+    return _pick_columns(blocks, chosen)
 
 
 def _other_entries(robot: Robot) -> int:
@@ -211,6 +211,6 @@ def _other_entries(robot: Robot) -> int:
     return len(tilt_axes(robot.description.gravity)) + len(robot.description.constants)
 
 
-def _picked(blocks: Sequence[Array], chosen: Sequence[Deviation]) -> Array:
+def _pick_columns(blocks: Sequence[Array], chosen: Sequence[Deviation]) -> Array:
     places = [each.place for each in chosen]
     return np.concatenate(blocks, axis=2)[:, :, places]

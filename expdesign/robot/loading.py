@@ -63,7 +63,7 @@ def _broken(limit: Limit, values: Array, robot: ResolvedRobot) -> list[Problem]:
             file=file,
             line=line,
             key=f"limits.{limit.key}",
-            allowed=_allowed(*bounds, limit.unit),
+            allowed=_allowed_range(*bounds, limit.unit),
             nearest=_in_millimetres(*bounds, values[rows], limit.unit),
         )
         for bounds, rows in groups.items()
@@ -94,7 +94,7 @@ def _span(values: Array, unit: str) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _allowed(lower: float, upper: float, unit: str) -> str:
+def _allowed_range(lower: float, upper: float, unit: str) -> str:
     if np.isfinite(lower) and np.isfinite(upper):
         return f"{quantity_text(lower, unit)} to {quantity_text(upper, unit)}"
     if np.isfinite(upper):

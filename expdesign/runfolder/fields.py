@@ -14,7 +14,7 @@ from pydantic import AfterValidator, BeforeValidator, TypeAdapter
 from constraints.arrays import Array
 from expdesign.configuration import Problem, quote
 from expdesign.configuration.errors import refusal
-from expdesign.mechanism.hexapod import ACTUATORS, POSE, numbered
+from expdesign.mechanism.hexapod import ACTUATORS, POSE, actuator_names
 
 Record = TypeVar("Record")
 Value = TypeVar("Value")
@@ -46,7 +46,7 @@ def strutwise(prefix: str, unit: str, meaning: str, suffix: str = "") -> tuple[C
     >>> [column.name for column in strutwise("q", "m", "length")]
     ['q1', 'q2', 'q3', 'q4', 'q5', 'q6']
     """
-    names = enumerate(numbered(prefix, suffix), start=1)
+    names = enumerate(actuator_names(prefix, suffix), start=1)
     return tuple(Column(name, unit, f"{meaning} of strut {number}") for number, name in names)
 
 

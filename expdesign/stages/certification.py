@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from expdesign.configuration import InputError
-from expdesign.export.certification import PathCertificate, certified
+from expdesign.export.certification import PathCertificate, certify_table
 from expdesign.export.result import FOLDER, RECORD, ExportResult
 from expdesign.export.table_file import find_table_file
 from expdesign.motion.executable import ExecutableMotion
@@ -96,7 +96,7 @@ def certified_table(work: Workspace, path: Path) -> CertifiedPart:
         work.progress.warn(f"{path.name} was changed after it was exported")
     with progress_prefix(path.name):
         try:
-            proved = certified(table.executed)
+            proved = certify_table(table.executed)
         except (ForwardKinematicsError, np.linalg.LinAlgError) as trouble:
             raise StageFailed(f"{path.name} cannot be executed: {trouble}") from trouble
     return CertifiedPart(path.name, table.settings.form.title, proved)

@@ -22,7 +22,7 @@ from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.identified_robot import FILE as IDENTIFIED
 from expdesign.configuration import InputError
 from expdesign.configuration.identification import Identification
-from expdesign.mechanism.hexapod import ACTUATORS, numbered
+from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 from expdesign.progress import report_progress
 from expdesign.robot import Robot, load_robot
 from expdesign.robot.deviation import FORCE_CONSTANT, deviations, estimated_constants
@@ -208,7 +208,7 @@ def _force_constants(known: Identification) -> str:
     constants = [one for one in known.deviations if one.name.startswith(FORCE_CONSTANT)]
     common = sum(one.value for one in constants if one.name == FORCE_CONSTANT)
     own = {one.name: one.value for one in constants}
-    shares = [common + own.get(name, 0.0) for name in numbered(f"{FORCE_CONSTANT}_")]
+    shares = [common + own.get(name, 0.0) for name in actuator_names(f"{FORCE_CONSTANT}_")]
     if not any(abs(share) > _SAME_UNIT for share in shares):
         return ""  # none was estimated, or none is off
     errors = ", ".join(f"{100 * share:+.2g} %" for share in shares)

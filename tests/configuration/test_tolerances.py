@@ -7,7 +7,7 @@ from expdesign.configuration import load_run
 from expdesign.configuration.quantity import SHARE
 from expdesign.configuration.writing import resolved_yaml
 from expdesign.robot import robot_from
-from expdesign.robot.deviation import deviations, tolerated
+from expdesign.robot.deviation import deviations, toleranced_deviations
 
 
 def _tolerances(run):
@@ -68,7 +68,7 @@ def test_none_given(run_mapping):
     configuration = load_run(run_mapping)
     assert configuration.robot.tolerances is None
     robot = robot_from(configuration.robot)
-    assert tolerated(robot) == ()
+    assert toleranced_deviations(robot) == ()
     assert {each.std for each in deviations(robot)} == {0.0}
 
 
@@ -81,7 +81,7 @@ def test_entries_have_the_standard_deviations_given(run_mapping):
         "delay": 1e-3,
     }
     robot = robot_from(load_run(run_mapping).robot)
-    assert {each.name: each.std for each in tolerated(robot)} == {
+    assert {each.name: each.std for each in toleranced_deviations(robot)} == {
         "platform_joint_6_y": 2e-3,
         "gravity_1": 0.01,
         "gravity_2": 0.01,

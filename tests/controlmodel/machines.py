@@ -6,7 +6,7 @@ from estimation.controlmodel.model import Origin
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.catalogue import term_definitions
-from expdesign.mechanism.hexapod import numbered
+from expdesign.mechanism.hexapod import actuator_names
 from expdesign.robot import robot_from
 
 ORIGIN = Origin(file="robot.yaml", sha256="0" * 64, made="", version="0")
@@ -29,7 +29,7 @@ def every_term():
     sizes = {"o": 8.0, "s": 6.0, "mu": 0.04, "k": 40.0, "a": 2.0, "w": 3.0, "c": 1.0}
     sizes |= {"cs": 4.0, "cc": 3.0, "ds": 2.0, "dc": 1.0}
     for letter, size in sizes.items():
-        extra |= dict(zip(numbered(letter), size * rng.uniform(0.5, 1, 6), strict=True))
+        extra |= dict(zip(actuator_names(letter), size * rng.uniform(0.5, 1, 6), strict=True))
     axes = np.array(palida["alpha_axes"]) + 0.3 * rng.normal(size=(6, 3))
     palida |= {
         "name": "2nd-machine",

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimation.data.timebase import fitted_grid, gaps, stamped
+from estimation.data.timebase import fitted_grid, gaps, stamped_time_base
 
 STEPS = st.floats(1e-5, 10)
 STARTS = st.floats(-1e4, 1e4)
@@ -44,7 +44,7 @@ def test_stamps_since_1970_keep_their_digits():
 def test_stamps_stay_as_they_are():
     rng = np.random.default_rng(0)
     stamps = 0.01 * (np.arange(200) + 0.3 * rng.uniform(-1, 1, 200))
-    found = stamped(stamps)
+    found = stamped_time_base(stamps)
     assert np.array_equal(found.time, stamps)
     assert found.step == pytest.approx((stamps[-1] - stamps[0]) / 199)
     assert 0.2 < found.jitter < 0.35

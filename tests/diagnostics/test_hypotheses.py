@@ -18,7 +18,7 @@ from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.catalogue import DEFAULT
 from expdesign.robot import robot_from
-from expdesign.robot.deviation import deviated, deviations, tolerated
+from expdesign.robot.deviation import apply_deviations, deviations, toleranced_deviations
 from tests.diagnostics.conftest import Laboratory
 
 
@@ -103,7 +103,7 @@ def test_what_a_clock_moves_depends_on_where_the_frequency_comes_from(lab, palid
     motion, values = experiment.fit.motion, robot.parameters
     part = linearise(robot, experiment, values, lab.knowledge.free, motion)
     columns, _ = CandidateEffects(robot, experiment, motion, values, part).tolerance_columns()
-    machine = PerturbedMachine.of(robot, tolerated(robot), np.zeros(1))
+    machine = PerturbedMachine.of(robot, toleranced_deviations(robot), np.zeros(1))
     whole = slice(None)
     forces = machine.forces(experiment, motion, values, whole)
     lengths = machine.lengths(experiment, motion, whole)
@@ -195,7 +195,7 @@ def test_a_term_that_is_missing_is_named(lab, palida, terms, parameters, expecte
 def _moved_joint(lab, size):
     names = [f"platform_joint_5_{axis}" for axis in "xyz"]
     chosen = [each for each in deviations(lab.robot) if each.name in names]
-    return deviated(lab.robot, chosen, size * np.array([0.6, 0.64, -0.48]))
+    return apply_deviations(lab.robot, chosen, size * np.array([0.6, 0.64, -0.48]))
 
 
 def test_one_joint_elsewhere_is_no_cogging(lab):

@@ -96,7 +96,7 @@ def test_quotients_signs_and_sizes_hold(a, b, cell, time):
     assert_holds(f.larger(a.model, b.model), cell, time, max(x, y))
     assert_holds(f.smaller(a.model, b.model), cell, time, min(x, y))
     if y != 0:
-        assert_holds(f.divided(a.model, b.model), cell, time, x / y)
+        assert_holds(f.divide(a.model, b.model), cell, time, x / y)
 
 
 @given(a=around(-2.0, 2.0), b=around(-2.0, 2.0), cell=CELLS, time=TIMES)

@@ -14,7 +14,7 @@ from estimation.identification.record import EstimateRecord
 from expdesign.configuration import InputError, load_run
 from expdesign.mechanism.catalogue import DEFAULT
 from expdesign.robot import load_robot, robot_from
-from expdesign.robot.deviation import estimated_constants, tolerated
+from expdesign.robot.deviation import estimated_constants, toleranced_deviations
 from tests.estimation import constants as case
 from tests.estimation.cases import ROBOT, measured, read_estimate
 from tests.estimation.constants import MOTION, PITCH, QUIET, STEP, VELOCITY
@@ -136,7 +136,7 @@ def test_what_is_written_of_them(tmp_path):
     # The robot that was found: value and what is left of it, still to be estimated.
     robot = load_robot(tmp_path / "identified-robot.yaml")
     np.testing.assert_allclose(robot.description.constants, values)
-    left = {one.name: one.std for one in tolerated(robot)}
+    left = {one.name: one.std for one in toleranced_deviations(robot)}
     np.testing.assert_allclose([left["cogging_pitch"], left["stribeck_velocity"]], std)
     assert len(estimated_constants(robot)) == 2
     saved = read_estimate(tmp_path, robot_from(run.robot)).estimate

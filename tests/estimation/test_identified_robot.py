@@ -14,7 +14,7 @@ from expdesign.configuration import InputError, load_run
 from expdesign.configuration.identification import identified_name
 from expdesign.configuration.sections.estimate import EstimateSection
 from expdesign.robot import load_robot
-from expdesign.robot.deviation import tolerated
+from expdesign.robot.deviation import toleranced_deviations
 from tests.estimation.cases import measured, read_estimate, run, trajectory
 
 MOTION = trajectory(100, 0.01)
@@ -55,7 +55,7 @@ def test_its_geometry_is_what_was_estimated(written):
     moved = robot.description.base_joints - before.description.base_joints
     expected = [[theta[f"base_joint_{j}_{axis}"] for axis in ("x", "y", "z")] for j in range(1, 7)]
     np.testing.assert_allclose(moved, expected, atol=1e-15)
-    left = {one.name: one.std for one in tolerated(robot)}
+    left = {one.name: one.std for one in toleranced_deviations(robot)}
     assert left["delay"] == 1e-3
     std = {one.name: std for one, std in zip(found.deviations, found.std, strict=True)}
     for name in theta:

@@ -19,7 +19,7 @@ from estimation.identification.record import EstimateRecord
 from expdesign.configuration import InputError, load_run
 from expdesign.information.identifiable import BaseParameters
 from expdesign.robot import load_robot, robot_from
-from expdesign.robot.deviation import deviated, deviations
+from expdesign.robot.deviation import apply_deviations, deviations
 from tests.estimation import constants as case
 from tests.estimation.cases import read_estimate
 from tests.estimation.constants import MOTION
@@ -81,7 +81,7 @@ def test_forces_of_a_control_model_are_as_uncertain_as_drawn_ones(written):
         drawn = std * rng.multivariate_normal(0 * std, unit, DRAWS, method="eigh")
         forces = []
         for one in drawn[: DRAWS // 4]:
-            moved = deviated(robot, chosen, one[count:])
+            moved = apply_deviations(robot, chosen, one[count:])
             forces.append(moved.actuator_forces(*motion, robot.parameters + one[:count]))
         spread = np.std(forces, axis=0)
         np.testing.assert_allclose(spread / stated[::40], 1, atol=4.5 / np.sqrt(DRAWS / 2))

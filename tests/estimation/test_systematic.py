@@ -12,7 +12,7 @@ from estimation.identification import estimate
 from estimation.identification.estimate_file import EstimateFile
 from expdesign.experiment.systematic import systematic_std
 from expdesign.robot import robot_from
-from expdesign.robot.deviation import deviated, tolerated
+from expdesign.robot.deviation import apply_deviations, toleranced_deviations
 from tests.estimation.cases import ROBOT, measured, run, trajectory
 
 STEP = 0.01
@@ -43,9 +43,9 @@ def _run(sections=None, **changes):
 
 def _measured(theta, motion=MOTION, seed=0, scale=0.0, robot=ROBOT):
     """Return what a machine measures that deviates by θ, with noise times the scale."""
-    chosen = tolerated(robot_from(_run().robot))
+    chosen = toleranced_deviations(robot_from(_run().robot))
     own = dict(zip((each.name for each in chosen), theta, strict=True))
-    machine = deviated(robot, chosen, theta)
+    machine = apply_deviations(robot, chosen, theta)
     noise = measured(motion, seed, robot=machine, step=STEP, force_scale=scale, length_scale=scale)
     late, on_time = (motion.sample(noise.time - delay) for delay in (own["delay"], 0.0))
     true, seen = (
@@ -72,7 +72,7 @@ def _quiet(scale):
 
 @pytest.fixture(scope="module")
 def chosen():
-    return tolerated(robot_from(_run().robot))
+    return toleranced_deviations(robot_from(_run().robot))
 
 
 def _moved(config, theta, designs):

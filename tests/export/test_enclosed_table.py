@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import export_section
-from expdesign.export.certification import certified, enclosed
+from expdesign.export.certification import certify_table, enclose_table
 from expdesign.export.definition import Rows
 from expdesign.export.execution import ExecutedTable
-from expdesign.export.exporting import settled
+from expdesign.export.exporting import resolve_settings
 from expdesign.export.row_times import divided_times, ideal_rows
 from tests.export.motions import spline_motion_of, task
 
@@ -36,7 +36,7 @@ def small_task():
 
 
 def executed(kind, step=1e-2, rounded=True):
-    settings = settled(export_section(**TABLES[kind]), small_task())
+    settings = resolve_settings(export_section(**TABLES[kind]), small_task())
     motion = settings.task.motion
     rows = ideal_rows(settings, divided_times(motion, [step] * len(motion.segments)))
     if rounded and settings.digits is not None:
@@ -47,7 +47,7 @@ def executed(kind, step=1e-2, rounded=True):
 @pytest.mark.parametrize("kind", TABLES)
 def test_what_is_executed_is_within_what_is_proved(kind):
     table = executed(kind)
-    motion = enclosed(table)
+    motion = enclose_table(table)
     rng = np.random.default_rng(0)
     places = np.sort(rng.choice(len(motion.breaks) - 1, 60, replace=False))
     start, end = motion.breaks[places], motion.breaks[places + 1]
@@ -71,7 +71,7 @@ def test_what_is_executed_is_within_what_is_proved(kind):
 
 @pytest.mark.parametrize("kind", TABLES)
 def test_a_table_that_keeps_its_limits_is_certified(kind):
-    found = certified(executed(kind))
+    found = certify_table(executed(kind))
 
     assert found.certified
     assert bool(found.sampled) == kind.startswith("lines")
@@ -83,14 +83,14 @@ def test_a_table_that_keeps_its_limits_is_certified(kind):
 @pytest.mark.parametrize("kind", ["cubic struts", "cubic poses", "quintic struts"])
 def test_a_spike_between_two_rows_is_never_certified(kind):
     table = executed(kind, rounded=False)
-    good = certified(table)
+    good = certify_table(table)
     row = len(table.rows.times) // 2 + 1
     rates = table.rows.velocities.copy()
     # At one row alone 0.15 m/s more than its neighbours have: 60 m/s² on the way there.
     rates[row, 2] += 0.15 * abs(table.axes.factor[2])
     spiked = replace(table, rows=replace(table.rows, rate=rates))
 
-    found = certified(spiked)
+    found = certify_table(spiked)
 
     assert good.certified
     assert not found.certified
@@ -111,7 +111,7 @@ def test_a_table_that_begins_elsewhere_is_not_certified():
     }
     moved = replace(table, rows=Rows(late, **parts))
 
-    found = certified(moved)
+    found = certify_table(moved)
 
     assert not found.certified
     assert found.unproved_from == 0

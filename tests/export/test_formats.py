@@ -198,11 +198,11 @@ def test_no_jumps_of_a_full_turn(tmp_path):
             states = turned.sample(times)
             return states._replace(pose=states.pose + np.array([0, 0, 0, 0, 0, angle]))
 
-    from expdesign.export.exporting import settled
+    from expdesign.export.exporting import resolve_settings
     from expdesign.export.row_times import ideal_rows, uniform_times
 
     work = replace(work, motion=Turned)
-    settings = settled(section("linuxcnc-gcode"), work)
+    settings = resolve_settings(section("linuxcnc-gcode"), work)
     times = uniform_times(turned, STEP)
     rows = ideal_rows(settings, times)
     yaw = rows.position[:, 5]

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from expdesign.configuration import export_section
 from expdesign.export.definition import Axes, Interpolation, Rows, Settings, TableError
-from expdesign.export.execution import differences, interpolated, refined
+from expdesign.export.execution import differences, interpolate_rows, refine_times
 from expdesign.export.formats import table_formats
 from expdesign.export.rotation import (
     angle_derivatives,
@@ -96,8 +96,8 @@ def test_polynomials_are_met(kind, degree, data):
         return np.stack([exact(column).deriv(order)(t) for column in factors.T], axis=1)
 
     rows = Rows(times, at(times, 0), at(times, 1), at(times, 2))
-    path = interpolated(kind, rows)
-    fine = refined(times, 10)
+    path = interpolate_rows(kind, rows)
+    fine = refine_times(times, 10)
     assert len(fine) == 31
     assert set(times) <= set(fine)
     for order in range(min(3, degree + 1)):

@@ -16,7 +16,7 @@ from expdesign.configuration.noise_spectrum import DENSITIES
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.term import parameters_of
 from expdesign.robot import robot_from
-from expdesign.robot.deviation import tolerated
+from expdesign.robot.deviation import toleranced_deviations
 from tests.estimation.cases import ROBOT, measured, read_estimate, run, trajectory
 
 MOTION = trajectory()
@@ -154,7 +154,7 @@ def test_force_constants_and_cogging_act_in_the_loop(saved):
 def read_wrongly(saved):
     """An estimate that knows all parameters, and the force constants of a machine with others."""
     robot = robot_from(run(tolerances={"force_constant": {"each": "5 %"}}).robot)
-    chosen, zeros = tolerated(robot), np.zeros((len(robot.parameters), len(READ)))
+    chosen, zeros = toleranced_deviations(robot), np.zeros((len(robot.parameters), len(READ)))
     std, left = np.zeros(len(READ)), np.zeros((len(READ), len(READ)))
     found = SystematicUncertainty(chosen, zeros, np.array(READ), std, estimated=True, left=left)
     known = replace(saved.estimate, values=robot.parameters, systematic=found)

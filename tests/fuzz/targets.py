@@ -25,7 +25,7 @@ from expdesign.configuration import DataSection, InputError, export_section, loa
 from expdesign.configuration.robot import load_robot_description
 from expdesign.experiment import DesignResult
 from expdesign.export.definition import TableError
-from expdesign.export.exporting import file_name, settled
+from expdesign.export.exporting import file_name, resolve_settings
 from expdesign.export.result import ExportResult
 from expdesign.export.row_times import divided_times, ideal_rows, uniform_times, whole_motion
 from expdesign.export.table_file import read_table_file
@@ -163,7 +163,7 @@ def binary_recording(folder, rng, names=("mf4", "mcap", "db3", "h5", "mat")):
 def _table(number):
     """Return a table that was not checked, and what it was made with."""
     section = export_section(**EXPORTS[number], segment="50 ms")
-    settings = settled(section, task())
+    settings = resolve_settings(section, task())
     motion = settings.task.motion
     if settings.step is not None:
         times = uniform_times(motion, settings.step)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from expdesign.machines.importing import drop_contradicting_ranges
-from expdesign.machines.machine import Machine
+from expdesign.machines.machine import MachineDraft
 from tests.machines import simulated
 from tests.machines.machines_of import asked
 
@@ -12,13 +12,13 @@ HOME = (*simulated.POSITION.tolist(), 0.0, 0.1, 0.0)
 
 def machine(**limits):
     base, platform = (tuple(map(tuple, points)) for points in (simulated.BASE, simulated.PLATFORM))
-    return Machine("m", base_joints=base, platform_joints=platform, home=HOME, limits=limits)
+    return MachineDraft("m", base_joints=base, platform_joints=platform, home=HOME, limits=limits)
 
 
 def test_what_home_keeps_stays_as_it_is():
     one = machine(strut_length=(0.5, 1.0), position={"z": (0.7, 0.8)})
     assert drop_contradicting_ranges(one) == one
-    assert drop_contradicting_ranges(Machine("m", limits={"strut_length": (0.0, 0.1)})).limits
+    assert drop_contradicting_ranges(MachineDraft("m", limits={"strut_length": (0.0, 0.1)})).limits
 
 
 def test_components_that_home_breaks_are_asked_about_alone():

@@ -10,7 +10,7 @@ from expdesign.configuration import InputError, load_run
 from expdesign.configuration.geometry import JointRing
 from expdesign.configuration.robot import load_robot_description
 from expdesign.library import robot_files
-from expdesign.machines.machine import Machine, Question, format_quantity
+from expdesign.machines.machine import MachineDraft, Question, format_quantity
 from expdesign.machines.writing import write_files
 from expdesign.robot import robot_from
 
@@ -27,7 +27,7 @@ def _written(machine, folder):
 
 
 def test_a_machine_of_which_nothing_is_known_passes(tmp_path):
-    files, configuration = _written(Machine("unknown"), tmp_path)
+    files, configuration = _written(MachineDraft("unknown"), tmp_path)
     assert configuration.warnings == ()
     assert configuration.robot.name == configuration.run.name == "unknown"
     text = files.robot.read_text(encoding="utf-8")
@@ -52,7 +52,7 @@ def test_a_machine_of_which_nothing_is_known_passes(tmp_path):
 def test_what_is_known_comes_back_to_the_last_bit(name, tmp_path):
     known = load_robot_description(name)
     description = known.description
-    machine = Machine(
+    machine = MachineDraft(
         name,
         source=description.description,
         base_joints=description.base_joints,
@@ -87,7 +87,7 @@ def test_what_is_known_comes_back_to_the_last_bit(name, tmp_path):
 )
 @settings(max_examples=8, deadline=None)
 def test_circles_are_where_they_are_said_to_be(tmp_path_factory, base, share, half, height, side):
-    machine = Machine(
+    machine = MachineDraft(
         "circles",
         base_joints=_ring(base, half[0], "1-2"),
         platform_joints=_ring(share * base, half[1], "2-3"),
@@ -105,7 +105,7 @@ def test_circles_are_where_they_are_said_to_be(tmp_path_factory, base, share, ha
 
 def test_joints_without_symmetry_make_a_general_platform(tmp_path):
     joints = np.add(_ring(0.2, 10, "2-3").points, [0.01, -0.02, 0.03])
-    machine = Machine(
+    machine = MachineDraft(
         "tilted",
         base_joints=_ring(0.4, 10, "1-2"),
         platform_joints=tuple(map(tuple, joints.tolist())),
@@ -123,7 +123,7 @@ def test_joints_without_symmetry_make_a_general_platform(tmp_path):
 
 
 def test_a_home_that_nobody_told_is_in_the_middle_of_the_stroke(tmp_path):
-    machine = Machine(
+    machine = MachineDraft(
         "lifted",
         base_joints=_ring(0.4, 10, "1-2"),
         platform_joints=_ring(0.2, 10, "2-3", z=-0.1),
@@ -137,7 +137,9 @@ def test_a_home_that_nobody_told_is_in_the_middle_of_the_stroke(tmp_path):
 
 
 def test_components_that_nobody_told_are_assumed_each_for_itself(tmp_path):
-    files, configuration = _written(Machine("x", limits={"position": {"x": [-0.2, 0.3]}}), tmp_path)
+    files, configuration = _written(
+        MachineDraft("x", limits={"position": {"x": [-0.2, 0.3]}}), tmp_path
+    )
     position = configuration.robot.limits["position"]
     assert (position.lower[0], position.upper[0]) == (-0.2, 0.3)
     assert np.all(np.isfinite(position.lower))
@@ -150,7 +152,7 @@ def test_components_that_nobody_told_are_assumed_each_for_itself(tmp_path):
 
 
 def test_questions_of_the_source_stand_where_they_belong(tmp_path):
-    machine = Machine(
+    machine = MachineDraft(
         "asked",
         source="A file\nof a controller: # not a comment",
         questions=(
@@ -192,7 +194,7 @@ def test_questions_of_the_source_stand_where_they_belong(tmp_path):
 )
 def test_what_does_not_fit_together_is_told_and_nothing_is_written(tmp_path, known, key):
     with pytest.raises(InputError) as caught:
-        write_files(replace(Machine("wrong"), **known), tmp_path)
+        write_files(replace(MachineDraft("wrong"), **known), tmp_path)
     assert key in [problem.key for problem in caught.value.problems]
     assert all(problem.file is None for problem in caught.value.problems)
     assert list(tmp_path.iterdir()) == []
@@ -202,7 +204,7 @@ def test_what_does_not_fit_together_is_told_and_nothing_is_written(tmp_path, kno
 def test_what_is_there_is_not_written_over(tmp_path, there):
     (tmp_path / there).write_text("mine", encoding="utf-8")
     with pytest.raises(InputError) as caught:
-        write_files(Machine("known"), tmp_path)
+        write_files(MachineDraft("known"), tmp_path)
     assert caught.value.problems[0].file == tmp_path / there
     assert [path.name for path in tmp_path.iterdir()] == [there]
     assert (tmp_path / there).read_text(encoding="utf-8") == "mine"

@@ -15,7 +15,7 @@ from estimation.measurement_model.prediction import (
 )
 from expdesign.mechanism.term import STRUT_SPEED, Columns, Constant, Parameter, Term
 from expdesign.robot import Robot, load_robot
-from expdesign.robot.deviation import deviated, deviations, tilt_axes
+from expdesign.robot.deviation import apply_deviations, deviations, tilt_axes
 
 ROBOTS = ("palida", "linuxcnc", "rubin", "mathworks", "dehaeze")
 TIMES = np.linspace(0.1, 1.9, 9)
@@ -76,7 +76,7 @@ def test_columns_of_the_machine_against_differences(seed, name):
     for k, each in enumerate(chosen):
         step = 1e-5 * (robot.characteristic_length if each.unit == "m" else 0.1)
         # Nominal parameters of the load are the machine's: they do not deviate.
-        far, near = (deviated(robot, [each], np.array([s * step])) for s in (1, -1))
+        far, near = (apply_deviations(robot, [each], np.array([s * step])) for s in (1, -1))
         slope = (_forces(far, motion, TIMES, signs) - _forces(near, motion, TIMES, signs)) / (
             2 * step
         )
@@ -204,7 +204,7 @@ def test_a_robot_without_gravity_has_nothing_to_tilt():
     columns = deviation_forces(robot, motion, TIMES, signs, robot.parameters, tilts)
     assert columns.shape == (len(TIMES), 6, 2)
     assert not np.any(columns)
-    assert not np.any(deviated(robot, tilts, np.array([0.1, 0.2])).description.gravity)
+    assert not np.any(apply_deviations(robot, tilts, np.array([0.1, 0.2])).description.gravity)
 
 
 def test_the_axes_of_tilts_turn_with_gravity_and_do_not_swap():
@@ -213,5 +213,5 @@ def test_the_axes_of_tilts_turn_with_gravity_and_do_not_swap():
     before = tilt_axes(robot.description.gravity)
     np.testing.assert_allclose(before, [[1, 0, 0], [0, 1, 0]], atol=1e-15)
     for theta in ([0.01, 0.0], [0.0, 0.01], [-0.008, 0.001]):
-        after = tilt_axes(deviated(robot, tilts, np.array(theta)).description.gravity)
+        after = tilt_axes(apply_deviations(robot, tilts, np.array(theta)).description.gravity)
         np.testing.assert_allclose(after, before, atol=0.011)

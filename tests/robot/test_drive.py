@@ -5,9 +5,9 @@ import pytest
 
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.robot import load_robot_description
-from expdesign.mechanism.hexapod import numbered
+from expdesign.mechanism.hexapod import actuator_names
 from expdesign.robot import load_robot, robot_from
-from expdesign.robot.deviation import deviated, deviations
+from expdesign.robot.deviation import apply_deviations, deviations
 from expdesign.robot.deviation_slope import length_deviation_columns
 
 SCREW = {"screw": {"lead": "5 mm", "inertia": 6.3e-5}}
@@ -141,7 +141,7 @@ def test_speed_and_acceleration_are_derivatives_of_the_length(threaded):
 
 def test_forces_do_the_work_of_those_without_a_thread(palida, threaded):
     """Of rigid bodies and inertia: virtual work with the derivative of the lengths themselves."""
-    friction = ("r_alpha", "r_beta", *numbered("r"), *numbered("v"))
+    friction = ("r_alpha", "r_beta", *actuator_names("r"), *actuator_names("v"))
     parameters = palida["parameters"] | dict.fromkeys(friction, 0)
     screw = _robot(
         palida,
@@ -176,7 +176,8 @@ def test_a_joint_elsewhere_moves_the_length_on_its_thread(threaded):
     state = np.concatenate([*_motion(threaded, times), np.zeros((5, 6))], axis=1)
     columns = length_deviation_columns(threaded, state, times, chosen)
     found = [
-        deviated(threaded, chosen, s * values).inverse_kinematics(state[:, :6]) for s in (-1, 1)
+        apply_deviations(threaded, chosen, s * values).inverse_kinematics(state[:, :6])
+        for s in (-1, 1)
     ]
     np.testing.assert_allclose(columns @ values, (found[1] - found[0]) / 2, atol=1e-12)
 

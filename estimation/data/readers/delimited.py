@@ -129,7 +129,7 @@ def read(path: Path, section: DataSection) -> RawTable:
         raise _with_delimiter_hint(error, path, header, delimiter) from None
     positions = {channel: columns.index(column) for channel, column in picked.items()}
     form = _Form(positions, len(names), delimiter, section.decimal)
-    return _gathered(path, picked, form, _Blocks(chain([first], blocks)))
+    return _gather_rows(path, picked, form, _Blocks(chain([first], blocks)))
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def _too_long() -> str:
     return f"a cell has more than {longest} characters: perhaps a shown has no end"
 
 
-def _gathered(
+def _gather_rows(
     path: Path, picked: dict[str, RecordedColumn], form: _Form, blocks: _Blocks
 ) -> RawTable:
     """Return the table of all rows; refuse it when lines have other columns than the header."""

@@ -50,7 +50,7 @@ def read_matlab(path: Path, section: DataSection) -> RawTable:
                 columns += _array_columns(name, short, array.shape, name)
     picked = pick(columns, section.columns, path)
     _refuse_long(picked, path)
-    return RawTable(path, _loaded(picked, arrays.__getitem__), picked)
+    return RawTable(path, _load_columns(picked, arrays.__getitem__), picked)
 
 
 def read_hdf5(path: Path, section: DataSection, separator: str = "/") -> RawTable:
@@ -76,7 +76,7 @@ def read_hdf5(path: Path, section: DataSection, separator: str = "/") -> RawTabl
             array = file[name][()]
             return np.asarray(array if member is None else array[member])
 
-        return RawTable(path, _loaded(picked, load), picked)
+        return RawTable(path, _load_columns(picked, load), picked)
 
 
 def _dataset_columns(dataset: Any, separator: str) -> Iterator[RecordedColumn]:
@@ -139,7 +139,7 @@ def _refuse_long(picked: Mapping[str, RecordedColumn], path: Path) -> None:
         refuse_long(column.place[-1], path)
 
 
-def _loaded(
+def _load_columns(
     picked: Mapping[str, RecordedColumn], load: Callable[[Any], NDArray[Any]]
 ) -> dict[str, Array]:
     """Return the numbers of the picked columns; each array is loaded once.

@@ -29,10 +29,10 @@ from expdesign.configuration.quantity import (
     quantity_of_unit,
 )
 from expdesign.configuration.section import Section
-from expdesign.mechanism.hexapod import ACTUATORS, numbered
+from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 
-LENGTH_CHANNELS = numbered("q")
-FORCE_CHANNELS = numbered("Q")
+LENGTH_CHANNELS = actuator_names("q")
+FORCE_CHANNELS = actuator_names("Q")
 CHANNELS = ("t", *LENGTH_CHANNELS, *FORCE_CHANNELS, "period")
 """Columns of a recording; `period` is optional."""
 

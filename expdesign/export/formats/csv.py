@@ -10,7 +10,7 @@ from expdesign.configuration.sections.export import ExportSection
 from expdesign.export.definition import Interpolation, Rows, Settings, TableFormat
 from expdesign.export.row_times import COLUMNS
 from expdesign.export.text_table import lines_after, numbers, write_lines
-from expdesign.mechanism.hexapod import numbered
+from expdesign.mechanism.hexapod import actuator_names
 
 _HEADER = [f"{column.name} [{column.unit}]" for column in COLUMNS]
 
@@ -25,7 +25,7 @@ def _read(path: Path, _settings: Settings) -> Rows:
     values = numbers(text, len(COLUMNS), "cells", ",", first=2)
     record = {column.name: values[:, k] for k, column in enumerate(COLUMNS)}
     length, rate, acceleration = (
-        np.stack([record[name] for name in numbered(prefix)], axis=1)
+        np.stack([record[name] for name in actuator_names(prefix)], axis=1)
         for prefix in ("q", "dq", "ddq")
     )
     return Rows(record["t"], length, rate, acceleration, record).checked()
@@ -55,7 +55,7 @@ FORMAT = TableFormat(
     digits=None,
     units="m",
     angles="rad",
-    axes={"strut": numbered("q")},
+    axes={"strut": actuator_names("q")},
     uniform=True,
     whole=True,
 )

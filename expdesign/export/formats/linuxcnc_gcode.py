@@ -25,7 +25,7 @@ from expdesign.export.definition import (
     switched_at,
     switching,
 )
-from expdesign.export.text_table import lines, marked, number, write_lines
+from expdesign.export.text_table import lines, mark_window, number, write_lines
 
 AXES = ("X", "Y", "Z", "A", "B", "C")
 START_FEED = 6.0
@@ -60,7 +60,7 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
     )
     behind = switching(rows, settings, _commands(settings))
     moves = (f"{move}\n{behind[k]}" if k in behind else move for k, move in enumerate(moves))
-    write_lines(path, [*head, *marked(moves, rows.times, settings, "({})"), "M2"])
+    write_lines(path, [*head, *mark_window(moves, rows.times, settings, "({})"), "M2"])
 
 
 def _commands(settings: Settings) -> tuple[str, str]:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from expdesign.configuration.sections.export import STRUT_AXES, ExportSection
 from expdesign.export.definition import Interpolation, Rows, Settings, TableFormat
-from expdesign.export.text_table import lines, marked, numbers, uniform_rows, write_lines
-from expdesign.mechanism.hexapod import ACTUATORS, numbered
+from expdesign.export.text_table import lines, mark_window, numbers, uniform_rows, write_lines
+from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
@@ -16,7 +16,7 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
         f"# one line every {settings.step!r} s",
     ]
     text = (" ".join(settings.numbers(row)) for row in rows.position)
-    write_lines(path, [*head, *marked(text, rows.times, settings, "# {}")])
+    write_lines(path, [*head, *mark_window(text, rows.times, settings, "# {}")])
 
 
 def _read(path: Path, settings: Settings) -> Rows:
@@ -45,6 +45,6 @@ FORMAT = TableFormat(
         "`halstreamer {file}`. One line is taken every period of the servo thread; "
         "no kinematics is needed."
     ),
-    axes={"strut": numbered("S")},
+    axes={"strut": actuator_names("S")},
     uniform=True,
 )

@@ -20,7 +20,7 @@ from expdesign.export.definition import (
     TableFormat,
 )
 from expdesign.export.row_times import COLUMNS
-from expdesign.mechanism.hexapod import numbered
+from expdesign.mechanism.hexapod import actuator_names
 
 _AXES = 6
 
@@ -95,7 +95,7 @@ FORMAT = TableFormat(
         "measurement window, `window` its beginning and end in s; `title` tells what it is."
     ),
     digits=None,
-    axes={"strut": numbered("S"), "pose": POSE_AXES},
+    axes={"strut": actuator_names("S"), "pose": POSE_AXES},
     may_crash="from scipy.io import loadmat; loadmat(sys.argv[1], appendmat=False)",
     uniform=True,
     whole=True,

@@ -18,7 +18,7 @@ from expdesign.export.definition import (
     TableError,
     TableFormat,
     edge_rows,
-    rounded,
+    round_times,
     switched_at,
     switching,
 )
@@ -151,7 +151,7 @@ FORMAT = TableFormat(
     ),
     digits=8,
     axes={"strut": LETTERS, "pose": LETTERS},
-    written_times=partial(rounded, digits=_TIME_DIGITS),
+    written_times=partial(round_times, digits=_TIME_DIGITS),
     trigger=(
         "M{number} is 1 from {on} s to {off} s after the start, else 0: it is assigned (==) when "
         "the move at that time begins. Let M{number} point to a digital output, as the suggested "

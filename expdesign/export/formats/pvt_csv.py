@@ -14,10 +14,10 @@ from expdesign.export.definition import (
     Settings,
     TableError,
     TableFormat,
-    rounded,
+    round_times,
 )
 from expdesign.export.text_table import lines_after, numbers, refuse_motion_at_end, write_lines
-from expdesign.mechanism.hexapod import ACTUATORS, numbered
+from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 
 _TIME_DIGITS = 9
 _CELLS = 1 + 2 * ACTUATORS
@@ -70,7 +70,7 @@ FORMAT = TableFormat(
         "Positions are absolute, times count from the row before, velocities are those at the "
         "row."
     ),
-    axes={"strut": numbered("S")},
+    axes={"strut": actuator_names("S")},
     digits=8,
-    written_times=partial(rounded, digits=_TIME_DIGITS),
+    written_times=partial(round_times, digits=_TIME_DIGITS),
 )

@@ -31,7 +31,7 @@ from expdesign.export.definition import (
     Settings,
     TableError,
     TableFormat,
-    rounded,
+    round_times,
 )
 from expdesign.export.ros_messages import (
     FRAME,
@@ -42,7 +42,7 @@ from expdesign.export.ros_messages import (
     rows_of,
 )
 from expdesign.export.text_table import write_lines
-from expdesign.mechanism.hexapod import numbered
+from expdesign.mechanism.hexapod import actuator_names
 
 _TIME_DIGITS = 9
 _FINER = 3
@@ -125,7 +125,7 @@ def _read_yaml(path: Path) -> Mapping[str, Any]:
     """Return the message of a YAML file."""
     try:
         text = path.read_text(encoding="ascii")
-        data = _of_lines(text) or _loaded(text)
+        data = _of_lines(text) or _load_yaml(text)
     except RecursionError:
         raise TableError("no YAML of a message: it is nested too deeply") from None
     except _YAML_FAILURES as error:
@@ -140,7 +140,7 @@ def _read_yaml(path: Path) -> Mapping[str, Any]:
     return data
 
 
-def _loaded(text: str) -> Any:
+def _load_yaml(text: str) -> Any:
     return YAML(typ="safe", pure=True).load(text)
 
 
@@ -158,7 +158,7 @@ def _of_lines(text: str) -> dict[str, Any] | None:
         points = json.loads(f"[{''.join(lines)[3:]}}}]", object_pairs_hook=_unique)
     except ValueError:
         return None
-    data = _loaded(f"{head}{_POINTS} []\n")
+    data = _load_yaml(f"{head}{_POINTS} []\n")
     return (
         data | {"points": points} if isinstance(data, dict) and data.get("points") == [] else None
     )
@@ -287,7 +287,7 @@ FORMAT = TableFormat(
     ),
     units="m",
     angles="rad",
-    axes={"strut": numbered("strut_"), "pose": POSE_AXES},
+    axes={"strut": actuator_names("strut_"), "pose": POSE_AXES},
     digits=8,
-    written_times=partial(rounded, digits=_TIME_DIGITS),
+    written_times=partial(round_times, digits=_TIME_DIGITS),
 )

@@ -16,12 +16,12 @@ from expdesign.export.definition import (
     Settings,
     TableError,
     TableFormat,
-    rounded,
+    round_times,
     switched_at,
     switching,
 )
 from expdesign.export.text_table import lines, numbers, refuse_motion_at_end, write_lines
-from expdesign.mechanism.hexapod import ACTUATORS, numbered
+from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 
 _TIME_DIGITS = 8
 _CELLS = 1 + 2 * ACTUATORS
@@ -119,8 +119,8 @@ FORMAT = TableFormat(
         "to the row before, velocities are those at the end of the row."
     ),
     digits=8,
-    axes={"strut": numbered("S"), "pose": POSE_AXES},
-    written_times=partial(rounded, digits=_TIME_DIGITS),
+    axes={"strut": actuator_names("S"), "pose": POSE_AXES},
+    written_times=partial(round_times, digits=_TIME_DIGITS),
     trigger=(
         "Output {number} of GPIO1 is on from {on} s to {off} s after the start, switched by two "
         "events that {beside} has. Send its lines to the controller before every execution, with "

@@ -29,7 +29,7 @@ from expdesign.machines.linuxcnc_files import (
     read_hal,
     read_ini,
 )
-from expdesign.machines.machine import Machine, MachineFormat, Question, rows
+from expdesign.machines.machine import MachineDraft, MachineFormat, Question, rows
 from expdesign.machines.writing import INERTIA
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.strut import ANGLES, FIXED_AXES
@@ -53,7 +53,7 @@ _HOMED = 1e-3
 """Relative difference of a joint's HOME from the length at the home pose that is rounding."""
 
 
-def _read(name: str, files: tuple[Path, ...]) -> Machine:
+def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
     inis = [path for path in files if path.suffix.lower() == ".ini"]
     if len(inis) != 1:
         message = "LinuxCNC's INI file is needed: it says the units"
@@ -90,7 +90,7 @@ class _Hexapod:
         self.unit = self._unit()
         self.questions: list[Question] = []
 
-    def machine(self, name: str, files: tuple[Path, ...]) -> Machine:
+    def machine(self, name: str, files: tuple[Path, ...]) -> MachineDraft:
         base, platform = self._joints("base"), self._joints("platform")
         home = self._home()
         size = float(
@@ -104,7 +104,7 @@ class _Hexapod:
         self._add_position(limits, size)
         drive, axes, turning = self._drive(base, platform, home)
         names = ", ".join(path.name for path in files)
-        return Machine(
+        return MachineDraft(
             name=name,
             source=f"LinuxCNC, {_KINEMATICS}: {names}",
             base_joints=rows(base),

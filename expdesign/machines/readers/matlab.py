@@ -18,7 +18,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration.errors import InputError
-from expdesign.machines.machine import Machine, MachineFormat, Question, rows
+from expdesign.machines.machine import MachineDraft, MachineFormat, Question, rows
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.workers.local import EndlessError, output_of
 
@@ -53,7 +53,7 @@ print(json.dumps(found))
 """
 
 
-def _read(name: str, files: tuple[Path, ...]) -> Machine:
+def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
     variables = _variables(files[0])
     values = {key: np.array(value, dtype=float) for key, value in variables.items()}
     source = f"MATLAB, {files[0].name}"
@@ -65,7 +65,7 @@ def _read(name: str, files: tuple[Path, ...]) -> Machine:
     raise InputError(f"no joints of a Stewart platform; it has {names}", files[0], allowed=_NAMES)
 
 
-def _mathworks(name: str, source: str, values: dict[str, Array], file: Path) -> Machine:
+def _mathworks(name: str, source: str, values: dict[str, Array], file: Path) -> MachineDraft:
     base = _points(values, "pos_base", file)
     questions = [_UNITS]
     height = float(_number(values, "height", file)) if "height" in values else None
@@ -79,7 +79,7 @@ def _mathworks(name: str, source: str, values: dict[str, Array], file: Path) -> 
             text = "The file has no height: the TCP is put into the middle of the upper joints."
             questions.append(Question("home", text))
     mass = float(_number(values, "top_mass", file)) if "top_mass" in values else None
-    return Machine(
+    return MachineDraft(
         name=name,
         source=source,
         base_joints=rows(base),
@@ -90,9 +90,9 @@ def _mathworks(name: str, source: str, values: dict[str, Array], file: Path) -> 
     )
 
 
-def _simscape(name: str, source: str, values: dict[str, Array], file: Path) -> Machine:
+def _simscape(name: str, source: str, values: dict[str, Array], file: Path) -> MachineDraft:
     height = _number(values, "stewart.geometry.H", file)
-    return Machine(
+    return MachineDraft(
         name=name,
         source=source,
         base_joints=rows(_points(values, "stewart.platform_F.Fa", file)),

@@ -14,7 +14,7 @@ from constraints.arrays import Array
 from expdesign.configuration.errors import quote
 from expdesign.configuration.robot import EARTH_GRAVITY
 from expdesign.machines.closed_loops import hexapod
-from expdesign.machines.machine import Machine, MachineFormat, Question
+from expdesign.machines.machine import MachineDraft, MachineFormat, Question
 from expdesign.machines.mechanism_graph import NOTHING, WORLD, Joint, Kind, Link, Placement
 from expdesign.machines.mjcf import Attributes, geoms, rigid_body
 from expdesign.machines.xml_document import Element, read_xml
@@ -31,7 +31,7 @@ _PLACING = ["rotation"] * 3 + ["slide"] * 3
 _ACTUATED = ("motor", "position", "velocity", "intvelocity", "general", "cylinder", "damper")
 
 
-def _read(name: str, files: tuple[Path, ...]) -> Machine:
+def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
     root = read_xml(files[0], "mujoco")
     model = _Model(root)
     for closing in root.all("equality"):

@@ -16,7 +16,7 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.configuration.document import Document, read_yaml
 from expdesign.configuration.errors import InputError, Key, Problem, quote
-from expdesign.machines.machine import Machine, MachineFormat, Question, rows
+from expdesign.machines.machine import MachineDraft, MachineFormat, Question, rows
 from expdesign.mechanism.hexapod import ACTUATORS
 
 _TRANSLATIONS = {"x": "x", "y": "y", "z": "z"}
@@ -24,7 +24,7 @@ _ROTATIONS = {"u": "phi", "v": "theta", "w": "psi"}
 _NUMBER = "a number, in metres and radians"
 
 
-def _read(name: str, files: tuple[Path, ...]) -> Machine:
+def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
     description = _Description(read_yaml(files[0]))
     base, platform = description.anchors("base_anchor"), description.anchors("platform_anchor")
     limits: dict[str, Any] = {}
@@ -49,7 +49,7 @@ def _read(name: str, files: tuple[Path, ...]) -> Machine:
         if value is not None:
             text = f"PI's file has {key} = {quote(value)}, {words}: what can one strut do?"
             questions.append(Question(place, text))
-    return Machine(
+    return MachineDraft(
         name=name,
         source=f"PI hexapod, {files[0].name}",
         base_joints=rows(base),

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from constraints.arrays import Array
 from expdesign.configuration.errors import InputError, quote
 from expdesign.machines.closed_loops import hexapod
-from expdesign.machines.machine import Machine, MachineFormat
+from expdesign.machines.machine import MachineDraft, MachineFormat
 from expdesign.machines.mechanism_graph import NOTHING, WORLD, Joint, Kind, Link, Placement
 from expdesign.machines.xml_document import Element, read_xml
 from expdesign.mechanism.bodies import ENTRIES, RigidBody, inertia_of
@@ -40,7 +40,7 @@ _MODEL = "__model__"
 _WORLD_NAME = "world"
 
 
-def _read(name: str, files: tuple[Path, ...]) -> Machine:
+def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
     root = read_xml(files[0], "sdf")
     model = _model(root)
     frames = _Frames(model, _version(root))
