@@ -115,10 +115,10 @@ def test_parameters_without_a_nominal_value_are_compared_with_the_machine(palida
     [
         (["struts", "rigid_platfrom"], "terms", "rigid_platfrom", "rigid_platform"),
         (["struts", "struts"], "terms", "twice", None),
-        ([], "terms", "no list", None),
-        ("struts", "terms", "no list", None),
+        ([], "terms", "not a list", None),
+        ("struts", "terms", "not a list", None),
         ([{"struts": {"pitch": 1}}], "terms.struts.pitch", "pitch", None),
-        ([{"struts": 1}], "terms", "no mapping", None),
+        ([{"struts": 1}], "terms", "not a mapping", None),
     ],
 )
 def test_what_is_no_list_of_terms(palida, terms, key, text, nearest):
