@@ -180,31 +180,6 @@ def test_what_the_model_does_not_have_is_told(palida, bodies, part):
     assert len([text for text in told if part in text]) == 1
 
 
-@pytest.mark.parametrize(
-    ("bodies", "key"),
-    [
-        ({}, "bodies"),
-        ({"table": PLATFORM}, "bodies.table"),
-        ({"platform": {"centre": [0, 0, 0]}}, "bodies.platform[1].mass"),
-        ({"platform": {**PLATFORM, "mass": 0}}, "bodies.platform[1].mass"),
-        ({"platform": {**PLATFORM, "inertia": [1, 1, 3]}}, "bodies.platform[1].inertia"),
-        (
-            {"platform": {"mass": 1, "centre": [1, 0, 0], "inertia": [1e-4, 1e-4, 1e-3]}},
-            "bodies.platform[1].inertia",
-        ),
-        ({"platform": {**PLATFORM, "inertia": [1, 1]}}, "bodies.platform[1].inertia"),
-        ({"platform": {**PLATFORM, "inertia": [1, 1, 1, 2, 0, 0]}}, "bodies.platform[1].inertia"),
-        ({"platform": {**PLATFORM, "inertia": ["1 kg"] * 3}}, "bodies.platform[1].inertia[1]"),
-        ({"platform": {**PLATFORM, "about": "corner"}}, "bodies.platform[1].about"),
-        ({"platform": [PLATFORM, {**PLATFORM, "centre": [0, 0]}]}, "bodies.platform[2].centre"),
-    ],
-)
-def test_what_is_no_body_is_refused_where_it_stands(palida, bodies, key):
-    with pytest.raises(InputError) as caught:
-        _robot(palida, bodies, parameters=palida["parameters"])
-    assert f"robot.{key}" in [problem.key for problem in caught.value.problems]
-
-
 @pytest.mark.parametrize("about", ["centre", "origin"])
 def test_a_mass_in_a_point_is_a_body(palida, about):
     x, y, z = 0.31, -0.17, 0.73

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from expdesign.configuration import InputError, load_run, resolved_yaml
+from expdesign.configuration import load_run, resolved_yaml
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.catalogue import DEFAULT
 
@@ -68,24 +68,3 @@ def test_what_is_resolved_is_read_again(palida, drive, tmp_path):
     again = load_run(path)
     assert again.robot.description == run.robot.description
     assert again.robot.parameters == run.robot.parameters
-
-
-@pytest.mark.parametrize(
-    ("drive", "key"),
-    [
-        ("screw", "drive"),
-        ({}, "drive"),
-        ({**SCREW, "gear": {"lead": 1}}, "drive"),
-        ({"screw": None}, "drive"),
-        ({"belt": {"lead": 1}}, "drive.belt"),
-        ({"screw": {"inertia": 1}}, "drive.screw.lead"),
-        ({"screw": {"lead": 0}}, "drive.screw.lead"),
-        ({"screw": {"lead": "5 mm", "inertia": -1}}, "drive.screw.inertia"),
-        ({"screw": {"lead": "5 mm", "thread": "both"}}, "drive.screw.thread"),
-        ({"gear": {"lead": "5 mm", "thread": "left"}}, "drive.gear.thread"),
-    ],
-)
-def test_what_is_no_drive_is_refused_where_it_stands(palida, drive, key):
-    with pytest.raises(InputError) as caught:
-        _robot(palida, drive)
-    assert [problem.key for problem in caught.value.problems] == [f"robot.{key}"]

@@ -1,9 +1,7 @@
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from expdesign.configuration import InputError
 from expdesign.configuration.geometry import JointRing
 from expdesign.configuration.robot import load_robot_description
 from expdesign.library import robot_files
@@ -76,24 +74,6 @@ def test_a_robot_file_takes_circles_in_place_of_points(tmp_path):
     first = [0.15 * np.cos(angle), 0.15 * np.sin(angle), -0.02]
     np.testing.assert_allclose(robot.platform_joints[0], first)
     assert isinstance(robot.description.base_joints[0], tuple)  # resolved: the points themselves
-
-
-@pytest.mark.parametrize(
-    ("ring", "key", "allowed"),
-    [
-        ("{radius: 0, half_angle: 1 deg, pairs: 1-2}", "base_joints.radius", "above 0"),
-        ("{radius: 1, half_angle: 60 deg, pairs: 1-2}", "base_joints.half_angle", "below 60 deg"),
-        ("{radius: 1, half_angle: 1 deg, pairs: 3-4}", "base_joints.pairs", "1-2 | 2-3"),
-        ("{radius: 1, half_angel: 1 deg, pairs: 1-2}", "base_joints.half_angel", "half_angle"),
-        ("{radius: 1}", "base_joints.half_angle", ""),
-    ],
-)
-def test_a_wrong_circle_is_answered_at_its_key(tmp_path, ring, key, allowed):
-    with pytest.raises(InputError) as caught:
-        load_robot_description(_robot(tmp_path, base_joints=ring, platform_joints=BASE))
-    found = {problem.key: problem for problem in caught.value.problems}
-    assert allowed in (found[key].allowed or "")
-    assert found[key].line == 3
 
 
 def test_the_circles_of_the_docs_are_those_of_palida():

@@ -86,17 +86,6 @@ def test_that_of_the_run_overrides(robot, run, tilt, speed, tmp_path):
         np.testing.assert_array_equal(limit.upper, again.robot.limits[key].upper)
 
 
-@pytest.mark.parametrize(
-    "reserve", [0.5, "50 %", -0.01, "3 N", None, True, [0.1], math.nan, {"tilt": 0.7}, "3"]
-)
-def test_refused(reserve):
-    with pytest.raises(InputError) as caught:
-        load_run({"name": "n", "robot": "palida", "limits": {"reserve": reserve}})
-    (problem,) = caught.value.problems
-    assert problem.key == ("limits.reserve.tilt" if isinstance(reserve, dict) else "limits.reserve")
-    assert "0.5" in problem.allowed
-
-
 def test_a_wrong_share_is_told_where_it_stands(tmp_path):
     run = tmp_path / "run.yaml"
     run.write_text(

@@ -148,20 +148,6 @@ def test_empty_limits_are_the_default_ones(robot_mapping, resolve):
     assert list(resolve(robot_mapping).limits) == ["tilt"]
 
 
-def test_five_joints(run_mapping, the_problem):
-    run_mapping["robot"]["base_joints"].pop()
-    problem = the_problem(run_mapping)
-    assert problem.key == "robot.base_joints"
-    assert problem.message == "there are 5 joints where 6 are needed"
-
-
-def test_a_coordinate_with_a_wrong_unit(run_mapping, the_problem):
-    run_mapping["robot"]["base_joints"][2][1] = "5 kg"
-    problem = the_problem(run_mapping)
-    assert problem.key == "robot.base_joints[3][2]"
-    assert "is a mass, not a length" in problem.message
-
-
 def test_angles_of_home_take_degrees(run_mapping, problems_of, robot_mapping, resolve):
     robot_mapping["home"] = ["10 mm", 0, "-654 mm", "5 deg", 0, 0]
     assert resolve(robot_mapping).home[3] == math.radians(5)
@@ -225,13 +211,6 @@ def test_base_joint_on_the_z_axis_needs_an_axis(robot_mapping, refused, resolve)
     assert "z axis" in problem.message
     robot_mapping["alpha_axes"] = [[1, 0, 0]] * 6
     assert resolve(robot_mapping).alpha_axes[4].tolist() == [1, 0, 0]
-
-
-def test_axis_of_length_zero(run_mapping, problems_of):
-    run_mapping["robot"]["alpha_axes"] = [[1, 0, 0]] * 5 + [[0, 0, 0]]
-    run_mapping["robot"]["platform_joint_axes"] = [[0, 0, 0]] + [[1, 0, 0]] * 5
-    keys = [p.key for p in problems_of(run_mapping)]
-    assert keys == ["robot.alpha_axes[6]", "robot.platform_joint_axes[1]"]
 
 
 @pytest.mark.parametrize("size", [1e300, 1e-300, 1.7e308])

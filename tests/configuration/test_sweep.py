@@ -139,39 +139,11 @@ def test_a_path_that_is_none(path, wrong, meant):
     assert meant in (None, problem.nearest)
 
 
-@pytest.mark.parametrize(
-    ("sweep", "key", "words"),
-    [
-        ({}, "sweep", "names no key"),
-        ({"design.seed": 3}, "sweep.design.seed", "not a list"),
-        ({"design.seed": []}, "sweep.design.seed", "0 values"),
-        ({"design.seed": [1, 2, 1]}, "sweep.design.seed", "twice"),
-        ({"design.seed": list(range(MOST_DESIGNS + 1))}, "sweep.design.seed", "values"),
-        (
-            {"design.seed": list(range(100)), "design.hops": [1, 2, 3]},
-            "sweep",
-            "100 · 3 = 300 designs",
-        ),
-        ({"design.criterion": ["d", "q"]}, "sweep.design.criterion[2]", "'q'"),
-        ({"limits.strut_speed": [1, "2 N"]}, "sweep.limits.strut_speed[2]", "a force"),
-        ({"limits.tilt.scale": [0.5, 0]}, "sweep.limits.tilt.scale", "not positive"),
-        ({"limits.platform_joint_angle.scale": [2]}, "sweep.limits.platform_joint_angle.scale", ""),
-        (
-            {"limits.position": [{"z": [-0.7, -0.6]}], "limits.position.z": [[-0.7, -0.6]]},
-            "sweep.limits.position.z",
-            "limits.position",
-        ),
-        (
-            {"limits.strut_speed": [1], "limits.strut_speed.scale": [2]},
-            "sweep.limits.strut_speed.scale",
-            "limits.strut_speed",
-        ),
-    ],
-)
-def test_what_makes_no_grid(sweep, key, words):
-    (problem,) = problems(sweep=sweep)
-    assert problem.key.startswith(key)
-    assert words in problem.message
+def test_the_number_of_designs_is_bounded():
+    (problem,) = problems(sweep={"design.seed": list(range(MOST_DESIGNS + 1))})
+    assert problem.key == "sweep.design.seed"
+    (problem,) = problems(sweep={"design.seed": list(range(100)), "design.hops": [1, 2, 3]})
+    assert "100 · 3 = 300 designs" in problem.message
 
 
 def test_the_value_to_blame_is_named_wherever_it_is_seen():

@@ -92,35 +92,6 @@ def test_entries_have_the_standard_deviations_given(run_mapping):
     assert [each.place for each in deviations(robot)] == list(range(len(deviations(robot))))
 
 
-@pytest.mark.parametrize(
-    ("raw", "key", "says"),
-    [
-        ({"base_joints": "3 deg"}, "base_joints", "an angle, not a length"),
-        ({"base_joints": -1e-3}, "base_joints", "negative"),
-        ({"base_joints": [1e-3] * 5}, "base_joints", "5 values where 6"),
-        ({"base_joints": [[1e-3, 0]] * 6}, "base_joints", "2 values where 3"),
-        ({"base_joints": [[0, 0, -1]] + [[0, 0, 0]] * 5}, "base_joints[1][3]", "negative"),
-        ({"force_constant": "2 %"}, "force_constant", "not a mapping"),
-        ({"force_constant": {"common": "2 mm"}}, "force_constant.common", "not a share"),
-        ({"force_constant": {"comon": 0.1}}, "force_constant.comon", "unknown key"),
-        ({"clock": "20 ppb"}, "clock", "not a share"),
-        ({"delay": [1e-3] * 2}, "delay", "not a duration"),
-        ({"terms": {"friction": {}}}, "terms.friction", "not a term"),
-        ({"terms": {"struts": {"pitch": 0.1}}}, "terms.struts.pitch", "no constant 'pitch'"),
-        # No smaller than what they are of.
-        ({"base_joints": "2 m"}, "base_joints", "0.45 m"),
-        ({"platform_joints": [[0, 0, 0]] * 5 + [[0, 0, 0.2]]}, "platform_joints", "0.2 m"),
-        ({"strut_length": "1 m"}, "strut_length", "1 m"),
-        ({"terms": {"force_offset": {}}}, "terms.force_offset", "has no term force_offset"),
-    ],
-)
-def test_refused(run_mapping, the_problem, raw, key, says):
-    run_mapping["tolerances"] = raw
-    problem = the_problem(run_mapping)
-    assert problem.key == f"tolerances.{key}"
-    assert says in problem.message
-
-
 def test_a_robots_tolerances_are_refused_in_its_file(tmp_path, run_mapping, the_problem):
     path = tmp_path / "robot.yaml"
     robot = run_mapping["robot"] | {"tolerances": {"base_joints": "2 m"}}
