@@ -1,8 +1,8 @@
-"""How a run is interrupted: Ctrl-C, and the signals by which a system ends a process.
+"""Interruptions of a run: Ctrl-C, and the signals by which a system ends a process.
 
-SIGTERM (`kill`, a shutdown, a queueing system) and SIGHUP (the terminal is closed) do what the
-first Ctrl-C does, however often they come: some systems send them twice. Only Ctrl-C gives up what
-the first one let be completed.
+SIGTERM (`kill`, a shutdown, a queueing system) and SIGHUP (the terminal is closed) have the effect
+of the first Ctrl-C, however often they come: some systems send them twice. Only a further Ctrl-C
+discards the work that the first one lets finish.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import time
-from _thread import interrupt_main, start_new_thread
+from _thread import start_new_thread
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
@@ -20,14 +20,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
-ENDING = tuple(
-    getattr(signal, name)
-    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
-    if hasattr(signal, name)
-)
-"""The signals that ask a process to end, as far as the system has them."""
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""The signals that ask a process to end."""
 
-_SOON = 0.01
+_DELAY = 0.01
 """s."""
 _IMPORTING = "<frozen importlib._bootstrap>"
 
@@ -36,79 +32,81 @@ _IMPORTING = "<frozen importlib._bootstrap>"
 def interruptible(
     note: Callable[[str], None], kept: str, abandons: str = "", abandoned: str = ""
 ) -> Iterator[Callable[[], bool]]:
-    """Take an interruption as a request to stop, a second Ctrl-C as the end.
+    """Treat an interruption as a request to stop, and a further Ctrl-C as the end.
 
     Parameters
     ----------
     note : callable
-        Takes what is said after the first interruption, and when a Ctrl-C follows it.
+        Receives the messages.
     kept : str
-        What becomes of the work, for the first of these: "the repetitions that are done are kept".
+        Part of the first message: "finished repetitions are kept".
     abandons : str
-        What a Ctrl-C after it does, for the same: "abandons the design"; empty: nothing is said.
+        Effect of a further Ctrl-C, for the first message: "discards the design"; empty: not
+        mentioned.
     abandoned : str
-        What is said when a Ctrl-C follows; empty: nothing.
+        Message after a further Ctrl-C; empty: none.
 
     Yields
     ------
     callable
-        Tells whether to stop. In a thread of its own, where signals do not arrive, it never does.
+        Returns whether to stop. Other threads than the main one receive no signals: there it
+        always returns False.
     """
     stop = threading.Event()
 
     def say(text: str) -> None:
-        # In the midst of another message there is no place for one; a terminal may be gone.
+        # The signal may arrive within another message, and the terminal may be gone.
         with suppress(OSError, RuntimeError):
             note(text)
 
-    def ask(number: int, frame: FrameType | None) -> None:
+    def request_stop(number: int, frame: FrameType | None) -> None:
         if not stop.is_set():
             stop.set()
-            say(_stopping(number, kept, abandons))
+            say(_stop_message(number, kept, abandons))
         elif number == signal.SIGINT:
             if abandoned:
                 say(abandoned)
             _interrupt(number, frame)
 
-    with _handled(ask, wanted=(signal.SIGINT,)):
+    with _handle_signals(request_stop, wanted=(signal.SIGINT,)):
         yield stop.is_set
 
 
-def _stopping(number: int, kept: str, abandons: str) -> str:
-    """Return what is said after the first interruption: by its name, unless it is Ctrl-C."""
+def _stop_message(number: int, kept: str, abandons: str) -> str:
+    """Return the message after the first interruption; it names signals other than Ctrl-C."""
     pressed = number == signal.SIGINT
     stopping = "stopping" if pressed else f"stopping, as {signal.Signals(number).name} asks"
     text = f"{stopping}: {kept}"
     if abandons:
-        # Only Ctrl-C does, also after another signal; that it was not pressed before.
+        # Only Ctrl-C does this, also after another signal; then it was not pressed before.
         text += f"; Ctrl-C {'again ' if pressed else ''}{abandons}"
     return f"{text} …"
 
 
 @contextmanager
 def raising(while_importing: Callable[[], Any]) -> Iterator[None]:
-    """Let every interruption raise `KeyboardInterrupt`, not Ctrl-C alone.
+    """Let every interruption raise `KeyboardInterrupt`, not only Ctrl-C.
 
-    Not one is lost to code that cannot raise, such as the end of an object: it is raised after it.
+    An exception in code that cannot raise, such as the finaliser of an object, is raised later.
 
     Parameters
     ----------
     while_importing : callable
-        Ends the process: what it does while a module is being imported. An exception would leave
-        half a module behind there, turn into another one, or be lost: there is code in C about it.
+        Ends the process during the import of a module. There an exception would leave half a
+        module behind, become another exception, or be lost in C code.
     """
 
-    def again(what: UnraisableHookArgs) -> None:
+    def raise_later(what: UnraisableHookArgs) -> None:
         if issubclass(what.exc_type, KeyboardInterrupt):
-            # Not here and now: this cannot raise either.
-            start_new_thread(_interrupt_soon, ())
+            # This function cannot raise either.
+            start_new_thread(_interrupt_later, ())
         else:
             before(what)
 
-    before, sys.unraisablehook = sys.unraisablehook, again
+    before, sys.unraisablehook = sys.unraisablehook, raise_later
     _while_importing.append(while_importing)
     try:
-        with _handled(_interrupt):
+        with _handle_signals(_interrupt):
             yield
     finally:
         _while_importing.remove(while_importing)
@@ -117,8 +115,8 @@ def raising(while_importing: Callable[[], Any]) -> Iterator[None]:
 
 @contextmanager
 def ignored() -> Iterator[None]:
-    """Leave interruptions alone: what is interrupted has only to say so."""
-    with _handled(lambda _number, _frame: None):
+    """Ignore interruptions, while the report of one is written."""
+    with _handle_signals(lambda _number, _frame: None):
         yield
 
 
@@ -128,7 +126,7 @@ def has_raised() -> bool:
 
 
 def ignore() -> None:
-    """Leave interruptions alone from now on: the process has only to end, with its status."""
+    """Ignore interruptions from now on: the process is about to end with its status."""
     for number in ENDING:
         if signal.getsignal(number) is not None:
             signal.signal(number, signal.SIG_IGN)
@@ -138,7 +136,7 @@ Reaction = Callable[[int, FrameType | None], Any]
 
 
 class _Handler:
-    """A handler of ours: one that another of ours may take the place of."""
+    """A handler of this module, which another handler of this module may replace."""
 
     def __init__(self, react: Reaction) -> None:
         self._react = react
@@ -152,23 +150,21 @@ _raised = threading.Event()
 
 
 def _interrupt(_number: int, frame: FrameType | None) -> None:
-    if _while_importing and _imports(frame):
+    if _while_importing and _is_importing(frame):
         _while_importing[-1]()
     _raised.set()
     raise KeyboardInterrupt
 
 
-def _interrupt_soon() -> None:
-    time.sleep(_SOON)
+def _interrupt_later() -> None:
+    time.sleep(_DELAY)
     main = threading.main_thread().ident
-    if hasattr(signal, "pthread_kill") and main is not None:
-        signal.pthread_kill(main, signal.SIGINT)  # also where it waits for the system
-    else:
-        interrupt_main()
+    if main is not None:
+        signal.pthread_kill(main, signal.SIGINT)  # also during a system call
 
 
-def _imports(frame: FrameType | None) -> bool:
-    """Tell whether a module is being imported there."""
+def _is_importing(frame: FrameType | None) -> bool:
+    """Tell whether a frame is within the import of a module."""
     while frame is not None:
         if frame.f_code.co_filename == _IMPORTING:
             return True
@@ -177,11 +173,11 @@ def _imports(frame: FrameType | None) -> bool:
 
 
 @contextmanager
-def _handled(react: Reaction, *, wanted: Collection[int] = ()) -> Iterator[None]:
+def _handle_signals(react: Reaction, *, wanted: Collection[int] = ()) -> Iterator[None]:
     """Handle the signals that end a process.
 
-    Those that a program handles in its own way are left to it, and one that is ignored stays so,
-    such as SIGHUP under `nohup`; but not where it is `wanted`.
+    Handlers of the program stay in place, and ignored signals stay ignored, such as SIGHUP under
+    `nohup`, unless the signal is `wanted`.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -15,7 +15,7 @@ from expdesign.robot import Robot
 from expdesign.runfolder import MissingFileError
 from expdesign.runfolder.manifest import file_hash
 from expdesign.trajectory import FourierTrajectory
-from expdesign.workers.local import EndlessError, output_of
+from expdesign.workers.local import EndlessError, run_isolated
 
 _AGAIN = "a table as `expdesign export` wrote it, with its exports.json; export it again"
 
@@ -64,7 +64,7 @@ def read_table_file(path: Path, settings: Settings) -> TableFile:
 def _refuse_crashing(path: Path, settings: Settings) -> None:
     if settings.form.may_crash:
         try:
-            read = output_of(settings.form.may_crash, path) is not None
+            read = run_isolated(settings.form.may_crash, path) is not None
         except EndlessError:
             read = False
         if not read:

@@ -1,11 +1,12 @@
-"""The certificate of a motion: how far each limit is used at every instant, proved.
+"""The certificate of a motion: a proved bound of every limit's excess at every instant.
 
-Every limit is enclosed over cells of time that cover the motion, and cells that are not decided are
-divided: branch and bound. What is found is an excess that the motion does have, what is proved is
-one that it has at no instant more than. The two are brought together until they are `CLOSE`.
+Every limit is enclosed over cells of time that cover the motion, and undecided cells are divided:
+branch and bound. The excess found is attained by the motion; the proved one is exceeded at no
+instant. Division continues until the two are `CLOSE`.
 
 Where a rate changes its sign, dry friction jumps, and both signs count: cells are cut where rates
-change. Rates that change within the same cell of `INSTANT` count with every combination of signs.
+change sign. Rates that change sign within the same cell of `INSTANT` count with every combination
+of signs.
 """
 
 from __future__ import annotations
@@ -35,30 +36,30 @@ from expdesign.robot import LimitModel
 from expdesign.trajectory import FourierTrajectory
 
 CLOSE = 5e-7
-"""Share of a limit's range by which what is proved is above what was found, or less."""
+"""Largest difference between proved and found excess, as a share of a limit's range."""
 INSTANT = 1e-10
 """Share of the motion's duration below which cells are not divided."""
 CELLS = 512
-"""How many to begin with."""
+"""Number of cells at the beginning."""
 MOST_CELLS = 40_000
-"""How many are enclosed before the rest is left open."""
+"""Largest number of cells that are enclosed; the others stay open."""
 _PARTS = 8
 _BLOCK = 1024
 
 
 class EnclosedMotion(Protocol):
-    """A motion of the pose that can be enclosed over cells of time."""
+    """A motion of the pose with enclosures over cells of time."""
 
     @property
     def breaks(self) -> Array:
-        """(K,), s: when it begins and ends, and between them what no cell may reach across."""
+        """(K,), s: beginning, end, and the instants between them that no cell may contain."""
 
     def models(self, edges: Array) -> list[TaylorModel]:
         """Return the models of pose, rate, acceleration and jerk, 24, over cells (N, 2), s."""
 
 
 def recheck(limits: LimitModel, trajectory: FourierTrajectory) -> Recheck:
-    """Judge every limit over one period, at every instant."""
+    """Check every limit at every instant of one period, with a proof."""
     checks = certify(limits, EnclosedSeries(trajectory))
     period = trajectory.period
     return Recheck(tuple(replace(check, time=check.time % period) for check in checks))
@@ -67,17 +68,16 @@ def recheck(limits: LimitModel, trajectory: FourierTrajectory) -> Recheck:
 def certify(
     limits: LimitModel, motion: EnclosedMotion, *, cells: int = CELLS, most: int = MOST_CELLS
 ) -> tuple[LimitCheck, ...]:
-    """Return the worst moment of every limit, and what is proved of it.
+    """Return the worst moment of every limit, with the proved bound of its excess.
 
-    A limit that has no enclosure is looked at in the middle of `LEAST_POINTS` cells; nothing is
-    proved of it.
+    A limit without an enclosure is sampled in the middle of `LEAST_POINTS` cells, without a proof.
 
     Parameters
     ----------
     cells : int
-        How many to begin with.
+        Number of cells at the beginning.
     most : int
-        How many are enclosed before the rest is left open.
+        Largest number of cells that are enclosed; the others stay open.
     """
     edges = _divided(motion.breaks, cells)
     try:
@@ -97,13 +97,13 @@ def certify(
         enclosed += len(edges)
         proof.open_excess[:] = -np.inf
         blocks = [slice(start, start + _BLOCK) for start in range(0, len(edges), _BLOCK)]
-        with np.errstate(all="ignore"):  # what is not known is infinite, or not a number
-            looked = [
-                proof.look(motion, edges[block], undecided[block], INSTANT * span)
+        with np.errstate(all="ignore"):  # unknown values are infinite or NaN
+            examined = [
+                proof.examine(motion, edges[block], undecided[block], INSTANT * span)
                 for block in blocks
             ]
-        edges, undecided, turns = (np.concatenate(part) for part in zip(*looked, strict=True))
-        if enclosed < most:  # what is left open is told by its own cells, not by their parts
+        edges, undecided, turns = (np.concatenate(part) for part in zip(*examined, strict=True))
+        if enclosed < most:  # open cells are reported as they are, undivided
             edges, undecided = _parts(edges, undecided, turns, INSTANT * span)
     return proof.checks(edges, undecided)
 
@@ -134,9 +134,9 @@ def _divided(breaks: Array, cells: int) -> Array:
 
 
 def _parts(edges: Array, undecided: Mask, turns: Array, instant: float) -> tuple[Array, Mask]:
-    """Return the parts of cells, which together cover what the cells do, and what is open there.
+    """Divide cells; return the parts, (P, 2), and their undecided limits, (P, L).
 
-    Where a rate turns, the instant about it is cut out; other cells are divided evenly.
+    Around the sign change of a rate an instant is cut out; other cells are divided evenly.
     """
     start, end = edges[:, 0], edges[:, 1]
     cut = np.isfinite(turns)
@@ -155,7 +155,7 @@ def _parts(edges: Array, undecided: Mask, turns: Array, instant: float) -> tuple
 
 @dataclass(frozen=True)
 class _Found:
-    """An excess that a motion has."""
+    """The largest excess found so far."""
 
     row: int = -1
     value: float = np.nan
@@ -169,26 +169,26 @@ class _Side(NamedTuple):
     limit: Limit
     row: int
     sign: float
-    """1: not above the bound; −1: not below."""
+    """1: upper bound; −1: lower bound."""
 
     @property
     def bound(self) -> float:
         return float((self.limit.upper if self.sign > 0 else self.limit.lower)[self.row])
 
     def excess(self, values: Array) -> Array:
-        """Return how far values are beyond the bound as a share of the range, rounded up."""
+        """Return the excess of values over the bound as a share of the range, rounded up."""
         rounding = 8 * EPS * (np.abs(values) + abs(self.bound))
         found = (self.sign * (values - self.bound) + rounding) / self.limit.range[self.row]
         return np.nan_to_num(found, nan=np.inf, posinf=np.inf)
 
 
 class _Proof:
-    """What is known of every limit, as cell after cell is looked at.
+    """The state of the proof of all limits.
 
     Attributes
     ----------
     decided_excess, open_excess : (L,)
-        Largest excess that is possible in the cells that are decided, and in those that are not.
+        Largest possible excess in the decided cells, and in the open ones.
     """
 
     def __init__(self, limits: LimitModel) -> None:
@@ -197,15 +197,15 @@ class _Proof:
         self._best = [_Found() for _ in range(count)]
         self._cells = np.zeros(count, dtype=int)
         self._stuck = np.zeros(count)
-        # Until a cell is looked at anything is possible.
+        # Before any cell is examined everything is possible.
         self.decided_excess, self.open_excess = np.full(count, -np.inf), np.full(count, np.inf)
 
-    def look(
+    def examine(
         self, motion: EnclosedMotion, edges: Array, undecided: Mask, instant: float
     ) -> tuple[Array, Mask, Array]:
-        """Enclose limits over cells; return those that have to be divided, for what, and where.
+        """Enclose limits over cells; return the undecided cells, their limits, and where to cut.
 
-        That is when a rate turns, s, (N,), or NaN.
+        The cut is the time of a rate's sign change, s, (N,), or NaN.
         """
         which = [int(k) for k in np.flatnonzero(undecided.any(axis=0))]
         rows, turns = self._enclosed(motion.models(edges), which)
@@ -228,12 +228,12 @@ class _Proof:
         return edges[again], left[again], places[again]
 
     def checks(self, edges: Array, undecided: Mask) -> tuple[LimitCheck, ...]:
-        """Return what was found and proved, when these cells (N, 2) are left open, (N, L)."""
+        """Return the checks of all limits when these cells (N, 2) stay open for limits (N, L)."""
         width = np.diff(edges, axis=1)
         left = self._stuck + np.sum(np.where(undecided, width, 0.0), axis=0)
         proved = np.maximum(self.decided_excess, self.open_excess)
         checks = []
-        # Where there was something to keep, and no value of it was found: it may be any.
+        # A limited quantity without any value found may have any value.
         unknown = np.isfinite(proved) | (proved > 0)
         for k, (limit, best) in enumerate(zip(self._model.limits, self._best, strict=True)):
             violation = np.inf if best.row < 0 and unknown[k] else best.violation
@@ -249,7 +249,7 @@ class _Proof:
     def _possible(
         self, k: int, rows: list[EnclosedRow], edges: Array, here: Mask, smallest: Mask
     ) -> Array:
-        """Return what excess of a limit each cell may have, (N,); note the largest it has."""
+        """Return the largest possible excess of a limit in each cell, (N,); record those found."""
         worst = np.full(len(edges), -np.inf)
         for side, row in _sides(self._model.limits[k], rows):
             low, high = row.bounds()
@@ -257,14 +257,14 @@ class _Proof:
             worst = np.maximum(worst, excess)
             promising = here & (excess > self._best[k].violation)
             if np.any(promising):
-                self._note(k, side, row, edges, promising, smallest)
+                self._record(k, side, row, edges, promising, smallest)
         return worst
 
-    def _note(
+    def _record(
         self, k: int, side: _Side, row: EnclosedRow, edges: Array, here: Mask, smallest: Mask
     ) -> None:
-        """Take the largest excess that the motion certainly has in some of the cells."""
-        # Where a sign is open the row jumps somewhere: only within an instant it is said here.
+        """Record the largest excess that the motion certainly attains in some of the cells."""
+        # With an undecided sign the row jumps within the cell: only instants are recorded.
         known = here & (smallest | (row.changing == 0))
         values, places = _extremes(row, side.sign, len(edges))
         best = np.where(known & np.isfinite(values), values, -np.inf)
@@ -277,7 +277,7 @@ class _Proof:
 
 
 def _sides(limit: Limit, rows: list[EnclosedRow]) -> Iterator[tuple[_Side, EnclosedRow]]:
-    """Yield every bound that there is, with the row that it bounds."""
+    """Yield every finite bound with its row."""
     for number, row in enumerate(rows):
         for sign, bounds in ((1.0, limit.upper), (-1.0, limit.lower)):
             if np.isfinite(bounds[number]):
@@ -285,7 +285,7 @@ def _sides(limit: Limit, rows: list[EnclosedRow]) -> Iterator[tuple[_Side, Enclo
 
 
 def _extremes(row: EnclosedRow, sign: float, cells: int) -> tuple[Array, Array]:
-    """Return values of sign × row that are reached in each cell, and where, τ, (N,) each."""
+    """Return values of sign × row that are attained in each cell, and their places τ, (N,)."""
     if row.middle is not None:
         return sign * row.middle, np.zeros(cells)
     model = row.model

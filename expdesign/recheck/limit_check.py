@@ -1,4 +1,4 @@
-"""The worst moment of every limit of a motion: what was found, what is proved, what it says."""
+"""Limits of a motion: the worst moment of each, on a fine grid, and motion without limits."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ TOLERANCE = 1e-6
 class LimitCheck:
     """The worst moment of one limit: a row of ``tables/limits.csv``.
 
-    `row` is empty for a limit of a single row. `value` may be NaN, where it could not be computed;
-    such a limit is not kept.
+    `row` is empty for a limit of a single row. `value` is NaN if it could not be computed; such a
+    limit is not kept.
     """
 
     key: Annotated[str, described("", "key of the limit in the YAML", name="limit")]
@@ -47,19 +47,21 @@ class LimitCheck:
             "one-sided limit); negative: margin",
         ),
     ]
-    time: Annotated[OpenNumber, described("s", "when, from the start of the period")]
-    origin: Annotated[str, described("", "where the bound was given")]
+    time: Annotated[
+        OpenNumber, described("s", "time of the worst moment, from the start of the period")
+    ]
+    origin: Annotated[str, described("", "source of the bound")]
     proved: Annotated[
         OpenNumber,
-        described("1", "the same of every instant: proved to be no more; empty: only sampled"),
+        described("1", "proved upper bound of the excess at every instant; empty: only sampled"),
     ] = np.nan
-    cells: Annotated[int, described("1", "cells of time that it was proved over")] = 0
+    cells: Annotated[int, described("1", "cells of time of the proof")] = 0
     open_time: Annotated[
-        OpenNumber, described("s", "how much of the motion is in cells that were left open")
+        OpenNumber, described("s", "duration of the motion in cells that stayed open")
     ] = 0.0
     stated: Annotated[
         OpenNumber,
-        described("see unit", "the bound as it is stated: it is drawn in by the reserve"),
+        described("see unit", "the bound as stated, before the reserve is subtracted"),
     ] = np.nan
     reserve: Annotated[
         float, described("1", "share of the stated range that is kept free (limits.reserve)")
@@ -72,7 +74,7 @@ class LimitCheck:
 
     @property
     def possible(self) -> float:
-        """Largest excess that there may be: what is proved; where nothing is, what was found."""
+        """Largest possible excess: the proved one, or the one found if nothing is proved."""
         return float(np.fmax(self.proved, self.violation))
 
     @property
@@ -82,7 +84,7 @@ class LimitCheck:
 
     @property
     def used(self) -> float:
-        """How much of the limit is used: 1 at the bound; see `LimitDefinition.share_used`."""
+        """Share of the limit that is used, 1 at the bound; see `LimitDefinition.share_used`."""
         definition = limit_definitions().get(self.key)
         if definition is None:
             return 1 + self.violation
@@ -90,12 +92,12 @@ class LimitCheck:
 
     @property
     def strut(self) -> int | None:
-        """Number of the strut, from 1; None for a row that is not one strut's."""
+        """Number of the strut, from 1; None for a row of another kind."""
         word, _, number = self.row.partition(" ")
         return int(number) if word == "strut" else None
 
     def __str__(self) -> str:
-        """Return it in words: what is how large, when, and which bound it comes closest to."""
+        """Return the quantity, its value, time and bound in words."""
         row = f" of {self.row}" if self.row else ""
         return (
             f"{self.title}{row} is {self.value:.6g} {self.unit} at {self.time:.4f} s, the bound "
@@ -104,9 +106,9 @@ class LimitCheck:
 
 
 def worst_of_each(checks: Iterable[LimitCheck]) -> tuple[LimitCheck, ...]:
-    """Return the worst check of every limit, of parts of a motion that were judged apart.
+    """Return the worst check of every limit over the separately checked parts of a motion.
 
-    What is proved, and what it took, is that of all parts.
+    Proved excess, cells and open time are those of all parts.
     """
     worst: dict[str, LimitCheck] = {}
     for check in checks:
@@ -129,7 +131,7 @@ class Recheck:
 
     limits: tuple[LimitCheck, ...]
     span: str = "one period"
-    """What was looked at, in words."""
+    """The checked part of the motion, in words."""
 
     @property
     def worst(self) -> float:
@@ -138,44 +140,50 @@ class Recheck:
 
     @property
     def possible(self) -> float:
-        """Largest excess over a limit that there may be, as a share of its range."""
+        """Largest possible excess over a limit, as a share of its range."""
         return max((check.possible for check in self.limits), default=-np.inf)
 
     @property
     def passed(self) -> bool:
-        """True when no limit was found broken by more than `TOLERANCE` of its range."""
+        """Whether no violation of more than `TOLERANCE` of a limit's range was found."""
         return self.worst <= TOLERANCE
 
     @property
     def certified(self) -> bool:
-        """True when every limit is proved to be kept at every instant, within `TOLERANCE`."""
+        """Whether every limit is proved to be kept at every instant, within `TOLERANCE`."""
         return all(check.certified for check in self.limits)
 
     @property
     def method(self) -> str:
-        """How the limits were checked, in words."""
+        """Method of the check, in words."""
         cells = max((check.cells for check in self.limits), default=0)
-        said = f"unsmoothed model enclosed over up to {cells} cells of time of {self.span}"
+        text = f"unsmoothed model enclosed over up to {cells} cells of time of {self.span}"
         left = max((check.open_time for check in self.limits), default=0.0)
         if self.certified or not self.passed:
-            return f"{said}: holds for every instant"
-        return f"{said}: not proved for every instant, {left:.3g} s stayed open"
+            return f"{text}: holds for every instant"
+        return f"{text}: not proved for every instant, {left:.3g} s stayed open"
 
 
 FINER = 20
-"""The fine grid has at least this many points for every sample of the design."""
+"""Smallest number of points of the fine grid per sample of the design."""
 LEAST_POINTS = 4000
 
 
 class Motion(Protocol):
-    """Anything that moves the platform: a trajectory, or a motion from rest to rest."""
+    """A motion of the platform: a trajectory, or a motion from rest to rest."""
 
     def sample(self, times: Array) -> PoseSamples:
         """Return pose, rate and acceleration at times, s."""
 
 
 def grid_points(samples: int) -> int:
-    """Return the number of points of the fine grid on which a design of `samples` is finished."""
+    """Return the number of points of the fine grid of the finish of a design with `samples`.
+
+    Examples
+    --------
+    >>> grid_points(100), grid_points(1000)
+    (4000, 20000)
+    """
     return max(LEAST_POINTS, FINER * samples)
 
 
@@ -185,14 +193,14 @@ def states_at(motion: Motion, times: Array) -> Array:
 
 
 def worst_sampled(limits: LimitModel, times: Array, values: Array) -> tuple[LimitCheck, ...]:
-    """Return the worst of some instants of every limit, by the unsmoothed model; no proof.
+    """Return the worst sampled moment of every limit by the exact model, without a proof.
 
     Parameters
     ----------
     times : (N,)
         s.
     values : (N, R)
-        The limited quantities then.
+        Limited quantities at these times.
     """
     violations = limits.excess(values)
     checks = []
@@ -223,7 +231,15 @@ def limit_check(limit: Limit, row: int, value: float, violation: float, time: fl
 
 
 def local_worst(rows: Array, *, periodic: bool) -> Mask:
-    """Mark the entries of rows (N, R) that are no smaller than one step before and after."""
+    """Mark the local maxima of rows (N, R) over the steps.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> rows = np.array([[0.0], [2.0], [1.0], [3.0]])
+    >>> local_worst(rows, periodic=True)[:, 0].tolist()
+    [False, True, False, True]
+    """
     ahead, behind = _neighbours(rows, periodic=periodic)
     peaks: Mask = (rows >= ahead) & (rows >= behind)
     return peaks
@@ -237,17 +253,17 @@ def _neighbours(rows: Array, *, periodic: bool) -> tuple[Array, Array]:
 
 
 REACHED = 0.99
-"""Share of a limit that is used from which on it counts as one that is reached."""
+"""Used share from which on a limit counts as reached."""
 
 
-def reached(model: LimitModel, values: Array) -> Mask:
-    """Return which rows of limits are reached at which instant, (N, R).
+def reached_limits(model: LimitModel, values: Array) -> Mask:
+    """Tell for every instant which rows of limits are reached, (N, R).
 
     Parameters
     ----------
     model : LimitModel
     values : (N, R)
-        As of `LimitModel.values`. One that is not a number is beyond its limit.
+        As returned by `LimitModel.values`. NaN counts as beyond the limit.
     """
     excess, found = model.excess(values), np.zeros(values.shape, dtype=bool)
     for limit, columns in zip(model.limits, model.columns, strict=True):
@@ -266,11 +282,11 @@ _DIGITS = 3
 
 @dataclass(frozen=True)
 class Unlimited:
-    """How far a motion goes in a quantity that nothing limits.
+    """The extreme value of a quantity without a limit.
 
-    `value` is the smallest of a limit that bounds from below, and otherwise the largest size, of
-    what has a range (rotations, lengths, joint angles) counted `from_home`. SI; `row` names the
-    component, strut or pair of struts that it is of.
+    `value`, SI, is the smallest value of a quantity that limits bound from below, and otherwise the
+    largest magnitude, of quantities with a range (rotations, lengths, joint angles) `from_home`.
+    `row` names the component, strut or pair of struts.
     """
 
     key: str
@@ -288,10 +304,10 @@ class Unlimited:
 
 
 def unlimited(robot: Robot, motion: Motion, times: Array) -> tuple[Unlimited, ...]:
-    """Return what a motion does at the times (N,), s, where neither robot nor run limit it.
+    """Return the extreme values of quantities that neither robot nor run limit.
 
-    Of a limit on components every open component is told, of others the row that goes furthest.
-    The times should be a fine grid: nothing is looked at between them.
+    Limits on components give one value per open component, others the extreme row. The times (N,),
+    s, should be a fine grid: nothing is evaluated between them.
     """
     found: list[Unlimited] = []
     open_ones = open_rows(robot.description)
@@ -308,7 +324,7 @@ def unlimited(robot: Robot, motion: Motion, times: Array) -> tuple[Unlimited, ..
             extremes, furthest = rows.min(axis=0), np.argmin
         else:
             extremes, furthest = np.abs(rows).max(axis=0), np.argmax
-        told = range(len(extremes)) if definition.components else [int(furthest(extremes))]
+        rows_shown = range(len(extremes)) if definition.components else [int(furthest(extremes))]
         found += [
             Unlimited(
                 definition.key,
@@ -318,22 +334,22 @@ def unlimited(robot: Robot, motion: Motion, times: Array) -> tuple[Unlimited, ..
                 definition.unit,
                 from_home,
             )
-            for k in told
+            for k in rows_shown
         ]
     return tuple(found)
 
 
 def unlimited_warning(found: Sequence[Unlimited]) -> str:
-    """Say which limits are not set and what a motion does there; empty where all are set."""
+    """Return a warning about limits that are not set, with the motion's values; empty: all set."""
     known = limit_definitions()
     names = (
         named_rows(known[key], [one.row for one in rows])
         for key, rows in groupby(found, key=lambda one: one.key)
     )
-    said = open_in_words(names)
-    return f"{said}. There the motion reaches: {in_words(found)}" if said else ""
+    text = open_in_words(names)
+    return f"{text}. There the motion reaches: {in_words(found)}" if text else ""
 
 
 def in_words(found: Sequence[Unlimited]) -> str:
-    """List what a motion reaches."""
+    """Return the values that a motion reaches, as a list in words."""
     return "; ".join(str(one) for one in found)

@@ -1,4 +1,7 @@
-"""A job: a function of picklable data, done with what its process has built once."""
+"""Jobs, and the worker process that does one after the other.
+
+A job is a function of picklable data and of an object that its process has built once.
+"""
 
 from __future__ import annotations
 
@@ -20,21 +23,21 @@ from expdesign.configuration import ComputationError
 
 @dataclass(frozen=True)
 class Monitor:
-    """What a search or a study reports to, and asks whether to stop; by default nobody.
+    """Receiver of the events of a search or a study, and source of requests to stop.
 
-    Anything with the functions that are called does as well.
+    Any other object with these functions serves as well.
     """
 
     stop_requested: Callable[[], bool] = lambda: False
-    """Whether the work should end with what it has."""
+    """Returns whether the work should end with its results so far."""
     report: Callable[[Any], None] = lambda _event: None
-    """Takes one event, of whatever kind the jobs report."""
+    """Receives one event of a job."""
     advanced: Callable[[int, int], None] = lambda _done, _total: None
-    """Takes how many repetitions are done, of all that are wanted."""
+    """Receives the number of finished repetitions and their total."""
 
 
 class StoppedError(ComputationError):
-    """A stop was requested before there was anything that could be kept."""
+    """A stop was requested before there was any result."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,7 @@ class Job:
     arguments: tuple[Any, ...]
 
     def run(self, recipe: bytes, monitor: Monitor) -> Any:
-        """Do it with one BLAS thread, and with what the pickled recipe builds in this process."""
+        """Run it with one BLAS thread; the pickled recipe builds its first argument, once."""
         with threadpool_limits(1):
             return self.function(_built_from(recipe), monitor, *self.arguments)
 
@@ -54,7 +57,7 @@ _built: dict[str, Any] = {}
 
 
 def _built_from(recipe: bytes) -> Any:
-    """Build once per process; what the last recipe built stays."""
+    """Build once per process; only the object of the last recipe is kept."""
     key = hashlib.sha256(recipe).hexdigest()
     if key not in _built:
         _built.clear()
@@ -63,21 +66,21 @@ def _built_from(recipe: bytes) -> Any:
 
 
 IDLE_SECONDS = 300.0
-"""A worker that has nothing to do for so long ends: it holds some hundred megabytes."""
+"""Idle time after which a worker ends: it holds some hundred megabytes."""
 
 JOB, STOP = "job", "stop"
-"""What a run sends: ``(JOB, recipe, pickled job, whether to stop)`` or ``(STOP,)``."""
+"""Messages of a run: ``(JOB, recipe, pickled job, whether to stop)`` or ``(STOP,)``."""
 EVENT, RESULT, ERROR = "event", "result", "error"
-"""What it gets: ``(EVENT, event)``, and for every job ``(RESULT, result)`` or
+"""Messages of a worker: ``(EVENT, event)``, and for every job ``(RESULT, result)`` or
 ``(ERROR, exception, traceback)``."""
 
 
 def serve(handle: int) -> None:
-    """Be a worker: take jobs from a connection, send events and results there.
+    """Serve as a worker: receive jobs from a connection, send events and results.
 
-    The connection is also what the worker lives by. However the run ends, the system closes it, and
-    the worker ends at once. Signals that end a run are the run's own business: a terminal sends
-    them to its workers, too. They are held when this process begins, and stay so.
+    However the run ends, the system closes the connection, and the worker ends at once. Signals
+    that end a run are blocked in this process from its beginning: a terminal sends them to the
+    workers, too, but only the run handles them.
     """
     os.set_inheritable(handle, False)
     run = Connection(handle)
@@ -93,12 +96,12 @@ def serve(handle: int) -> None:
         try:
             run.send_bytes(_answer(*jobs.get(timeout=IDLE_SECONDS), monitor))
         except (queue.Empty, OSError):
-            # Nothing to do, or nobody to do it for. Nothing here has to be put in order.
+            # No job for a long time, or the run has ended. There is nothing to clean up.
             os._exit(0)
 
 
 def _listen(run: Connection, jobs: queue.Queue[tuple[bytes, bytes]], stop: threading.Event) -> None:
-    """Take what the run sends; end the process when the run has ended."""
+    """Receive the messages of the run; end the process when the run has ended."""
     try:
         while True:
             kind, *content = run.recv()
@@ -113,16 +116,16 @@ def _listen(run: Connection, jobs: queue.Queue[tuple[bytes, bytes]], stop: threa
 
 
 def _answer(recipe: bytes, packed: bytes, monitor: Monitor) -> bytes:
-    """Do a job; return its result, or what went wrong in a form that arrives, pickled."""
+    """Run a job; return its pickled result or error."""
     try:
         job: Job = pickle.loads(packed)
         return pickle.dumps((RESULT, job.run(recipe, monitor)))
     except Exception as error:  # noqa: BLE001 - raised where the result is waited for
         text = traceback.format_exc()
         try:
-            # Some exceptions can be pickled and not be made again.
+            # Some exceptions can be pickled, but not unpickled.
             pickle.loads(answer := pickle.dumps((ERROR, error, text)))
-        except Exception:  # noqa: BLE001 - whatever it is, there is something to tell
-            said = RuntimeError(f"{type(error).__name__}: {error}")
-            return pickle.dumps((ERROR, said, text))
+        except Exception:  # noqa: BLE001 - the error is reported whatever it is
+            report = RuntimeError(f"{type(error).__name__}: {error}")
+            return pickle.dumps((ERROR, report, text))
         return answer

@@ -1,4 +1,4 @@
-"""Jobs on local processes, one BLAS thread each, with live events and a way to stop them."""
+"""Jobs in local processes, with live events and requests to stop; isolated Python programs."""
 
 from __future__ import annotations
 
@@ -41,37 +41,37 @@ def run_jobs(
 ) -> Iterator[Any]:
     """Run jobs in up to `workers` processes; yield their results in the jobs' order.
 
-    Processes stay for the next jobs, with what they have built. They end with this process,
-    whatever ends it.
+    Processes have one BLAS thread each. They stay for the next jobs, with the objects that they
+    have built, and they end with this process.
 
     Parameters
     ----------
     build : callable
-        Picklable; builds what every job gets as its first argument, once per process.
+        Picklable; builds the first argument of every job, once per process.
     workers : int
         1: everything runs in this process.
     monitor : Monitor
-        Gets the events of all jobs; its request to stop reaches them between two iterations.
+        Receives the events of all jobs; its request to stop reaches them between two iterations.
     after_stop : bool
-        Whether jobs begin although a stop has been requested: those that save the results.
-        Otherwise they are left out, and fewer results come.
+        Whether jobs begin even after a request to stop, such as those that save results.
+        Otherwise fewer results are yielded.
     then : callable, optional
-        Gets every result, in the jobs' order, before it is yielded, where the results are taken; a
-        job that it returns is done after those that are there, unless a stop was requested.
+        Gets every result, in the jobs' order, before it is yielded, in the thread of the caller.
+        A job that it returns is added at the end, unless a stop was requested.
 
     Raises
     ------
     WorkerDiedError
         A process ended without a result.
     Exception
-        What a job has raised.
+        An exception of a job.
     """
     recipe = pickle.dumps(build)
     used = min(workers, len(jobs))
-    # One that is there already may have built what the job needs.
-    if used > 1 or (used == 1 < workers and any_idle()):
+    # An idle process may have built the object already.
+    if used > 1 or (used == 1 < workers and has_idle_worker()):
         team = _Team(recipe, jobs, monitor, after_stop=after_stop, then=then)
-        yield from _in_processes(team, used)
+        yield from _run_in_processes(team, used)
         return
     waiting = deque(jobs)
     while waiting and (after_stop or not monitor.stop_requested()):
@@ -82,8 +82,8 @@ def run_jobs(
         yield result
 
 
-def _in_processes(team: _Team, workers: int) -> Iterator[Any]:
-    # A thread of its own: workers get the jobs that are there whatever is done with results here.
+def _run_in_processes(team: _Team, workers: int) -> Iterator[Any]:
+    # In another thread, workers get further jobs while the caller handles the results.
     direction = threading.Thread(target=team.direct, args=(workers,), daemon=True)
     direction.start()
     try:
@@ -94,7 +94,7 @@ def _in_processes(team: _Team, workers: int) -> Iterator[Any]:
 
 
 class _Team:
-    """Workers that do jobs together, in a thread that hands these out and takes the answers."""
+    """Workers for a list of jobs; a thread distributes the jobs and receives the answers."""
 
     def __init__(
         self,
@@ -108,7 +108,7 @@ class _Team:
         self._recipe, self._monitor, self._after_stop = recipe, monitor, after_stop
         self._waiting, self._numbers = deque(jobs), itertools.count()
         self._then, self._open = then, len(jobs) if then else 0
-        """How many jobs there are that others may follow from."""
+        """Number of jobs that may still be followed by another one."""
         self._stopping = False
         self._busy: dict[WorkerProcess, int] = {}
         self._free: list[WorkerProcess] = []
@@ -116,17 +116,16 @@ class _Team:
         """None: there may be another job."""
         self._outcomes: queue.Queue[tuple[int, Any] | BaseException | None] = queue.Queue()
         self.abandoned = threading.Event()
-        """Set when nobody waits for outcomes any more: workers that have a job are ended."""
+        """Set when the caller has closed the iterator: busy workers are then ended."""
 
     def outcomes(self) -> Iterator[Any]:
-        """Yield the results in the jobs' order; raise what a job has raised."""
+        """Yield the results in the jobs' order; raise the exception of a job."""
         arrived: dict[int, Any] = {}
         following = 0
         while True:
             try:
-                # Not without end: on some systems no signal gets through meanwhile.
                 outcome = self._outcomes.get(timeout=_POLL)
-            except queue.Empty:
+            except queue.Empty:  # signals are handled between two waits
                 continue
             if outcome is None:
                 return
@@ -151,33 +150,33 @@ class _Team:
         self._answers.put(None)
 
     def direct(self, workers: int) -> None:
-        """Have all jobs done."""
+        """Distribute all jobs."""
         try:
-            self._free = taken(workers, self._answers)
+            self._free = take_workers(workers, self._answers)
             while self._hand_out() and not self.abandoned.is_set():
                 self._take_answer()
             self._outcomes.put(None)
-        except BaseException as error:  # noqa: BLE001 - it is raised where the results are taken
+        except BaseException as error:  # noqa: BLE001 - raised in the thread of the caller
             self._outcomes.put(error)
         finally:
             for worker in self._busy:
                 worker.end()
-            given_back(self._free)
+            return_workers(self._free)
 
     def _hand_out(self) -> bool:
-        """Give jobs to those who have none; tell whether anybody has one, or one may follow."""
+        """Give jobs to idle workers; return whether any job is under way or may follow."""
         if not self._stopping and self._monitor.stop_requested():
             self._stopping = True
             for worker in self._busy:
                 worker.stop()
         while self._free and (self._after_stop or not self._stopping):
-            # Taken one by one: a request to stop ends them, however many are left.
+            # One by one: a request to stop prevents all further ones.
             if not self._waiting:
                 break
             worker, job = self._free.pop(), self._waiting.popleft()
-            if not worker.is_fit:  # it had nothing to do for long
+            if not worker.is_fit:  # idle for too long
                 worker.end()
-                (worker,) = taken(1, self._answers)
+                (worker,) = take_workers(1, self._answers)
             self._busy[worker] = next(self._numbers)
             worker.begin(self._recipe, job, stopping=self._stopping)
         return bool(self._busy) or (self._open > 0 and (self._after_stop or not self._stopping))
@@ -194,7 +193,7 @@ class _Team:
             return
         if answer is None:
             raise WorkerDiedError(
-                "a worker process died, perhaps for want of memory; fewer workers need less"
+                "a worker process died, perhaps out of memory; fewer workers need less memory"
             )
         kind, content, *more = pickle.loads(answer)
         if kind == EVENT:
@@ -210,7 +209,7 @@ class _Team:
 
 
 Answer = bytes | None
-"""As `expdesign.workers.job` sends it, pickled; None when the process has ended."""
+"""A pickled message of `expdesign.workers.job`; None when the process has ended."""
 
 _THREADS = (
     "OMP_NUM_THREADS",
@@ -221,23 +220,21 @@ _THREADS = (
     "NUMEXPR_NUM_THREADS",
 )
 _ERRORS = 2
-"""Where standard output of a worker goes, too: what a library prints there."""
+"""Standard error of this process, which also receives the standard output of workers."""
 _KEPT = 0.8 * IDLE_SECONDS
-"""A worker that was idle for longer is about to end by itself, and gets no job."""
+"""Idle time after which a worker gets no further job: it is about to end."""
 
 
 class WorkerProcess:
-    """A process that does one job at a time.
+    """A process that does one job at a time, with a connection to it.
 
-    It is a program of its own, with a connection to it. No other process is needed, no file and no
-    name in the system: whatever ends this process closes the connection, which ends it.
+    The end of this process closes the connection, and that ends the worker.
     """
 
     def __init__(self) -> None:
-        folders = os.pathsep.join(folder or str(Path.cwd()) for folder in sys.path)
         self._connection, its = Pipe()
         handle = its.fileno()
-        with its, _signals_held():
+        with its, _blocked_signals():
             self._process = subprocess.Popen(
                 [
                     *(sys.executable, "-P", "-c"),
@@ -245,44 +242,47 @@ class WorkerProcess:
                 ],
                 stdin=subprocess.DEVNULL,
                 stdout=_ERRORS,
-                env={**os.environ, "PYTHONPATH": folders, **dict.fromkeys(_THREADS, "1")},
+                env=_environment(),
                 pass_fds=[handle],
             )
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self.answers: queue.Queue[tuple[WorkerProcess, Answer] | None] = queue.Queue()
-        """Takes what it answers; whoever gives it a job sets it before."""
+        """Receives the answers; set before a job is given."""
         self.idle_since = time.monotonic()
+        self._has_ended = False
         self._listener.start()
 
     def _listen(self) -> None:
-        # One that was killed before it took all that was sent is an error.
+        # The connection breaks if the process was killed before it received everything.
         with contextlib.suppress(EOFError, OSError):
             while True:
                 answer = self._connection.recv_bytes()
-                # Not before it is there: where answers go changes while there are none.
+                # After the answer has arrived: the queue may be replaced between answers.
                 self.answers.put((self, answer))
+        self._has_ended = True
         self.answers.put((self, None))
 
     def begin(self, recipe: bytes, job: Job, *, stopping: bool) -> None:
-        """Give it a job, and tell whether a stop has been requested."""
-        self._tell((JOB, recipe, pickle.dumps(job), stopping))
+        """Give it a job, and pass on whether a stop was requested."""
+        self._send((JOB, recipe, pickle.dumps(job), stopping))
 
     def stop(self) -> None:
-        """Pass a request to stop on to its job."""
-        self._tell((STOP,))
+        """Pass a request to stop to its job."""
+        self._send((STOP,))
 
-    def _tell(self, message: tuple[Any, ...]) -> None:
-        # One that has ended is noticed by its answer.
+    def _send(self, message: tuple[Any, ...]) -> None:
+        # The end of the process is noticed by its answer.
         with contextlib.suppress(OSError):
             self._connection.send(message)
 
     @property
     def is_fit(self) -> bool:
-        """Whether it lives, and will still when it gets a job."""
-        return self._process.poll() is None and time.monotonic() - self.idle_since < _KEPT
+        """Whether it is alive and will still be when it gets a job."""
+        idle = time.monotonic() - self.idle_since
+        return not self._has_ended and self._process.poll() is None and idle < _KEPT
 
     def end(self) -> None:
-        """End it at once, whatever it does."""
+        """End it at once."""
         self._process.kill()
         self._process.wait()
         self._listener.join()
@@ -294,10 +294,10 @@ _foreign: list[WorkerProcess] = []
 _lock = threading.Lock()
 
 
-def taken(
+def take_workers(
     count: int, answers: queue.Queue[tuple[WorkerProcess, Answer] | None]
 ) -> list[WorkerProcess]:
-    """Return workers, those first that are there already; what they answer goes to `answers`."""
+    """Return workers, idle ones first; their answers go to `answers`."""
     with _lock:
         idle, _idle[:] = _idle[::-1], []
     fit = [worker for worker in idle if worker.is_fit]
@@ -311,21 +311,21 @@ def taken(
         while len(team) < count:
             team.append(WorkerProcess())
     except BaseException:
-        given_back(team)
+        return_workers(team)
         raise
     for worker in team:
         worker.answers = answers
     return team
 
 
-def any_idle() -> bool:
-    """Tell whether there is a worker without a job."""
+def has_idle_worker() -> bool:
+    """Tell whether there is an idle worker."""
     with _lock:
         return any(worker.is_fit for worker in _idle)
 
 
-def given_back(workers: Iterable[WorkerProcess]) -> None:
-    """Keep workers without a job for the next that has some."""
+def return_workers(workers: Iterable[WorkerProcess]) -> None:
+    """Keep idle workers for later jobs."""
     with _lock:
         _idle.extend(workers)
 
@@ -337,27 +337,32 @@ def _end_all() -> None:
 
 
 def _forget() -> None:
-    """Leave workers alone in a copy of this process: they are not its own."""
+    """Leave the workers to the parent in a copy of this process."""
     _foreign.extend(_idle)
     _idle.clear()
 
 
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forget)
+os.register_at_fork(after_in_child=_forget)
 
 
 @contextlib.contextmanager
-def _signals_held() -> Iterator[None]:
-    """Hold the signals that end a run while a worker starts.
+def _blocked_signals() -> Iterator[None]:
+    """Block the signals that end a run while a worker starts.
 
-    A terminal sends them to every process. A worker inherits that they are held, for all its life.
-    In this process they arrive afterwards.
+    A terminal sends them to every process. A worker inherits the mask and keeps it. In this process
+    they arrive afterwards.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _environment() -> dict[str, str]:
+    """Return the environment of a Python process with this one's path and one BLAS thread."""
+    folders = os.pathsep.join(folder or str(Path.cwd()) for folder in sys.path)
+    return {**os.environ, "PYTHONPATH": folders, **dict.fromkeys(_THREADS, "1")}
 
 
 _SECONDS = 300
@@ -372,26 +377,26 @@ warnings.simplefilter("ignore")
 
 
 class EndlessError(Exception):
-    """The program did not end."""
+    """A program did not end in time."""
 
 
-def output_of(program: str, path: Path) -> bytes | None:
-    """Return what a Python program prints of a file, ``sys.argv[1]``; None where it fails.
+def run_isolated(program: str, path: Path) -> bytes | None:
+    """Return the output of a Python program on a file, ``sys.argv[1]``; None if it fails.
 
-    It has 4 GB of memory.
+    It runs in a separate process with 4 GB of memory, for libraries that trust the sizes in a file:
+    one wrong byte may crash them or exhaust the memory.
 
     Raises
     ------
     EndlessError
-        It does not end within 300 s.
+        The program does not end within 300 s.
     """
-    folders = os.pathsep.join(folder or str(Path.cwd()) for folder in sys.path)
     try:
         child = subprocess.run(
             [sys.executable, "-P", "-c", _LIMITS + program, str(path)],
             stdin=subprocess.DEVNULL,
             capture_output=True,
-            env={**os.environ, "PYTHONPATH": folders, "OPENBLAS_NUM_THREADS": "1"},
+            env=_environment(),
             timeout=_SECONDS,
             check=False,
         )

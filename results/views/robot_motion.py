@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from expdesign.experiment import DesignResult
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.recheck.limit_check import REACHED, reached
+from expdesign.recheck.limit_check import REACHED, reached_limits
 from expdesign.robot import LimitModel, Robot
 from results.views.folder import RunFolder
 from results.views.view import Animation
@@ -90,7 +90,7 @@ def _limits(robot: Robot, motion: _Motion, chosen: NDArray[np.intp]) -> dict[str
         if limit.key == _LIMITED_FORCE:
             # Those that are shown, which may be of an estimate.
             values[:, columns] = motion.force
-    at = reached(model, values)
+    at = reached_limits(model, values)
     by_frame = np.logical_or.reduceat(at, chosen, axis=0)
     rows = np.flatnonzero(np.any(by_frame, axis=0))
     position = {row: k for k, row in enumerate(rows.tolist())}

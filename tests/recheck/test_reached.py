@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from constraints import Limit, limit_definitions
-from expdesign.recheck.limit_check import REACHED, reached
+from expdesign.recheck.limit_check import REACHED, reached_limits
 from expdesign.robot import LimitModel, load_robot
 
 PALIDA = load_robot("palida")
@@ -14,7 +14,7 @@ NEAR, FAR = 1 - 0.9 * (1 - REACHED), 1 - 1.1 * (1 - REACHED)
 def rows_of(key, lower, upper, values):
     definition = limit_definitions()[key]
     limit = Limit(definition, np.array(lower), np.array(upper), tuple("abc"[: len(lower)]), "")
-    return reached(LimitModel(PALIDA, (limit,)), np.array(values)).tolist()
+    return reached_limits(LimitModel(PALIDA, (limit,)), np.array(values)).tolist()
 
 
 def test_of_two_sides_it_is_counted_from_the_middle():

@@ -20,7 +20,7 @@ from constraints.arrays import Array
 from expdesign.configuration.errors import InputError
 from expdesign.machines.machine import MachineDraft, MachineFormat, Question, rows
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.workers.local import EndlessError, output_of
+from expdesign.workers.local import EndlessError, run_isolated
 
 _LARGEST = 64 * 1024 * 1024
 _MOST_NUMBERS = 64
@@ -138,7 +138,7 @@ def _variables(path: Path) -> dict[str, Any]:
         most = f"{_LARGEST // 1024**2} MiB; save only the variables of the geometry"
         raise InputError("the file is too large", path, allowed=most)
     try:
-        found = output_of(_PROGRAM, path)
+        found = run_isolated(_PROGRAM, path)
     except EndlessError:
         raise InputError("reading does not end: the file is damaged", path) from None
     if found is None:
