@@ -159,6 +159,11 @@ def ratio_tail(value: float, weights: Array, freedom: float) -> float:
         λ, not negative, not all zero.
     freedom : float
         ν; inf for a known denominator.
+
+    Examples
+    --------
+    >>> round(ratio_tail(8.2, np.ones(2), 10.0), 2), round(ratio_tail(5.99, np.ones(2), np.inf), 2)
+    (0.05, 0.05)
     """
     known = not np.isfinite(freedom)
     terms, counts = np.unique(weights[weights > 0], return_counts=True)

@@ -25,7 +25,7 @@ from estimation.estimators.experiment import Experiment
 from estimation.estimators.influence import Influence, systematic_share
 from estimation.estimators.joint_equations import PerturbedMachine, force_equations
 from estimation.estimators.priors import ParameterPriors
-from estimation.estimators.result import ParameterEstimate, precision
+from estimation.estimators.result import ParameterEstimate, covariance_fields
 from estimation.measurement_model.normal_equations import Filter, NormalEquations
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation
@@ -70,7 +70,7 @@ def linear_estimate(
     found = ParameterEstimate(
         estimator=estimator,
         values=fit.values,
-        **precision(influences, problem.joint_priors, prior_share),
+        **covariance_fields(influences, problem.joint_priors, prior_share),
         motions=tuple(e.fit.motion for e in experiments if e.fit is not None),
         cost=fit.cost,
         iterations=iterations,

@@ -19,7 +19,7 @@ from estimation.estimators.experiment import Experiment
 from estimation.estimators.influence import Influence, systematic_share
 from estimation.estimators.joint_equations import PerturbedMachine, joint_equations
 from estimation.estimators.priors import ParameterPriors
-from estimation.estimators.result import ParameterEstimate, precision
+from estimation.estimators.result import ParameterEstimate, covariance_fields
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import Elimination, NormalEquations
 from expdesign.progress import report_progress
@@ -122,7 +122,7 @@ def maximum_likelihood(
     found = ParameterEstimate(
         estimator="ml",
         values=values[: problem.parameters],
-        **precision(
+        **covariance_fields(
             influences, joint_priors, joint_priors.prior_share(inverse, problem.parameters)
         ),
         motions=tuple(motions),

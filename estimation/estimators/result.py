@@ -130,7 +130,7 @@ class ParameterEstimate:
         return replace(found, systematic=replace(systematic, std=std))
 
 
-def precision(
+def covariance_fields(
     influences: Sequence[Influence], priors: ParameterPriors, prior_share: Array
 ) -> dict[str, Any]:
     """Return the covariances of `ParameterEstimate`, their freedom and colour.

@@ -117,7 +117,13 @@ def interval_widths(freedom: Array) -> Array:
 
 
 def correlation(covariance: Array) -> Array:
-    """Return the correlation matrix, (m, m); zeros for parameters without variance."""
+    """Return the correlation matrix, (m, m); zeros for parameters without variance.
+
+    Examples
+    --------
+    >>> correlation(np.array([[4.0, 1.0], [1.0, 1.0]])).tolist()
+    [[1.0, 0.5], [0.5, 1.0]]
+    """
     std = np.sqrt(np.diag(covariance))
     product = np.multiply.outer(std, std)
     return np.divide(covariance, product, out=np.zeros_like(covariance), where=product > 0)

@@ -18,7 +18,7 @@ from estimation.estimators import (
     linear_estimate,
     maximum_likelihood,
 )
-from estimation.estimators.result import precision
+from estimation.estimators.result import covariance_fields
 from estimation.kinematics.fourier_fit import _turned_information, fit_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, fold_recording
@@ -336,7 +336,7 @@ def test_intervals_cover_with_the_spectrum_of_few_periods(periods, memory):
             force_gain=influence.force_gain / share,
             length_gain=influence.length_gain / share,
         )
-        stated = precision([own], KNOWN, np.zeros_like(influence.force_gain))
+        stated = covariance_fields([own], KNOWN, np.zeros_like(influence.force_gain))
         std = np.sqrt(np.diag(stated["covariance"]))
         hits.append(np.abs(error[:, 0]) <= interval_widths(stated["freedom"]) * std)
     coverage, trials = np.mean(hits), len(hits)
