@@ -76,7 +76,7 @@ def test_the_formats_are_listed(expdesign, tmp_path, monkeypatch):
     assert expdesign("export", "list") == (0, answer, "")
     (tmp_path / "list").mkdir()
     status, _, messages = expdesign("export", "list")
-    assert (status, "no run.yaml" in messages) == (2, True)
+    assert (status, "run.yaml is missing" in messages) == (2, True)
 
 
 def test_without_a_format_the_tables_of_the_run_are_written(expdesign, folder):
@@ -334,7 +334,7 @@ def test_one_of_several_tables_of_the_run_is_named(expdesign, folder, resolved):
 
 def test_folders_that_are_none(expdesign, folder, tmp_path):
     status, _, messages = expdesign("export", tmp_path, "--format", "csv")
-    assert (status, "no run.yaml" in messages) == (2, True)
+    assert (status, "run.yaml is missing" in messages) == (2, True)
     (folder / "design.json").unlink()
     status, _, messages = expdesign("export", folder, "--format", "csv")
     assert (status, "design.json" in messages) == (2, True)

@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 
 from estimation.twin import Twin
+from estimation.twin import truth as truths
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.robot import load_robot
 from expdesign.runfolder.manifest import file_hash
-from expdesign.stages import experiment
 from expdesign.trajectory import FourierTrajectory
 
 COLUMNS = ["t", *(f"{name}{j}" for name in "qQ" for j in range(1, 7)), "period"]
@@ -376,7 +376,7 @@ def test_a_failure_removes_nothing(expdesign, run_file, design, tmp_path):
 
 def test_ctrl_c_keeps_what_is_complete(expdesign, run_file, design, tmp_path, monkeypatch):
     out, written = tmp_path / "out", []
-    write = experiment.write_measurement
+    write = truths.write_measurement
 
     def interrupted(measurement, path):
         if len(written) == 4:
@@ -384,7 +384,7 @@ def test_ctrl_c_keeps_what_is_complete(expdesign, run_file, design, tmp_path, mo
         write(measurement, path)
         written.append(str(path.relative_to(out)))
 
-    monkeypatch.setattr(experiment, "write_measurement", interrupted)
+    monkeypatch.setattr(truths, "write_measurement", interrupted)
     arguments = ("--design", design, "--out", out, "--repetitions", 50)
     # A shell lets what it starts in the background ignore the signal.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)

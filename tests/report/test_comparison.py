@@ -341,7 +341,7 @@ def test_what_cannot_be_compared(folder, twin, tmp_path, expdesign_says):
     for folders, reason in (
         ([folder], "two run folders"),
         ([folder, folder], "named twice"),
-        ([folder, tmp_path], "no run folder"),
+        ([folder, tmp_path], "not a run folder"),
     ):
         with pytest.raises(InputError, match=reason):
             compare(folders, tmp_path / "out")
