@@ -21,10 +21,10 @@ from threadpoolctl import threadpool_limits
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
-from estimation.diagnostics.diagnosis_result import ExperimentDiagnosis
+from estimation.diagnostics.diagnosis_result import AttributedDiagnosis
 from estimation.diagnostics.linearisation import Signature
 from estimation.diagnostics.search import EffectTests
-from estimation.identification.estimate import parameter_priors, run_estimators
+from estimation.identification.estimation import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from expdesign.configuration import RunConfiguration, load_run
@@ -221,7 +221,7 @@ def _heavier(mass: float) -> Robot:
 
 def diagnosed(
     recorded: Recorded, number: int, run: RunConfiguration, memory: float = 0.0
-) -> ExperimentDiagnosis:
+) -> AttributedDiagnosis:
     """Measure, estimate and diagnose.
 
     Parameters
@@ -243,10 +243,10 @@ def diagnosed(
     knowledge = parameter_priors(run, robot)
     experiment = prepare_experiment(run, robot, data, design())
     found = run_estimators(robot, [experiment], knowledge, ("gm",))["gm"]
-    return diagnose(robot, [experiment], knowledge, found).experiments[0]
+    return diagnose(robot, [experiment], knowledge, found).recordings[0]
 
 
-def named(diagnosis: ExperimentDiagnosis) -> list[tuple[Name, bool]]:
+def named(diagnosis: AttributedDiagnosis) -> list[tuple[Name, bool]]:
     """Return what is named, first what is most certain, and whether for sure.
 
     A gain that drifts comes first: the periods' differences know of no model.

@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks.studies import Row, equivalent_run, palida_design, summary
 from constraints.arrays import Array
 from estimation.estimators import ParameterEstimate
-from estimation.identification.estimate import parameter_priors, run_estimators
+from estimation.identification.estimation import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from expdesign.configuration import RunConfiguration

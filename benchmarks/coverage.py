@@ -23,7 +23,7 @@ from benchmarks.studies import (
     ratio_text,
 )
 from estimation.estimators import covariance_ml_less_gm
-from estimation.identification.estimate import parameter_priors, run_estimators
+from estimation.identification.estimation import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.montecarlo.result import PooledStatistics
 from estimation.twin import Twin

@@ -21,12 +21,11 @@ import numpy as np
 import pandas as pd
 
 from constraints.arrays import Array
-from estimation import identification
 from estimation.feedforward.comparison import WIDTH, compare_feedforward
 from estimation.feedforward.forward_dynamics import ForwardDynamics, Model
 from estimation.feedforward.result import FeedforwardResult
-from estimation.identification.estimate_file import EstimateFile
-from estimation.identification.saved import saved_estimate
+from estimation.identification import estimate_parameters, estimation_result
+from estimation.identification.identified_model import identified_model
 from estimation.twin import Twin
 from expdesign.configuration import RunConfiguration, load_run
 from expdesign.configuration.robot import load_robot_description
@@ -100,10 +99,7 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
         if case.machine not in estimates:
             estimates[case.machine] = [_estimates(run, k) for k in range(1, count + 1)]
         for name in ESTIMATORS:
-            found = [
-                compare_feedforward(run, made[name], None).summary
-                for made in estimates[case.machine]
-            ]
+            found = [compare_feedforward(run, made[name], None) for made in estimates[case.machine]]
             yield _loop_row(case, name, found)
 
 
@@ -140,9 +136,9 @@ def _run(case: Case) -> RunConfiguration:
 def _estimates(run: RunConfiguration, repetition: int) -> dict[str, Any]:
     design = TrajectoryFile.read(_DESIGN).trajectory
     data = Twin.of(run, design).measurement(repetition)
-    result = identification.estimate(run, [data], [design])
-    file = EstimateFile.of(result, None)
-    return {name: saved_estimate(file, Path(), result.robot, name) for name in ESTIMATORS}
+    found = estimate_parameters(run, [data], [design])
+    result = estimation_result(found)
+    return {name: identified_model(result, Path(), found.robot, name) for name in ESTIMATORS}
 
 
 def _loop_row(case: Case, estimator: str, found: list[FeedforwardResult]) -> Row:
@@ -276,9 +272,7 @@ def _widths() -> Iterator[Row]:
     """Follow the circle with other widths of the smoothed friction."""
     run = _run(CASES[0])
     saved = _estimates(run, 1)["gm"]
-    found = [
-        compare_feedforward(run, saved, None, factor * WIDTH).summary for factor in (4.0, 1.0, 0.25)
-    ]
+    found = [compare_feedforward(run, saved, None, factor * WIDTH) for factor in (4.0, 1.0, 0.25)]
     for name in ("none", "identified", "true"):
         sizes = [1e6 * one.case(name).rms_struts for one in found]
         yield _row(

@@ -30,7 +30,7 @@ from benchmarks.studies import (
     summary,
     unbiased,
 )
-from estimation.identification.estimate import parameter_priors, run_estimators
+from estimation.identification.estimation import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.montecarlo import run_study
 from estimation.montecarlo.result import MonteCarloResult, StatisticsRow

@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_limits
 from constraints.arrays import Array
 from estimation.data.reading import read_measurement
 from estimation.diagnostics.diagnosis import diagnose
-from estimation.identification.estimate import estimate
+from estimation.identification import estimate_parameters
 from expdesign.configuration import load_run
 from expdesign.robot import Robot, load_robot
 from expdesign.trajectory import TrajectoryFile
@@ -176,8 +176,8 @@ def _identify(
     section = {"estimators": list(ESTIMATORS), "noise": case.noise}
     run = load_run({"name": "multibody", "robot": "palida", "data": DATA, "estimate": section})
     data = read_measurement(path, run.run.data, robot)
-    result = estimate(run, data, TrajectoryFile.read(_DESIGN).trajectory)
-    diagnosis = diagnose(result.robot, result.experiments, result.knowledge, result.best)
+    result = estimate_parameters(run, data, TrajectoryFile.read(_DESIGN).trajectory)
+    diagnosis = diagnose(result.robot, result.experiments, result.priors, result.best)
     return (
         {key: (one.values, one.covariance) for key, one in result.estimates.items()},
         diagnosis.verdict.status.value,

@@ -22,8 +22,8 @@ from constraints.arrays import Array
 from estimation.estimators import Experiment
 from estimation.estimators.joint_equations import joint_equations, reduced_information
 from estimation.estimators.payload import TEN, payload_estimate
-from estimation.identification import estimate
-from estimation.identification.estimate import parameter_priors, run_estimators
+from estimation.identification import estimate_parameters
+from estimation.identification.estimation import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.kinematics.fourier_fit import MotionFit
 from estimation.measurement_model import HarmonicMotion
@@ -67,7 +67,7 @@ def speed(_repetitions: int) -> Iterator[Row]:
     designed, busy_designing = time.perf_counter(), _processor_seconds()
     recording = Twin.of(run, result.trajectory).measurement(1)
     measured, busy_measuring = time.perf_counter(), _processor_seconds()
-    found = estimate(run, recording, result.trajectory)
+    found = estimate_parameters(run, recording, result.trajectory)
     ended, busy_ended = time.perf_counter(), _processor_seconds()
     taken = [busy_designing - busy, busy_ended - busy_measuring]
     wall = [designed - began, ended - measured]

@@ -26,7 +26,7 @@ from benchmarks.studies import (
 )
 from constraints.arrays import Array
 from estimation.estimators import ParameterEstimate, ParameterPriors
-from estimation.identification.estimate import parameter_priors, run_estimators
+from estimation.identification.estimation import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from estimation.uncertainty.consistency import consistent_estimate

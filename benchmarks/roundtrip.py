@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from benchmarks.studies import CLEAR_BIAS
-from estimation.identification.estimate import parameter_priors, run_estimators
+from estimation.identification.estimation import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from expdesign.configuration import RunConfiguration, export_section, load_run

@@ -21,7 +21,8 @@ from threadpoolctl import threadpool_limits
 import expdesign
 from constraints.arrays import Array
 from estimation.diagnostics.diagnosis import diagnose
-from estimation.identification.estimate import estimate, parameter_priors, run_estimators
+from estimation.identification import estimate_parameters
+from estimation.identification.estimation import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from expdesign.configuration import load_run
@@ -147,9 +148,9 @@ def _left_out(mapping: dict[str, Any], twin: Twin, result: Any) -> Iterator[Row]
     first: Counter[str] = Counter()
     sizes = []
     for number in range(1, LEFT_OUT + 1):
-        found = estimate(run, twin.measurement(number), result.trajectory)
-        diagnosis = diagnose(found.robot, found.experiments, found.knowledge, found.best)
-        effects = diagnosis.experiments[0].attribution.effects
+        found = estimate_parameters(run, twin.measurement(number), result.trajectory)
+        diagnosis = diagnose(found.robot, found.experiments, found.priors, found.best)
+        effects = diagnosis.recordings[0].attribution.effects
         first[effects[0].kind if effects else "nothing"] += 1
         sizes += [effects[0].value] if effects and effects[0].kind == "drive_inertia" else []
     named = ", ".join(f"{kind} {count}" for kind, count in first.items())

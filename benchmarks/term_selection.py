@@ -22,7 +22,7 @@ from constraints.arrays import Mask
 from estimation.diagnostics.linearisation import linearise
 from estimation.diagnostics.residual_covariance import held_out_residual_covariance
 from estimation.diagnostics.residuals import lack_of_fit
-from estimation.identification import EstimationResult, estimate, prepare_experiment
+from estimation.identification import Estimation, estimate_parameters, prepare_experiment
 from estimation.identification.term_selection import Selection
 from estimation.twin import Twin
 from estimation.validation.motions import motion_of_run
@@ -181,7 +181,7 @@ class _Found:
 def _run(section: str, number: int) -> _Found:
     case, run = SECTIONS[section], configuration(section)
     twin, own = _twin(section), robot_from(run.robot)
-    result = estimate(run, twin.measurement(number), design())
+    result = estimate_parameters(run, twin.measurement(number), design())
     if result.selection is None:
         raise RuntimeError("the run selects")
     chosen = {"bic": frozenset(result.selection.chosen)}
@@ -204,7 +204,7 @@ def _run(section: str, number: int) -> _Found:
     )
 
 
-def _passes(section: str, number: int, result: EstimationResult) -> Mask:
+def _passes(section: str, number: int, result: Estimation) -> Mask:
     """Return which actuators pass on a circle that nothing was fitted to."""
     circle, twin = _circle(section)
     best = result.best
@@ -213,7 +213,7 @@ def _passes(section: str, number: int, result: EstimationResult) -> Mask:
     experiment = prepare_experiment(result.configuration, robot, data, circle, held_out=True)
     if experiment.fit is None:
         raise RuntimeError("the motion is a series")
-    free = result.knowledge.free
+    free = result.priors.free
     part = linearise(robot, experiment, best.values, free, experiment.fit.motion)
     white = part.apply_filters(experiment.noise)
     return ~lack_of_fit(white, held_out_residual_covariance(white, experiment, best)).failed
@@ -221,7 +221,7 @@ def _passes(section: str, number: int, result: EstimationResult) -> Mask:
 
 def _strength(section: str) -> Row:
     """Return χ² of each planted term beside the others, in one run."""
-    result = estimate(configuration(section), _twin(section).measurement(1), design())
+    result = estimate_parameters(configuration(section), _twin(section).measurement(1), design())
     steps = () if result.selection is None else result.selection.steps
     planted = SECTIONS[section].planted
     last = {row.term: row for row in steps if row.term in planted}

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks.studies import equivalent_run, palida_design
 from constraints.arrays import Array
 from estimation.estimators import ParameterEstimate
-from estimation.identification.estimate import (
+from estimation.identification.estimation import (
     add_systematic_uncertainty,
     parameter_priors,
     run_estimators,

@@ -13,12 +13,12 @@ from estimation.diagnostics.attribution import Attribution, attribute
 from estimation.diagnostics.candidate_effects import CandidateEffects
 from estimation.diagnostics.channel_assignment import assignment_findings
 from estimation.diagnostics.diagnosis_result import (
+    AttributedDiagnosis,
     ChiSquares,
-    Diagnosis,
-    ExperimentDiagnosis,
-    ExperimentTests,
     PitchResult,
     PitchRow,
+    RecordingTests,
+    ResidualDiagnosis,
 )
 from estimation.diagnostics.finding import DiagnosisVerdict, Status
 from estimation.diagnostics.findings import check_motion_onset, verdict
@@ -27,7 +27,12 @@ from estimation.diagnostics.hypotheses import list_hypotheses
 from estimation.diagnostics.hypothesis import DelayTest, HypothesisResult
 from estimation.diagnostics.joint_system import JointSystem, SolvedSystem, joint_systems
 from estimation.diagnostics.linearisation import Linearisation, Signature, linearise
-from estimation.diagnostics.noise_result import NoisePictures
+from estimation.diagnostics.noise_result import (
+    Histogram,
+    NoiseCovariances,
+    Quantiles,
+    covariance_fields,
+)
 from estimation.diagnostics.noise_tests import NoiseTests, Whiteness, noise_tests, whiteness
 from estimation.diagnostics.plausibility import plausibility
 from estimation.diagnostics.residual_covariance import (
@@ -66,7 +71,7 @@ def diagnose(
     estimate: ParameterEstimate,
     *,
     held_out: bool = False,
-) -> Diagnosis:
+) -> ResidualDiagnosis:
     """Diagnose an estimate, or its prediction of held-out data.
 
     Several experiments share the significance levels equally.
@@ -89,10 +94,17 @@ def diagnose(
         for case in cases
     ]
     if held_out:
-        return Diagnosis(estimate.estimator, tuple(results), verdict(results))
+        return _result(estimate, results, verdict(results))
     used = [case.experiment for case in cases]
     judgement = _judge_estimate(robot, used, priors, estimate, results)
-    return Diagnosis(estimate.estimator, tuple(results), judgement)
+    return _result(estimate, results, judgement)
+
+
+def _result(
+    estimate: ParameterEstimate, results: Sequence[AttributedDiagnosis], judgement: DiagnosisVerdict
+) -> ResidualDiagnosis:
+    tests = tuple(result.tests for result in results)
+    return ResidualDiagnosis(estimate.estimator, judgement, tests, tuple(results))
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +205,7 @@ def _judge_estimate(
     experiments: Sequence[Experiment],
     priors: ParameterPriors,
     estimate: ParameterEstimate,
-    results: Sequence[ExperimentDiagnosis],
+    results: Sequence[AttributedDiagnosis],
 ) -> DiagnosisVerdict:
     """Judge also the parameters and, if any test fails, the assignment of the channels."""
     own = *check_motion_onset(experiments), plausibility(robot, priors, estimate)
@@ -213,7 +225,7 @@ def _diagnose_experiment(
     *,
     shares: int,
     held_out: bool,
-) -> ExperimentDiagnosis:
+) -> AttributedDiagnosis:
     """Search one experiment for effects and test it, at 1/`shares` of the levels."""
     experiment, part = case.experiment, case.part
     effects = CandidateEffects(robot, experiment, case.motion, estimate.values, part)
@@ -246,12 +258,14 @@ def _diagnose_experiment(
     )
     if not case.own_motion and not held_out:
         tests = replace(tests, harmonics_left_out=experiment.harmonics_left_out)
-    return ExperimentDiagnosis(
+    return AttributedDiagnosis(
         tests=tests,
         residuals=force_residuals(experiment, part),
         dependence=tuple(dependence(experiment, part)),
         pitches=tuple(_pitches(attribution)),
-        **NoisePictures.parts(experiment.noise, noises),
+        histogram=Histogram.of(noises.samples, noises.normality.forces.std),
+        quantiles=Quantiles.of(noises.samples),
+        noise=NoiseCovariances(**covariance_fields(experiment.noise)),
         pointwise=experiment.fit is None,
         attribution=attribution,
     )
@@ -301,7 +315,7 @@ def _tests(
     *,
     shares: int,
     held_out: bool,
-) -> ExperimentTests:
+) -> RecordingTests:
     """Test forces and lengths at 1/`shares` of the levels.
 
     `explained` is the fit with all effects found; `residuals` are those of forces and lengths.
@@ -330,10 +344,11 @@ def _tests(
         for tests in (first, last)
     )
     (delay,) = (hypothesis for hypothesis in attribution.hypotheses if hypothesis.kind == "delay")
-    return ExperimentTests(
+    return RecordingTests(
         normality=noises.normality,
         drift=noises.drift,
         held_out=held_out,
+        harmonics_left_out=0,
         chi_square=ChiSquares(sizes[0], sizes[1], length_size),
         lack_of_fit=lack[0],
         lack_of_fit_with_effects=lack[1],

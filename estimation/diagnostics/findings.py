@@ -13,7 +13,7 @@ from estimation.diagnostics.attribution import (
     hypothesis_finding,
     position_periodic_finding,
 )
-from estimation.diagnostics.diagnosis_result import ExperimentDiagnosis, ExperimentTests
+from estimation.diagnostics.diagnosis_result import AttributedDiagnosis, RecordingTests
 from estimation.diagnostics.finding import (
     Assumption,
     DiagnosisVerdict,
@@ -28,7 +28,7 @@ from estimation.diagnostics.residuals import ChiSquare
 from estimation.diagnostics.significance import CHI_SQUARE
 from estimation.estimators.experiment import Experiment
 
-_OfNoise = NoiseTests | ExperimentTests
+_OfNoise = NoiseTests | RecordingTests
 """Types with tests of the noise."""
 
 _EXPLAINED = Assumption(
@@ -115,7 +115,7 @@ _MOVING = Assumption(
 
 
 def verdict(
-    experiments: Sequence[ExperimentDiagnosis], *of_the_estimate: Finding
+    experiments: Sequence[AttributedDiagnosis], *of_the_estimate: Finding
 ) -> DiagnosisVerdict:
     """Judge an estimate by its own findings and by those of its experiments."""
     findings = (
@@ -141,7 +141,7 @@ def verdict(
     return DiagnosisVerdict(Status.ACCEPTED, summary, findings)
 
 
-def experiment_findings(diagnosis: ExperimentDiagnosis) -> list[Finding]:
+def experiment_findings(diagnosis: AttributedDiagnosis) -> list[Finding]:
     """Return the findings of one experiment, one per assumption."""
     tests, white = diagnosis.tests, diagnosis.tests.whiteness.force_residuals
     if white is None:
@@ -168,7 +168,7 @@ def noise_findings(tests: _OfNoise) -> tuple[Finding, ...]:
     return _noise_white(tests), *_distribution(tests), _periods(tests)
 
 
-def _bias(diagnosis: ExperimentDiagnosis) -> Finding:
+def _bias(diagnosis: AttributedDiagnosis) -> Finding:
     """Report the actuators with a bias, and the effects that explain it."""
     test, left = diagnosis.tests.lack_of_fit, diagnosis.tests.lack_of_fit_with_effects
     if test.refused:
@@ -202,7 +202,7 @@ def _bias(diagnosis: ExperimentDiagnosis) -> Finding:
     return _EXPLAINED.fails(sentence, p, test.level, where, advice)
 
 
-def _gain_drift(tests: ExperimentTests) -> Finding:
+def _gain_drift(tests: RecordingTests) -> Finding:
     """Report gains that drift from period to period."""
     test = tests.gain_drift
     if test.refused:
@@ -225,7 +225,7 @@ def _gain_drift(tests: ExperimentTests) -> Finding:
     )
 
 
-def _motion(tests: ExperimentTests, left: str) -> list[Finding]:
+def _motion(tests: RecordingTests, left: str) -> list[Finding]:
     """Report whether the estimated motion explains the lengths."""
     test, white = tests.chi_square.lengths, tests.whiteness.length_residuals
     if test is None or white is None:

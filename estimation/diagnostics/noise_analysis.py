@@ -19,18 +19,18 @@ from estimation.diagnostics.finding import Assumption, Finding
 from estimation.diagnostics.findings import noise_findings
 from estimation.diagnostics.noise_density import NoiseDensity, noise_density
 from estimation.diagnostics.noise_result import (
-    HumKeys,
-    NoiseFile,
-    NoiseRecord,
+    Histogram,
+    Hum,
+    NoiseResult,
+    Quantiles,
     correlation_of,
-    noise_keys,
+    covariance_fields,
 )
 from estimation.diagnostics.noise_tests import noise_tests
 from estimation.processing import Channels, NoiseModel, PeriodicRecording, PeriodSource
 from estimation.processing.hum import HUM, MAINS, HumLine, HumSearch
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.progress import report_progress
-from expdesign.runfolder import copied
 
 _ROUNDING = 1e-12
 """Relative rounding error of a mean over equal numbers."""
@@ -56,7 +56,7 @@ _WIDTH = 78
 _KINDS = {"force": ("N", 1.0), "length": ("mm", 1e3)}
 
 
-def analyse_noise(record: PeriodicRecording, source: str = "") -> NoiseRecord:
+def analyse_noise(record: PeriodicRecording, source: str = "") -> NoiseResult:
     """Analyse the noise of a recording of two periods or more; `source` is its file.
 
     Raises
@@ -86,10 +86,8 @@ def analyse_noise(record: PeriodicRecording, source: str = "") -> NoiseRecord:
     report_progress("spectrum of the lengths", 1, 2)
     length_density, length_hum = noise_density(record.lengths, record.step)
     searches = {"force": force_hum, "length": length_hum}
-    summary = copied(
-        NoiseFile,
-        tests,
-        **noise_keys(noise),
+    result = NoiseResult(
+        **covariance_fields(noise),
         recording=source,
         rows=record.rows,
         periods=float(record.periods),
@@ -98,20 +96,22 @@ def analyse_noise(record: PeriodicRecording, source: str = "") -> NoiseRecord:
         at_rest=record.source is PeriodSource.REST,
         force_std=np.sqrt(np.diag(forces.covariance)),
         length_std=np.sqrt(np.diag(lengths.covariance)),
+        whiteness=tests.whiteness,
+        normality=tests.normality,
+        drift=tests.drift,
         hum=tuple(
-            HumKeys(quantity, line.frequency, line.amplitudes)
+            Hum(quantity, line.frequency, line.amplitudes)
             for quantity, search in searches.items()
             for line in (() if search is None else search.lines)
         ),
         findings=(*noise_findings(tests), hum_finding(searches, tests.whiteness.refused)),
-    )
-    return NoiseRecord(
-        summary=summary,
-        block=noise_block(summary, {"force": force_density, "length": length_density}),
+        histogram=Histogram.of(tests.samples, tests.normality.forces.std),
+        quantiles=Quantiles.of(tests.samples),
         force_density=force_density,
         length_density=length_density,
-        **NoiseRecord.parts(noise, tests),
+        block=None,
     )
+    return replace(result, block=noise_block(result))
 
 
 def _find_constant(channels: Channels) -> Mask:
@@ -175,16 +175,11 @@ def _join_frequencies(frequencies: Iterable[float]) -> str:
     return ", ".join(f"{frequency:.4g}" for frequency in sorted(frequencies))
 
 
-def noise_block(noise: NoiseFile, densities: dict[str, NoiseDensity]) -> str:
+def noise_block(noise: NoiseResult) -> str:
     """Return the `noise:` section with units, to paste into a robot or run file.
 
     It contains significant correlations. A comment names the file of a spectrum, and a comment
     replaces a standard deviation that the recording does not show.
-
-    Parameters
-    ----------
-    densities : dict of str to NoiseDensity
-        By kind, force or length; without rows if there is none.
     """
     lines = [
         *_comment(
@@ -201,6 +196,7 @@ def noise_block(noise: NoiseFile, densities: dict[str, NoiseDensity]) -> str:
         "noise:",
     ]
     freedoms = {"force": noise.force_freedom, "length": noise.length_freedom}
+    densities = {"force": noise.force_density, "length": noise.length_density}
     covariances = {"force": noise.force_covariance, "length": noise.length_covariance}
     for kind, (unit, factor) in _KINDS.items():
         covariance = covariances[kind]
@@ -232,7 +228,7 @@ def _correlation(kind: str, covariance: Array, freedom: float) -> list[str]:
     return [f"  {kind}_correlation:", *(f"    - [{row}]" for row in rows)]
 
 
-def _spectrum_comment(noise: NoiseFile, kind: str, density: NoiseDensity) -> list[str]:
+def _spectrum_comment(noise: NoiseResult, kind: str, density: NoiseDensity) -> list[str]:
     test = getattr(noise.whiteness, f"{kind}_noise")
     hum = any(line.quantity == kind for line in noise.hum)
     if not len(density.frequency) or not (hum or (test is not None and np.any(test.failed))):

@@ -1,10 +1,9 @@
-"""The noise of a recording as a run folder keeps it: `noise.json`, tables, and its pictures."""
+"""The result of the stage `noise`: covariances, tests, spectra and lines for the robot file."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Protocol, Self
 
 import numpy as np
 import scipy
@@ -13,29 +12,21 @@ from pydantic import BeforeValidator
 from constraints.arrays import Array
 from estimation.diagnostics.finding import Finding
 from estimation.diagnostics.noise_density import NoiseDensity
-from estimation.diagnostics.noise_tests import (
-    Drifts,
-    NoiseTests,
-    Normalities,
-    Normality,
-    Whitenesses,
-)
+from estimation.diagnostics.noise_tests import Drifts, Normalities, Normality, Whitenesses
 from estimation.processing import NoiseModel
 from estimation.processing.noise import NoiseEstimate
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import (
-    ArrayTable,
     Column,
     Covariance,
-    FolderRecord,
-    JsonFile,
     Numbers,
-    RowTable,
+    StageResult,
+    Table,
+    Text,
     described,
     sized,
     strutwise,
 )
-from expdesign.runfolder.files import write_text
 
 
 def _infinite(value: object) -> object:
@@ -43,12 +34,12 @@ def _infinite(value: object) -> object:
 
 
 Freedom = Annotated[float, BeforeValidator(_infinite)]
-"""Degrees of freedom behind a covariance; infinitely many, null in a file, when it was given."""
+"""Degrees of freedom of a covariance; infinite for a given one, null in a file."""
 
 
-@dataclass(frozen=True, eq=False)
-class NoiseKeys:
-    """Size of the noise: Σ and Δ of one sample."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NoiseCovariances:
+    """Covariances Σ and Δ of one sample."""
 
     source: Annotated[str, described("", "estimated, given or residuals")]
     force_covariance: Annotated[Covariance, described("N^2", "Σ, 6 × 6")]
@@ -57,8 +48,8 @@ class NoiseKeys:
     length_freedom: Annotated[Freedom, described("1", "degrees of freedom of Δ; null when given")]
 
 
-def noise_keys(noise: NoiseModel) -> dict[str, Any]:
-    """Return the values of `NoiseKeys`, for the types that have further ones."""
+def covariance_fields(noise: NoiseModel) -> dict[str, Any]:
+    """Return the fields of `NoiseCovariances`, for that type and those derived from it."""
     forces, lengths = noise.forces, noise.lengths
     return {
         "source": noise.source,
@@ -69,8 +60,47 @@ def noise_keys(noise: NoiseModel) -> dict[str, Any]:
     }
 
 
-NOISE_BLOCK = "noise.yaml"
-"""`noise:` with units, to be pasted into a robot or run file."""
+@dataclass(frozen=True)
+class CovarianceRow:
+    """One element of Σ or Δ."""
+
+    quantity: Annotated[str, described("", "force or length")]
+    row: Annotated[int, described("1", "strut")]
+    column: Annotated[int, described("1", "strut")]
+    covariance: Annotated[float, described("N^2 or m^2", "of one sample")]
+    std_error: Annotated[
+        float, described("N^2 or m^2", "standard error of the covariance; 0 when it was given")
+    ]
+    correlation: Annotated[float, described("1", "of one sample")]
+
+
+def covariance_rows(noise: NoiseCovariances) -> tuple[CovarianceRow, ...]:
+    """Return Σ and Δ element by element."""
+    rows = []
+    for quantity, covariance, freedom in (
+        ("force", noise.force_covariance, noise.force_freedom),
+        ("length", noise.length_covariance, noise.length_freedom),
+    ):
+        parts = (
+            covariance,
+            NoiseEstimate(covariance, freedom).std_error(),
+            correlation_of(covariance),
+        )
+        rows += [
+            CovarianceRow(quantity, i + 1, j + 1, *(float(part[i, j]) for part in parts))
+            for i, j in np.ndindex(covariance.shape)
+        ]
+    return tuple(rows)
+
+
+def correlation_of(covariance: Array) -> Array:
+    """Return the correlation, (6, 6); zero for a channel without noise."""
+    std = np.sqrt(np.diag(covariance))
+    size = np.multiply.outer(std, std)
+    correlation: Array = np.divide(covariance, size, out=np.zeros_like(size), where=size > 0)
+    np.fill_diagonal(correlation, 1.0)
+    return correlation
+
 
 _HISTOGRAM_REACH = 4.2
 """Half the width of the histograms, in standard deviations."""
@@ -81,7 +111,7 @@ _POINTS, _TAIL = 400, 40
 
 @dataclass(frozen=True, eq=False)
 class Histogram:
-    """Distribution of the forces' noise; what lies further out is counted in the outer bins."""
+    """Distribution of the forces' noise; outliers are counted in the outer bins."""
 
     low: Annotated[Array, Column("low", "N", "beginning of the bin")]
     high: Annotated[Array, Column("high", "N", "end of the bin")]
@@ -122,71 +152,28 @@ class Quantiles:
         )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class NoisePictures(FolderRecord):
-    """What the figures of the noise are drawn from."""
+class NoisePictures(Protocol):
+    """Data of the figures of the noise."""
 
-    noise: NoiseKeys
-    normality: Normality
-    histogram: Histogram
-    quantiles: Quantiles
+    @property
+    def noise(self) -> NoiseCovariances:
+        """Covariances of forces and lengths."""
 
-    @staticmethod
-    def parts(noise: NoiseModel, tests: NoiseTests) -> dict[str, Any]:
-        """Take them from the tests of the noise."""
-        normality = tests.normality.forces
-        return {
-            "noise": NoiseKeys(**noise_keys(noise)),
-            "normality": normality,
-            "histogram": Histogram.of(tests.samples, normality.std),
-            "quantiles": Quantiles.of(tests.samples),
-        }
+    @property
+    def force_normality(self) -> Normality:
+        """Test of the distribution of the forces' noise."""
 
+    @property
+    def histogram(self) -> Histogram:
+        """Distribution of the forces' noise."""
 
-@dataclass(frozen=True)
-class CovarianceRow:
-    """One element of Σ or Δ."""
-
-    quantity: Annotated[str, described("", "force or length")]
-    row: Annotated[int, described("1", "strut")]
-    column: Annotated[int, described("1", "strut")]
-    covariance: Annotated[float, described("N^2 or m^2", "of one sample")]
-    std_error: Annotated[
-        float, described("N^2 or m^2", "standard error of the covariance; 0 when it was given")
-    ]
-    correlation: Annotated[float, described("1", "of one sample")]
-
-
-def correlation_of(covariance: Array) -> Array:
-    """Return the correlation, (6, 6); zeros beside a channel without noise."""
-    std = np.sqrt(np.diag(covariance))
-    size = np.multiply.outer(std, std)
-    correlation: Array = np.divide(covariance, size, out=np.zeros_like(size), where=size > 0)
-    np.fill_diagonal(correlation, 1.0)
-    return correlation
-
-
-def covariance_rows(noise: NoiseKeys) -> tuple[CovarianceRow, ...]:
-    """Return Σ and Δ element by element."""
-    rows = []
-    for quantity, covariance, freedom in (
-        ("force", noise.force_covariance, noise.force_freedom),
-        ("length", noise.length_covariance, noise.length_freedom),
-    ):
-        parts = (
-            covariance,
-            NoiseEstimate(covariance, freedom).std_error(),
-            correlation_of(covariance),
-        )
-        rows += [
-            CovarianceRow(quantity, i + 1, j + 1, *(float(part[i, j]) for part in parts))
-            for i, j in np.ndindex(covariance.shape)
-        ]
-    return tuple(rows)
+    @property
+    def quantiles(self) -> Quantiles:
+        """Quantiles of the forces' noise."""
 
 
 @dataclass(frozen=True, eq=False)
-class HumKeys:
+class Hum:
     """A hum in the noise."""
 
     quantity: Annotated[str, described("", "force or length")]
@@ -195,8 +182,8 @@ class HumKeys:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class NoiseFile(NoiseKeys, JsonFile):
-    """`noise.json`; its covariances can be copied into a robot or run file."""
+class NoiseResult(NoiseCovariances, StageResult):
+    """The noise of one recording; its covariances can be copied into a robot or run file."""
 
     FILE: ClassVar[str] = "noise.json"
     WRITTEN_BY: ClassVar[str] = "`expdesign noise`"
@@ -209,7 +196,7 @@ class NoiseFile(NoiseKeys, JsonFile):
     averaged: Annotated[bool, described("", "the periods are a whole number of samples")]
     at_rest: Annotated[
         bool, described("", "the machine did not move: the periods are parts of the recording")
-    ] = False
+    ]
     force_std: Annotated[
         Numbers, sized(ACTUATORS), described("N", "standard deviation of each force")
     ]
@@ -220,53 +207,31 @@ class NoiseFile(NoiseKeys, JsonFile):
     normality: Annotated[Normalities, described("", "distribution")]
     drift: Annotated[Drifts, described("", "change from period to period")]
     hum: Annotated[
-        tuple[HumKeys, ...],
+        tuple[Hum, ...],
         described("", "sinusoids of the mains: quantity, frequency and amplitude of each"),
-    ] = ()
+    ]
     findings: Annotated[tuple[Finding, ...], described("", "what holds and what does not")]
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class NoiseRecord(NoisePictures):
-    """An analysis of the noise of one recording, from memory or from its run folder."""
-
-    TABLES: ClassVar = {
-        "covariance": RowTable("tables/noise_covariance.csv", NoiseFile.WRITTEN_BY, CovarianceRow),
-        "histogram": ArrayTable("tables/noise_histogram.csv", NoiseFile.WRITTEN_BY, Histogram),
-        "quantiles": ArrayTable("tables/noise_quantiles.csv", NoiseFile.WRITTEN_BY, Quantiles),
-        "force_density": ArrayTable(
-            "tables/force_spectrum.csv", NoiseFile.WRITTEN_BY, NoiseDensity, some=False
-        ),
-        "length_density": ArrayTable(
-            "tables/length_spectrum.csv", NoiseFile.WRITTEN_BY, NoiseDensity, some=False
-        ),
-    }
-    summary: NoiseFile
-    force_density: NoiseDensity
-    length_density: NoiseDensity
-    """Spectra, which `noise.force_spectrum` and `noise.length_spectrum` take; without rows where no
-    two periods can be compared sample by sample."""
-    block: str | None = None
-    """`noise:` for a robot file, as text; None in a folder whose version did not write it."""
-
-    @classmethod
-    def read(cls, folder: Path) -> Self:
-        """Read it; noise and normality stand in `noise.json`."""
-        found = cls.fields_in(folder)
-        summary: NoiseFile = found["summary"]
-        file = folder / NOISE_BLOCK
-        block = file.read_text(encoding="utf-8") if file.is_file() else None
-        return cls(**found, noise=summary, normality=summary.normality.forces, block=block)
-
-    def write(self, folder: Path) -> list[Path]:
-        """Write the files, and the lines for the robot file."""
-        written = super().write(folder)
-        if self.block is not None:
-            write_text(folder / NOISE_BLOCK, self.block)
-            written.append(folder / NOISE_BLOCK)
-        return written
+    histogram: Annotated[Histogram, Table("tables/noise_histogram.csv")]
+    quantiles: Annotated[Quantiles, Table("tables/noise_quantiles.csv")]
+    force_density: Annotated[NoiseDensity, Table("tables/force_spectrum.csv", some=False)]
+    length_density: Annotated[NoiseDensity, Table("tables/length_spectrum.csv", some=False)]
+    """Spectra for `noise.force_spectrum` and `noise.length_spectrum`; without rows where no two
+    periods can be compared sample by sample."""
+    block: Annotated[str | None, Text("noise.yaml", "`noise:` with units, for a robot or run file")]
 
     @property
-    def covariance(self) -> tuple[CovarianceRow, ...]:
+    def covariance(
+        self,
+    ) -> Annotated[tuple[CovarianceRow, ...], Table("tables/noise_covariance.csv")]:
         """Σ and Δ element by element."""
-        return covariance_rows(self.summary)
+        return covariance_rows(self)
+
+    @property
+    def noise(self) -> NoiseCovariances:
+        """The covariances."""
+        return self
+
+    @property
+    def force_normality(self) -> Normality:
+        """Test of the distribution of the forces' noise."""
+        return self.normality.forces

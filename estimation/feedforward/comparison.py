@@ -30,7 +30,7 @@ from estimation.feedforward.result import (
     Tracking,
 )
 from estimation.identification.estimated_machine import estimated_machine
-from estimation.identification.saved import SavedEstimate
+from estimation.identification.identified_model import IdentifiedModel
 from estimation.twin.disturbances import Repeated, force_factors, noise_sources, repetition_stream
 from estimation.validation.motions import broken_limits, motion_name, motion_of_run
 from expdesign.configuration import ComputationError, RunConfiguration
@@ -54,7 +54,7 @@ _TRIED = 64
 
 def compare_feedforward(
     configuration: RunConfiguration,
-    saved: SavedEstimate,
+    saved: IdentifiedModel,
     design: FourierTrajectory | None,
     width: float = WIDTH,
 ) -> FeedforwardResult:
@@ -63,7 +63,7 @@ def compare_feedforward(
     Parameters
     ----------
     configuration : RunConfiguration
-    saved : SavedEstimate
+    saved : IdentifiedModel
         The identified model.
     design : FourierTrajectory or None
         The designed motion, where that is followed.
@@ -311,7 +311,7 @@ class TrueMachine:
 
 
 def true_machine(
-    configuration: RunConfiguration, saved: SavedEstimate, machine: PerturbedMachine, times: Array
+    configuration: RunConfiguration, saved: IdentifiedModel, machine: PerturbedMachine, times: Array
 ) -> TrueMachine:
     """Return the digital twin or, for recordings of a real machine, a random one.
 

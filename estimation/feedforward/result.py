@@ -159,11 +159,6 @@ class FeedforwardResult(RunFile, StageResult):
         """Numbers of the struts."""
         return range(1, ACTUATORS + 1)
 
-    @property
-    def summary(self) -> FeedforwardResult:
-        """The result itself."""
-        return self
-
     def contradictions(self) -> Iterator[Problem]:
         """Yield the cases that a comparison needs and that are missing."""
         missing = {"none", "identified", "true"} - set(self.case_names)

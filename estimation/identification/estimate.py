@@ -1,44 +1,51 @@
-"""The whole way from measurements to parameters."""
+"""From recordings to identified parameters with their uncertainty and a diagnosis."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
-from constraints.arrays import Array
 from estimation.data.measurement import Measurement
+from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.diagnosis_result import ResidualDiagnosis
+from estimation.diagnostics.noise_result import covariance_fields
 from estimation.estimators import (
-    Experiment,
     ParameterEstimate,
-    ParameterPriors,
-    add_prior_response,
-    cramer_rao_covariance,
-    linear_estimate,
-    maximum_likelihood,
-    systematic_share,
+    SystematicUncertainty,
+    covariance_ml_less_gm,
 )
-from estimation.identification.estimated_machine import (
-    apply_calibration,
-    estimated_machine,
-    linearise_at_load,
-    with_residual_noise,
+from estimation.estimators.payload import TEN
+from estimation.identification.estimation import Estimation, estimate_parameters
+from estimation.identification.estimator_result import (
+    BodyResult,
+    ConsistentResult,
+    ConstantResult,
+    DeviationResult,
+    PayloadResult,
+    SystematicResult,
 )
-from estimation.identification.recording import prepare_recording
-from estimation.identification.result import EstimationResult, PreparedRecording, best_of
-from estimation.identification.term_selection import Selection
-from estimation.uncertainty.consistency import consistent_estimate
-from estimation.uncertainty.intervals import identified_combinations, parameter_rows
-from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
-from expdesign.configuration.robot import RobotDescription
-from expdesign.configuration.run import add_terms
-from expdesign.progress import report_progress, track
+from estimation.identification.identified_model import identified_robot
+from estimation.identification.recording import PreparedRecording
+from estimation.identification.result import (
+    EstimatedMotion,
+    EstimatedRecording,
+    EstimationResult,
+    EstimatorResult,
+    WeightingNoise,
+)
+from estimation.uncertainty.consistency import ConsistentEstimate
+from expdesign.configuration import ConfigurationLike
+from expdesign.information.identifiable import listed
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot import Robot, robot_from
-from expdesign.robot.deviation import Deviation, toleranced_deviations
-from expdesign.trajectory import FourierTrajectory
+from expdesign.robot.deviation import apply_deviations, estimated_constants, toleranced_deviations
+from expdesign.trajectory import FourierKeys, FourierTrajectory, fourier_keys
+
+_RARE = 0.01
+"""Smallest p value that is stated: the test ends before it can resolve smaller ones."""
+_NEAR = 1e-3
+"""Smallest distance, in σ, that is stated."""
 
 
 def estimate(
@@ -46,7 +53,7 @@ def estimate(
     data: Measurement | Sequence[Measurement],
     design: FourierTrajectory | Sequence[FourierTrajectory | None] | None = None,
 ) -> EstimationResult:
-    """Estimate the parameters from one or several recordings.
+    """Estimate the parameters from one or several recordings and diagnose the best estimate.
 
     Parameters
     ----------
@@ -67,286 +74,259 @@ def estimate(
     UnidentifiableError
         The data do not determine some parameters at all; it names them.
     """
-    configuration = load_run(config)
-    began = time.perf_counter()
-    recordings = (data,) if isinstance(data, Measurement) else tuple(data)
-    if not recordings:
-        raise ValueError("estimate needs at least one recording")
-    robot = robot_from(configuration.robot)
-    knowledge = parameter_priors(configuration, robot)
-    wanted = configuration.run.estimate.estimators
-    refuse_ml_without_fit(configuration, wanted, "estimate")
-    designs = _one_each(design, len(recordings))
-    # One thread: the products are small, and the order of their sums must not depend on cores.
-    with threadpool_limits(limits=1, user_api="blas"):
-        pairs = tuple(zip(recordings, designs, strict=True))
-        records = tuple(
-            prepare_recording(configuration, robot, recording, trajectory)
-            for recording, trajectory in track("the motion of each recording", pairs)
-        )
-        selection = Selection.of(configuration, robot, [r.experiment for r in records])
-        if selection is not None and selection.chosen:
-            configuration = add_terms(configuration, selection.added)
-            robot = robot_from(configuration.robot)
-            knowledge = parameter_priors(configuration, robot)
-            records = tuple(
-                replace(r, experiment=r.experiment.with_terms_of(robot)) for r in records
-            )
-        records = _with_residual_noise(robot, records, knowledge)
-        robot, experiments = linearise_at_load(robot, [r.experiment for r in records], knowledge)
-        records = tuple(
-            replace(record, experiment=experiment)
-            for record, experiment in zip(records, experiments, strict=True)
-        )
-        report_progress("what is not known exactly")
-        chosen = (
-            toleranced_deviations(robot) if configuration.run.estimate.systematic != "none" else ()
-        )
-        joint = chosen if configuration.run.estimate.systematic == "estimated" else ()
-        estimates = {
-            name: add_systematic_uncertainty(found, knowledge, chosen)
-            for name, found in run_estimators(robot, experiments, knowledge, wanted, joint).items()
-        }
-        bound = _bound(robot, experiments, knowledge, estimates)
-        machine = estimated_machine(robot, best_of(estimates).systematic)
-        if machine.chosen:
-            # What follows sees the machine as it was found, along motions like those estimated.
-            robot = machine.robot
-            records = tuple(
-                replace(
-                    prepare_recording(
-                        configuration.with_section("estimate", harmonics=motion.harmonics),
-                        robot,
-                        apply_calibration(recording, machine),
-                        trajectory,
-                    ),
-                    least_harmonics=record.least_harmonics,
-                )
-                for record, recording, trajectory, motion in zip(
-                    records, recordings, designs, best_of(estimates).motions, strict=True
-                )
-            )
-            records = _with_residual_noise(robot, records, knowledge)
-        report_progress("the nearest parameters that bodies have")
-        consistent = {
-            name: consistent_estimate(robot, found, knowledge) for name, found in estimates.items()
-        }
-        report_progress("what is identified")
-        combinations = {
-            name: identified_combinations(robot, knowledge.names, result.values, result.covariance)
-            for name, result in estimates.items()
-        }
-    rows = [
-        row for result in estimates.values() for row in parameter_rows(robot, result, knowledge)
-    ]
-    return EstimationResult(
-        configuration=configuration,
-        robot=robot,
-        knowledge=knowledge,
-        records=records,
-        estimates=estimates,
-        rows=tuple(rows),
-        combinations=combinations,
-        consistent=consistent,
-        bound=bound,
-        selection=selection,
-        seconds=time.perf_counter() - began,
-        warnings=(
-            *configuration.warnings,
-            *(warning for recording in recordings for warning in recording.warnings),
-            *(() if selection is None else selection.warnings),
-            *_warnings(records, knowledge, estimates),
-            *(
-                f"{name}: {_no_bodies(configuration)}"
-                for name, found in consistent.items()
-                if found is None
-            ),
-        ),
-    )
+    estimation = estimate_parameters(config, data, design)
+    return estimation_result(estimation, diagnose_estimation(estimation))
 
 
-def run_estimators(
-    robot: Robot,
-    experiments: Sequence[Experiment],
-    knowledge: ParameterPriors,
-    wanted: Sequence[str],
-    deviations: Sequence[Deviation] = (),
-) -> dict[str, ParameterEstimate]:
-    """Return the estimates wanted, in the order ls, gm, ml.
-
-    Maximum likelihood estimates the deviations given, too, with their tolerances as priors.
-    """
-    # Maximum likelihood begins from Gauss–Markov.
-    needed = {*wanted, "gm"} if "ml" in wanted else wanted
-    linear = [name for name in ("ls", "gm") if name in needed]
-    results = {
-        name: linear_estimate(robot, experiments, knowledge, name)
-        for name in track("linear estimates", linear)
-    }
-    if "ml" in wanted:
-        start = results["gm"]
-        results["ml"] = maximum_likelihood(robot, experiments, knowledge, start, deviations)
-    return {name: found for name, found in results.items() if name in wanted}
-
-
-def add_systematic_uncertainty(
-    estimate: ParameterEstimate, knowledge: ParameterPriors, tolerances: Sequence[Deviation]
-) -> ParameterEstimate:
-    """Return an estimate with what the tolerances given, and those of its prior, do to it.
-
-    It is returned as it is after pointwise kinematics, where what they do is not known. What it
-    has estimated of them is counted already.
-    """
-    found = estimate.systematic
-    own = () if found is None else found.deviations
-    known = {one.name for one in own}
-    others = [one for one in tolerances if one.name not in known]
-    if others:
-        chosen, values = (*own, *others), None
-        if found is not None:
-            values = np.concatenate([found.values, np.zeros(len(others))])
-        found = systematic_share(estimate.influences, chosen, knowledge.free, values)
-    if knowledge.prior_estimate is not None:
-        found = add_prior_response(
-            found, estimate.influences, knowledge.prior_estimate, knowledge.free
-        )
-    return estimate.with_systematic(found)
-
-
-def _with_residual_noise(
-    robot: Robot, records: tuple[PreparedRecording, ...], knowledge: ParameterPriors
-) -> tuple[PreparedRecording, ...]:
-    """Take Σ that nobody knows from residuals of Gauss–Markov estimates."""
-    present = with_residual_noise(robot, [record.experiment for record in records], knowledge)
-    return tuple(replace(r, experiment=e) for r, e in zip(records, present, strict=True))
-
-
-def _bound(
-    robot: Robot,
-    experiments: Sequence[Experiment],
-    knowledge: ParameterPriors,
-    estimates: Mapping[str, ParameterEstimate],
-) -> Array | None:
-    if "ml" in estimates:
-        return estimates["ml"].covariance_random
-    if any(experiment.fit is None for experiment in experiments):
+def diagnose_estimation(estimation: Estimation) -> ResidualDiagnosis | None:
+    """Return the diagnosis of the best estimate; None after pointwise differentiation."""
+    if not estimation.intervals_cover:
         return None
-    motions = [experiment.motion for experiment in experiments]
-    last = list(estimates.values())[-1]
-    robot, values = estimated_machine(robot, last.systematic).robot, last.values
-    return cramer_rao_covariance(robot, experiments, motions, knowledge, values)
+    return diagnose(estimation.robot, estimation.experiments, estimation.priors, estimation.best)
 
 
-def parameter_priors(configuration: RunConfiguration, robot: Robot) -> ParameterPriors:
-    """Return what the run's `estimate:` section says of the robot's parameters.
-
-    Raises
-    ------
-    InputError
-        It fixes all of them.
-    """
-    knowledge = ParameterPriors.of(robot, configuration.run.estimate)
-    if not np.any(knowledge.free):
-        raise InputError(
-            "every parameter is fixed: there is nothing to estimate",
-            file=configuration.file,
-            key="estimate.fixed",
-        )
-    return knowledge
-
-
-def refuse_ml_without_fit(
-    configuration: RunConfiguration, estimators: Sequence[str], section: str
-) -> None:
-    """Refuse maximum likelihood with a differentiation that gives no Fourier series.
-
-    Raises
-    ------
-    InputError
-        The estimators of the section, ``"estimate"`` or ``"montecarlo"``, have it.
-    """
-    differentiation = configuration.run.estimate.differentiation
-    if "ml" in estimators and differentiation != "fourier":
-        raise InputError(
-            "maximum likelihood estimates the motion as a Fourier series, "
-            f"'{differentiation}' differentiation gives it none",
-            file=configuration.file,
-            key=f"{section}.estimators",
-            allowed="[ls, gm], or estimate.differentiation: fourier",
-        )
-
-
-def _one_each(
-    design: FourierTrajectory | Sequence[FourierTrajectory | None] | None, count: int
-) -> list[FourierTrajectory | None]:
-    if design is None or isinstance(design, FourierTrajectory):
-        return [design] * count
-    designs = list(design)
-    if len(designs) == 1:
-        return designs * count
-    if len(designs) != count:
-        raise ValueError(f"{count} recordings, but {len(designs)} designs")
-    return designs
-
-
-def _no_bodies(configuration: RunConfiguration) -> str:
-    """Say that no parameters of bodies were found, and what of the run can be why."""
-    section = configuration.run.estimate
-    causes = {
-        "that are fixed (`estimate.fixed`)": bool(section.fixed),
-        "within the bounds (`estimate.bounds`)": bool(section.bounds),
-        "that the earlier identification held (`estimate.prior`)": isinstance(
-            section.prior, RobotDescription
-        ),
-    }
-    told = [cause for cause, there in causes.items() if there]
-    if told:
-        return f"no bodies have the values {' and '.join(told)}, whatever the other parameters are"
-    return (
-        "no parameters that bodies have were found near the estimate: the search did not converge, "
-        "and whether the estimate is physically consistent is not known"
+def estimation_result(
+    estimation: Estimation, diagnosis: ResidualDiagnosis | None = None
+) -> EstimationResult:
+    """Return the result of an estimation with the diagnosis of its best estimate."""
+    priors = estimation.priors
+    return EstimationResult(
+        name=estimation.configuration.run.name,
+        robot=estimation.robot.name,
+        parameters=priors.names,
+        fixed=tuple(np.array(priors.names)[~priors.free].tolist()),
+        best=estimation.best.estimator,
+        recordings=tuple(_recording(recording) for recording in estimation.recordings),
+        estimators={
+            name: _estimator(estimation, found) for name, found in estimation.estimates.items()
+        },
+        cramer_rao_covariance=estimation.bound,
+        covariance_ml_less_gm=covariance_ml_less_gm(estimation.estimates),
+        intervals_cover=estimation.intervals_cover,
+        intervals_note=_intervals_note(estimation),
+        diagnostics=diagnosis,
+        selection=estimation.selection,
+        seconds=estimation.seconds,
+        warnings=estimation.warnings,
+        rows=estimation.rows,
+        motions={
+            number: _motion(estimation, number)
+            for number, recording in enumerate(estimation.recordings, start=1)
+            if recording.experiment.fit is not None
+        },
+        tables=() if diagnosis is None else diagnosis.recordings,
+        identified=identified_robot(estimation, diagnosis),
     )
 
 
-def _warnings(
-    records: Sequence[PreparedRecording],
-    knowledge: ParameterPriors,
-    estimates: Mapping[str, ParameterEstimate],
-) -> list[str]:
-    found = []
-    for record in records:
-        where = f"{record.source}: " if record.source and len(records) > 1 else ""
-        dropped = record.experiment.record.dropped
-        if dropped:
-            found.append(f"{where}{dropped} rows of incomplete periods were left out")
-        noise = record.experiment.noise
-        found += [
-            f"{where}too few periods to see the noise, and none is given: {source}. Record three "
-            "periods or more"
-            for own, source in (
-                (noise.forces, "Σ comes from the residuals and includes the model's error"),
-                (noise.lengths, "Δ comes from what the fitted motion leaves of the lengths"),
+def _recording(prepared: PreparedRecording) -> EstimatedRecording:
+    recording, noise = prepared.experiment.record, prepared.experiment.noise
+    fit = prepared.experiment.fit
+    free = fit is not None and fit.motion.free_frequency
+    return EstimatedRecording(
+        source=prepared.source,
+        rows=recording.rows,
+        dropped_rows=recording.dropped,
+        lost_samples=recording.lost,
+        samples=recording.samples,
+        averaged=recording.averaged,
+        periods=float(recording.periods),
+        omega=float(recording.omega if fit is None else fit.motion.omega),
+        omega_std=float(np.sqrt(fit.covariance[-1, -1])) if fit and free else None,
+        period_source=recording.source.value,
+        jitter=float(prepared.jitter),
+        harmonics=prepared.harmonics,
+        harmonics_of_forces=prepared.harmonics_of_forces,
+        harmonics_of_the_design=prepared.least_harmonics,
+        noise=WeightingNoise(
+            **covariance_fields(noise),
+            force_source=noise.forces.source,
+            length_source=noise.lengths.source,
+            includes_model_error=noise.forces.includes_model_error,
+            force_spectrum=noise.forces.spectrum_words,
+            length_spectrum=noise.lengths.spectrum_words,
+        ),
+    )
+
+
+def _estimator(estimation: Estimation, found: ParameterEstimate) -> EstimatorResult:
+    priors, name = estimation.priors, found.estimator
+    motions = [
+        motion.delayed(recording.experiment.record.origin).trajectory
+        for motion, recording in zip(found.motions, estimation.recordings, strict=False)
+    ]
+    return EstimatorResult(
+        status=found.status,
+        converged=found.converged,
+        iterations=found.iterations,
+        cost=found.cost,
+        seconds=found.seconds,
+        values=dict(zip(priors.names, found.values.tolist(), strict=True)),
+        covariance=found.covariance,
+        covariance_forces=found.covariance_forces,
+        covariance_kinematics=found.covariance_kinematics,
+        covariance_joint=found.covariance_joint,
+        freedom=found.freedom,
+        colour=found.colour,
+        covariance_systematic=found.covariance_systematic,
+        systematic=_systematic(found.systematic),
+        constants=tuple(_constants(robot_from(estimation.configuration.robot), found.systematic)),
+        payload=_payload(estimation, name),
+        consistent=_consistent(estimation.consistent[name], estimation.robot),
+        combinations=estimation.combinations[name],
+        base_parameters=priors.identified_combinations(
+            estimation.robot, found.values, found.covariance
+        ),
+        motions=tuple(FourierKeys(**fourier_keys(motion)) for motion in motions),
+    )
+
+
+def _systematic(systematic: SystematicUncertainty | None) -> SystematicResult | None:
+    if systematic is None:
+        return None
+    numbers = zip(
+        systematic.deviations, systematic.values.tolist(), systematic.std.tolist(), strict=True
+    )
+    return SystematicResult(
+        estimated=systematic.estimated,
+        deviations=tuple(
+            DeviationResult(
+                name=one.name,
+                group=one.group,
+                unit=one.unit,
+                tolerance=one.std,
+                value=value,
+                std=std,
             )
-            if own.includes_model_error
-        ]
-        found += [where + warning for warning in record.warnings]
-        if record.harmonics_of_forces != record.harmonics:
-            found.append(
-                f"{where}the forces show {record.harmonics_of_forces} harmonics of the motion, the "
-                f"lengths alone {record.harmonics}: LS and GM know only these, and their intervals "
-                "are too narrow. Take ML, which counts all"
+            for one, value, std in numbers
+        ),
+        response=systematic.response,
+        left=systematic.left,
+    )
+
+
+def _constants(robot: Robot, systematic: SystematicUncertainty | None) -> Iterator[ConstantResult]:
+    """Yield the estimated constants of terms, of the robot as its file states it."""
+    flagged = {one.name: one for one in estimated_constants(robot)}
+    if systematic is None or not flagged:
+        return
+    found = apply_deviations(robot, systematic.deviations, systematic.values).description.constants
+    places = [one.name for one in systematic.deviations]
+    names = (f"{term.name}_{one.name}" for term in robot.terms for one in term.constants)
+    for name, stated, value in zip(names, robot.description.constants, found, strict=True):
+        if name in flagged and name in places:
+            own = flagged[name]
+            yield ConstantResult(
+                constant=own.group.partition(".")[2],
+                unit=own.unit,
+                value=value,
+                std=float(systematic.std[places.index(name)]),
+                stated=stated,
+                tolerance=own.std if np.isfinite(own.std) else np.nan,
             )
-        if record.experiment.fit is None:
-            found.append(
-                f"{where}pointwise differentiation: the errors of rates and accelerations are in "
-                "the regressor, estimates are biased and the intervals do not cover"
-            )
-    for name, result in estimates.items():
-        if not result.converged:
-            found.append(f"{name}: {result.status}")
-        found += [
-            f"{name}: {knowledge.names[k]} stands at its bound (`estimate.bounds`), which its "
-            "standard deviation does not count"
-            for k in np.flatnonzero(knowledge.at_bound(result.values))
-        ]
-    return found
+
+
+def _payload(estimation: Estimation, estimator: str) -> PayloadResult | None:
+    payload = estimation.payloads.get(estimator)
+    if payload is None:
+        return None
+    return PayloadResult(
+        values=dict(zip(TEN, payload.values.tolist(), strict=True)),
+        covariance=payload.covariance,
+        covariance_systematic=payload.covariance_systematic,
+        freedom=payload.freedom,
+    )
+
+
+def _consistent(found: ConsistentEstimate | None, robot: Robot) -> ConsistentResult | None:
+    if found is None:
+        return None
+    known = robot.realisable.bodies(robot.parameters) is not None
+    return ConsistentResult(
+        values=dict(zip(robot.parameter_names, found.values.tolist(), strict=True)),
+        moved=found.moved,
+        exchanged=found.exchanged,
+        distance=found.distance,
+        p=found.p,
+        significant=found.significant,
+        active=found.active,
+        spread=found.spread,
+        low=found.low,
+        high=found.high,
+        bodies={
+            name: BodyResult(mass=body.mass, moment=body.moment, inertia=body.inertia)
+            for name, body in vars(found.bodies).items()
+        },
+        text=consistency_text(found, known=known),
+    )
+
+
+def consistency_text(found: ConsistentEstimate, *, known: bool) -> str:
+    """Return the physical consistency of an estimate in words.
+
+    Parameters
+    ----------
+    found : ConsistentEstimate
+    known : bool
+        The parameters of the robot file are physically consistent.
+    """
+    if found.exchanged:
+        kind, others = "combinations", f" (with other values of {listed(found.exchanged)})"
+    else:
+        kind, others = "parameters", ""
+    if found.realisable:
+        return f"physically consistent: these {kind} belong to a possible set of bodies{others}"
+    distance = (
+        f"not physically consistent: the nearest consistent {kind}{others} are "
+        f"{max(found.distance, _NEAR):.2g} σ away, at the limit of {', '.join(found.active)}; "
+    )
+    share = f"{100 * found.p:.3g} % at most" if found.p > _RARE else f"less than {100 * _RARE:g} %"
+    chance = f"noise alone makes such a distance in {share} of the cases"
+    if not found.significant:
+        return f"{distance}{chance}: no reason for doubt"
+    doubt = "the model may lack an effect, or a tolerance or the noise is stated too small"
+    if not known:
+        doubt += (
+            ". The parameters of the robot file are physically inconsistent as well: so is a "
+            "correct estimate of a twin with these parameters"
+        )
+    return f"{distance}{chance}: {doubt}"
+
+
+def _motion(estimation: Estimation, number: int) -> EstimatedMotion:
+    """Evaluate the best estimate at the samples of a recording, counted from 1."""
+    experiment, motion = estimation.experiments[number - 1], estimation.best.motions[number - 1]
+    recording, robot = experiment.record, estimation.robot
+    length_state = motion.at(recording.lengths.times).state()
+    return EstimatedMotion(
+        recording.forces.times + recording.origin,
+        motion.at(recording.forces.times).state(),
+        recording.lengths.values,
+        robot.inverse_kinematics(length_state[:, :COORDINATES]),
+        recording.forces.values,
+        experiment.regressors(robot, motion) @ estimation.best.values,
+    )
+
+
+def _intervals_note(estimation: Estimation) -> str:
+    if not estimation.intervals_cover:
+        return (
+            "pointwise differentiation: the lengths' noise is in the regressor, which biases "
+            "the estimates and is not in the intervals; they do not cover"
+        )
+    systematic = estimation.best.systematic
+    counted = all(e.noise.forces.lines is not None for e in estimation.experiments)
+    noise = f"the noise of forces and lengths, {'as it is' if counted else 'taken for white'}"
+    if systematic is None or not systematic.inexact:
+        return (
+            f"95 %, with {noise}; they hold for exact geometry and force "
+            f"constants: {_NO_TOLERANCES[bool(toleranced_deviations(estimation.robot))]}"
+        )
+    verb = "and what is left of" if systematic.with_priors else "and"
+    return f"95 %, with {noise}, {verb} the robot's tolerances"
+
+
+_NO_TOLERANCES = {
+    False: "the robot file gives no tolerances",
+    True: "its tolerances are left out (estimate.systematic: none)",
+}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -15,7 +15,6 @@ from estimation.identification.periods import (
     choose_omega,
     period_warning,
 )
-from estimation.identification.result import PreparedRecording
 from estimation.kinematics.fourier_fit import (
     MotionFit,
     MotionFitError,
@@ -112,6 +111,30 @@ def prepare_recording(
         data.jitter,
         tuple(filter(None, warnings)),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedRecording:
+    """One recording, ready for the estimators."""
+
+    source: str
+    experiment: Experiment
+    least_harmonics: int | None
+    """The fewest harmonics that were tried; None for a given number."""
+    jitter: float
+    """Of the time stamps, as a share of a step."""
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def harmonics(self) -> int | None:
+        """Harmonics of the fitted motion; None after pointwise differentiation."""
+        fit = self.experiment.fit
+        return None if fit is None else fit.motion.harmonics
+
+    @property
+    def harmonics_of_forces(self) -> int | None:
+        """Harmonics of the motion that ML estimates, supported by forces and lengths together."""
+        return self.experiment.harmonics
 
 
 def _least(design: FourierTrajectory | None) -> int:

@@ -1,95 +1,508 @@
-"""What an estimation found."""
+"""The result of an estimation: recordings, estimates with their covariances, and the diagnosis."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Iterator
+from dataclasses import asdict, astuple, dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
 
 from constraints.arrays import Array
-from estimation.estimators import Experiment, ParameterEstimate, ParameterPriors
-from estimation.estimators.payload import PayloadEstimate, payload_estimate
+from estimation.diagnostics.diagnosis_result import (
+    Diagnosis,
+    RecordingDiagnosis,
+    RecordingTables,
+)
+from estimation.diagnostics.noise_result import CovarianceRow, NoiseCovariances, covariance_rows
+from estimation.estimators.payload import TEN
+from estimation.identification.estimator_result import (
+    BudgetRow,
+    ConsistentResult,
+    ConsistentRow,
+    ConstantResult,
+    ConstantRow,
+    DeviationRow,
+    Freedoms,
+    OfEstimator,
+    PayloadResult,
+    PayloadRow,
+    SystematicResult,
+    budget_rows,
+    consistent_rows,
+    deviation_rows,
+    payload_rows,
+)
 from estimation.identification.term_selection import Selection
-from estimation.uncertainty.consistency import ConsistentEstimate
-from estimation.uncertainty.intervals import Combination, ParameterRow
-from expdesign.configuration import RunConfiguration
-from expdesign.robot import Robot
+from estimation.selection.selection import SelectionRow
+from estimation.uncertainty.intervals import Combination, ParameterRow, correlation
+from expdesign.configuration import Problem
+from expdesign.configuration.identification import IDENTIFIED_ROBOT
+from expdesign.experiment.combinations import KnownCombination
+from expdesign.runfolder import (
+    Column,
+    Matrix,
+    Numbered,
+    Numbers,
+    OpenNumber,
+    OpenNumbers,
+    RunFile,
+    StageResult,
+    Table,
+    Text,
+    described,
+)
+from expdesign.runfolder.fields import (
+    ACCELERATION_COLUMNS,
+    POSE_COLUMNS,
+    RATE_COLUMNS,
+    TIME,
+    strutwise,
+    unknown_names,
+    wrong_count,
+    wrong_covariance,
+    wrong_names,
+    wrong_shape,
+)
+from expdesign.trajectory import FourierKeys
+
+_ESTIMATOR = Column("estimator", "", "ls, gm or ml")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WeightingNoise(NoiseCovariances):
+    """Noise model of the weights of the estimators."""
+
+    force_source: Annotated[str, described("", "estimated, given or residuals")]
+    length_source: Annotated[str, described("", "estimated, given or residuals")]
+    includes_model_error: Annotated[bool, described("", "Σ comes from the model's residuals")]
+    force_spectrum: Annotated[
+        str, described("", "how the forces' noise is spread over the frequencies, in words")
+    ]
+    length_spectrum: Annotated[str, described("", "how that of the lengths is, in words")]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EstimatedRecording:
+    """One recording of an estimate."""
+
+    source: Annotated[str, described("", "its file")]
+    rows: Annotated[int, described("1", "rows that were used")]
+    dropped_rows: Annotated[int, described("1", "rows of incomplete periods that were not")]
+    lost_samples: Annotated[
+        int, described("1", "samples that are missing among the rows that were used")
+    ]
+    samples: Annotated[int, described("1", "means over the periods, or rows")]
+    averaged: Annotated[bool, described("", "the samples are means over the periods")]
+    periods: Annotated[float, described("1", "number of periods")]
+    omega: Annotated[float, described("rad/s", "base frequency")]
+    omega_std: Annotated[
+        float | None, described("rad/s", "its standard deviation; null when it was not estimated")
+    ]
+    period_source: Annotated[str, described("", "where the period came from")]
+    jitter: Annotated[float, described("1", "of the time stamps, as a share of a step")]
+    harmonics: Annotated[
+        int | None,
+        described(
+            "1",
+            "of the motion fitted to the lengths, which LS and GM take; null after pointwise "
+            "differentiation",
+        ),
+    ]
+    harmonics_of_forces: Annotated[
+        int | None,
+        described("1", "of ML's motion: what forces and lengths show together; null as before"),
+    ]
+    harmonics_of_the_design: Annotated[
+        int | None, described("1", "fewest that were tried; null when the number was given")
+    ]
+    noise: Annotated[WeightingNoise, described("", "noise that the estimators weighted with")]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EstimatorResult:
+    """Estimates of one estimator with their uncertainty."""
+
+    status: Annotated[str, described("", "how it ended, in words")]
+    converged: Annotated[bool, described("", "the iteration ended as it should")]
+    iterations: Annotated[int, described("1", "number of iterations")]
+    cost: Annotated[float, described("1", "weighted sum of squares that was minimised")]
+    seconds: Annotated[float, described("s", "how long it took")]
+    values: Annotated[dict[str, float], described("SI", "by parameter")]
+    covariance: Annotated[Numbers, described("SI", "m × m; zero for fixed parameters")]
+    covariance_forces: Annotated[
+        Numbers, described("SI", "its share that the forces' noise and the prior make")
+    ]
+    covariance_kinematics: Annotated[
+        Numbers | None,
+        described("SI", "its share that the lengths' noise makes; null where it is not known"),
+    ]
+    covariance_joint: Annotated[
+        Numbers | None,
+        described(
+            "SI",
+            "(m + e) × (m + e): random share, of the parameters and of the deviations that were "
+            "estimated with them, the first e of `systematic`; null: none was",
+        ),
+    ]
+    freedom: Annotated[
+        Freedoms,
+        described("1", "(m,) degrees of freedom behind the standard deviations; null: endless"),
+    ]
+    colour: Annotated[
+        OpenNumbers,
+        described("1", "(m,) variances over those that white noise would make"),
+    ]
+    covariance_systematic: Annotated[
+        Numbers, described("SI", "its share that the robot's tolerances make")
+    ]
+    systematic: Annotated[
+        SystematicResult | None,
+        described("", "quantities with a tolerance and their effect; null: taken as exact"),
+    ]
+    constants: Annotated[
+        tuple[ConstantResult, ...],
+        described("", "constants of terms that were estimated, as in tables/constants.csv"),
+    ]
+    payload: Annotated[
+        PayloadResult | None,
+        described("", "what the platform carries beyond the machine identified before; null: none"),
+    ]
+    consistent: Annotated[
+        ConsistentResult | None,
+        described("", "the nearest physically consistent parameters; null: excluded by fixed ones"),
+    ]
+    combinations: Annotated[
+        tuple[Combination, ...], described("", "what is known of parameters not identified")
+    ]
+    base_parameters: Annotated[
+        tuple[KnownCombination, ...],
+        described("", "combinations that the data identify; of each the table's columns"),
+    ]
+    motions: Annotated[
+        tuple[FourierKeys, ...], described("", "motion of every recording, as in design.json")
+    ]
+
+
+@dataclass(frozen=True)
+class PrecisionRow:
+    """Shares of one standard deviation, and the Cramér–Rao bound."""
+
+    estimator: Annotated[str, described("", "ls, gm or ml")]
+    parameter: Annotated[str, described("", "name")]
+    std: Annotated[float, described("SI", "standard deviation")]
+    std_forces: Annotated[float, described("SI", "the share that the noise of the forces makes")]
+    std_kinematics: Annotated[
+        OpenNumber, described("SI", "the share that the noise of the lengths makes")
+    ]
+    bound: Annotated[
+        OpenNumber, described("SI", "Cramér–Rao bound with noise in forces and lengths")
+    ]
+
+
+@dataclass(frozen=True)
+class _OfRecording:
+    recording: Annotated[int, described("1", "number of the recording")]
+
+
+@dataclass(frozen=True)
+class NoiseRow(CovarianceRow, _OfRecording):
+    """One element of Σ or Δ of one recording."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatedCombination(KnownCombination, OfEstimator):
+    """A combination of parameters that the data identify."""
 
 
 @dataclass(frozen=True, eq=False)
-class PreparedRecording:
-    """One recording of the estimate."""
+class EstimatedMotion:
+    """Measured and modelled quantities at the samples of one recording."""
 
-    source: str
-    experiment: Experiment
-    least_harmonics: int | None
-    """The fewest that were tried; None when their number was given."""
-    jitter: float
-    """Of the time stamps, as a share of a step."""
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def harmonics(self) -> int | None:
-        """Of the fitted motion; None after pointwise differentiation."""
-        fit = self.experiment.fit
-        return None if fit is None else fit.motion.harmonics
-
-    @property
-    def harmonics_of_forces(self) -> int | None:
-        """Of the motion that ML estimates: what forces and lengths show together."""
-        return self.experiment.harmonics
+    time: Annotated[Array, TIME]
+    state: Annotated[Array, POSE_COLUMNS, RATE_COLUMNS, ACCELERATION_COLUMNS]
+    lengths: Annotated[Array, strutwise("q", "m", "measured length, mean over periods,")]
+    lengths_model: Annotated[
+        Array, strutwise("q", "m", "length on the estimated motion", suffix="_model")
+    ]
+    forces: Annotated[Array, strutwise("Q", "N", "measured force, mean over periods,")]
+    forces_model: Annotated[Array, strutwise("Q", "N", "force by the estimate", suffix="_model")]
 
 
-@dataclass(frozen=True, eq=False)
-class EstimationResult:
-    """Parameters with honest error bars."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EstimateFile(RunFile):
+    """The keys of `estimate.json`: estimates with their covariances, and the diagnosis."""
 
-    configuration: RunConfiguration
-    """The run, its robot with the terms that were added."""
-    robot: Robot
-    knowledge: ParameterPriors
-    records: tuple[PreparedRecording, ...]
-    estimates: dict[str, ParameterEstimate]
-    rows: tuple[ParameterRow, ...]
-    combinations: dict[str, tuple[Combination, ...]]
-    """What is known of parameters that are not identified."""
-    consistent: dict[str, ConsistentEstimate | None]
-    """The nearest parameters that bodies have, by estimator; None: what is fixed leaves none."""
-    bound: Array | None
-    """(m, m) Cramér–Rao bound as a covariance, at the best estimate."""
-    seconds: float
-    warnings: tuple[str, ...]
-    selection: Selection | None = None
-    """Which terms were added to those of the robot file; None: none was tried."""
-
-    @property
-    def best(self) -> ParameterEstimate:
-        """The estimate to use: ML if there is one, else GM, else LS."""
-        return best_of(self.estimates)
-
-    @cached_property
-    def payloads(self) -> dict[str, PayloadEstimate]:
-        """The payload by every estimator; empty where the prior is not of a machine without it."""
-        before = self.knowledge.prior_estimate
-        if before is None or before.unloaded is None:
-            return {}
-        return {name: payload_estimate(found, before) for name, found in self.estimates.items()}
+    FILE: ClassVar[str] = "estimate.json"
+    WRITTEN_BY: ClassVar[str] = "`expdesign estimate`"
+    parameters: Annotated[tuple[str, ...], described("", "order of rows and columns")]
+    fixed: Annotated[tuple[str, ...], described("", "parameters that were not estimated")]
+    best: Annotated[str, described("", "the estimator to use")]
+    recordings: Annotated[
+        tuple[EstimatedRecording, ...], described("", "recordings of the estimate")
+    ]
+    estimators: Annotated[dict[str, EstimatorResult], described("", "what each of them found")]
+    cramer_rao_covariance: Annotated[
+        Numbers | None, described("SI", "the bound with noise in forces and lengths, m × m")
+    ]
+    covariance_ml_less_gm: Annotated[
+        Numbers | None,
+        described("SI", "of the difference of these estimates, m × m; null without both"),
+    ]
+    intervals_cover: Annotated[bool, described("", "the intervals count the lengths' noise")]
+    intervals_note: Annotated[str, described("", "what the intervals count, in words")]
+    diagnostics: Annotated[
+        Diagnosis | None, described("", "what the residuals say; null when not asked")
+    ]
+    selection: Annotated[
+        Selection | None,
+        described("", "terms that were added to those of the robot file; null: none was tried"),
+    ]
+    seconds: Annotated[float, described("s", "how long it took")]
+    warnings: Annotated[tuple[str, ...], described("", "in words")]
 
     @property
-    def experiments(self) -> tuple[Experiment, ...]:
-        """The recordings as the estimators saw them."""
-        return tuple(record.experiment for record in self.records)
+    def best_estimator(self) -> EstimatorResult:
+        """The result of the estimator to use."""
+        return self.estimators[self.best]
+
+    def contradictions(self) -> Iterator[Problem]:
+        """Yield what is not of these parameters, estimators and recordings."""
+        names = self.parameters
+        count, of = len(names), "parameters"
+        square = (count, count)
+        yield from unknown_names("best", [self.best], self.estimators, "estimators")
+        yield from unknown_names("fixed", self.fixed, names, of)
+        yield from wrong_covariance("cramer_rao_covariance", self.cramer_rao_covariance, count, of)
+        key, difference = "covariance_ml_less_gm", self.covariance_ml_less_gm
+        yield from wrong_shape(key, difference, square, of)
+        for name, found in self.estimators.items():
+            place = f"estimators.{name}"
+            yield from wrong_names(f"{place}.values", found.values, names, of)
+            for key in ("covariance", "covariance_forces"):
+                yield from wrong_covariance(f"{place}.{key}", getattr(found, key), count, of)
+            for key in ("covariance_kinematics", "covariance_systematic"):
+                # Rounding may make these shares negative.
+                yield from wrong_shape(f"{place}.{key}", getattr(found, key), square, of)
+            for key in ("freedom", "colour"):
+                yield from wrong_shape(f"{place}.{key}", getattr(found, key), (count,), of)
+            if found.payload is not None:
+                own = found.payload
+                yield from wrong_names(f"{place}.payload.values", own.values, TEN, "a payload")
+                for key in ("covariance", "covariance_systematic"):
+                    matrix = getattr(own, key)
+                    path = f"{place}.payload.{key}"
+                    yield from wrong_shape(path, matrix, (len(TEN),) * 2, "a payload")
+                path = f"{place}.payload.freedom"
+                yield from wrong_shape(path, own.freedom, (len(TEN),), "a payload")
+            if found.consistent is not None:
+                yield from wrong_names(
+                    f"{place}.consistent.values", found.consistent.values, names, of
+                )
+                for key in ("moved", "spread", "low", "high"):
+                    numbers = getattr(found.consistent, key)
+                    yield from wrong_shape(f"{place}.consistent.{key}", numbers, (count,), of)
+            others = 0
+            if found.systematic is not None:
+                others = len(found.systematic.deviations)
+                for key, shape in (("response", (count, others)), ("left", (others, others))):
+                    matrix, path = getattr(found.systematic, key), f"{place}.systematic.{key}"
+                    yield from wrong_shape(path, matrix, shape, f"{of} and deviations")
+            if (joint := found.covariance_joint) is not None:
+                size = min(max(len(joint), count), count + others)
+                key = f"{place}.covariance_joint"
+                yield from wrong_covariance(key, joint, size, f"{of} and deviations")
+        if self.diagnostics is not None:
+            tested, recordings = self.diagnostics.experiments, len(self.recordings)
+            yield from wrong_count("diagnostics.experiments", tested, recordings, "recordings")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EstimationResult(EstimateFile, StageResult):
+    """Parameters with their uncertainty, by estimator, and the diagnosis of the best estimate."""
+
+    rows: Annotated[
+        tuple[ParameterRow, ...],
+        Table(
+            "estimates.csv",
+            some=True,
+            rows_of=("estimator", "parameter"),
+            as_in=("estimators", "parameters"),
+        ),
+    ]
+    motions: Annotated[
+        dict[int, EstimatedMotion], Table("tables/estimated_motion.csv", numbered="numbers")
+    ]
+    """By number of the recording, from 1; none after pointwise differentiation."""
+    tables: Annotated[tuple[RecordingTables, ...], Numbered("diagnosed")]
+    """Residuals of every recording; empty without a diagnosis."""
+    identified: Annotated[
+        str | None, Text(IDENTIFIED_ROBOT, "robot file with the parameters that were found")
+    ]
 
     @property
-    def intervals_cover(self) -> bool:
-        """False after pointwise differentiation: the lengths' noise is not in the intervals."""
-        return all(record.experiment.fit is not None for record in self.records)
+    def numbers(self) -> tuple[int | None, ...]:
+        """Numbers of the recordings in the names of their tables; None for a single recording."""
+        count = len(self.recordings)
+        return tuple(range(1, count + 1)) if count > 1 else (None,)
 
-    def __getitem__(self, estimator: str) -> ParameterEstimate:
-        """Return one estimator's result."""
-        return self.estimates[estimator]
+    @property
+    def diagnosed(self) -> tuple[int | None, ...]:
+        """Numbers of the recordings with a diagnosis."""
+        return () if self.diagnostics is None else self.numbers
 
+    @property
+    def diagnoses(self) -> tuple[RecordingDiagnosis, ...]:
+        """The diagnosis of every recording with its tables; empty without a diagnosis."""
+        if self.diagnostics is None:
+            return ()
+        parts = zip(self.tables, self.diagnostics.experiments, self.recordings, strict=True)
+        return tuple(
+            RecordingDiagnosis(
+                residuals=tables.residuals,
+                dependence=tables.dependence,
+                pitches=tables.pitches,
+                histogram=tables.histogram,
+                quantiles=tables.quantiles,
+                tests=tests,
+                noise=recording.noise,
+            )
+            for tables, tests, recording in parts
+        )
 
-def best_of(estimates: Mapping[str, ParameterEstimate]) -> ParameterEstimate:
-    """Return the estimate to use of those by estimator: ML if there is one, else GM, else LS."""
-    return next(estimates[name] for name in ("ml", "gm", "ls") if name in estimates)
+    def by_estimator(self) -> dict[str, tuple[ParameterRow, ...]]:
+        """Return the rows of each estimator, in the order of the parameters."""
+        return {
+            name: tuple(row for row in self.rows if row.estimator == name)
+            for name in dict.fromkeys(row.estimator for row in self.rows)
+        }
+
+    @property
+    def covariances(
+        self,
+    ) -> Annotated[
+        dict[str, Array],
+        Matrix("tables/covariance.csv", "SI", "covariance", names="parameters", by=_ESTIMATOR),
+    ]:
+        """The covariance of every estimator, (m, m)."""
+        return {name: entry.covariance for name, entry in self.estimators.items()}
+
+    @property
+    def correlations(
+        self,
+    ) -> Annotated[
+        dict[str, Array],
+        Matrix("tables/correlation.csv", "1", "correlation", names="parameters", by=_ESTIMATOR),
+    ]:
+        """The correlation of every estimator, (m, m)."""
+        return {name: correlation(matrix) for name, matrix in self.covariances.items()}
+
+    @property
+    def precision(self) -> Annotated[tuple[PrecisionRow, ...], Table("tables/precision.csv")]:
+        """The shares of every standard deviation."""
+        unknown = np.full(len(self.parameters), np.nan)
+        bound = self.cramer_rao_covariance
+        rows = []
+        for estimator, entry in self.estimators.items():
+            share = entry.covariance_kinematics
+            columns = (
+                np.sqrt(np.diag(entry.covariance)),
+                np.sqrt(np.diag(entry.covariance_forces)),
+                unknown if share is None else np.sqrt(np.maximum(np.diag(share), 0.0)),
+                unknown if bound is None else np.sqrt(np.diag(bound)),
+            )
+            rows += [
+                PrecisionRow(estimator, name, *numbers)
+                for name, *numbers in zip(
+                    self.parameters, *(c.tolist() for c in columns), strict=True
+                )
+            ]
+        return tuple(rows)
+
+    @property
+    def base_parameters(
+        self,
+    ) -> Annotated[tuple[EstimatedCombination, ...], Table("tables/estimate_combinations.csv")]:
+        """Identified combinations of every estimator."""
+        return tuple(
+            EstimatedCombination(estimator=estimator, **asdict(row))
+            for estimator, entry in self.estimators.items()
+            for row in entry.base_parameters
+        )
+
+    @property
+    def budget(
+        self,
+    ) -> Annotated[tuple[BudgetRow, ...], Table("tables/budget.csv", optional=True)]:
+        """Shares of every tolerance in every variance; empty without tolerances."""
+        return tuple(
+            row
+            for estimator, entry in self.estimators.items()
+            if entry.systematic is not None and entry.systematic.groups
+            for row in budget_rows(estimator, self.parameters, entry.covariance, entry.systematic)
+        )
+
+    @property
+    def deviations(
+        self,
+    ) -> Annotated[tuple[DeviationRow, ...], Table("tables/deviations.csv", optional=True)]:
+        """Tolerances and estimates of all deviations; empty without tolerances."""
+        if not self.budget:
+            return ()
+        return tuple(
+            row
+            for estimator, entry in self.estimators.items()
+            if entry.systematic is not None
+            for row in deviation_rows(estimator, entry.systematic)
+        )
+
+    @property
+    def constants(
+        self,
+    ) -> Annotated[tuple[ConstantRow, ...], Table("tables/constants.csv", optional=True)]:
+        """Estimated constants of terms; empty without any."""
+        return tuple(
+            ConstantRow(estimator=estimator, **asdict(row))
+            for estimator, entry in self.estimators.items()
+            for row in entry.constants
+        )
+
+    @property
+    def payload(
+        self,
+    ) -> Annotated[tuple[PayloadRow, ...], Table("tables/payload.csv", optional=True)]:
+        """The payload by every estimator; empty without a prior identification."""
+        return tuple(
+            row
+            for estimator, entry in self.estimators.items()
+            if entry.payload is not None
+            for row in payload_rows(estimator, entry.payload)
+        )
+
+    @property
+    def consistent(
+        self,
+    ) -> Annotated[tuple[ConsistentRow, ...], Table("tables/consistent.csv", optional=True)]:
+        """Every estimate and the nearest physically consistent parameters."""
+        return tuple(
+            row
+            for estimator, entry in self.estimators.items()
+            if entry.consistent is not None
+            for row in consistent_rows(estimator, entry.values, entry.covariance, entry.consistent)
+        )
+
+    @property
+    def selection_steps(
+        self,
+    ) -> Annotated[tuple[SelectionRow, ...], Table("tables/selection.csv", optional=True)]:
+        """Every term that was tried; empty without a selection."""
+        return () if self.selection is None else self.selection.steps
+
+    @property
+    def noise(self) -> Annotated[tuple[NoiseRow, ...], Table("tables/noise.csv")]:
+        """Σ and Δ of every recording, element by element."""
+        return tuple(
+            NoiseRow(number, *astuple(row))
+            for number, recording in enumerate(self.recordings, start=1)
+            for row in covariance_rows(recording.noise)
+        )

@@ -16,8 +16,8 @@ from estimation.estimators import (
     ParameterPriors,
     cramer_rao_covariance,
 )
-from estimation.identification.estimate import parameter_priors, run_estimators
 from estimation.identification.estimated_machine import linearise_at_load
+from estimation.identification.estimation import parameter_priors, run_estimators
 from estimation.identification.noise_choice import with_stated_spectrum
 from estimation.identification.periods import UnsuitableDataError
 from estimation.identification.recording import prepare_experiment

@@ -246,11 +246,6 @@ class MonteCarloResult(RunFile, StageResult):
         )
 
     @property
-    def summary(self) -> MonteCarloResult:
-        """The result itself."""
-        return self
-
-    @property
     def bound_std(self) -> Array:
         """(m,) smallest standard deviations of an unbiased estimator, SI."""
         return np.sqrt(np.diag(self.bound_covariance))

@@ -14,7 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from constraints.arrays import Array
-from estimation.identification.estimate import refuse_ml_without_fit
+from estimation.identification.estimation import refuse_ml_without_fit
 from estimation.montecarlo.repetition import Repetition, Workbench
 from estimation.montecarlo.result import (
     EstimatorStatistics,

@@ -22,7 +22,7 @@ from constraints.arrays import Array, Mask
 from estimation.data.measurement import Measurement
 from estimation.estimators import Experiment, ParameterEstimate, covariance_ml_less_gm
 from estimation.identification import prepare_experiment, run_estimators
-from estimation.identification.estimate import parameter_priors
+from estimation.identification.estimation import parameter_priors
 from estimation.montecarlo.repetition import FAILURES
 from estimation.twin import Twin
 from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, difference_test

@@ -19,13 +19,13 @@ import pandas as pd
 
 from constraints.arrays import Mask
 from estimation.diagnostics.diagnosis import diagnose
-from estimation.diagnostics.diagnosis_result import Diagnosis
+from estimation.diagnostics.diagnosis_result import ResidualDiagnosis
 from estimation.estimators import Experiment, ParameterEstimate
 from estimation.identification import prepare_experiment, run_estimators
-from estimation.identification.estimate import parameter_priors
+from estimation.identification.estimation import parameter_priors
 from estimation.twin import Twin
 from estimation.validation.motions import benchmark_motion, broken_limits, motion_name
-from estimation.validation.validate import MotionRecord
+from estimation.validation.validate import PredictionResiduals
 from examples.paper.comparison import Share
 from examples.paper.setting import (
     Claim,
@@ -151,7 +151,7 @@ class ValidationBench:
 
     def predict(
         self, number: int, estimates: dict[bool, ParameterEstimate]
-    ) -> dict[str, dict[str, tuple[Experiment, Diagnosis]]]:
+    ) -> dict[str, dict[str, tuple[Experiment, ResidualDiagnosis]]]:
         """Return every motion of one run with its diagnosis, by situation and motion."""
         measured = {
             key: {
@@ -183,13 +183,13 @@ class ValidationBench:
             found[cogging] = run_estimators(self.robot, [experiment], self.knowledge, ("ml",))["ml"]
         return found
 
-    def _diagnose(self, experiment: Experiment, estimate: ParameterEstimate) -> Diagnosis:
+    def _diagnose(self, experiment: Experiment, estimate: ParameterEstimate) -> ResidualDiagnosis:
         return diagnose(self.robot, [experiment], self.knowledge, estimate, held_out=True)
 
 
-def _verdict(diagnosis: Diagnosis) -> dict[str, Any]:
+def _verdict(diagnosis: ResidualDiagnosis) -> dict[str, Any]:
     """Return the tests of one predicted motion, and the assumptions that fail."""
-    tests = diagnosis.experiments[0].tests
+    tests = diagnosis.experiments[0]
     return {
         "tested": not tests.lack_of_fit.refused,
         **dict(zip(_FAILS, map(bool, tests.lack_of_fit.failed), strict=True)),
@@ -199,14 +199,18 @@ def _verdict(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _prediction_figures(bench: ValidationBench, number: int) -> Iterator[tuple[Any, MotionRecord]]:
+def _prediction_figures(
+    bench: ValidationBench, number: int
+) -> Iterator[tuple[Any, PredictionResiduals]]:
     """Yield the figures of the prediction errors of one run on every motion."""
     predicted = bench.predict(number, bench.estimates(number))
     pairs = product(predicted, bench.motions)
     for count, (situation, motion) in enumerate(pairs, start=1):
         diagnosis = predicted[situation][motion][1]
-        record = MotionRecord.of(f"{motion}: {SITUATIONS[situation]}", diagnosis)
-        yield prediction_figure.ending(f"_{count}"), record
+        (only,) = diagnosis.recordings
+        name = f"{motion}: {SITUATIONS[situation]}"
+        residuals = PredictionResiduals(name, only.tests, only.residuals)
+        yield prediction_figure.ending(f"_{count}"), residuals
 
 
 # --- motions, cogging and wrong parameters --------------------------------------------------------

@@ -16,7 +16,6 @@ from results.views.view import StageView
 
 if TYPE_CHECKING:
     from estimation.data.measurement import Measurement
-    from estimation.diagnostics.diagnosis_result import Diagnosis
     from estimation.identification import EstimationResult
 
 
@@ -33,9 +32,9 @@ class EstimateStage(Stage):
 
     def result_type(self) -> type[Any]:
         """Return the type of the stored result."""
-        from estimation.identification.record import EstimateRecord
+        from estimation.identification.result import EstimationResult
 
-        return EstimateRecord
+        return EstimationResult
 
     def view(self, folder: RunFolder, *, brief: bool = False) -> StageView:
         """Return the view of the estimate."""
@@ -54,14 +53,8 @@ class EstimateStage(Stage):
         return compare_estimates(folders)
 
     def run(self, work: Workspace) -> Outcome:
-        """Estimate, and judge the estimate.
-
-        The result is the `EstimationResult` and the `Diagnosis`, which is None where the intervals
-        do not cover.
-        """
+        """Estimate the parameters and diagnose the estimate."""
         from estimation import identification
-        from estimation.diagnostics.diagnosis import diagnose
-        from estimation.identification.record import EstimateRecord
 
         configuration, files = work.configuration, work.data_files()
         designs = work.recorded_designs(len(files))
@@ -77,26 +70,23 @@ class EstimateStage(Stage):
                 "the parameters cannot be determined from these data: is a channel constant? "
                 f"({error})"
             ) from error
-        diagnosis = None
-        if result.intervals_cover:
-            diagnosis = diagnose(result.robot, result.experiments, result.knowledge, result.best)
-        summary = _summary(result, diagnosis)
+        summary = _summary(result)
         return Outcome(
-            result=(result, diagnosis),
-            record=EstimateRecord.of(result, diagnosis),
+            result=result,
+            record=result,
             summary=summary,
-            message="; ".join(f"{name}: {e.status}" for name, e in result.estimates.items()),
+            message="; ".join(f"{name}: {e.status}" for name, e in result.estimators.items()),
             warnings=result.warnings[len(configuration.warnings) :],
             doubt="" if summary["verdict"] == "accepted" else "a diagnostic failed",
         )
 
 
-def _summary(result: EstimationResult, diagnosis: Diagnosis | None) -> dict[str, Any]:
-    verdict = None if diagnosis is None else diagnosis.verdict
-    near = result.consistent[result.best.estimator]
-    best = [row for row in result.rows if row.estimator == result.best.estimator]
+def _summary(result: EstimationResult) -> dict[str, Any]:
+    verdict = None if result.diagnostics is None else result.diagnostics.verdict
+    near = result.best_estimator.consistent
+    best = result.by_estimator()[result.best]
     return {
-        "best": result.best.estimator,
+        "best": result.best,
         "estimates": {
             row.parameter: {"value": row.value, "std": row.std, "unit": row.unit} for row in best
         },
@@ -104,11 +94,7 @@ def _summary(result: EstimationResult, diagnosis: Diagnosis | None) -> dict[str,
         "not_identified": [row.parameter for row in best if row.identified is False],
         "consistent": None
         if near is None
-        else {
-            "distance": near.distance,
-            "p": near.p,
-            "values": dict(zip(result.knowledge.names, near.values.tolist(), strict=True)),
-        },
+        else {"distance": near.distance, "p": near.p, "values": near.values},
         "verdict": "not judged" if verdict is None else verdict.status.value,
         "findings": [] if verdict is None else [finding.sentence for finding in verdict.failed],
         "seconds": result.seconds,

@@ -50,19 +50,18 @@ class FeedforwardStage(Stage):
         if "design" in self.inputs(configuration):
             design = work.design().trajectory
         record = compare_feedforward(configuration, saved, design)
-        summary = record.summary
-        reduction = summary.case("identified").reduction
+        reduction = record.case("identified").reduction
         return Outcome(
             result=record,
             record=record,
             summary={
-                "machine": summary.machine,
-                "motion": summary.motion,
-                "cases": [asdict(each) for each in summary.cases],
-                "left": summary.left,
-                "warnings": list(summary.warnings),
+                "machine": record.machine,
+                "motion": record.motion,
+                "cases": [asdict(each) for each in record.cases],
+                "left": record.left,
+                "warnings": list(record.warnings),
             },
             message=f"error {reduction:.3g} times smaller with the identified model",
-            warnings=summary.warnings[len(configuration.warnings) :],
+            warnings=record.warnings[len(configuration.warnings) :],
             doubt="" if reduction > 1 else "the identified model does not make the error smaller",
         )

@@ -18,9 +18,9 @@ from estimation.controlmodel.uncertainty import (
     force_uncertainty,
 )
 from estimation.controlmodel.vectors import VECTORS
-from estimation.identification.estimate_file import EstimateFile
-from estimation.identification.identified_robot import FILE as IDENTIFIED
+from estimation.identification.result import EstimateFile
 from expdesign.configuration import InputError
+from expdesign.configuration.identification import IDENTIFIED_ROBOT as IDENTIFIED
 from expdesign.configuration.identification import Identification
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 from expdesign.progress import report_progress

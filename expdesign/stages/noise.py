@@ -26,9 +26,9 @@ class NoiseStage(Stage):
 
     def result_type(self) -> type[Any]:
         """Return the type of the stored result."""
-        from estimation.diagnostics.noise_result import NoiseRecord
+        from estimation.diagnostics.noise_result import NoiseResult
 
-        return NoiseRecord
+        return NoiseResult
 
     def view(self, folder: RunFolder, *, brief: bool = False) -> StageView:
         """Return the view of the analysis."""
@@ -66,5 +66,5 @@ class NoiseStage(Stage):
         return Outcome(
             result=samples,
             record=record,
-            summary={**record.summary.as_data(), "for_the_robot_file": record.block},
+            summary={**record.as_data(), "for_the_robot_file": record.block},
         )

@@ -10,7 +10,7 @@ from results.views.folder import RunFolder
 from results.views.view import StageView
 
 if TYPE_CHECKING:
-    from estimation.validation.validate import ValidationFile
+    from estimation.validation.validate import ValidationResult
 
 
 class ValidateStage(Stage):
@@ -26,9 +26,9 @@ class ValidateStage(Stage):
 
     def result_type(self) -> type[Any]:
         """Return the type of the stored result."""
-        from estimation.validation.validate import ValidationRecord
+        from estimation.validation.validate import ValidationResult
 
-        return ValidationRecord
+        return ValidationResult
 
     def view(self, folder: RunFolder, *, brief: bool = False) -> StageView:
         """Return the view of the validation."""
@@ -43,7 +43,7 @@ class ValidateStage(Stage):
 
         configuration, saved = work.estimate()
         record = validate(configuration, saved)
-        summary, warnings = record.summary, record.summary.warnings
+        summary, warnings = record, record.warnings
         return Outcome(
             result=record,
             record=record,
@@ -62,7 +62,7 @@ class ValidateStage(Stage):
         )
 
 
-def _doubt(summary: ValidationFile) -> str:
+def _doubt(summary: ValidationResult) -> str:
     if any(each.within is False for each in summary.motions):
         return "a motion is not predicted within its tolerance"
     return "a motion contradicts the model"

@@ -22,7 +22,7 @@ from results.views.view import StageView
 
 if TYPE_CHECKING:
     from estimation.data.measurement import Measurement
-    from estimation.identification.saved import SavedEstimate
+    from estimation.identification.identified_model import IdentifiedModel
     from expdesign.solver.events import SearchEvent
 
 _DESIGN, _EXPERIMENT, _ESTIMATE, _REPORT = "design", "experiment", "estimate", "report"
@@ -245,21 +245,21 @@ class Workspace:
         named = [TrajectoryFile.read(path.absolute()).trajectory for path in given]
         return [*named] * (recordings if len(named) == 1 else 1)
 
-    def estimate(self) -> tuple[RunConfiguration, SavedEstimate]:
+    def estimate(self) -> tuple[RunConfiguration, IdentifiedModel]:
         """Return the run with the terms that the estimate added, and the estimate."""
-        from estimation.identification.estimate_file import EstimateFile
-        from estimation.identification.saved import saved_estimate
+        from estimation.identification.identified_model import identified_model
+        from estimation.identification.result import EstimateFile
 
         made = self.made.get(_ESTIMATE)
         place = self._estimate_place()
         path = place if place.is_file() else place / ESTIMATE_FILE
         if self.sources.estimate is None and made is not None and made.record is not None:
-            found = made.record.summary
+            found = made.record
         else:
             found = EstimateFile.read(place)
         added = () if found.selection is None else found.selection.added
         configuration = add_terms(self.configuration, added)
-        return configuration, saved_estimate(found, path, robot_from(configuration.robot))
+        return configuration, identified_model(found, path, robot_from(configuration.robot))
 
     def made_from(self, need: str) -> str:
         """Return an input of a stage, of `Stage.needs`, as text with all digits or hashes."""

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.identification.estimate_file import EstimateFile
 from estimation.identification.estimator_result import shared_response
-from estimation.identification.record import EstimateRecord
+from estimation.identification.result import EstimateFile, EstimationResult
 from estimation.twin.truth import Truth
 from estimation.uncertainty.differences import Differences, difference_test
 from expdesign.configuration.identification import machine_name
@@ -94,7 +93,7 @@ def common_parameters(found: tuple[ComparedEstimate, ...]) -> tuple[str, ...]:
 def compare_estimates(folders: Mapping[str, RunFolder]) -> StageView:
     """Return the comparison of the best estimates of folders."""
     found = tuple(
-        ComparedEstimate(label, folder, folder.result(EstimateRecord).summary)
+        ComparedEstimate(label, folder, folder.result(EstimationResult))
         for label, folder in folders.items()
     )
     names = common_parameters(found)

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.diagnostics.noise_result import NoisePictures, NoiseRecord, correlation_of
+from estimation.diagnostics.noise_result import NoisePictures, NoiseResult, correlation_of
 from results.figures.drawing import (
     centred_text,
     corner_text,
@@ -30,7 +30,7 @@ from results.style import ALERT, BLUE, INK, STRUT_COLOURS, VERMILLION
 )
 def noise_distribution_figure(figure: Figure, pictures: NoisePictures) -> None:
     """Draw a histogram per actuator; values beyond the axis count in its outer bins."""
-    bins, test = pictures.histogram, pictures.normality
+    bins, test = pictures.histogram, pictures.force_normality
     reach = float(bins.high[-1])
     for j, axes in enumerate(strut_panels(figure, "Actuator", share=True)):
         axes.hist(
@@ -156,7 +156,7 @@ _HEADROOM = 0.25
     "Marked: a hum of the mains, with its amplitude.",
     height=4.6,
 )
-def noise_spectrum_figure(figure: Figure, record: NoiseRecord) -> None:
+def noise_spectrum_figure(figure: Figure, record: NoiseResult) -> None:
     """Draw density over frequency, both logarithmic; a hum is a line next to it."""
     found = record.force_density
     panels = strut_panels(figure, "Actuator", share=True)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from constraints.arrays import Array
-from estimation.identification.record import EstimateRecord
+from estimation.identification.result import EstimationResult
 from estimation.selection.selection import SelectionRow
 from expdesign.experiment import DesignResult
 from expdesign.information.identifiable import IDENTIFIABLE
@@ -99,12 +99,12 @@ _SPREAD = 0.5
     "standard deviation, with 95 % intervals. The a-priori values do not enter the estimates.",
     height=3.4,
 )
-def estimates_figure(figure: Figure, record: EstimateRecord) -> None:
+def estimates_figure(figure: Figure, record: EstimationResult) -> None:
     """Draw deviations in units of the best estimator's standard deviation."""
     axes = figure.subplots()
     tables = record.by_estimator()
-    best = record.summary.best
-    names = record.summary.parameters
+    best = record.best
+    names = record.parameters
     position = np.arange(len(names), dtype=float)
     unit = np.array([row.std for row in tables[best]])
     free = np.isfinite(unit)
@@ -136,16 +136,15 @@ def estimates_figure(figure: Figure, record: EstimateRecord) -> None:
     height=4.6,
     width=5.2,
 )
-def correlation_figure(figure: Figure, record: EstimateRecord) -> None:
+def correlation_figure(figure: Figure, record: EstimationResult) -> None:
     """Draw the best estimator's correlation matrix."""
     from estimation.uncertainty.intervals import correlation
 
-    summary = record.summary
-    free = [k for k, name in enumerate(summary.parameters) if name not in summary.fixed]
-    matrix = correlation(summary.best_estimator.covariance)[np.ix_(free, free)]
+    free = [k for k, name in enumerate(record.parameters) if name not in record.fixed]
+    matrix = correlation(record.best_estimator.covariance)[np.ix_(free, free)]
     axes = figure.subplots()
-    correlation_image(axes, matrix, [symbol(summary.parameters[k]) for k in free], "RdBu_r")
-    axes.set_title(f"Correlation of the {summary.best.upper()} estimates")
+    correlation_image(axes, matrix, [symbol(record.parameters[k]) for k in free], "RdBu_r")
+    axes.set_title(f"Correlation of the {record.best.upper()} estimates")
 
 
 ESTIMATE_FIGURES = (estimates_figure, correlation_figure)
@@ -235,9 +234,9 @@ _MOST_STEPS = 14
     "and not tried in this step.",
     height=3.2,
 )
-def selection_figure(figure: Figure, record: EstimateRecord) -> None:
+def selection_figure(figure: Figure, record: EstimationResult) -> None:
     """Draw a cell for every candidate in every step, with its worth."""
-    found = record.summary.selection
+    found = record.selection
     if found is None:
         raise ValueError("no terms were tried")
     axes = figure.subplots()

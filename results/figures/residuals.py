@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from constraints.arrays import Array
-from estimation.diagnostics.diagnosis_result import ExperimentRecord
+from estimation.diagnostics.diagnosis_result import RecordingDiagnosis
 from estimation.diagnostics.residuals import ForceResiduals
-from estimation.validation.validate import MotionRecord
+from estimation.validation.validate import PredictionResiduals
 from expdesign.mechanism.hexapod import ACTUATORS
 from results.figures.drawing import (
     centred_text,
@@ -32,7 +32,7 @@ _REACH = 0.9995
     "the noise alone leaves 95 % of it. F: bias against the scatter between the periods.",
     height=5.4,
 )
-def residuals_figure(figure: Figure, record: ExperimentRecord) -> None:
+def residuals_figure(figure: Figure, record: RecordingDiagnosis) -> None:
     """Draw the residuals of an estimate over one period."""
     rest, test = record.residuals, record.tests.lack_of_fit
     for j, axes in enumerate(_residual_panels(figure, rest, rest.time, room=1.25)):
@@ -47,7 +47,7 @@ def residuals_figure(figure: Figure, record: ExperimentRecord) -> None:
     "estimate. Dashed: where the noise alone leaves 95 % of it.",
     height=5.4,
 )
-def prediction_figure(figure: Figure, motion: MotionRecord) -> None:
+def prediction_figure(figure: Figure, motion: PredictionResiduals) -> None:
     """Draw the error of the prediction of a motion."""
     rest, test = motion.residuals, motion.tests.lack_of_fit
     panels = _residual_panels(figure, rest, rest.time - rest.time[0], room=1.3)
@@ -89,7 +89,7 @@ def _residual_panels(
     "speed (right), with 95 % intervals from the noise.",
     height=7.8,
 )
-def residual_dependence_figure(figure: Figure, record: ExperimentRecord) -> None:
+def residual_dependence_figure(figure: Figure, record: RecordingDiagnosis) -> None:
     """Draw one row per strut: means in bins with their 95 % intervals."""
     panels = figure.subplots(ACTUATORS, 2, sharex="col", sharey=True)
     columns = (("length", "m"), ("speed", "m/s"))
@@ -126,7 +126,7 @@ def residual_dependence_figure(figure: Figure, record: ExperimentRecord) -> None
     "Dashed: significant over all struts and pitches (family level 0.1 %).",
     height=5.4,
 )
-def position_periodic_figure(figure: Figure, record: ExperimentRecord) -> None:
+def position_periodic_figure(figure: Figure, record: RecordingDiagnosis) -> None:
     """Draw the statistic over the pitch, of the residuals before and after the compensation."""
     tests = record.tests
     forces = {e.strut: e.force for e in tests.effects if e.force is not None}

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from estimation.controlmodel import FOLDER
 from estimation.controlmodel.formats import ControlModelFile
-from estimation.identification.identified_robot import FILE as IDENTIFIED
+from expdesign.configuration.identification import IDENTIFIED_ROBOT as IDENTIFIED
 from expdesign.runfolder.manifest import file_hash
 from results.views.folder import RunFolder
 from results.views.view import (

@@ -7,8 +7,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from estimation.identification.estimate_file import EstimateFile, RecordingKeys
-from estimation.identification.record import EstimateRecord
+from estimation.identification.result import EstimatedRecording, EstimateFile, EstimationResult
 from estimation.twin.truth import Truth
 from estimation.uncertainty.differences import Differences
 from estimation.uncertainty.intervals import ParameterRow
@@ -56,19 +55,19 @@ _TITLE = "Estimate"
 
 def estimate_view(folder: RunFolder) -> StageView:
     """Return the view of the estimate in a folder."""
-    record = folder.result(EstimateRecord)
-    truth = _truth(folder, record.summary)
+    record = folder.result(EstimationResult)
+    truth = _truth(folder, record)
     return StageView(
-        _verdict(record.summary),
+        _verdict(record),
         _blocks(folder, record, truth),
         _facts(record, truth),
-        record.summary.warnings,
+        record.warnings,
     )
 
 
-def estimates_table(record: EstimateRecord, truth: Mapping[str, float] | None) -> ReportTable:
+def estimates_table(record: EstimationResult, truth: Mapping[str, float] | None) -> ReportTable:
     """Return the parameters of the best estimator, with the truth where it is known."""
-    best = record.summary.best
+    best = record.best
     columns = [
         TableColumn("parameter", kind="parameter", of="parameter"),
         TableColumn("unit", kind="text", of="unit"),
@@ -92,12 +91,12 @@ def estimates_table(record: EstimateRecord, truth: Mapping[str, float] | None) -
         ]
     known = " and the truth of the simulated experiment" if truth is not None else ""
     caption = f"Parameters of the {NAMES.get(best, best)} estimate with 95 % intervals{known}"
-    screen = len(record.summary.estimators) == 1
+    screen = len(record.estimators) == 1
     rows = record.by_estimator()[best]
     return ReportTable.of("estimates", caption, columns, rows, screen=screen, latex=True)
 
 
-def _estimators_table(record: EstimateRecord) -> ReportTable:
+def _estimators_table(record: EstimationResult) -> ReportTable:
     tables = record.by_estimator()
     first = next(iter(tables.values()))
     columns = [
@@ -115,43 +114,42 @@ def _estimators_table(record: EstimateRecord) -> ReportTable:
 
 
 def _blocks(
-    folder: RunFolder, record: EstimateRecord, truth: Mapping[str, float] | None
+    folder: RunFolder, record: EstimationResult, truth: Mapping[str, float] | None
 ) -> tuple[Block, ...]:
-    summary = record.summary
-    blocks: list[Block] = [Facts(_details(folder, summary), screen=True)]
-    if not summary.intervals_cover:
-        blocks.append(TextBlock(summary.intervals_note, Level.CAUTION, screen=True))
-    blocks += payload_blocks(record, _true_payload(folder, record.summary))
+    blocks: list[Block] = [Facts(_details(folder, record), screen=True)]
+    if not record.intervals_cover:
+        blocks.append(TextBlock(record.intervals_note, Level.CAUTION, screen=True))
+    blocks += payload_blocks(record, _true_payload(folder, record))
     blocks.append(estimates_table(record, truth))
-    if len(summary.estimators) > 1:
+    if len(record.estimators) > 1:
         blocks.append(_estimators_table(record))
     blocks += constants_blocks(record)
     blocks += selection_blocks(record)
     blocks += budget_blocks(record)
-    together = summary.best_estimator.base_parameters
-    free = {*summary.parameters} - {*summary.fixed}
+    together = record.best_estimator.base_parameters
+    free = {*record.parameters} - {*record.fixed}
     blocks += combination_blocks("estimate_combinations", together, free)
     blocks += consistency_blocks(record)
-    if not together and summary.best_estimator.combinations:
-        weak = "; ".join(combination.text for combination in summary.best_estimator.combinations)
+    if not together and record.best_estimator.combinations:
+        weak = "; ".join(combination.text for combination in record.best_estimator.combinations)
         text = f"Identified only in combination with others: {weak}."
         blocks.append(TextBlock(text, Level.CAUTION, screen=True))
     blocks += drawings(ESTIMATE_FIGURES, record)
-    test = information_test(summary)
+    test = information_test(record)
     if test is not None:
         disturbed = isinstance(test, Differences) and test.differ
         sentence = f"{information_sentence(test)}."
         blocks.append(TextBlock(sentence, Level.CAUTION if disturbed else Level.NEUTRAL))
     if isinstance(test, Differences) and (test.freedom or test.differ):
         caption = "ML − GM against the covariance that errors of the same data give this difference"
-        blocks.append(differences_table("hausman", caption, summary.parameters, test, folded=True))
-    if summary.diagnostics is not None:
-        found = summary.diagnostics.verdict.findings
+        blocks.append(differences_table("hausman", caption, record.parameters, test, folded=True))
+    if record.diagnostics is not None:
+        found = record.diagnostics.verdict.findings
         blocks.append(findings_block("findings", found, "the estimate"))
-    blocks += drawings(DIAGNOSTIC_FIGURES, record.experiments, numbered=True)
+    blocks += drawings(DIAGNOSTIC_FIGURES, record.diagnoses, numbered=True)
     if not shows_noise(folder):
-        blocks += drawings(NOISE_FIGURES, record.experiments, numbered=True)
-    blocks.append(_noise_table(summary))
+        blocks += drawings(NOISE_FIGURES, record.diagnoses, numbered=True)
+    blocks.append(_noise_table(record))
     return tuple(blocks)
 
 
@@ -222,8 +220,8 @@ def _verdict(summary: EstimateFile) -> StageVerdict:
     return StageVerdict(_TITLE, verdict_level(verdict), verdict.status.value, sentence, "estimate")
 
 
-def _facts(record: EstimateRecord, truth: Mapping[str, float] | None) -> tuple[Fact, ...]:
-    best = record.summary.best
+def _facts(record: EstimationResult, truth: Mapping[str, float] | None) -> tuple[Fact, ...]:
+    best = record.best
     rows = record.by_estimator()[best]
     relative = [row.rel_std_percent for row in rows if np.isfinite(row.rel_std_percent)]
     facts = [
@@ -270,5 +268,5 @@ def _details(folder: RunFolder, summary: EstimateFile) -> tuple[Fact, ...]:
     return tuple(facts)
 
 
-def _period(recording: RecordingKeys) -> str:
+def _period(recording: EstimatedRecording) -> str:
     return readable(2 * np.pi / recording.omega, 6)

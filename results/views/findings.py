@@ -8,7 +8,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import DiagnosisVerdict, Finding, Status
-from estimation.identification.estimate_file import EstimateFile
+from estimation.identification.result import EstimateFile
 from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, difference_test
 from results.views.view import FindingLine, FindingsBlock, Level, ReportTable, TableColumn
 

@@ -8,14 +8,9 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import FindingOutcome
-from estimation.diagnostics.noise_result import (
-    NoiseFile,
-    NoiseRecord,
-    correlation_of,
-    covariance_rows,
-)
+from estimation.diagnostics.noise_result import NoiseResult, correlation_of, covariance_rows
 from estimation.diagnostics.noise_tests import Normality, Whiteness
-from estimation.identification.record import EstimateRecord
+from estimation.identification.result import EstimationResult
 from results.figures.noise import NOISE_FIGURES, SPECTRUM_FIGURES
 from results.notation import readable
 from results.views.findings import findings_block
@@ -47,16 +42,16 @@ def shows_noise(folder: RunFolder) -> bool:
         return False
     if not folder.has("estimate"):
         return True
-    recordings = folder.result(EstimateRecord).summary.recordings
-    own = folder.result(NoiseRecord).summary.recording
+    recordings = folder.result(EstimationResult).recordings
+    own = folder.result(NoiseResult).recording
     # The figures of several recordings have numbers, and leave those of the analysis alone.
     return len(recordings) > 1 or any(recording.source == own for recording in recordings)
 
 
 def noise_view(folder: RunFolder) -> StageView:
     """Return the view of the noise analysis in a folder."""
-    record = folder.result(NoiseRecord)
-    noise = record.summary
+    record = folder.result(NoiseResult)
+    noise = record
     failed = [finding for finding in noise.findings if finding.outcome is FindingOutcome.FAILS]
     serious = any(finding.serious for finding in failed)
     level = Level.BAD if serious else Level.CAUTION if failed else Level.GOOD
@@ -100,7 +95,7 @@ def noise_view(folder: RunFolder) -> StageView:
     return StageView(StageVerdict("Noise", level, word, sentence, "noise"), tuple(blocks))
 
 
-def _taken(noise: NoiseFile) -> str:
+def _taken(noise: NoiseResult) -> str:
     if noise.at_rest:
         return "of the machine at rest"
     return f"in {readable(noise.periods)} periods"
@@ -110,7 +105,7 @@ def _range(std: Array) -> str:
     return f"{readable(np.min(std), 3)} to {readable(np.max(std), 3)}"
 
 
-def _details(folder: RunFolder, noise: NoiseFile) -> tuple[Fact, ...]:
+def _details(folder: RunFolder, noise: NoiseResult) -> tuple[Fact, ...]:
     freedom = noise.force_freedom
     # With F degrees of freedom a standard deviation is known to 1/√(2F).
     relative = 100 / np.sqrt(2 * freedom) if freedom > 0 else float("nan")
@@ -160,7 +155,7 @@ def _correlation_table(what: str, unit: str, factor: float, covariance: Array) -
     return ReportTable.of(f"noise_correlation_{what}s", caption, columns, screen=True)
 
 
-def _covariance_table(noise: NoiseFile) -> ReportTable:
+def _covariance_table(noise: NoiseResult) -> ReportTable:
     rows = map(astuple, covariance_rows(noise))
     columns = (
         TableColumn("quantity", kind="text"),

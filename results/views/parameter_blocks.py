@@ -12,7 +12,7 @@ import numpy as np
 
 from estimation.estimators.payload import ABOUT_CENTRE, TEN, about_centre
 from estimation.identification.estimator_result import DeviationRow, PayloadRow
-from estimation.identification.record import EstimateRecord
+from estimation.identification.result import EstimationResult
 from estimation.identification.term_selection import SAME_MOTION, UNSETTLED, without_bounds
 from expdesign.experiment.combinations import KnownCombination
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
@@ -65,9 +65,9 @@ def combination_blocks(
     return (ReportTable.of(key, caption, columns, together, screen=True),)
 
 
-def share_columns(record: EstimateRecord) -> list[TableColumn]:
+def share_columns(record: EstimationResult) -> list[TableColumn]:
     """Return the columns of the random and the systematic share, where there are both."""
-    found = record.summary.best_estimator.systematic
+    found = record.best_estimator.systematic
     if found is None or not found.groups:
         return []
     return [
@@ -76,15 +76,14 @@ def share_columns(record: EstimateRecord) -> list[TableColumn]:
     ]
 
 
-def budget_blocks(record: EstimateRecord) -> list[Block]:
+def budget_blocks(record: EstimationResult) -> list[Block]:
     """Return the share of every tolerance in the variance of every parameter."""
-    summary = record.summary
-    found = summary.best_estimator.systematic
+    found = record.best_estimator.systematic
     if found is None or not found.groups:
-        if not summary.intervals_cover:
+        if not record.intervals_cover:
             return []
-        return [TextBlock(f"Intervals: {summary.intervals_note}.", Level.NEUTRAL)]
-    rows = [row for row in record.budget if row.estimator == summary.best]
+        return [TextBlock(f"Intervals: {record.intervals_note}.", Level.NEUTRAL)]
+    rows = [row for row in record.budget if row.estimator == record.best]
     sources = list(dict.fromkeys(row.source for row in rows))
     names = list(dict.fromkeys(row.parameter for row in rows))
     share = {(row.parameter, row.source): row.share_percent for row in rows}
@@ -114,14 +113,14 @@ def budget_blocks(record: EstimateRecord) -> list[Block]:
         ReportTable.of("budget", caption, columns),
     ]
     if found.with_priors:
-        shown = [row for row in record.deviations if row.estimator == summary.best]
+        shown = [row for row in record.deviations if row.estimator == record.best]
         blocks.append(_deviations_table(shown))
     return blocks
 
 
-def constants_blocks(record: EstimateRecord) -> list[Block]:
+def constants_blocks(record: EstimationResult) -> list[Block]:
     """Return the table of estimated constants of terms; nothing without any."""
-    rows = [row for row in record.constants if row.estimator == record.summary.best]
+    rows = [row for row in record.constants if row.estimator == record.best]
     if not rows:
         return []
     columns = [
@@ -152,10 +151,9 @@ _MOVED = 0.005
 """Standard deviations from which on a parameter is in the table."""
 
 
-def consistency_blocks(record: EstimateRecord) -> list[Block]:
+def consistency_blocks(record: EstimationResult) -> list[Block]:
     """Return the physical consistency of the best estimate, and the nearest consistent one."""
-    summary = record.summary
-    found = summary.best_estimator.consistent
+    found = record.best_estimator.consistent
     if found is None:
         return []
     level = Level.CAUTION if found.significant else Level.NEUTRAL
@@ -164,7 +162,7 @@ def consistency_blocks(record: EstimateRecord) -> list[Block]:
     ]
     if found.distance == 0:
         return blocks
-    rows = [row for row in record.consistent if row.estimator == summary.best]
+    rows = [row for row in record.consistent if row.estimator == record.best]
     shown = [row for row in rows if abs(row.moved) >= _MOVED or row.parameter in found.exchanged]
     columns = [
         TableColumn("parameter", kind="parameter", of="parameter"),
@@ -184,12 +182,12 @@ def consistency_blocks(record: EstimateRecord) -> list[Block]:
     return [*blocks, ReportTable.of("consistent", caption, columns, shown)]
 
 
-def payload_blocks(record: EstimateRecord, truth: Mapping[str, float] | None) -> list[Block]:
+def payload_blocks(record: EstimationResult, truth: Mapping[str, float] | None) -> list[Block]:
     """Return the payload of the best estimate, with the true one where it is known.
 
     `truth` are the payload's shares of the platform's parameters.
     """
-    rows = [row for row in record.payload if row.estimator == record.summary.best]
+    rows = [row for row in record.payload if row.estimator == record.best]
     if not rows:
         return []
     columns = [
@@ -200,8 +198,8 @@ def payload_blocks(record: EstimateRecord, truth: Mapping[str, float] | None) ->
         TableColumn("95 % from", digits=5, of="ci_low"),
         TableColumn("95 % to", digits=5, of="ci_high"),
     ]
-    for estimator in record.summary.estimators:
-        if estimator != record.summary.best:
+    for estimator in record.estimators:
+        if estimator != record.best:
             own = {row.quantity: row for row in record.payload if row.estimator == estimator}
             columns += _other_payload(estimator, own)
     if any(row.std_systematic > 0 for row in rows):
@@ -248,9 +246,9 @@ _RULES = {
 }
 
 
-def selection_blocks(record: EstimateRecord) -> Iterator[Block]:
+def selection_blocks(record: EstimationResult) -> Iterator[Block]:
     """Yield the terms that were added, the criterion, and the consequence for the intervals."""
-    found = record.summary.selection
+    found = record.selection
     if found is None:
         return
     added = ", ".join(found.chosen) or "none"

@@ -68,9 +68,9 @@ def _motion(folder: RunFolder) -> _Motion | None:
         states = np.concatenate([one.pose, one.pose_rate, one.pose_acceleration], axis=1)
         what, model = "The designed trajectory", "at the nominal parameters"
         return _Motion(what, model, one.time, states, one.force)
-    from estimation.identification.record import EstimateRecord
+    from estimation.identification.result import EstimationResult
 
-    motions = folder.result(EstimateRecord).motions if folder.has("estimate") else {}
+    motions = folder.result(EstimationResult).motions if folder.has("estimate") else {}
     if 1 not in motions or len(motions[1].time) < 2:  # noqa: PLR2004 - it begins and ends
         return None
     executed = motions[1]

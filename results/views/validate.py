@@ -7,7 +7,7 @@ from dataclasses import astuple
 import numpy as np
 
 from estimation.validation.prediction_error import Kept
-from estimation.validation.validate import MotionKeys, ValidationRecord
+from estimation.validation.validate import PredictedMotion, ValidationResult
 from results.figures.residuals import prediction_figure
 from results.notation import counted
 from results.views.estimate import NAMES
@@ -28,14 +28,13 @@ from results.views.view import (
 
 def validation_view(folder: RunFolder) -> StageView:
     """Return the view of the validation in a folder."""
-    record = folder.result(ValidationRecord)
-    summary = record.summary
+    record = folder.result(ValidationResult)
     passed = f"{sum(row.verdict == 'passes' for row in record.rows)} of {len(record.rows)}"
     blocks: list[Block] = []
     if record.errors:
         blocks.append(_errors_table(record))
     blocks.append(_actuators_table(record))
-    for number, motion in enumerate(summary.motions, start=1):
+    for number, motion in enumerate(record.motions, start=1):
         verdict = motion.diagnostics.verdict
         how = "simulated" if motion.simulated else "measured"
         finding = contradictions(verdict)
@@ -46,25 +45,25 @@ def validation_view(folder: RunFolder) -> StageView:
         blocks.append(TextBlock(text, verdict_level(verdict), screen=True))
         if motion.errors:
             blocks.append(_accuracy(motion))
-        blocks.append(Drawing(prediction_figure, record.motions[number - 1], number))
+        blocks.append(Drawing(prediction_figure, record.predictions[number - 1], number))
         subject = f"the prediction of motion {number}"
         blocks.append(findings_block(f"findings_{number}", verdict.findings, subject))
-    motions = counted(len(summary.motions), "motion")
+    motions = counted(len(record.motions), "motion")
     sentence = (
-        f"The {NAMES.get(summary.estimator, summary.estimator)} estimate predicts the forces of "
-        f"{motions} ({'; '.join(motion.name for motion in summary.motions)}): {passed} actuator "
+        f"The {NAMES.get(record.estimator, record.estimator)} estimate predicts the forces of "
+        f"{motions} ({'; '.join(motion.name for motion in record.motions)}): {passed} actuator "
         "tests pass."
     )
     failed = [
         str(number)
-        for number, motion in enumerate(summary.motions, start=1)
+        for number, motion in enumerate(record.motions, start=1)
         if motion.tolerance is None and verdict_level(motion.diagnostics.verdict) is Level.BAD
     ]
     if failed:
         several = len(failed) > 1
         which = f"Motions {', '.join(failed)}" if several else f"Motion {failed[0]}"
         sentence += f" {which} {'contradict' if several else 'contradicts'} the model."
-    judged_by_size = [motion for motion in summary.motions if motion.tolerance is not None]
+    judged_by_size = [motion for motion in record.motions if motion.tolerance is not None]
     if judged_by_size:
         kept = sum(motion.within is True for motion in judged_by_size)
         sentence += (
@@ -72,15 +71,15 @@ def validation_view(folder: RunFolder) -> StageView:
             f"{'keeps' if kept == 1 else 'keep'} it."
         )
     undecided = any(motion.within is None for motion in judged_by_size)
-    level, word = (Level.GOOD, "accepted") if summary.accepted else (Level.BAD, "doubtful")
-    if summary.accepted and undecided:
+    level, word = (Level.GOOD, "accepted") if record.accepted else (Level.BAD, "doubtful")
+    if record.accepted and undecided:
         level, word = Level.CAUTION, "not decided"
     facts = (Fact("actuator tests passed", passed, f"lack of fit on {motions}"),)
     judged = StageVerdict("Validation", level, word, sentence, "validation")
-    return StageView(judged, tuple(blocks), facts, summary.warnings)
+    return StageView(judged, tuple(blocks), facts, record.warnings)
 
 
-def _accuracy(motion: MotionKeys) -> TextBlock:
+def _accuracy(motion: PredictedMotion) -> TextBlock:
     """Return a text on the size of the error and the meaning of a failed test."""
     worst = max(motion.errors, key=lambda each: each.error_high)
     text = (
@@ -112,7 +111,7 @@ def _accuracy(motion: MotionKeys) -> TextBlock:
     return TextBlock(text, level)
 
 
-def _errors_table(record: ValidationRecord) -> ReportTable:
+def _errors_table(record: ValidationResult) -> ReportTable:
     columns = (
         TableColumn("no.", of="number"),
         TableColumn("motion", kind="text", of="motion"),
@@ -130,7 +129,7 @@ def _errors_table(record: ValidationRecord) -> ReportTable:
     return ReportTable.of("prediction_errors", caption, columns, record.errors, screen=True)
 
 
-def _actuators_table(record: ValidationRecord) -> ReportTable:
+def _actuators_table(record: ValidationResult) -> ReportTable:
     columns = (
         TableColumn("no."),
         TableColumn("motion", kind="text"),

@@ -11,8 +11,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from estimation.controlmodel.formats import ControlModelFile
-from estimation.identification import estimate
-from estimation.identification.record import EstimateRecord
+from estimation.identification import estimate_parameters, estimation_result
 from expdesign.cli.app import app
 from expdesign.cli.errors import run as command_line
 from expdesign.configuration import resolved_yaml
@@ -36,8 +35,8 @@ def estimated(made_once):
     def make(place):
         folder, motion = place / "run", trajectory(100, 0.01)
         configuration = run({"harmonics": 2, "estimators": ["gm", "ml"]})
-        result = estimate(configuration, measured(motion, 1, step=0.01), motion)
-        files = EstimateRecord.of(result).write(folder)
+        result = estimate_parameters(configuration, measured(motion, 1, step=0.01), motion)
+        files = estimation_result(result).write(folder)
         (folder / "run.yaml").write_text(resolved_yaml(configuration), encoding="utf-8")
         hashes = {str(f.relative_to(folder)): file_hash(f) for f in files if f.is_file()}
         entry = StageEntry("done", "", 1.0, "2026-01-02T03:04:05+00:00", files=hashes)
@@ -158,8 +157,8 @@ def test_a_robot_file_that_was_changed_since_is_told(expdesign, folder):
 
 def test_an_earlier_estimate_of_constants_says_what_it_lacks(expdesign, tmp_path):
     """Of the very same robot file, without the rows of the constants."""
-    result = estimate(constants.run(), constants.data(1), constants.MOTION)
-    EstimateRecord.of(result).write(tmp_path)
+    result = estimate_parameters(constants.run(), constants.data(1), constants.MOTION)
+    estimation_result(result).write(tmp_path)
     path, yaml, stated = tmp_path / "identified-robot.yaml", YAML(), []
     for old in (False, True):
         if old:

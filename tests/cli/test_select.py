@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from estimation.identification.record import EstimateRecord
+from estimation.identification.result import EstimationResult
 from expdesign.configuration.robot import load_robot_description
 from expdesign.trajectory import fourier_keys
 from tests.estimation.cases import trajectory
@@ -51,13 +51,13 @@ def test_it_is_added_estimated_predicted_with_and_told(expdesign, run_file):
     )
     assert status == 0, messages
     assert "drive_inertia" in messages
-    record = EstimateRecord.read(out)
-    assert record.summary.selection.chosen == ("drive_inertia",)
+    record = EstimationResult.read(out)
+    assert record.selection.chosen == ("drive_inertia",)
     text = (out / "tables/selection.csv").read_text(encoding="utf-8")
     rows = list(csv.DictReader(text.splitlines()))
     assert [row["term"] for row in rows if row["chosen"] == "True"] == ["drive_inertia"]
     assert len(record.selection) == len(rows)
-    assert "m_drive" in record.summary.parameters
+    assert "m_drive" in record.parameters
     # The robot that was found has the term; so has who predicts with the estimate.
     assert "drive_inertia" in (out / "identified-robot.yaml").read_text(encoding="utf-8")
     status, output, messages = expdesign("validate", run_file, "--estimate", out, "--out", out)
@@ -66,7 +66,7 @@ def test_it_is_added_estimated_predicted_with_and_told(expdesign, run_file):
     status, _, messages = expdesign("report", out)
     assert status == 0, messages
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert record.summary.selection.caveat.split(".")[0] in page
+    assert record.selection.caveat.split(".")[0] in page
     again = run_file.parent / "again.yaml"
     again.write_text("name: again\nrobot: out/identified-robot.yaml\n", encoding="utf-8")
     status, output, messages = expdesign("check", again)

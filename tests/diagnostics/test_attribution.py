@@ -85,7 +85,7 @@ def test_a_wrong_parameter_is_named_on_held_out_data(laboratory, sound, name, fa
         replace(estimate, values=values),
         held_out=True,
     )
-    effects = result.experiments[0].attribution.effects
+    effects = result.recordings[0].attribution.effects
     assert [(e.kind, e.parameter) for e in effects] == [("column", name)]
     change = estimate.values[k] - values[k]
     assert effects[0].value == pytest.approx(change, abs=4.5 * effects[0].std)
@@ -103,7 +103,7 @@ def test_cogging_in_the_identification_data_is_named(estimator):
     experiment = lab.experiment(data)
     estimate = lab.estimate([experiment], estimator)
     result = diagnose(lab.robot, [experiment], lab.knowledge, estimate)
-    diagnosis = result.experiments[0]
+    diagnosis = result.recordings[0]
     effects = diagnosis.attribution.effects
     assert sorted((e.kind, e.strut) for e in effects) == [
         ("position-periodic", 2),
@@ -131,9 +131,9 @@ def test_a_delay_is_found_and_has_its_sign(laboratory):
     experiment = laboratory.experiment(laboratory.measure(4, delay=0.012))
     estimate = laboratory.estimate([experiment], "ml")
     result = diagnose(laboratory.robot, [experiment], laboratory.knowledge, estimate)
-    first = result.experiments[0].attribution.effects[0]
+    first = result.recordings[0].attribution.effects[0]
     assert first.kind == "delay"
-    assert result.experiments[0].tests.delay.failed
+    assert result.recordings[0].tests.delay.failed
     assert first.value == pytest.approx(0.012, abs=4 * first.std)
     failed = [f.assumption for f in result.verdict.failed]
     assert "forces and lengths are sampled at the same time" in failed

@@ -8,7 +8,7 @@ import pytest
 from estimation.diagnostics.channel_assignment import other_assignment
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.finding import Status
-from estimation.identification.estimate import estimate
+from estimation.identification import estimate_parameters
 from tests.estimation.cases import ROBOT, measured, run, trajectory
 
 MOTION = trajectory()
@@ -18,8 +18,8 @@ CHANNELS = "the channels are those of the struts, with their signs and zeros"
 
 def judged(data):
     """Return the verdict on what Gauss–Markov makes of a recording."""
-    found = estimate(run({"estimators": ["gm"]}), data)
-    return diagnose(found.robot, found.experiments, found.knowledge, found.best).verdict
+    found = estimate_parameters(run({"estimators": ["gm"]}), data)
+    return diagnose(found.robot, found.experiments, found.priors, found.best).verdict
 
 
 def recording(seed, quiet):
@@ -51,8 +51,8 @@ def counted_otherwise(data, *, order=None, lengths=None, sign=None, offset=None)
 )
 def test_signs_and_order(change, place, advice):
     data = counted_otherwise(recording(1, 0.2), **change)
-    found = estimate(run({"estimators": ["ls"]}), data)
-    other = other_assignment(found.robot, found.experiments[0], found.knowledge)
+    found = estimate_parameters(run({"estimators": ["ls"]}), data)
+    other = other_assignment(found.robot, found.experiments[0], found.priors)
     assert other.place == place
     assert advice in other.advice
 

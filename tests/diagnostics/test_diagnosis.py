@@ -7,7 +7,7 @@ import pytest
 
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
-from estimation.diagnostics.diagnosis_result import DiagnosisKeys
+from estimation.diagnostics.diagnosis_result import Diagnosis
 from estimation.diagnostics.finding import FindingOutcome, Status
 from estimation.processing import NoiseModel, PeriodSource, fold_recording
 from expdesign.runfolder import JsonFile, described
@@ -35,7 +35,7 @@ def test_estimators_agree_on_what_the_model_lacks(laboratory, sound):
     experiment, ml = sound
     scores = []
     for estimate in (ml, *(laboratory.estimate([experiment], kind) for kind in ("ls", "gm"))):
-        attribution = _diagnose(laboratory, [experiment], estimate).experiments[0].attribution
+        attribution = _diagnose(laboratory, [experiment], estimate).recordings[0].attribution
         scores.append([scan.best for scan in attribution.first.scans])
     np.testing.assert_allclose(scores[1], scores[0], rtol=0.03)
     np.testing.assert_allclose(scores[2], scores[0], rtol=0.03)
@@ -43,7 +43,7 @@ def test_estimators_agree_on_what_the_model_lacks(laboratory, sound):
 
 def test_the_step_is_nothing_at_the_maximum_of_likelihood(laboratory, sound):
     experiment, estimate = sound
-    diagnosis = _diagnose(laboratory, [experiment], estimate).experiments[0]
+    diagnosis = _diagnose(laboratory, [experiment], estimate).recordings[0]
     left = diagnosis.attribution.last.solution.force_residuals()
     np.testing.assert_allclose(left, diagnosis.residuals.forces, atol=0.02)
 
@@ -54,12 +54,12 @@ class DiagnosisFile(JsonFile):
 
     FILE: ClassVar[str] = "diagnosis.json"
     WRITTEN_BY: ClassVar[str] = "this test"
-    diagnosis: Annotated[DiagnosisKeys, described("", "")]
+    diagnosis: Annotated[Diagnosis, described("", "")]
 
 
 def _written(result, folder):
     """Return what a file says of a diagnosis, which is the same after it was read."""
-    (path,) = DiagnosisFile(result.keys).write(folder)
+    (path,) = DiagnosisFile(result).write(folder)
     text = path.read_text(encoding="utf-8")
     DiagnosisFile.read(path).write(folder)
     assert path.read_text(encoding="utf-8") == text
@@ -73,7 +73,7 @@ def test_a_diagnosis_in_a_file(laboratory, sound, tmp_path):
     assert document["estimator"] == "ml"
     assert document["verdict"]["status"] == "accepted"
     (only,) = document["experiments"]
-    test = result.experiments[0].tests.lack_of_fit
+    test = result.recordings[0].tests.lack_of_fit
     assert only["lack_of_fit"]["ms_lof"] == pytest.approx(test.mean_square.tolist())
     assert only["lack_of_fit"]["failed"] == []
     assert [scan["strut"] for scan in only["position_periodic"]] == [1, 2, 3, 4, 5, 6]
@@ -88,7 +88,7 @@ def test_a_diagnosis_in_a_file(laboratory, sound, tmp_path):
 
 def test_residuals_of_every_period_average_to_the_mean(laboratory, sound):
     experiment, estimate = sound
-    diagnosis = _diagnose(laboratory, [experiment], estimate).experiments[0]
+    diagnosis = _diagnose(laboratory, [experiment], estimate).recordings[0]
     record, rest = experiment.record, diagnosis.residuals.forces
     periods = record.forces.periods - (record.forces.values - rest)
     np.testing.assert_allclose(periods.mean(axis=0), rest, atol=1e-9)
@@ -102,7 +102,7 @@ def test_a_prediction_of_sound_data_is_accepted(laboratory, sound):
     held = laboratory.experiment(laboratory.measure(20))
     result = _diagnose(laboratory, [held], estimate, held_out=True)
     assert result.verdict.status is Status.ACCEPTED
-    np.testing.assert_array_equal(result.experiments[0].tests.lack_of_fit.fitted_freedom, 0)
+    np.testing.assert_array_equal(result.recordings[0].tests.lack_of_fit.fitted_freedom, 0)
 
 
 @pytest.mark.parametrize("estimator", ["gm", "ml"])
@@ -110,12 +110,12 @@ def test_two_experiments_share_the_levels_and_the_parameters(laboratory, estimat
     experiments = [laboratory.experiment(laboratory.measure(seed)) for seed in (31, 32)]
     estimate = laboratory.estimate(experiments, estimator)
     result = _diagnose(laboratory, experiments, estimate)
-    first, second = (d.tests.lack_of_fit for d in result.experiments)
+    first, second = (d.tests.lack_of_fit for d in result.recordings)
     assert first.level == pytest.approx(0.005)
     # Half of the parameters' share each.
     alone = _diagnose(
         laboratory, experiments[:1], laboratory.estimate(experiments[:1], estimator)
-    ).experiments[0]
+    ).recordings[0]
     fitted = alone.tests.lack_of_fit.fitted_freedom
     np.testing.assert_allclose(first.fitted_freedom + second.fitted_freedom, fitted, atol=0.15)
     assert any(f.sentence.startswith("experiment 2: ") for f in result.verdict.findings)
@@ -145,7 +145,7 @@ def test_one_period_with_given_noise(laboratory, sound):
     assert outcomes["the noise is white"] is FindingOutcome.NOT_TESTED
     assert outcomes["all periods are alike"] is FindingOutcome.NOT_TESTED
     assert outcomes["the forces are as noisy as assumed"] is FindingOutcome.HOLDS
-    assert result.experiments[0].tests.normality.source == "residuals"
+    assert result.recordings[0].tests.normality.source == "residuals"
 
 
 def test_noise_that_was_given_too_large_or_too_small(laboratory, sound):
@@ -166,7 +166,7 @@ def test_pointwise_kinematics(laboratory, tmp_path):
     outcomes = _outcomes(result)
     assert outcomes["the Fourier series is the motion"] is FindingOutcome.NOT_TESTED
     assert outcomes["forces and lengths are sampled at the same time"] is FindingOutcome.NOT_TESTED
-    diagnosis = result.experiments[0]
+    diagnosis = result.recordings[0]
     assert diagnosis.pointwise
     assert diagnosis.tests.chi_square.lengths is None
     _written(result, tmp_path)

@@ -90,7 +90,7 @@ def test_a_warming_motor_makes_the_estimate_doubtful(lab):
         short = replace(data, time=data.time[rows], lengths=data.lengths[rows], forces=forces[rows])
         experiment = lab.experiment(short, lab.noise)
         result = diagnose(lab.robot, [experiment], lab.knowledge, lab.estimate([experiment]))
-        test = result.experiments[0].tests.gain_drift
+        test = result.recordings[0].tests.gain_drift
         if kept is not None:
             assert "scatter" in test.refused
             continue
@@ -106,5 +106,5 @@ def test_periods_of_no_whole_number_of_samples(lab):
     experiment = lab.experiment(replace(data, forces=forces), lab.noise)
     assert not experiment.record.averaged
     result = diagnose(lab.robot, [experiment], lab.knowledge, lab.estimate([experiment]))
-    found = result.experiments[0].tests.gain_drift.found
+    found = result.recordings[0].tests.gain_drift.found
     assert [each.actuator for each in found] == [3]

@@ -26,7 +26,7 @@ def _diagnosis(lab, frequency, amplitudes, seed):
 
 
 def _effects(diagnosis):
-    (experiment,) = diagnosis.experiments
+    (experiment,) = diagnosis.recordings
     return experiment.attribution.effects
 
 

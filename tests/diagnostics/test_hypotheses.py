@@ -164,7 +164,7 @@ def _machine(lab, robot, seed):
 
 
 def _named(result):
-    effects = result.experiments[0].attribution.effects
+    effects = result.recordings[0].attribution.effects
     return [(e.kind, e.strut, e.parameter) for e in effects]
 
 
@@ -185,7 +185,7 @@ def test_a_term_that_is_missing_is_named(lab, palida, terms, parameters, expecte
     machine = _with_terms(palida, terms, **parameters)
     result = _diagnosed(lab, _machine(lab, machine, 2))
     assert _named(result)[0] == expected
-    (effect, *_) = result.experiments[0].attribution.effects
+    (effect, *_) = result.recordings[0].attribution.effects
     assert effect.value == pytest.approx(next(iter(parameters.values())), abs=5 * effect.std)
     if expected[0] == "stribeck":
         assert 0.02 < effect.constant < 0.1
@@ -201,7 +201,7 @@ def _moved_joint(lab, size):
 def test_one_joint_elsewhere_is_no_cogging(lab):
     result = _diagnosed(lab, _machine(lab, _moved_joint(lab, 3e-3), 3))
     assert _named(result)[0] == ("joint", 4, "platform")
-    (effect, *_) = result.experiments[0].attribution.effects
+    (effect, *_) = result.recordings[0].attribution.effects
     errors = (effect.values - 3e-3 * np.array([0.6, 0.64, -0.48])) / effect.stds
     assert np.max(np.abs(errors)) < 5
     assert not any(kind == "position-periodic" for kind, _, _ in _named(result))
@@ -227,7 +227,7 @@ def test_within_their_tolerance_gains_are_no_bias(lab, palida):
     data = lab.measure(3)
     data = replace(data, forces=data.forces * (1 + 0.5 * np.array([1, -1, 0, 1, -1, 0])))
     found = [_diagnosed(lab, data, robot) for robot in (lab.robot, tolerant)]
-    biased, right = (each.experiments[0].tests.lack_of_fit.failed for each in found)
+    biased, right = (each.recordings[0].tests.lack_of_fit.failed for each in found)
     assert np.any(biased)
     assert not np.any(right)
 
@@ -237,7 +237,7 @@ def test_what_cannot_be_told_apart_is_named_together(lab):
     data = lab.measure(4)
     lengths = data.lengths + 3e-3 * np.eye(6)[1]
     result = _diagnosed(lab, replace(data, lengths=lengths))
-    (effect, *_) = result.experiments[0].attribution.effects
+    (effect, *_) = result.recordings[0].attribution.effects
     assert (effect.kind, effect.strut) == ("length_zero", 1)
     assert effect.value == pytest.approx(3e-3, abs=5 * effect.std)
     assert not effect.certain
@@ -254,7 +254,7 @@ def test_what_cannot_be_told_apart_is_named_together(lab):
 def test_rivals_leave_nothing_of_an_effect(lab, palida):
     """By the definition of a rival, from the tests of the candidates themselves."""
     machine = _with_terms(palida, [{"cable": {"rest_length": 0.6}}], k4=60.0)
-    attribution = _diagnosed(lab, _machine(lab, machine, 5)).experiments[0].attribution
+    attribution = _diagnosed(lab, _machine(lab, machine, 5)).recordings[0].attribution
     assert attribution.effects
     for effect in attribution.effects:
         for rival in effect.rivals:

@@ -144,7 +144,7 @@ def test_level_of_records_that_cannot_be_averaged(laboratory):
 
     estimate = laboratory.estimate([experiment])
     result = diagnose(laboratory.robot, [experiment], laboratory.knowledge, estimate)
-    test = result.experiments[0].tests.lack_of_fit
+    test = result.recordings[0].tests.lack_of_fit
     assert not test.refused
     assert not np.any(test.failed)
     assert test.pure_error_freedom == pytest.approx(len(data) - test.samples, abs=1)

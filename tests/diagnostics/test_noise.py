@@ -43,7 +43,7 @@ def test_lost_samples_are_why_periods_are_not_compared(lost):
     kept = np.ones(len(data), dtype=bool)
     kept[20 : 20 + lost] = False
     record = fold_recording(without_samples(data, kept), trajectory().omega, PeriodSource.DESIGN)
-    findings = analyse_noise(record).summary.findings
+    findings = analyse_noise(record).findings
     named = [each for each in findings if f"{lost} sample" in each.sentence]
     assert len(named) == (3 if lost else 0)
     assert all(each.outcome is FindingOutcome.NOT_TESTED for each in named)

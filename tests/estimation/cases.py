@@ -4,8 +4,8 @@ import numpy as np
 
 from estimation.data.measurement import Measurement
 from estimation.estimators import ParameterEstimate
-from estimation.identification.estimate_file import EstimateFile
-from estimation.identification.saved import saved_estimate
+from estimation.identification.identified_model import identified_model
+from estimation.identification.result import EstimateFile
 from expdesign.configuration import load_run
 from expdesign.robot import load_robot
 from expdesign.trajectory import FourierTrajectory
@@ -61,7 +61,7 @@ def _draws(rng, covariance, count):
 
 def read_estimate(folder, robot):
     """Return the best estimate of a run folder."""
-    return saved_estimate(EstimateFile.read(folder), folder / EstimateFile.FILE, robot)
+    return identified_model(EstimateFile.read(folder), folder / EstimateFile.FILE, robot)
 
 
 def made_up(values, spread):

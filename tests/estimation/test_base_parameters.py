@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from estimation.estimators import ParameterPriors, UnidentifiableError
-from estimation.identification import estimate, prepare_experiment
-from estimation.identification.estimate import run_estimators
-from estimation.identification.identified_robot import FILE
-from estimation.identification.record import EstimateRecord
+from estimation.identification import estimate_parameters, estimation_result, prepare_experiment
+from estimation.identification.estimation import run_estimators
+from estimation.identification.result import EstimationResult
 from estimation.uncertainty.consistency import consistent_estimate
 from expdesign.configuration import InputError, load_run
+from expdesign.configuration.identification import IDENTIFIED_ROBOT as FILE
 from expdesign.configuration.sections.estimate import EstimateSection
 from expdesign.robot import load_robot, robot_from
 from tests.estimation.cases import made_up, measured, trajectory
@@ -38,13 +38,13 @@ def data(machine):
 
 def _combinations(found, name="gm"):
     one = found.estimates[name]
-    rows = found.knowledge.inseparable_combinations(found.robot, one.values, one.covariance)
+    rows = found.priors.inseparable_combinations(found.robot, one.values, one.covariance)
     return {row.parameter: row for row in rows}
 
 
 def test_without_it_the_error_says_what_shows(data):
     with pytest.raises(UnidentifiableError) as caught:
-        estimate(_run(), data, MOTION)
+        estimate_parameters(_run(), data, MOTION)
     assert set(caught.value.names) == {f"s{j}" for j in range(1, 7)}
     assert set(caught.value.shows) == {f"r{j} + s{j}" for j in range(1, 7)}
     assert "estimate.parameters" in str(caught.value)
@@ -52,8 +52,8 @@ def test_without_it_the_error_says_what_shows(data):
 
 def test_combinations_do_not_depend_on_what_is_held(data, machine):
     wanted = ["ls", "gm", "ml"]
-    near = estimate(_run(parameters="base", estimators=wanted), data, MOTION)
-    far = estimate(
+    near = estimate_parameters(_run(parameters="base", estimators=wanted), data, MOTION)
+    far = estimate_parameters(
         _run({f"s{j}": 40.0 for j in range(1, 7)}, parameters="base", estimators=wanted),
         data,
         MOTION,
@@ -79,9 +79,11 @@ def test_combinations_do_not_depend_on_what_is_held(data, machine):
 
 
 def test_what_is_fixed_is_known_and_takes_no_part(data):
-    found = estimate(_run(parameters="base", fixed={"s1": TRUTH["s1"], "r2": 5.0}), data, MOTION)
+    found = estimate_parameters(
+        _run(parameters="base", fixed={"s1": TRUTH["s1"], "r2": 5.0}), data, MOTION
+    )
     assert set(_combinations(found)) == {f"r{j}" for j in (3, 4, 5, 6)}
-    free = dict(zip(found.knowledge.names, found.knowledge.free, strict=True))
+    free = dict(zip(found.priors.names, found.priors.free, strict=True))
     assert free["r1"]
     assert free["s2"]
     assert not free["s1"]
@@ -140,16 +142,16 @@ def test_priors_of_what_is_not_estimated_alone(section, key, refused):
 
 def test_a_prior_tells_apart_what_no_force_does(data):
     prior = {f"s{j}": {"value": TRUTH[f"s{j}"], "std": 0.5} for j in range(1, 7)}
-    found = estimate(_run(prior=prior), data, MOTION)
-    std = dict(zip(found.knowledge.names, found.estimates["gm"].std, strict=True))
+    found = estimate_parameters(_run(prior=prior), data, MOTION)
+    std = dict(zip(found.priors.names, found.estimates["gm"].std, strict=True))
     for j in range(1, 7):
         assert std[f"s{j}"] == pytest.approx(0.5, rel=1e-6)
 
 
 def test_the_record_has_the_combinations_after_reading(data, tmp_path):
-    found = estimate(_run(parameters="base"), data, MOTION)
-    EstimateRecord.of(found).write(tmp_path)
-    rows = EstimateRecord.read(tmp_path).base_parameters
+    found = estimate_parameters(_run(parameters="base"), data, MOTION)
+    estimation_result(found).write(tmp_path)
+    rows = EstimationResult.read(tmp_path).base_parameters
     by_name = {row.parameter: row for row in rows}
     for name, row in _combinations(found).items():
         assert f"s{name[1:]}" in by_name[name].regrouped
@@ -254,10 +256,10 @@ def test_the_identified_robot_keeps_the_combinations(data, tmp_path):
         run = _run({f"s{j}": held for j in range(1, 7)}, parameters="base", consistent=True)
         folder = tmp_path / str(held)
         folder.mkdir()
-        found = estimate(run, data, MOTION)
-        record = EstimateRecord.of(found)
+        found = estimate_parameters(run, data, MOTION)
+        record = estimation_result(found)
         record.write(folder)
-        keys = EstimateRecord.read(folder).summary.best_estimator.consistent
+        keys = EstimationResult.read(folder).best_estimator.consistent
         np.testing.assert_array_equal(keys.moved, found.consistent["gm"].moved)
         assert not keys.significant
         files[held] = load_robot(folder / FILE)
@@ -276,7 +278,7 @@ def identified(data, tmp_path_factory):
     section = {"estimators": ["gm"], "harmonics": 2, "noise": "given", "prior": prior}
     run = {"name": "n", "robot": described("palida", STRIBECK), "estimate": section}
     run["tolerances"] = {"force_constant": {"common": 0.02}}
-    EstimateRecord.of(estimate(run, data, MOTION)).write(folder)
+    estimation_result(estimate_parameters(run, data, MOTION)).write(folder)
     return folder / FILE
 
 
@@ -298,14 +300,16 @@ def test_an_earlier_estimate_is_a_prior_of_combinations(identified, machine, fix
 
     def after(robot, parameters):
         options = section | {"prior_from": "robot", "parameters": parameters}
-        return estimate({"name": "n", "robot": robot, "estimate": options}, second, MOTION)
+        return estimate_parameters(
+            {"name": "n", "robot": robot, "estimate": options}, second, MOTION
+        )
 
     whole = after(known, "all")
     for robot in (known, other):
         base = after(robot, "base")
-        matrix = base.knowledge.regrouping
+        matrix = base.priors.regrouping
         assert set(_combinations(base)) >= {f"r{j}" for j in range(2, 7)}
-        free = base.knowledge.free
+        free = base.priors.free
         for name in wanted:
             one, all_of_it = base.estimates[name], whole.estimates[name]
             std = one.std[free]
@@ -353,7 +357,7 @@ def test_an_earlier_estimate_that_knows_some_combination_exactly_is_refused(esti
 
 def test_a_prior_that_held_a_parameter_elsewhere_is_refused(data, tmp_path):
     """It found r1 beside the s1 that it held, and says nothing of r1 beside another one."""
-    EstimateRecord.of(estimate(_run(parameters="base"), data, MOTION)).write(tmp_path)
+    estimation_result(estimate_parameters(_run(parameters="base"), data, MOTION)).write(tmp_path)
     robot = load_robot(tmp_path / FILE)
     for value, refused in ((0.0, False), (10.0, True)):
         section = EstimateSection(prior_from="robot", parameters="base", fixed={"s1": value})

@@ -391,8 +391,8 @@ def test_a_memory_that_is_weighted_as_white_is_no_fault_of_the_model(name):
     for number in (1, 2):
         data = Twin.of(machine, MOTION, seed=4).measurement(number)
         result = identification.estimate(white, data, MOTION)
-        experiments = [each.experiment for each in result.records]
-        found = diagnose(ROBOT, experiments, result.knowledge, result[name])
+        experiments = [each.experiment for each in result.recordings]
+        found = diagnose(ROBOT, experiments, result.priors, result[name])
         assert found.verdict.status is Status.ACCEPTED
         assert not experiments[0].noise.forces.filter
 

@@ -8,9 +8,8 @@ import pytest
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.finding import FindingOutcome
-from estimation.identification import estimate, prepare_experiment
+from estimation.identification import estimate_parameters, estimation_result, prepare_experiment
 from estimation.identification.periods import choose_omega
-from estimation.identification.record import EstimateRecord
 from estimation.kinematics import fourier_fit
 from estimation.kinematics.fourier_fit import MotionFitError
 from estimation.processing import PeriodSource
@@ -49,30 +48,30 @@ def pull(result, name):
 
 
 def test_all_estimators_recover_the_parameters():
-    result = estimate(run(), measured(MOTION), MOTION)
+    result = estimate_parameters(run(), measured(MOTION), MOTION)
     assert list(result.estimates) == ["ls", "gm", "ml"]
     assert result.best.estimator == "ml"
     for name in result.estimates:
         assert np.sum(pull(result, name) ** 2) / 24 < 2.5
-    record = result.records[0].experiment.record
+    record = result.recordings[0].experiment.record
     assert (record.periods, record.samples) == (PERIODS, 200)
-    assert result.records[0].harmonics == 2
-    assert result.records[0].experiment.noise.source == "estimated"
+    assert result.recordings[0].harmonics == 2
+    assert result.recordings[0].experiment.noise.source == "estimated"
     assert len(result.rows) == 72
 
 
 def test_the_estimate_needs_no_design():
     data = measured(MOTION)
-    same(estimate(run(), data, MOTION), estimate(run(), data), rtol=2e-3)
+    same(estimate_parameters(run(), data, MOTION), estimate_parameters(run(), data), rtol=2e-3)
 
 
 def test_a_period_that_is_no_whole_number_of_samples():
     motion = trajectory(333 + 1 / 3)
     data = measured(motion, periods=4)
-    result = estimate(run({"estimators": ["gm"]}), data, motion)
+    result = estimate_parameters(run({"estimators": ["gm"]}), data, motion)
     assert np.sum(pull(result, "gm") ** 2) / 24 < 2.5
     # As many samples as whole periods would have, and as much information.
-    whole = estimate(run({"estimators": ["gm"]}), measured(trajectory(333), periods=4))
+    whole = estimate_parameters(run({"estimators": ["gm"]}), measured(trajectory(333), periods=4))
     # Four whole periods show the noise's own spectrum, too: what chance makes of it is `colour`.
     white = whole["gm"].std / np.sqrt(whole["gm"].colour)
     np.testing.assert_allclose(result["gm"].std, white, rtol=0.06)
@@ -82,10 +81,10 @@ def test_stamps_that_jitter_are_used_as_they_are():
     rng = np.random.default_rng(5)
     times = np.arange(1000) * STEP + rng.uniform(-0.3, 0.3, 1000) * STEP
     data = changed(measured(MOTION, times=times, **QUIET), stamped=True)
-    result = estimate(run({"estimators": ["gm", "ml"]}), data, MOTION)
+    result = estimate_parameters(run({"estimators": ["gm", "ml"]}), data, MOTION)
     assert np.sum(pull(result, "ml") ** 2) / 24 < 2.5
     rounded = changed(data, time=np.arange(1000) * STEP, stamped=False)
-    wrong = estimate(run({"estimators": ["gm"]}), rounded, MOTION)
+    wrong = estimate_parameters(run({"estimators": ["gm"]}), rounded, MOTION)
     assert np.sum(pull(wrong, "gm") ** 2) > 3 * np.sum(pull(result, "gm") ** 2)
 
 
@@ -95,9 +94,9 @@ def test_delays_between_the_channels_are_taken_out():
     late = measured(MOTION, times=times - 0.004, **QUIET)
     prompt = measured(MOTION, times=times, **QUIET)
     data = changed(prompt, lengths=late.lengths, length_delay=0.004)
-    result = estimate(run(), data, MOTION)
+    result = estimate_parameters(run(), data, MOTION)
     assert np.sum(pull(result, "ml") ** 2) / 24 < 2.5
-    unaware = estimate(run(), changed(data, length_delay=0.0), MOTION)
+    unaware = estimate_parameters(run(), changed(data, length_delay=0.0), MOTION)
     assert np.sum(pull(unaware, "ml") ** 2) > 10 * np.sum(pull(result, "ml") ** 2)
 
 
@@ -107,8 +106,8 @@ def test_an_estimated_frequency():
     off = 1 + 3e-4
     slow = changed(data, time=data.time * off, step=data.step * off)
     with_clock = run({"estimators": ["gm", "ml"], "frequency": "estimated"})
-    result = estimate(with_clock, slow, MOTION)
-    fit = result.records[0].experiment.fit
+    result = estimate_parameters(with_clock, slow, MOTION)
+    fit = result.recordings[0].experiment.fit
     error = np.sqrt(fit.covariance[-1, -1])
     assert abs(fit.motion.omega - MOTION.omega / off) < 4 * error
     assert error / MOTION.omega < 1e-5
@@ -120,14 +119,14 @@ def test_time_stamps_far_from_zero_change_nothing(tmp_path):
     since = 1.7e9
     config = run({"estimators": ["gm", "ml"], "frequency": "estimated"})
     data = measured(MOTION)
-    near = estimate(config, data, MOTION)
+    near = estimate_parameters(config, data, MOTION)
     # Whole periods later: the same phases.
     later = changed(data, time=data.time + since)
-    far = estimate(config, later, MOTION)
+    far = estimate_parameters(config, later, MOTION)
     for name in near.estimates:
         close = (far[name].values - near[name].values) / near[name].std
         assert np.max(np.abs(close)) < 0.02
-    EstimateRecord.of(far).write(tmp_path)
+    estimation_result(far).write(tmp_path)
     table = pd.read_csv(tmp_path / "tables" / "estimated_motion.csv")
     assert table["t"].iloc[0] == pytest.approx(since, abs=1e-6)
     record = json.loads((tmp_path / "estimate.json").read_text())
@@ -148,7 +147,7 @@ def test_time_stamps_far_from_zero_change_nothing(tmp_path):
 def test_a_clock_that_is_off_is_told(off, periods):
     data = measured(MOTION, periods=periods)
     other = changed(data, time=data.time / (1 + off), step=data.step / (1 + off))
-    result = estimate(run({"estimators": ["gm"]}), other, MOTION)
+    result = estimate_parameters(run({"estimators": ["gm"]}), other, MOTION)
     told = [warning for warning in result.warnings if "frequency: estimated" in warning]
     assert len(told) == 1
     stated = float(re.search(r"\(([+-][\d.e-]+) %", told[0]).group(1)) / 100
@@ -161,7 +160,7 @@ def test_another_period_is_refused_though_it_is_near(off):
     data = measured(MOTION)
     other = changed(data, time=data.time / (1 + off), step=data.step / (1 + off))
     with pytest.raises(InputError, match="the lengths repeat after"):
-        estimate(run({"estimators": ["gm"]}), other, MOTION)
+        estimate_parameters(run({"estimators": ["gm"]}), other, MOTION)
 
 
 def test_a_machine_that_rests_for_most_of_its_period_is_not_refused():
@@ -179,7 +178,7 @@ def test_a_machine_that_rests_for_most_of_its_period_is_not_refused():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_clock_that_is_right_is_not_doubted(seed):
-    result = estimate(run({"estimators": ["gm"]}), measured(MOTION, seed), MOTION)
+    result = estimate_parameters(run({"estimators": ["gm"]}), measured(MOTION, seed), MOTION)
     assert not [warning for warning in result.warnings if "repeat" in warning]
 
 
@@ -191,8 +190,8 @@ def test_lengths_of_unknown_noise_have_the_covariance_of_what_the_motion_leaves(
     ratios = []
     for seed in range(8):
         data = measured(motion, seed, periods=1, step=1.0 / samples)
-        result = estimate(config, data, motion)
-        noise = result.records[0].experiment.noise
+        result = estimate_parameters(config, data, motion)
+        noise = result.recordings[0].experiment.noise
         assert noise.lengths.includes_model_error
         true = ROBOT.description.noise.length_covariance
         ratios.append(np.diag(noise.lengths.covariance) / np.diag(true))
@@ -203,7 +202,11 @@ def test_lengths_of_unknown_noise_have_the_covariance_of_what_the_motion_leaves(
 
 def test_the_noise_of_the_forces_alone_is_not_thrown_away():
     config = without_noise(force_std=["25 N"] * 6)
-    noise = estimate(config, measured(MOTION, periods=1), MOTION).records[0].experiment.noise
+    noise = (
+        estimate_parameters(config, measured(MOTION, periods=1), MOTION)
+        .recordings[0]
+        .experiment.noise
+    )
     assert (noise.forces.source, noise.lengths.source) == ("given", "residuals")
     assert noise.source == "forces given, lengths residuals"
     np.testing.assert_allclose(noise.forces.covariance, 625.0 * np.eye(6))
@@ -238,7 +241,7 @@ def test_struts_in_another_order_give_the_same_estimate():
     assert robot_from(other.robot).parameters[12] == ROBOT.parameters[12 + order[0]]
     data = measured(MOTION)
     swapped = changed(data, lengths=data.lengths[:, order], forces=data.forces[:, order])
-    one, two = estimate(run(), data, MOTION), estimate(other, swapped, MOTION)
+    one, two = estimate_parameters(run(), data, MOTION), estimate_parameters(other, swapped, MOTION)
     back = np.concatenate([np.arange(12), 12 + np.argsort(order), 18 + np.argsort(order)])
     for name in one.estimates:
         tolerance = 1e-6 * one[name].std
@@ -247,12 +250,12 @@ def test_struts_in_another_order_give_the_same_estimate():
 
 def test_one_period_of_few_samples_does_not_identify_p1():
     data = measured(MOTION, periods=1)
-    result = estimate(run(), data, MOTION)
-    assert result.records[0].experiment.noise.source == "given"
+    result = estimate_parameters(run(), data, MOTION)
+    assert result.recordings[0].experiment.noise.source == "given"
     row = next(r for r in result.rows if (r.estimator, r.parameter) == ("ml", "p1"))
     assert row.identified is False
     combination = next(c for c in result.combinations["ml"] if c.weak == "p1")
-    k = result.knowledge.names.index(combination.other)
+    k = result.priors.names.index(combination.other)
     assert combination.std < result["ml"].std[k]
     covariance = result["ml"].covariance
     weights = np.zeros(24)
@@ -262,8 +265,8 @@ def test_one_period_of_few_samples_does_not_identify_p1():
 
 
 def test_without_periods_and_noise_the_residuals_serve_and_it_is_said():
-    result = estimate(without_noise(), measured(MOTION, periods=1), MOTION)
-    noise = result.records[0].experiment.noise
+    result = estimate_parameters(without_noise(), measured(MOTION, periods=1), MOTION)
+    noise = result.recordings[0].experiment.noise
     assert noise.forces.includes_model_error
     assert any("includes the model's error" in warning for warning in result.warnings)
     ratio = np.diag(noise.forces.covariance) / np.diag(ROBOT.description.noise.force_covariance)
@@ -298,15 +301,15 @@ def lossy(data, rows):
 
 def test_a_few_lost_samples_change_little():
     data = measured(MOTION)
-    whole = estimate(run(), data, MOTION)
-    result = estimate(run(), lossy(data, [17, 18, 444, 998]), MOTION)
-    record = result.records[0].experiment.record
+    whole = estimate_parameters(run(), data, MOTION)
+    result = estimate_parameters(run(), lossy(data, [17, 18, 444, 998]), MOTION)
+    record = result.recordings[0].experiment.record
     assert (record.samples, record.lost, record.rows) == (200, 4, 996)
     assert record.averaged
     assert record.forces.periods is None
     assert record.forces.counts[[16, 17, 18, 44]].tolist() == [5, 4, 4, 4]
-    assert result.records[0].experiment.noise.source == "estimated"
-    verdict = diagnose(result.robot, result.experiments, result.knowledge, result.best).verdict
+    assert result.recordings[0].experiment.noise.source == "estimated"
+    verdict = diagnose(result.robot, result.experiments, result.priors, result.best).verdict
     (white,) = (one for one in verdict.findings if one.assumption == "the noise is white")
     assert (white.outcome, white.serious) == (FindingOutcome.NOT_TESTED, False)
     for name in result.estimates:
@@ -320,8 +323,8 @@ def test_a_few_lost_samples_change_little():
 
 def test_a_phase_that_every_period_lost_is_left_out():
     rows = [30 + 200 * k for k in range(PERIODS)]
-    result = estimate(run({"estimators": ["gm"]}), lossy(measured(MOTION), rows), MOTION)
-    record = result.records[0].experiment.record
+    result = estimate_parameters(run({"estimators": ["gm"]}), lossy(measured(MOTION), rows), MOTION)
+    record = result.recordings[0].experiment.record
     assert record.samples == 199
     assert np.max(np.diff(record.forces.times)) == pytest.approx(2 * STEP)
     assert np.sum(pull(result, "gm") ** 2) / 24 < 2.5
@@ -336,7 +339,7 @@ def test_lost_samples_with_outliers_and_any_period(samples):
     data = measured(motion, periods=6)
     data.forces[::53, 2] += 800.0
     config = run({"estimators": ["gm"], "loss": "huber"})
-    result = estimate(config, lossy(data, range(40, 60)), motion)
+    result = estimate_parameters(config, lossy(data, range(40, 60)), motion)
     assert np.sum(pull(result, "gm") ** 2) / 24 < 2.5
 
 
@@ -360,8 +363,8 @@ def test_the_robust_loss_does_not_advise_itself():
     data.forces[::53, 2] += 800.0
     found = {}
     for loss in ("squared", "huber"):
-        result = estimate(run({"estimators": ["gm"], "loss": loss}), data, MOTION)
-        verdict = diagnose(result.robot, result.experiments, result.knowledge, result.best).verdict
+        result = estimate_parameters(run({"estimators": ["gm"], "loss": loss}), data, MOTION)
+        verdict = diagnose(result.robot, result.experiments, result.priors, result.best).verdict
         (found[loss],) = (f for f in verdict.findings if f.assumption == "no outliers")
     assert found["squared"].failed
     assert found["squared"].serious
@@ -376,9 +379,9 @@ def test_outliers_with_and_without_a_robust_loss():
     forces = data.forces.copy()
     forces[::53, 2] += 800.0
     dirty = changed(data, forces=forces)
-    plain = estimate(run({"estimators": ["gm"]}), dirty, MOTION)
-    robust = estimate(run({"estimators": ["gm"], "loss": "huber"}), dirty, MOTION)
-    clean = estimate(run({"estimators": ["gm"]}), data, MOTION)
+    plain = estimate_parameters(run({"estimators": ["gm"]}), dirty, MOTION)
+    robust = estimate_parameters(run({"estimators": ["gm"], "loss": "huber"}), dirty, MOTION)
+    clean = estimate_parameters(run({"estimators": ["gm"]}), data, MOTION)
 
     def off(result):
         return np.linalg.norm((result["gm"].values - clean["gm"].values) / clean["gm"].std)
@@ -389,7 +392,7 @@ def test_outliers_with_and_without_a_robust_loss():
 
 def test_pointwise_differentiation_is_biased_and_says_that_it_does_not_cover():
     data = measured(trajectory(1000, 1e-3), step=1e-3)
-    result = estimate(
+    result = estimate_parameters(
         run({"estimators": ["ls", "gm"], "differentiation": "central"}),
         data,
         trajectory(1000, 1e-3),
@@ -402,7 +405,7 @@ def test_pointwise_differentiation_is_biased_and_says_that_it_does_not_cover():
 def test_a_wrong_period_is_refused_with_the_right_one():
     other = trajectory(170)
     with pytest.raises(InputError, match=r"repeat after (1|0\.99\d*|1\.00\d*) s"):
-        estimate(run(), measured(MOTION), other)
+        estimate_parameters(run(), measured(MOTION), other)
 
 
 @pytest.mark.parametrize(
@@ -415,19 +418,19 @@ def test_a_wrong_period_is_refused_with_the_right_one():
 )
 def test_settings_that_do_not_fit_are_refused(section, message):
     with pytest.raises(InputError, match=message):
-        estimate(run(section), measured(MOTION), MOTION)
+        estimate_parameters(run(section), measured(MOTION), MOTION)
 
 
 def test_noise_that_is_asked_for_and_not_there():
     with pytest.raises(InputError, match="scatter between periods"):
-        estimate(run({"noise": "estimated"}), measured(MOTION, periods=1), MOTION)
+        estimate_parameters(run({"noise": "estimated"}), measured(MOTION, periods=1), MOTION)
 
 
 def test_two_recordings_in_one_estimate():
     other = trajectory(seed=9)
     data = (measured(MOTION, 1), measured(other, 2))
-    both = estimate(run(), data, (MOTION, other))
-    one = estimate(run(), data[0], MOTION)
+    both = estimate_parameters(run(), data, (MOTION, other))
+    one = estimate_parameters(run(), data[0], MOTION)
     assert np.sum(pull(both, "ml") ** 2) / 24 < 2.5
     assert np.all(both["ml"].std < one["ml"].std)
     assert len(both["ml"].motions) == 2
@@ -440,13 +443,13 @@ def test_a_dead_channel_is_named(kind):
     values[:, 5] = values[0, 5]
     letter = "Q6" if kind == "forces" else "q6"
     with pytest.raises(InputError, match=f"{letter}.*no noise at all"):
-        estimate(run(), changed(data, **{kind: values}), MOTION)
+        estimate_parameters(run(), changed(data, **{kind: values}), MOTION)
 
 
 def test_a_cutoff_beyond_the_sampling_is_refused():
     settings = {"estimators": ["ls"], "differentiation": "butterworth", "cutoff": "150 Hz"}
     with pytest.raises(InputError, match="half the sampling rate"):
-        estimate(run(settings), measured(MOTION), MOTION)
+        estimate_parameters(run(settings), measured(MOTION), MOTION)
 
 
 def test_a_start_from_single_samples_meets_all_phases(monkeypatch):
@@ -454,7 +457,9 @@ def test_a_start_from_single_samples_meets_all_phases(monkeypatch):
     monkeypatch.setattr(fourier_fit, "_START_POINTS", 40)
     motion = trajectory(50, step=0.02)
     data = measured(motion, periods=40, step=0.02)
-    result = estimate(run({"estimators": ["gm"], "frequency": "estimated"}), data, motion)
+    result = estimate_parameters(
+        run({"estimators": ["gm"], "frequency": "estimated"}), data, motion
+    )
     assert np.sum(pull(result, "gm") ** 2) / 24 < 2.5
 
 
@@ -479,9 +484,9 @@ def test_a_combination_that_is_not_known_either_is_not_called_identified():
         "force_covariance": (900 * ROBOT.description.noise.force_covariance).tolist(),
         "length_covariance": ROBOT.description.noise.length_covariance.tolist(),
     }
-    result = estimate(run({"estimators": ["gm"]}, noise=noise), data, MOTION)
+    result = estimate_parameters(run({"estimators": ["gm"]}, noise=noise), data, MOTION)
     texts = [c.text for c in result.combinations["gm"] if not c.identified]
     assert texts
     assert all("not even in combination with" in text for text in texts)
     alone = run({"estimators": ["gm"], "fixed": list(ROBOT.parameter_names[1:])}, noise=noise)
-    assert estimate(alone, data, MOTION).combinations["gm"] == ()
+    assert estimate_parameters(alone, data, MOTION).combinations["gm"] == ()

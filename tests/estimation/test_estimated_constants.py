@@ -9,8 +9,8 @@ import scipy
 
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.estimators.priors import UnidentifiableError
-from estimation.identification import estimate
-from estimation.identification.record import EstimateRecord
+from estimation.identification import estimate_parameters, estimation_result
+from estimation.identification.result import EstimationResult
 from expdesign.configuration import InputError, load_run
 from expdesign.mechanism.catalogue import DEFAULT
 from expdesign.robot import load_robot, robot_from
@@ -25,7 +25,9 @@ def test_both_estimators_find_them_with_the_spread_they_state():
     true, runs = np.array([PITCH, VELOCITY]), 8
     off, parameters = {"gm": [], "ml": []}, []
     for seed in range(runs):
-        result = estimate(case.run(estimate={"estimators": ["gm", "ml"]}), case.data(seed), MOTION)
+        result = estimate_parameters(
+            case.run(estimate={"estimators": ["gm", "ml"]}), case.data(seed), MOTION
+        )
         for name, found in result.estimates.items():
             assert found.converged
             values, std = case.constants(found)
@@ -45,7 +47,7 @@ def test_it_is_the_least_of_all_squares():
         MOTION, 3, robot=case.machine(), step=STEP, force_scale=QUIET, length_scale=0.0
     )
     run = case.run(noise=case.noise() | {"length_covariance": (1e-16 * np.eye(6)).tolist()})
-    found = estimate(run, exact, MOTION)["gm"]
+    found = estimate_parameters(run, exact, MOTION)["gm"]
     states = MOTION.sample(exact.time)
     factor = np.linalg.cholesky(QUIET**2 * ROBOT.description.noise.force_covariance)
 
@@ -74,17 +76,19 @@ def test_it_is_the_least_of_all_squares():
 @pytest.mark.parametrize("share", [0.92, 0.97, 1.04, 1.08])
 def test_the_search_for_a_pitch_begins_anywhere_near(share):
     run = case.run(pitch=case.guess(share * PITCH), velocity=VELOCITY)
-    (known,) = (one.systematic for one in estimate(run, case.data(1), MOTION).estimates.values())
+    (known,) = (
+        one.systematic for one in estimate_parameters(run, case.data(1), MOTION).estimates.values()
+    )
     assert abs(share * PITCH + known.values[0] - PITCH) < 5 * known.std[0]
 
 
 def test_a_tolerance_is_the_prior():
     """Information adds up, and the estimate is pulled by as much."""
     near = {"pitch": case.guess(PITCH), "velocity": VELOCITY}
-    free = estimate(case.run(**near), case.data(2), MOTION)["gm"]
+    free = estimate_parameters(case.run(**near), case.data(2), MOTION)["gm"]
     stated = 0.5 * float(free.systematic.std[0])
     tolerances = {"terms": {"cogging": {"pitch": stated}}}
-    held = estimate(case.run(**near, tolerances=tolerances), case.data(2), MOTION)["gm"]
+    held = estimate_parameters(case.run(**near, tolerances=tolerances), case.data(2), MOTION)["gm"]
     expected = (free.systematic.std[0] ** -2 + stated**-2) ** -0.5
     assert held.systematic.std[0] == pytest.approx(expected, rel=0.02)
     pulled = free.systematic.values[0] * (held.systematic.std[0] / free.systematic.std[0]) ** 2
@@ -98,8 +102,10 @@ def test_a_tolerance_is_the_prior():
 def test_they_stand_beside_tolerances(systematic):
     section = {"estimators": ["gm", "ml"], "systematic": systematic}
     run = case.run(estimate=section, tolerances={"base_joints": "0.1 mm"})
-    found = estimate(run, case.data(4), MOTION)
-    plain = estimate(case.run(estimate={"estimators": ["gm", "ml"]}), case.data(4), MOTION)
+    found = estimate_parameters(run, case.data(4), MOTION)
+    plain = estimate_parameters(
+        case.run(estimate={"estimators": ["gm", "ml"]}), case.data(4), MOTION
+    )
     for name, one in found.estimates.items():
         assert len(one.systematic.deviations) == 2 + 18
         values, std = case.constants(one)
@@ -117,11 +123,11 @@ def test_they_stand_beside_tolerances(systematic):
 
 def test_what_is_written_of_them(tmp_path):
     run = case.run(estimate={"estimators": ["gm", "ml"]})
-    result = estimate(run, case.data(5), MOTION)
-    diagnosis = diagnose(result.robot, result.experiments, result.knowledge, result.best)
-    record = EstimateRecord.of(result, diagnosis)
+    result = estimate_parameters(run, case.data(5), MOTION)
+    diagnosis = diagnose(result.robot, result.experiments, result.priors, result.best)
+    record = estimation_result(result, diagnosis)
     record.write(tmp_path)
-    again = EstimateRecord.read(tmp_path)
+    again = EstimationResult.read(tmp_path)
     assert again.constants == record.constants
     rows = {(row.estimator, row.constant): row for row in again.constants}
     assert len(rows) == 4
@@ -147,16 +153,17 @@ def test_what_is_written_of_them(tmp_path):
 def test_the_bound_counts_them():
     """No less than the covariance of maximum likelihood, which has them among its unknowns."""
     gm, ml = (
-        estimate(case.run(estimate={"estimators": [n]}), case.data(7), MOTION) for n in ("gm", "ml")
+        estimate_parameters(case.run(estimate={"estimators": [n]}), case.data(7), MOTION)
+        for n in ("gm", "ml")
     )
     np.testing.assert_allclose(np.sqrt(np.diag(gm.bound)), ml["ml"].std, rtol=0.02)
 
 
 def test_residuals_are_those_of_the_machine_that_was_found():
-    result = estimate(case.run(), case.data(6), MOTION)
+    result = estimate_parameters(case.run(), case.data(6), MOTION)
     values, _ = case.constants(result["gm"])
     np.testing.assert_allclose(result.robot.description.constants, values)
-    diagnosis = diagnose(result.robot, result.experiments, result.knowledge, result.best)
+    diagnosis = diagnose(result.robot, result.experiments, result.priors, result.best)
     failed = {finding.assumption for finding in diagnosis.verdict.failed}
     assert not {"no position-periodic force", "the model explains the forces"} & failed
 
@@ -168,7 +175,7 @@ def test_constants_that_the_data_do_not_tell():
     machine = given | {"robot": given["robot"] | {"parameters": springy}}
     data = measured(MOTION, robot=robot_from(load_run(machine).robot), step=STEP)
     with pytest.raises(UnidentifiableError, match="estimate: false") as caught:
-        estimate(load_run(given), data, MOTION)
+        estimate_parameters(load_run(given), data, MOTION)
     assert "cable_rest_length" in caught.value.names
 
 
@@ -202,7 +209,7 @@ def test_the_joint_covariance_is_that_of_all_noise(estimator, noise, memory, tol
     if tolerance is not None:
         sections["tolerances"] = {"terms": {"cogging": {"pitch": tolerance}}}
     near = case.guess(PITCH), case.guess(VELOCITY)
-    result = estimate(case.run(*near, **sections), case.data(scale=0.0), MOTION)
+    result = estimate_parameters(case.run(*near, **sections), case.data(scale=0.0), MOTION)
     random, systematic, naive = _dense(result.experiments[0], estimator, memory, tolerance)
     # Noise that remembers counts line by line, as if the recording were endless.
     found, off = result[estimator], 0.06 if memory else 1e-3

@@ -8,7 +8,7 @@ import pytest
 
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.finding import Status
-from estimation.identification import estimate, prepare_experiment
+from estimation.identification import estimate_parameters, prepare_experiment
 from estimation.identification.recording import prepare_recording
 from estimation.measurement_model import HarmonicMotion
 from estimation.twin import Twin
@@ -59,12 +59,12 @@ def test_ml_covers_with_them_and_says_that_others_do_not():
     disturbed = with_hidden_harmonic()
     pulls = []
     for seed in range(3):
-        result = estimate(CONFIG, measured(disturbed, seed, **NOISY), MOTION)
+        result = estimate_parameters(CONFIG, measured(disturbed, seed, **NOISY), MOTION)
         assert any("LS and GM" in warning for warning in result.warnings)
         pulls.append((result["ml"].values - ROBOT.parameters) / result["ml"].std)
     for name, status in (("gm", Status.DOUBTFUL), ("ml", Status.ACCEPTED)):
-        experiments = [each.experiment for each in result.records]
-        found = diagnose(result.robot, experiments, result.knowledge, result[name])
+        experiments = [each.experiment for each in result.recordings]
+        found = diagnose(result.robot, experiments, result.priors, result[name])
         assert found.verdict.status is status
     # 3 × 24 correlated errors: mean square 1 ± some 0.3.
     assert np.mean(np.square(pulls)) < 2.2
@@ -81,8 +81,8 @@ def test_cogging_is_no_motion():
 def test_without_a_design_many_strong_harmonics_are_found(stated):
     motion = trajectory(harmonics=8)
     config = run({"estimators": ["gm"]}, trajectory={"harmonics": stated})
-    result = estimate(config, measured(motion))
-    assert result.records[0].harmonics == 8
+    result = estimate_parameters(config, measured(motion))
+    assert result.recordings[0].harmonics == 8
 
 
 def test_lengths_that_the_machine_described_cannot_have():

@@ -7,10 +7,10 @@ import pytest
 
 from estimation.estimators import add_prior_response
 from estimation.estimators.priors import ParameterPriors
-from estimation.identification import estimate
-from estimation.identification.identified_robot import FILE
-from estimation.identification.record import EstimateRecord
+from estimation.identification import estimate_parameters, estimation_result
+from estimation.identification.result import EstimationResult
 from expdesign.configuration import InputError, load_run
+from expdesign.configuration.identification import IDENTIFIED_ROBOT as FILE
 from expdesign.configuration.identification import identified_name
 from expdesign.configuration.sections.estimate import EstimateSection
 from expdesign.robot import load_robot
@@ -26,9 +26,9 @@ def written(request, tmp_path_factory):
     """A result, and the folder with its files."""
     section = {"harmonics": 2, "estimators": ["gm", "ml"], "systematic": request.param}
     data = measured(MOTION, 1, step=0.01, length_scale=0.1, force_scale=0.1)
-    result = estimate(run(section, tolerances=TOLERANCES), data, MOTION)
+    result = estimate_parameters(run(section, tolerances=TOLERANCES), data, MOTION)
     folder = tmp_path_factory.mktemp(request.param)
-    assert folder / FILE in EstimateRecord.of(result).write(folder)
+    assert folder / FILE in estimation_result(result).write(folder)
     return result, folder
 
 
@@ -88,11 +88,11 @@ def test_a_covariance_of_another_size_is_refused(written, tmp_path):
 
 def test_tables_tell_the_budget(written):
     result, folder = written
-    record = EstimateRecord.read(folder)
+    record = EstimationResult.read(folder)
     rows = [row for row in record.budget if (row.estimator, row.parameter) == ("ml", "p10")]
     assert {row.source for row in rows} == {"noise", "base_joints", "gravity", "delay"}
     assert sum(row.share_percent for row in rows) == pytest.approx(100)
-    place = result.knowledge.names.index("p10")
+    place = result.priors.names.index("p10")
     assert np.linalg.norm([row.std for row in rows]) == pytest.approx(result.best.std[place])
     assert len(record.deviations) == 2 * len(result.best.systematic.deviations)
 
@@ -103,8 +103,8 @@ def test_as_a_prior_it_shares_its_systematic_error(tmp_path):
     section = {"harmonics": 2, "estimators": ["gm"], "noise": "given"}
     first, second = (measured(MOTION, seed, step=0.01) for seed in (1, 2))
     run_file = run(section, tolerances=tolerances)
-    both = estimate(run_file, [first, second], MOTION)["gm"]
-    EstimateRecord.of(estimate(run_file, first, MOTION)).write(tmp_path)
+    both = estimate_parameters(run_file, [first, second], MOTION)["gm"]
+    estimation_result(estimate_parameters(run_file, first, MOTION)).write(tmp_path)
     after = load_run(
         {
             "name": "after",
@@ -112,7 +112,7 @@ def test_as_a_prior_it_shares_its_systematic_error(tmp_path):
             "estimate": {**section, "prior_from": "robot"},
         }
     )
-    found = estimate(after, second, MOTION)["gm"]
+    found = estimate_parameters(after, second, MOTION)["gm"]
     # The kinematic share is counted in the prior's weight, in that of the data it is not.
     np.testing.assert_allclose(found.values, both.values, atol=0.2 * both.std.min())
     place = load_robot("palida").parameter_names.index("p10")
@@ -167,4 +167,4 @@ def test_as_a_prior_it_is_conditioned_on_what_is_fixed(written):
 
 def test_a_robot_that_was_not_identified_is_no_prior():
     with pytest.raises(InputError, match="was not identified"):
-        estimate(run({"prior_from": "robot"}), measured(MOTION, 1, step=0.01), MOTION)
+        estimate_parameters(run({"prior_from": "robot"}), measured(MOTION, 1, step=0.01), MOTION)

@@ -13,10 +13,10 @@ from estimation.controlmodel.uncertainty import force_uncertainty
 from estimation.estimators import PerturbedMachine
 from estimation.estimators.prior_estimate import PriorEstimate
 from estimation.feedforward.comparison import true_machine
-from estimation.identification import estimate
-from estimation.identification.identified_robot import FILE
-from estimation.identification.record import EstimateRecord
+from estimation.identification import estimate_parameters, estimation_result
+from estimation.identification.result import EstimationResult
 from expdesign.configuration import InputError, load_run
+from expdesign.configuration.identification import IDENTIFIED_ROBOT as FILE
 from expdesign.information.identifiable import BaseParameters
 from expdesign.robot import load_robot, robot_from
 from expdesign.robot.deviation import apply_deviations, deviations
@@ -32,9 +32,9 @@ DRAWS = 4000
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     """A result, and the folder with its files."""
-    result = estimate(case.run(tolerances=TOLERANCES), case.data(5), MOTION)
+    result = estimate_parameters(case.run(tolerances=TOLERANCES), case.data(5), MOTION)
     folder = tmp_path_factory.mktemp("joint")
-    EstimateRecord.of(result).write(folder)
+    estimation_result(result).write(folder)
     return result, folder
 
 
@@ -56,7 +56,7 @@ def test_constants_by_maximum_likelihood_scatter_as_stated_where_noise_remembers
             size = np.sqrt(1 - memory**2)
             forces = scipy.signal.lfilter([size], [1, -memory], forces, axis=0)
             noisy = replace(exact, forces=exact.forces + forces, lengths=exact.lengths + lengths)
-            one = estimate(config, noisy, MOTION)["ml"].systematic
+            one = estimate_parameters(config, noisy, MOTION)["ml"].systematic
             errors.append(one.values)
             found[name] = one.std
         squares = np.sum((errors / found[name]) ** 2, axis=0)
@@ -139,7 +139,7 @@ def test_files_with_a_joint_covariance_of_another_size_are_refused(written, tmp_
     data["estimators"]["gm"]["covariance_joint"] = [[1.0]]
     path.write_text(json.dumps(data))
     with pytest.raises(InputError, match="covariance_joint"):
-        EstimateRecord.read(folder)
+        EstimationResult.read(folder)
 
 
 def _after(robot, **section):
@@ -153,13 +153,13 @@ def earlier(tmp_path_factory):
     """The robot file of one recording, and what two tell at once."""
     run, folder = case.run(estimate={"estimators": ["gm", "ml"]}), tmp_path_factory.mktemp("prior")
     first, second = case.data(1), case.data(2)
-    EstimateRecord.of(estimate(run, first, MOTION)).write(folder)
-    return folder / FILE, second, estimate(run, [first, second], MOTION)
+    estimation_result(estimate_parameters(run, first, MOTION)).write(folder)
+    return folder / FILE, second, estimate_parameters(run, [first, second], MOTION)
 
 
 def test_one_recording_after_the_other_is_both_at_once(earlier):
     path, second, both = earlier
-    found = estimate(_after(path), second, MOTION)
+    found = estimate_parameters(_after(path), second, MOTION)
     abouts = load_robot(path).description, case.run().robot
     began = [np.array(about.constants) for about in abouts]
     for name, one in found.estimates.items():
@@ -181,9 +181,9 @@ def test_a_tolerance_of_a_constant_counts_once_in_later_estimates(tmp_path):
     tolerances = {"terms": {"stribeck": {"velocity": "0.2 mm/s"}, "cogging": {"pitch": "1 mm"}}}
     run = case.run(tolerances=tolerances)
     first, second = case.data(1), case.data(2)
-    EstimateRecord.of(estimate(run, first, MOTION)).write(tmp_path)
-    found = estimate(_after(tmp_path / FILE, estimators=["gm"]), second, MOTION)["gm"]
-    whole = estimate(run, [first, second], MOTION)["gm"]
+    estimation_result(estimate_parameters(run, first, MOTION)).write(tmp_path)
+    found = estimate_parameters(_after(tmp_path / FILE, estimators=["gm"]), second, MOTION)["gm"]
+    whole = estimate_parameters(run, [first, second], MOTION)["gm"]
     ratio = np.sqrt(np.diag(found.joint) / np.diag(whole.joint))
     np.testing.assert_allclose(ratio, 1, atol=0.1)
 
@@ -198,7 +198,7 @@ def test_what_is_fixed_moves_what_the_prior_says_of_constants(earlier):
     noisy = {key: (1e8 * np.array(size)).tolist() for key, size in case.noise().items()}
     config = _after(path, fixed={"s1": value + shift}, estimators=["gm"])
     config = load_run(config.run.model_dump(by_alias=True) | {"noise": noisy})
-    found = estimate(config, second, MOTION)["gm"].systematic
+    found = estimate_parameters(config, second, MOTION)["gm"].systematic
     expected = known[-2:, place] / known[place, place] * shift
     own = np.diag(known)[-2:]
     np.testing.assert_allclose((found.values - expected) / np.sqrt(own), 0, atol=0.05)
@@ -221,7 +221,7 @@ def test_constants_without_their_covariance_are_no_prior(earlier, tmp_path, how)
     changed = tmp_path / FILE
     yaml.dump(data, changed)
     with pytest.raises(InputError, match="stribeck_velocity") as caught:
-        estimate(_after(changed), second, MOTION)
+        estimate_parameters(_after(changed), second, MOTION)
     assert caught.value.problems[0].key == "estimate.prior_from"
 
 

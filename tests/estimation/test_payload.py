@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from estimation.estimators.influence import SystematicUncertainty
 from estimation.estimators.payload import TEN, about_centre, payload_estimate
 from estimation.estimators.prior_estimate import PriorEstimate, UnloadedMachine
-from estimation.identification import estimate
-from estimation.identification.record import EstimateRecord
+from estimation.identification import estimate_parameters, estimation_result
+from estimation.identification.result import EstimationResult
 from estimation.twin import Twin
 from expdesign.configuration import load_run
 from expdesign.configuration.bodies import BodyDescription, payload_parameters
@@ -207,7 +207,9 @@ def machine(tmp_path_factory):
     """The run folder of an identification without payload, with forces that may be 5 % off."""
     folder = tmp_path_factory.mktemp("machine")
     run = _run("machine", {}, tolerances=TOLERANCES)
-    EstimateRecord.of(estimate(run, Twin.of(run, MOTION).measurement(7), MOTION)).write(folder)
+    estimation_result(estimate_parameters(run, Twin.of(run, MOTION).measurement(7), MOTION)).write(
+        folder
+    )
     return folder
 
 
@@ -216,7 +218,7 @@ def loaded(machine):
     """An estimate with the payload, whose run knows it for the twin alone."""
     experiment = {"periods": 10, "sampling": 100, "payload": BODY}
     run = _run("loaded", {"prior": str(machine)}, experiment=experiment, tolerances=TOLERANCES)
-    return estimate(run, Twin.of(run, MOTION).measurement(3), MOTION)
+    return estimate_parameters(run, Twin.of(run, MOTION).measurement(3), MOTION)
 
 
 def test_the_payload_is_found(loaded):
@@ -239,8 +241,8 @@ def test_forces_that_are_off_by_a_share_are_off_so_for_the_payload(loaded):
 
 
 def test_it_is_kept_and_read_again(loaded, tmp_path):
-    EstimateRecord.of(loaded).write(tmp_path)
-    rows = EstimateRecord.read(tmp_path).payload
+    estimation_result(loaded).write(tmp_path)
+    rows = EstimationResult.read(tmp_path).payload
     assert [row.quantity for row in rows[:10]] == list(TEN)
     found = {row.quantity: row for row in rows if row.estimator == "gm"}
     best = loaded.payloads["gm"]
@@ -256,16 +258,16 @@ def test_it_is_kept_and_read_again(loaded, tmp_path):
 
 def test_a_mass_that_may_be_none_has_no_centre(machine, tmp_path):
     run = _run("empty", {"prior": str(machine), "estimators": ["gm"]}, tolerances=TOLERANCES)
-    found = estimate(run, Twin.of(run, MOTION).measurement(5), MOTION)
-    rows = {row.quantity: row for row in EstimateRecord.of(found).payload}
+    found = estimate_parameters(run, Twin.of(run, MOTION).measurement(5), MOTION)
+    rows = {row.quantity: row for row in estimation_result(found).payload}
     assert abs(rows["mass"].value) < 4 * rows["mass"].std
     assert np.isnan(rows["cx"].value)
 
 
 def test_an_estimate_without_a_machine_before_has_no_payload(tmp_path):
     run = _run("plain", {"estimators": ["gm"]})
-    found = estimate(run, Twin.of(run, MOTION).measurement(1), MOTION)
-    EstimateRecord.of(found).write(tmp_path)
+    found = estimate_parameters(run, Twin.of(run, MOTION).measurement(1), MOTION)
+    estimation_result(found).write(tmp_path)
     assert not found.payloads
     assert not (tmp_path / "tables" / "payload.csv").exists()
-    assert not EstimateRecord.read(tmp_path).payload
+    assert not EstimationResult.read(tmp_path).payload

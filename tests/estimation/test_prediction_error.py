@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from estimation.identification import estimate, prepare_experiment
-from estimation.identification.record import EstimateRecord
+from estimation.identification import estimate_parameters, estimation_result, prepare_experiment
 from estimation.validation.prediction_error import Kept, prediction_errors
 from estimation.validation.validate import validate
 from expdesign.configuration import ForceTolerance, InputError, load_run
@@ -88,7 +87,7 @@ def test_a_tolerance_is_kept_or_not(stated, kept):
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("estimate")
     data = measured(MOTION, periods=10)
-    EstimateRecord.of(estimate(run({"estimators": ["gm"]}), data, MOTION)).write(path)
+    estimation_result(estimate_parameters(run({"estimators": ["gm"]}), data, MOTION)).write(path)
     return path
 
 
@@ -110,10 +109,10 @@ def validated(folder, tolerance):
 
 def test_a_motion_with_a_tolerance_is_judged_by_it(folder, tmp_path):
     generous, strict, none = (validated(folder, text) for text in ("60 N", "1 %", None))
-    assert generous.summary.accepted
-    assert not strict.summary.accepted
-    assert not none.summary.accepted
-    (motion,) = none.summary.motions
+    assert generous.accepted
+    assert not strict.accepted
+    assert not none.accepted
+    (motion,) = none.motions
     assert motion.within is None
     sizes = [each.error for each in motion.errors]
     # 40 N amplitude: 28 N rms in two struts, and nothing like it in the others.
@@ -122,7 +121,7 @@ def test_a_motion_with_a_tolerance_is_judged_by_it(folder, tmp_path):
     strict.write(tmp_path)
     again = type(strict).read(tmp_path)
     assert again.errors == strict.errors
-    assert again.summary.motions[0].tolerance == "1 %"
+    assert again.motions[0].tolerance == "1 %"
 
 
 @pytest.mark.parametrize("wrong", ["5 mm", "-1 N", "0 %", True, "much"])

@@ -6,7 +6,8 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from estimation.data.reading import read_measurement
-from estimation.identification.estimate import estimate, parameter_priors, run_estimators
+from estimation.identification import estimate_parameters
+from estimation.identification.estimation import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from expdesign.configuration import DataSection
@@ -88,7 +89,7 @@ def test_the_window_of_a_recording_of_the_whole_motion(table, tmp_path):
     window = DataSection.model_validate({"start": begin, "end": end})
     data = read_measurement(tmp_path / "whole.csv", window, ROBOT)
     assert len(data.time) == PERIODS * 200
-    result = estimate(run({"estimators": ["gm"], "noise": "given"}), data, trajectory())
+    result = estimate_parameters(run({"estimators": ["gm"], "noise": "given"}), data, trajectory())
     assert not [warning for warning in result.warnings if "incomplete" in warning]
     found = result.estimates["gm"]
     errors = found.values - ROBOT.parameters
@@ -98,6 +99,6 @@ def test_the_window_of_a_recording_of_the_whole_motion(table, tmp_path):
     whole = read_measurement(
         tmp_path / "whole.csv", DataSection.model_validate({"start": begin}), ROBOT
     )
-    spoilt = estimate(run({"estimators": ["gm"], "noise": "given"}), whole, trajectory())
+    spoilt = estimate_parameters(run({"estimators": ["gm"], "noise": "given"}), whole, trajectory())
     errors = spoilt.estimates["gm"].values - ROBOT.parameters
     assert errors @ np.linalg.solve(spoilt.estimates["gm"].covariance, errors) > 1000

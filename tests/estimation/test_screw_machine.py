@@ -6,7 +6,7 @@ from scipy import stats
 
 import expdesign
 from estimation.diagnostics.diagnosis import diagnose
-from estimation.identification.estimate import estimate
+from estimation.identification import estimate_parameters
 from estimation.twin import Twin
 from expdesign.configuration import load_run
 from expdesign.robot import robot_from
@@ -57,7 +57,7 @@ def test_a_design_predicts_how_well_the_inertia_is_known(mapping, designed):
 
 
 def test_the_parameters_are_found(mapping, measured, designed):
-    found = estimate(load_run(mapping), measured, designed.trajectory)
+    found = estimate_parameters(load_run(mapping), measured, designed.trajectory)
     truth = found.robot.parameters
     limit = stats.chi2.ppf(LEVEL, len(truth))
     for name in ("gm", "ml"):
@@ -68,9 +68,11 @@ def test_the_parameters_are_found(mapping, measured, designed):
 
 def test_the_inertia_is_named_where_the_model_lacks_it(mapping, measured, designed):
     direct = mapping["robot"] | {"drive": "direct", "platform_cardan_axes": None}
-    found = estimate(load_run(mapping | {"robot": direct}), measured, designed.trajectory)
-    diagnosis = diagnose(found.robot, found.experiments, found.knowledge, found.best)
-    first, *_ = diagnosis.experiments[0].attribution.effects
+    found = estimate_parameters(
+        load_run(mapping | {"robot": direct}), measured, designed.trajectory
+    )
+    diagnosis = diagnose(found.robot, found.experiments, found.priors, found.best)
+    first, *_ = diagnosis.recordings[0].attribution.effects
     assert (first.kind, first.strut) == ("drive_inertia", None)
     assert first.value == pytest.approx(99.5, rel=0.1)
     assert diagnosis.verdict.status.value == "doubtful"

@@ -8,8 +8,7 @@ import pytest
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.estimators import covariance_ml_less_gm
-from estimation.identification import estimate
-from estimation.identification.estimate_file import EstimateFile
+from estimation.identification import estimate_parameters, estimation_result
 from expdesign.experiment.systematic import systematic_std
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import apply_deviations, toleranced_deviations
@@ -78,7 +77,7 @@ def chosen():
 def _moved(config, theta, designs):
     """Return estimates without noise: of a machine that deviates, and of the one described."""
     return (
-        estimate(
+        estimate_parameters(
             config, [_measured(s * theta, motion, robot=SMOOTH) for motion in designs], designs
         ).estimates
         for s in (1, 0)
@@ -136,9 +135,11 @@ def test_the_difference_of_two_estimates_counts_what_moves_them_apart(chosen):
 
 
 def test_shares_add_up_and_the_common_gain_scales_all_forces(chosen):
-    result = estimate(_run(), _measured(np.zeros(len(chosen)), scale=1.0), MOTION)
-    plain = estimate(_run(systematic="none"), _measured(np.zeros(len(chosen)), scale=1.0), MOTION)
-    written = EstimateFile.of(result, None).estimators
+    result = estimate_parameters(_run(), _measured(np.zeros(len(chosen)), scale=1.0), MOTION)
+    plain = estimate_parameters(
+        _run(systematic="none"), _measured(np.zeros(len(chosen)), scale=1.0), MOTION
+    )
+    written = estimation_result(result, None).estimators
     for name, found in result.estimates.items():
         share, groups = found.covariance_systematic, written[name].systematic.groups
         np.testing.assert_allclose(
@@ -167,7 +168,7 @@ def test_intervals_cover_truths_drawn_from_the_tolerances(chosen):
     config = _run({"noise": _quiet(scale)}, systematic="estimated")
     for number in range(runs):
         theta = std * np.random.default_rng([7, number]).normal(size=len(std))
-        result = estimate(config, _measured(theta, seed=number, scale=scale), MOTION)
+        result = estimate_parameters(config, _measured(theta, seed=number, scale=scale), MOTION)
         for name, found in result.estimates.items():
             off = np.abs(found.values - ROBOT.parameters)
             inside.setdefault(name, []).append(np.mean(off < 1.96 * found.std))
@@ -188,7 +189,7 @@ def test_estimated_tolerances_are_known_better_than_before(chosen):
     data = _measured(theta, scale=0.1)
     quiet = {"noise": _quiet(0.1)}
     budget, joint = (
-        estimate(_run(quiet, systematic=kind, estimators=["ml"]), data, MOTION)["ml"]
+        estimate_parameters(_run(quiet, systematic=kind, estimators=["ml"]), data, MOTION)["ml"]
         for kind in ("budget", "estimated")
     )
     before = np.array([each.std for each in chosen])
@@ -204,8 +205,8 @@ def test_without_tolerances_everything_is_as_it_was():
     data = measured(MOTION, 3, step=STEP)
     # A run file that asks for it is refused; from Python a section may be changed afterwards.
     asked = run(GIVEN).with_section("estimate", systematic="estimated")
-    with_key = estimate(asked, data, MOTION)
-    without = estimate(run(GIVEN), data, MOTION)
+    with_key = estimate_parameters(asked, data, MOTION)
+    without = estimate_parameters(run(GIVEN), data, MOTION)
     for name, found in with_key.estimates.items():
         np.testing.assert_array_equal(found.values, without[name].values)
         np.testing.assert_array_equal(found.covariance, without[name].covariance)
@@ -215,13 +216,13 @@ def test_without_tolerances_everything_is_as_it_was():
 
 def test_a_design_predicts_the_share_of_an_estimate(chosen):
     config = _run(estimators=["gm"])
-    result = estimate(config, _measured(np.zeros(len(chosen)), robot=SMOOTH), MOTION)
+    result = estimate_parameters(config, _measured(np.zeros(len(chosen)), robot=SMOOTH), MOTION)
     noise = ROBOT.description.noise
     predicted = systematic_std(
         replace(robot_from(config.robot), description=_smooth(config.robot)),
         MOTION,
         100,
-        result.knowledge.names,
+        result.priors.names,
         noise.force_covariance,
         noise.length_covariance,
     )
@@ -237,9 +238,9 @@ def test_an_estimated_machine_is_diagnosed_along_the_motion_that_was_estimated(c
     theta = np.array([rng.normal(0, e.std) if e.group in joints else 0.0 for e in chosen])
     settings = {"noise": "given", "systematic": "estimated", "estimators": ["ml"]}
     tolerances = {key: TOLERANCES[key] for key in joints}
-    result = estimate(
+    result = estimate_parameters(
         run(settings, tolerances=tolerances, noise=_quiet(0.1)), _measured(theta, scale=0.1), MOTION
     )
     assert result.best.motions[0].harmonics > MOTION.harmonics
     assert result.experiments[0].fit.motion.harmonics == result.best.motions[0].harmonics
-    diagnose(result.robot, result.experiments, result.knowledge, result.best)
+    diagnose(result.robot, result.experiments, result.priors, result.best)

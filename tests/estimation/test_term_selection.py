@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from estimation.estimators import ParameterPriors, linear_estimate
-from estimation.identification import estimate, prepare_experiment, term_selection
-from estimation.identification.identified_robot import identified_robot
+from estimation.identification import estimate_parameters, prepare_experiment, term_selection
+from estimation.identification.identified_model import identified_robot
 from estimation.identification.term_selection import UNSETTLED, Selection
 from estimation.selection.evidence import Evidence, InformationShare
 from estimation.selection.selection import Judge, select, splits
@@ -161,7 +161,7 @@ def test_a_block_that_is_not_there_has_the_chi_square_of_chance():
 @pytest.mark.parametrize("by", ["bic", "f", "holdout"])
 def test_what_is_there_is_found_and_estimated(by):
     data = measured(MOTION, robot=machine(m_drive=3.0), seed=3, periods=6)
-    result = estimate(selecting(by), data, MOTION)
+    result = estimate_parameters(selecting(by), data, MOTION)
     selection = result.selection
     assert selection.chosen == ("drive_inertia",)
     row = next(row for row in result.rows if row.parameter == "m_drive")
@@ -188,8 +188,10 @@ def test_nothing_is_added_to_a_machine_that_is_the_model():
 
 def test_without_a_term_the_estimate_is_as_ever():
     data = measured(MOTION, seed=1)
-    plain = estimate(run({"estimators": ["gm"], "noise": "given", "harmonics": 2}), data, MOTION)
-    tried = estimate(selecting(), data, MOTION)
+    plain = estimate_parameters(
+        run({"estimators": ["gm"], "noise": "given", "harmonics": 2}), data, MOTION
+    )
+    tried = estimate_parameters(selecting(), data, MOTION)
     assert tried.selection.chosen == ()
     np.testing.assert_array_equal(tried.best.values, plain.best.values)
     np.testing.assert_array_equal(tried.best.covariance, plain.best.covariance)
@@ -201,7 +203,7 @@ def test_bounds_have_no_part_in_the_choice_and_hold_after_it(parameters):
     data = measured(MOTION, robot=machine(m_drive=3.0), seed=3, periods=6)
     bounds = {"m_drive": [0.5, 2.0], "p10": [10, 16], "o3": [1, 2]}
     free, bounded = (
-        estimate(
+        estimate_parameters(
             selecting(candidates=CANDIDATES[:3], estimate=more | {"parameters": parameters}),
             data,
             MOTION,
@@ -212,7 +214,7 @@ def test_bounds_have_no_part_in_the_choice_and_hold_after_it(parameters):
     worth = [[row.worth for row in each.selection.steps] for each in (bounded, free)]
     assert worth[0] == worth[1]
     assert bounded.selection.bounded == tuple(bounds)
-    values = dict(zip(bounded.knowledge.names, bounded.best.values, strict=True))
+    values = dict(zip(bounded.priors.names, bounded.best.values, strict=True))
     assert (values["m_drive"], values["p10"]) == (2, 16)
     told = [text for text in bounded.warnings if text not in free.warnings]
     assert any("estimate.select" in text and "m_drive" in text for text in told)
@@ -237,7 +239,7 @@ def test_terms_are_chosen_at_the_constants_that_are_found():
         section |= {"select": {"candidates": candidates}}
         given = {"noise": constants.noise(), "estimate": section}
         configuration = load_run({"name": "n", "robot": "palida", **given})
-        return estimate(configuration, constants.data(1), constants.MOTION).selection
+        return estimate_parameters(configuration, constants.data(1), constants.MOTION).selection
 
     found, written = chosen(estimated=True), chosen(estimated=False)
     assert set(found.chosen) == {"stribeck", "cogging"} < set(written.chosen)
@@ -283,7 +285,7 @@ def test_a_candidate_of_which_nothing_is_estimated_is_refused():
         robot=general | {"platform": "general"},
     )
     with pytest.raises(InputError, match="payload"):
-        estimate(configuration, measured(MOTION), MOTION)
+        estimate_parameters(configuration, measured(MOTION), MOTION)
 
 
 def test_friction_may_be_a_candidate():
@@ -296,14 +298,14 @@ def test_friction_may_be_a_candidate():
     candidates[0] = {"cable": {"rest_length": 0.6}}
     section = {"estimators": ["gm"], "harmonics": 2, "select": {"candidates": candidates}}
     configuration = load_run({"name": "bare", "robot": robot, "estimate": section})
-    found = estimate(configuration, measured(MOTION, seed=6, force_scale=0.1), MOTION)
+    found = estimate_parameters(configuration, measured(MOTION, seed=6, force_scale=0.1), MOTION)
     assert set(found.selection.chosen) == {"actuator_friction", "passive_friction"}
-    plain = estimate(
+    plain = estimate_parameters(
         run({"estimators": ["gm"], "harmonics": 2}), measured(MOTION, 6, force_scale=0.1), MOTION
     )
-    values = dict(zip(found.knowledge.names, found.best.values, strict=True))
+    values = dict(zip(found.priors.names, found.best.values, strict=True))
     np.testing.assert_allclose(
-        [values[name] for name in plain.knowledge.names], plain.best.values, rtol=1e-6, atol=1e-7
+        [values[name] for name in plain.priors.names], plain.best.values, rtol=1e-6, atol=1e-7
     )
 
 
@@ -327,7 +329,7 @@ def test_a_constant_is_estimated_with_the_term_that_was_chosen(known):
     if not known:
         candidates.append({"cogging": {"pitch": guess}})
     own = robot(guess) if known else "palida"
-    result = estimate({"name": "m", "robot": own, "estimate": section}, data, MOTION)
+    result = estimate_parameters({"name": "m", "robot": own, "estimate": section}, data, MOTION)
     chosen = {"drive_inertia"} if known else {"drive_inertia", "cogging"}
     assert set(result.selection.chosen) == chosen
     (deviation,) = result.best.systematic.deviations
@@ -339,7 +341,7 @@ def test_a_constant_is_estimated_with_the_term_that_was_chosen(known):
 def test_several_recordings_hold_each_other_out():
     motions = [trajectory(seed=4), trajectory(seed=5)]
     data = [measured(m, robot=machine(m_drive=3.0), seed=k) for k, m in enumerate(motions)]
-    result = estimate(selecting("holdout"), data, motions)
+    result = estimate_parameters(selecting("holdout"), data, motions)
     assert result.selection.chosen == ("drive_inertia",)
     assert result.selection.held_out == "recordings"
     assert not any("held out" in text for text in result.warnings)
@@ -347,7 +349,7 @@ def test_several_recordings_hold_each_other_out():
 
 def test_a_single_period_holds_nothing_out():
     with pytest.raises(InputError) as caught:
-        estimate(selecting("holdout"), measured(MOTION, periods=1), MOTION)
+        estimate_parameters(selecting("holdout"), measured(MOTION, periods=1), MOTION)
     assert caught.value.problems[0].key == "estimate.select.by"
 
 

@@ -4,12 +4,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.diagnostics.diagnosis_result import DiagnosisKeys
+from estimation.diagnostics.diagnosis_result import Diagnosis
 from estimation.diagnostics.finding import Assumption, DiagnosisVerdict, Status
-from estimation.identification import estimate
-from estimation.identification.estimate_file import EstimateFile
-from estimation.identification.record import EstimateRecord
-from estimation.identification.saved import saved_estimate
+from estimation.identification import estimate_parameters, estimation_result
+from estimation.identification.identified_model import identified_model
+from estimation.identification.result import EstimationResult
 from estimation.validation.motions import benchmark_motion
 from estimation.validation.validate import validate
 from expdesign.configuration import InputError, load_run
@@ -24,7 +23,7 @@ SAMPLING = f"{1 / STEP} Hz"
 def folder(tmp_path_factory):
     """Return a run folder with an estimate."""
     path = tmp_path_factory.mktemp("estimate")
-    EstimateRecord.of(estimate(run(), measured(MOTION, periods=10), MOTION)).write(path)
+    estimation_result(estimate_parameters(run(), measured(MOTION, periods=10), MOTION)).write(path)
     return path
 
 
@@ -103,37 +102,35 @@ def test_a_spline_passes_its_poses():
 
 def test_a_sound_estimate_passes(folder):
     result = validate(case(), read_estimate(folder, ROBOT))
-    assert result.summary.accepted
-    test = result.motions[0].tests.lack_of_fit
+    assert result.accepted
+    test = result.predictions[0].tests.lack_of_fit
     assert not np.any(test.failed)
     assert not test.refused
 
 
 def test_cogging_that_the_estimate_does_not_know_fails_its_struts(folder):
     result = validate(case(cogging=[0, 0, 40, 40, 0, 0]), read_estimate(folder, ROBOT))
-    test = result.motions[0].tests.lack_of_fit
+    test = result.predictions[0].tests.lack_of_fit
     assert list(np.flatnonzero(test.failed) + 1) == [3, 4]
-    assert not result.summary.accepted
+    assert not result.accepted
 
 
 def test_a_wrong_mass_fails(folder):
     saved = read_estimate(folder, ROBOT)
     saved.estimate.values[9] *= 1.2
-    assert not validate(case(), saved).summary.accepted
+    assert not validate(case(), saved).accepted
 
 
 def test_what_speaks_against_the_estimate_comes_before_causes_of_the_prediction(folder):
     against = Assumption("gains are right", "a gain is wrong", "look").fails("seen", 1e-9, 0.001)
     minor = Assumption("normal", "a tail is heavy", "", serious=False).fails("seen", 1e-9, 0.001)
     verdict = DiagnosisVerdict(Status.DOUBTFUL, "doubtful: a gain is wrong", (against, minor))
-    file = replace(EstimateFile.read(folder), diagnostics=DiagnosisKeys("ml", verdict, ()))
-    doubtful = saved_estimate(file, folder, ROBOT)
+    file = replace(EstimationResult.read(folder), diagnostics=Diagnosis("ml", verdict, ()))
+    doubtful = identified_model(file, folder, ROBOT)
     assert doubtful.doubt == "a gain is wrong"
     assert read_estimate(folder, ROBOT).doubt == ""
     run_of = case(cogging=[0, 0, 40, 40, 0, 0])
-    plain, after = (
-        validate(run_of, saved).summary for saved in (read_estimate(folder, ROBOT), doubtful)
-    )
+    plain, after = (validate(run_of, saved) for saved in (read_estimate(folder, ROBOT), doubtful))
     (new,) = set(after.warnings) - set(plain.warnings)
     assert "a gain is wrong" in new
     before, advised = (each.motions[0].diagnostics.verdict.failed for each in (plain, after))
@@ -175,6 +172,6 @@ def test_an_estimate_of_another_robot_is_refused(folder, tmp_path):
 
 def test_a_pointwise_estimate_warns(tmp_path):
     config = run({"estimators": ["gm"], "differentiation": "central"})
-    EstimateRecord.of(estimate(config, measured(MOTION), MOTION)).write(tmp_path)
-    warnings = validate(case(), read_estimate(tmp_path, ROBOT)).summary.warnings
+    estimation_result(estimate_parameters(config, measured(MOTION), MOTION)).write(tmp_path)
+    warnings = validate(case(), read_estimate(tmp_path, ROBOT)).warnings
     assert any("pointwise differentiation" in warning for warning in warnings)

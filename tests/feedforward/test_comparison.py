@@ -9,8 +9,7 @@ import pytest
 from estimation.estimators import PerturbedMachine, SystematicUncertainty
 from estimation.feedforward.comparison import compare_feedforward, true_machine
 from estimation.feedforward.result import FeedforwardResult
-from estimation.identification import estimate
-from estimation.identification.record import EstimateRecord
+from estimation.identification import estimate_parameters, estimation_result
 from expdesign.configuration import ComputationError, InputError, load_run
 from expdesign.configuration.noise_spectrum import DENSITIES
 from expdesign.configuration.robot import load_robot_description
@@ -41,7 +40,9 @@ def saved(heavier, tmp_path_factory):
     folder = tmp_path_factory.mktemp("estimate")
     true = robot_from(load_run({"name": "n", "robot": heavier}).robot)
     config = run({"estimators": ["gm"]})
-    EstimateRecord.of(estimate(config, measured(MOTION, robot=true), MOTION)).write(folder)
+    estimation_result(estimate_parameters(config, measured(MOTION, robot=true), MOTION)).write(
+        folder
+    )
     return read_estimate(folder, ROBOT)
 
 

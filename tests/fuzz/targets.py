@@ -17,10 +17,10 @@ import numpy as np
 import yaml
 
 from estimation.data.reading import read_measurement
-from estimation.identification.record import EstimateRecord
+from estimation.identification.result import EstimationResult
 from estimation.montecarlo.result import MonteCarloResult
 from estimation.twin.truth import Truth
-from estimation.validation.validate import ValidationRecord
+from estimation.validation.validate import ValidationResult
 from expdesign.configuration import DataSection, InputError, export_section, load_run, resolved_yaml
 from expdesign.configuration.robot import load_robot_description
 from expdesign.experiment import DesignResult
@@ -52,7 +52,7 @@ FREE = ("title", "description", "warnings", "message", "source", "sentence", "ad
 """Keys of records whose texts come from outside, in part."""
 
 SECRETS = ("secret.yaml", "secret.json", "secret.csv", "secret")
-RECORDS = (DesignResult, EstimateRecord, ValidationRecord, MonteCarloResult, Truth, Manifest)
+RECORDS = (DesignResult, EstimationResult, ValidationResult, MonteCarloResult, Truth, Manifest)
 EXPORTS = (
     *({"format": name} for name in ("csv", "pvt-csv", "xps-pvt", "pmac-pvt", "linuxcnc-gcode")),
     *({"format": name} for name in ("linuxcnc-strut", "pi-wave", "mat")),

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from estimation.estimators import UnidentifiableError
-from estimation.identification import estimate
+from estimation.identification import estimate_parameters
 from estimation.kinematics.fourier_fit import MotionFitError
 from estimation.montecarlo import repetition as one
 from estimation.montecarlo import run_study
@@ -30,7 +30,7 @@ def table(study):
 def test_a_repetition_is_an_estimate_of_the_twins_measurement(study):
     configuration = small()
     twin = Twin.of(configuration, DESIGN, configuration.run.montecarlo.seed)
-    expected = estimate(configuration, twin.measurement(3), DESIGN)
+    expected = estimate_parameters(configuration, twin.measurement(3), DESIGN)
     found = study.repetitions[2]
     assert found.number == 3
     assert found.harmonics == 2

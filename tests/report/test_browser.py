@@ -6,8 +6,7 @@ import re
 
 import pytest
 
-from estimation.identification import estimate
-from estimation.identification.record import EstimateRecord
+from estimation.identification import estimate_parameters, estimation_result
 from expdesign.stages.registry import reported_stages
 from results.render.html import html_page
 from results.render.run_report import write_report
@@ -226,7 +225,7 @@ def test_the_widest_table_fits_a_laptop_and_scrolls_on_a_phone(browser, tmp_path
     motion = trajectory(100, 0.01)
     sections = {"tolerances": {"strut_length": "1 mm"}}
     config = run({"harmonics": 2, "estimators": ["gm"]}, **sections)
-    record = EstimateRecord.of(estimate(config, measured(motion, 1, step=0.01), motion))
+    record = estimation_result(estimate_parameters(config, measured(motion, 1, step=0.01), motion))
     truth = {row.parameter: row.value * 1.0001 for row in record.by_estimator()["gm"]}
     table = estimates_table(record, truth)
     assert {"σ random", "σ systematic", "truth"} <= {column.title for column in table.columns}

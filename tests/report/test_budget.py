@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.identification import estimate
-from estimation.identification.record import EstimateRecord
+from estimation.identification import estimate_parameters, estimation_result
 from results.comparison.estimates import ComparedEstimate
 from results.views.parameter_blocks import budget_blocks, share_columns
 from results.views.view import ReportTable
@@ -20,7 +19,7 @@ def _record(seed, tolerances=TOLERANCES, **section):
     data = measured(MOTION, seed, step=0.01, force_scale=0.2, length_scale=0.2)
     given = {"harmonics": 2, "estimators": ["gm", "ml"], **section}
     sections = {} if tolerances is None else {"tolerances": tolerances}
-    return EstimateRecord.of(estimate(run(given, **sections), data, MOTION))
+    return estimation_result(estimate_parameters(run(given, **sections), data, MOTION))
 
 
 @pytest.fixture(scope="module")
@@ -56,16 +55,16 @@ def test_estimated_tolerances_are_listed():
 
 
 def test_what_two_estimates_share_is_no_difference(records):
-    one, other = (ComparedEstimate(str(n), None, r.summary) for n, r in enumerate(records))
-    names = records[0].summary.parameters
+    one, other = (ComparedEstimate(str(n), None, r) for n, r in enumerate(records))
+    names = records[0].parameters
     found = np.diag(one.difference_covariance(other, names))
     renamed = replace(other, summary=replace(other.summary, robot="palida-identified"))
     np.testing.assert_array_equal(np.diag(one.difference_covariance(renamed, names)), found)
     random, total = (
-        sum(np.diag(getattr(r.summary.best_estimator, key)) for r in records)
+        sum(np.diag(getattr(r.best_estimator, key)) for r in records)
         for key in ("covariance_forces", "covariance")
     )
-    kinematic = sum(np.diag(r.summary.best_estimator.covariance_kinematics) for r in records)
+    kinematic = sum(np.diag(r.best_estimator.covariance_kinematics) for r in records)
     random = random + kinematic
     assert np.all(found >= random * (1 - 1e-9))
     # The same motion: tolerances do nearly the same to both.

@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from estimation.identification.record import EstimateRecord
+from estimation.identification.result import EstimationResult
 from estimation.montecarlo.result import MonteCarloResult
 from estimation.twin.truth import Truth
-from estimation.validation.validate import ValidationRecord
+from estimation.validation.validate import ValidationResult
 from expdesign.cli.app import app
 from expdesign.cli.errors import run
 from expdesign.configuration import InputError
@@ -17,9 +17,9 @@ TABLES = (
     (DesignResult, "tables/limits.csv", "limit"),
     (DesignResult, "tables/parameters.csv", "parameter"),
     (DesignResult, "tables/eigenvalues.csv", "index"),
-    (EstimateRecord, "estimates.csv", "parameter"),
+    (EstimationResult, "estimates.csv", "parameter"),
     (MonteCarloResult, "tables/montecarlo.csv", "parameter"),
-    (ValidationRecord, "tables/validation.csv", "actuator"),
+    (ValidationResult, "tables/validation.csv", "actuator"),
 )
 
 
@@ -88,27 +88,27 @@ ESTIMATE, MONTECARLO = "estimate.json", "montecarlo.json"
 @pytest.mark.parametrize(
     ("record", "file", "place", "key"),
     [
-        (EstimateRecord, ESTIMATE, ("estimators", "gm", "covariance"), None),
-        (EstimateRecord, ESTIMATE, ("estimators", "ml", "covariance_forces"), None),
-        (EstimateRecord, ESTIMATE, ("cramer_rao_covariance",), None),
-        (EstimateRecord, ESTIMATE, ("diagnostics", "experiments"), None),
+        (EstimationResult, ESTIMATE, ("estimators", "gm", "covariance"), None),
+        (EstimationResult, ESTIMATE, ("estimators", "ml", "covariance_forces"), None),
+        (EstimationResult, ESTIMATE, ("cramer_rao_covariance",), None),
+        (EstimationResult, ESTIMATE, ("diagnostics", "experiments"), None),
         (MonteCarloResult, MONTECARLO, ("bound_covariance",), None),
         (Truth, "truth.json", ("force_covariance",), None),
         (Truth, "truth.json", ("length_covariance",), None),
         (
-            EstimateRecord,
+            EstimationResult,
             ESTIMATE,
             ("recordings", 0, "noise", "force_covariance"),
             "recordings[1].noise.force_covariance",
         ),
         (
-            ValidationRecord,
+            ValidationResult,
             "validation.json",
             ("motions", 0, "diagnostics", "experiments"),
             "motions[1].diagnostics.experiments",
         ),
         (
-            ValidationRecord,
+            ValidationResult,
             "validation.json",
             ("motions", 0, "diagnostics", "experiments", 0, "lack_of_fit", "f"),
             "motions[1].diagnostics.experiments[1].lack_of_fit.f",
@@ -124,8 +124,8 @@ def test_another_number_of_entries_is_told_by_its_key(record, file, place, key, 
 @pytest.mark.parametrize(
     ("record", "file", "place"),
     [
-        (EstimateRecord, ESTIMATE, ("best",)),
-        (EstimateRecord, ESTIMATE, ("fixed",)),
+        (EstimationResult, ESTIMATE, ("best",)),
+        (EstimationResult, ESTIMATE, ("fixed",)),
         (MonteCarloResult, MONTECARLO, ("parameters",)),
         (MonteCarloResult, MONTECARLO, ("identified",)),
     ],
@@ -144,7 +144,7 @@ def test_an_unknown_name_is_told_by_its_key(record, file, place, folder):
     [
         (Truth, "truth.json", ("force_covariance", 2, 2), "force_covariance"),
         (
-            EstimateRecord,
+            EstimationResult,
             ESTIMATE,
             ("estimators", "ml", "covariance", 2, 2),
             "estimators.ml.covariance[3][3]",
@@ -160,7 +160,7 @@ def test_a_negative_variance_is_told_by_its_key(record, file, place, key, folder
 def test_a_value_that_is_missing_is_told_by_its_key(folder):
     path = folder / ESTIMATE
     _change(path, "estimators", "gm", "values", to=lambda values: dict([*values.items()][1:]))
-    problem = _problem(EstimateRecord, folder)
+    problem = _problem(EstimationResult, folder)
     assert (problem.file, problem.key) == (path, "estimators.gm.values")
     assert "p1" in problem.message
 

@@ -35,7 +35,7 @@ def diagnosis():
     data = lab.measure(1, cogging=([0, 0, 0, 20, 0, 0], 0.03, 0.0))
     experiment = lab.experiment(data)
     estimate = lab.estimate([experiment])
-    return diagnose(lab.robot, [experiment], lab.knowledge, estimate).experiments[0]
+    return diagnose(lab.robot, [experiment], lab.knowledge, estimate).recordings[0]
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +96,7 @@ def test_given_noise_and_pointwise_kinematics_can_be_drawn():
     lab = Laboratory(samples=120, periods=2)
     experiment = replace(lab.pointwise(lab.measure(1)), noise=lab.noise)
     estimate = lab.estimate([experiment])
-    result = diagnose(lab.robot, [experiment], lab.knowledge, estimate).experiments[0]
+    result = diagnose(lab.robot, [experiment], lab.knowledge, estimate).recordings[0]
     for key, figure in drawn(result).items():
         assert figure.axes, key
 

@@ -47,7 +47,7 @@ def made_up(steps, chosen, by="bic"):
         held_out="periods" if by == "holdout" else "",
         steps=tuple(rows),
     )
-    return SimpleNamespace(summary=SimpleNamespace(selection=selection))
+    return SimpleNamespace(selection=selection)
 
 
 PATH = (
@@ -86,10 +86,10 @@ def test_the_report_tells_the_choice_its_path_and_the_caveat(by):
     texts = [block.text for block in blocks if isinstance(block, TextBlock)]
     assert NAMES[1] in texts[0]
     assert "1.25" in texts[0]
-    assert texts[-1] == record.summary.selection.caveat
+    assert texts[-1] == record.selection.caveat
     assert len(texts) == (3 if by == "holdout" else 2)
 
 
 def test_nothing_is_told_where_nothing_was_tried():
-    record = SimpleNamespace(summary=SimpleNamespace(selection=None))
+    record = SimpleNamespace(selection=None)
     assert not list(selection_blocks(None, record))

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from estimation.identification import estimate
+from estimation.identification import estimate_parameters
 from estimation.twin.disturbances import cogging_force
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.robot import load_robot_description
@@ -308,7 +308,7 @@ def test_asymmetric_friction_and_the_cogging_of_the_twin_are_found():
         }
     )
     data = measured(motion, robot=machine, step=0.01, force_scale=quiet, length_scale=quiet)
-    found = estimate(run, data, motion).best
+    found = estimate_parameters(run, data, motion).best
     assert np.max(np.abs(found.values - machine.parameters) / found.std) < 5
     for name, value, std in zip(
         machine.parameter_names, machine.parameters, found.std, strict=True

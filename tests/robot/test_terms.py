@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from estimation.identification import estimate
+from estimation.identification import estimate_parameters
 from estimation.measurement_model.prediction import force_kernel
 from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.configuration.robot import load_robot_description
@@ -167,7 +167,7 @@ def test_a_model_without_any_sign_is_estimated(palida):
     mapping = {**palida, "terms": offsets, "parameters": parameters}
     run = load_run({"name": "n", "robot": mapping, "estimate": {"estimators": ["gm", "ml"]}})
     robot = robot_from(run.robot)
-    found = estimate(run, measured(trajectory(), robot=robot))
+    found = estimate_parameters(run, measured(trajectory(), robot=robot))
     for estimator in ("gm", "ml"):
         one = found.estimates[estimator]
         assert np.max(np.abs(one.values - robot.parameters) / one.std) < 5
@@ -304,7 +304,7 @@ def test_the_load_is_that_of_the_estimate(palida, estimator):
     mapping = {**palida, "terms": names, "parameters": light | shares}
     run = load_run({"name": "n", "robot": mapping, "estimate": {"estimators": [estimator]}})
     data = measured(trajectory(), robot=machine, force_scale=0.1, length_scale=0.01)
-    found = estimate(run, data)
+    found = estimate_parameters(run, data)
     one = found.estimates[estimator]
     errors = (one.values - machine.parameters) / one.std
     assert np.max(np.abs(errors)) < 4.5

@@ -7,7 +7,7 @@ import pytest
 
 from estimation.data.reading import read_measurement
 from estimation.identification import prepare_experiment, run_estimators
-from estimation.identification.estimate import parameter_priors
+from estimation.identification.estimation import parameter_priors
 from estimation.twin import Twin
 from estimation.twin.truth import write_measurement
 from expdesign.configuration import InputError, load_run

@@ -1,0 +1,398 @@
+"""Estimation of the parameters: recordings made ready, estimators, uncertainty, consistency."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from constraints.arrays import Array
+from estimation.data.measurement import Measurement
+from estimation.estimators import (
+    Experiment,
+    ParameterEstimate,
+    ParameterPriors,
+    add_prior_response,
+    cramer_rao_covariance,
+    linear_estimate,
+    maximum_likelihood,
+    systematic_share,
+)
+from estimation.estimators.payload import PayloadEstimate, payload_estimate
+from estimation.identification.estimated_machine import (
+    apply_calibration,
+    estimated_machine,
+    linearise_at_load,
+    with_residual_noise,
+)
+from estimation.identification.recording import PreparedRecording, prepare_recording
+from estimation.identification.term_selection import Selection
+from estimation.uncertainty.consistency import ConsistentEstimate, consistent_estimate
+from estimation.uncertainty.intervals import (
+    Combination,
+    ParameterRow,
+    identified_combinations,
+    parameter_rows,
+)
+from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
+from expdesign.configuration.robot import RobotDescription
+from expdesign.configuration.run import add_terms
+from expdesign.progress import report_progress, track
+from expdesign.robot import Robot, robot_from
+from expdesign.robot.deviation import Deviation, toleranced_deviations
+from expdesign.trajectory import FourierTrajectory
+
+
+def estimate_parameters(
+    config: ConfigurationLike,
+    data: Measurement | Sequence[Measurement],
+    design: FourierTrajectory | Sequence[FourierTrajectory | None] | None = None,
+) -> Estimation:
+    """Estimate the parameters from one or several recordings, without a diagnosis.
+
+    Parameters, exceptions: see `estimation.identification.estimate`.
+    """
+    configuration = load_run(config)
+    began = time.perf_counter()
+    data = (data,) if isinstance(data, Measurement) else tuple(data)
+    if not data:
+        raise ValueError("estimate needs at least one recording")
+    section = configuration.run.estimate
+    robot = robot_from(configuration.robot)
+    priors = parameter_priors(configuration, robot)
+    refuse_ml_without_fit(configuration, section.estimators, "estimate")
+    designs = _one_each(design, len(data))
+    # One thread: the products are small, and the order of their sums must not depend on cores.
+    with threadpool_limits(limits=1, user_api="blas"):
+        pairs = tuple(zip(data, designs, strict=True))
+        recordings = tuple(
+            prepare_recording(configuration, robot, measurement, trajectory)
+            for measurement, trajectory in track("the motion of each recording", pairs)
+        )
+        selection = Selection.of(configuration, robot, [r.experiment for r in recordings])
+        if selection is not None and selection.chosen:
+            configuration = add_terms(configuration, selection.added)
+            robot = robot_from(configuration.robot)
+            priors = parameter_priors(configuration, robot)
+            recordings = tuple(
+                replace(r, experiment=r.experiment.with_terms_of(robot)) for r in recordings
+            )
+        recordings = _with_residual_noise(robot, recordings, priors)
+        robot, experiments = linearise_at_load(robot, [r.experiment for r in recordings], priors)
+        recordings = _with_experiments(recordings, experiments)
+        report_progress("deviations of the machine")
+        chosen = toleranced_deviations(robot) if section.systematic != "none" else ()
+        joint = chosen if section.systematic == "estimated" else ()
+        estimates = {
+            name: add_systematic_uncertainty(found, priors, chosen)
+            for name, found in run_estimators(
+                robot, experiments, priors, section.estimators, joint
+            ).items()
+        }
+        bound = _bound(robot, experiments, priors, estimates)
+        best = best_of(estimates)
+        machine = estimated_machine(robot, best.systematic)
+        if machine.chosen:
+            # Diagnoses take the machine as estimated, along the estimated motions.
+            robot = machine.robot
+            recordings = tuple(
+                replace(
+                    prepare_recording(
+                        configuration.with_section("estimate", harmonics=motion.harmonics),
+                        robot,
+                        apply_calibration(measurement, machine),
+                        trajectory,
+                    ),
+                    least_harmonics=recording.least_harmonics,
+                )
+                for recording, measurement, trajectory, motion in zip(
+                    recordings, data, designs, best.motions, strict=True
+                )
+            )
+            recordings = _with_residual_noise(robot, recordings, priors)
+        report_progress("the nearest physically consistent parameters")
+        consistent = {
+            name: consistent_estimate(robot, found, priors) for name, found in estimates.items()
+        }
+        report_progress("identified parameters")
+        combinations = {
+            name: identified_combinations(robot, priors.names, result.values, result.covariance)
+            for name, result in estimates.items()
+        }
+    rows = [row for found in estimates.values() for row in parameter_rows(robot, found, priors)]
+    return Estimation(
+        configuration=configuration,
+        robot=robot,
+        priors=priors,
+        recordings=recordings,
+        estimates=estimates,
+        rows=tuple(rows),
+        combinations=combinations,
+        consistent=consistent,
+        bound=bound,
+        selection=selection,
+        seconds=time.perf_counter() - began,
+        warnings=(
+            *configuration.warnings,
+            *(warning for measurement in data for warning in measurement.warnings),
+            *(() if selection is None else selection.warnings),
+            *_warnings(recordings, priors, estimates),
+            *(
+                f"{name}: {_inconsistency(configuration)}"
+                for name, found in consistent.items()
+                if found is None
+            ),
+        ),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Estimation:
+    """Estimates in memory, with the robot, the experiments and the priors behind them."""
+
+    configuration: RunConfiguration
+    """The run, its robot with the terms that were added."""
+    robot: Robot
+    priors: ParameterPriors
+    recordings: tuple[PreparedRecording, ...]
+    estimates: dict[str, ParameterEstimate]
+    rows: tuple[ParameterRow, ...]
+    combinations: dict[str, tuple[Combination, ...]]
+    """Known combinations of parameters that are not identified, by estimator."""
+    consistent: dict[str, ConsistentEstimate | None]
+    """The nearest physically consistent parameters, by estimator; None: fixed values or bounds
+    exclude them."""
+    bound: Array | None
+    """(m, m) Cramér–Rao bound as a covariance, at the best estimate."""
+    seconds: float
+    warnings: tuple[str, ...]
+    selection: Selection | None = None
+    """The choice of further terms; None: none was tried."""
+
+    @property
+    def best(self) -> ParameterEstimate:
+        """The estimate to use: ML if there is one, else GM, else LS."""
+        return best_of(self.estimates)
+
+    @cached_property
+    def payloads(self) -> dict[str, PayloadEstimate]:
+        """The payload by every estimator; empty unless the prior is of a machine without it."""
+        before = self.priors.prior_estimate
+        if before is None or before.unloaded is None:
+            return {}
+        return {name: payload_estimate(found, before) for name, found in self.estimates.items()}
+
+    @property
+    def experiments(self) -> tuple[Experiment, ...]:
+        """The recordings as the estimators saw them."""
+        return tuple(recording.experiment for recording in self.recordings)
+
+    @property
+    def intervals_cover(self) -> bool:
+        """False after pointwise differentiation: the lengths' noise is not in the intervals."""
+        return all(recording.experiment.fit is not None for recording in self.recordings)
+
+    def __getitem__(self, estimator: str) -> ParameterEstimate:
+        """Return one estimator's result."""
+        return self.estimates[estimator]
+
+
+def best_of(estimates: Mapping[str, ParameterEstimate]) -> ParameterEstimate:
+    """Return the estimate to use of those by estimator: ML if there is one, else GM, else LS."""
+    return next(estimates[name] for name in ("ml", "gm", "ls") if name in estimates)
+
+
+def run_estimators(
+    robot: Robot,
+    experiments: Sequence[Experiment],
+    priors: ParameterPriors,
+    wanted: Sequence[str],
+    deviations: Sequence[Deviation] = (),
+) -> dict[str, ParameterEstimate]:
+    """Return the estimates of the wanted estimators, in the order ls, gm, ml.
+
+    Maximum likelihood estimates the given deviations as well, with their tolerances as priors.
+    """
+    # Maximum likelihood starts from Gauss–Markov.
+    needed = {*wanted, "gm"} if "ml" in wanted else wanted
+    linear = [name for name in ("ls", "gm") if name in needed]
+    results = {
+        name: linear_estimate(robot, experiments, priors, name)
+        for name in track("linear estimates", linear)
+    }
+    if "ml" in wanted:
+        start = results["gm"]
+        results["ml"] = maximum_likelihood(robot, experiments, priors, start, deviations)
+    return {name: found for name, found in results.items() if name in wanted}
+
+
+def add_systematic_uncertainty(
+    estimate: ParameterEstimate, priors: ParameterPriors, tolerances: Sequence[Deviation]
+) -> ParameterEstimate:
+    """Add the uncertainty due to the tolerances, and to those of the prior, to an estimate.
+
+    Deviations that were estimated are already included. After pointwise kinematics, where the
+    effect of the tolerances is unknown, the estimate is returned unchanged.
+    """
+    found = estimate.systematic
+    own = () if found is None else found.deviations
+    known = {one.name for one in own}
+    others = [one for one in tolerances if one.name not in known]
+    if others:
+        chosen, values = (*own, *others), None
+        if found is not None:
+            values = np.concatenate([found.values, np.zeros(len(others))])
+        found = systematic_share(estimate.influences, chosen, priors.free, values)
+    if priors.prior_estimate is not None:
+        found = add_prior_response(found, estimate.influences, priors.prior_estimate, priors.free)
+    return estimate.with_systematic(found)
+
+
+def _with_residual_noise(
+    robot: Robot, recordings: tuple[PreparedRecording, ...], priors: ParameterPriors
+) -> tuple[PreparedRecording, ...]:
+    """Return the recordings with an unknown Σ estimated from Gauss–Markov residuals."""
+    experiments = [recording.experiment for recording in recordings]
+    return _with_experiments(recordings, with_residual_noise(robot, experiments, priors))
+
+
+def _with_experiments(
+    recordings: tuple[PreparedRecording, ...], experiments: Sequence[Experiment]
+) -> tuple[PreparedRecording, ...]:
+    pairs = zip(recordings, experiments, strict=True)
+    return tuple(replace(recording, experiment=experiment) for recording, experiment in pairs)
+
+
+def _bound(
+    robot: Robot,
+    experiments: Sequence[Experiment],
+    priors: ParameterPriors,
+    estimates: Mapping[str, ParameterEstimate],
+) -> Array | None:
+    if "ml" in estimates:
+        return estimates["ml"].covariance_random
+    if any(experiment.fit is None for experiment in experiments):
+        return None
+    motions = [experiment.motion for experiment in experiments]
+    last = list(estimates.values())[-1]
+    robot, values = estimated_machine(robot, last.systematic).robot, last.values
+    return cramer_rao_covariance(robot, experiments, motions, priors, values)
+
+
+def parameter_priors(configuration: RunConfiguration, robot: Robot) -> ParameterPriors:
+    """Return the priors, bounds and fixed values of the section `estimate:`.
+
+    Raises
+    ------
+    InputError
+        All parameters are fixed.
+    """
+    priors = ParameterPriors.of(robot, configuration.run.estimate)
+    if not np.any(priors.free):
+        raise InputError(
+            "every parameter is fixed: there is nothing to estimate",
+            file=configuration.file,
+            key="estimate.fixed",
+        )
+    return priors
+
+
+def refuse_ml_without_fit(
+    configuration: RunConfiguration, estimators: Sequence[str], section: str
+) -> None:
+    """Refuse maximum likelihood without a Fourier series of the motion.
+
+    Raises
+    ------
+    InputError
+        The estimators of the section, ``"estimate"`` or ``"montecarlo"``, include it.
+    """
+    differentiation = configuration.run.estimate.differentiation
+    if "ml" in estimators and differentiation != "fourier":
+        raise InputError(
+            "maximum likelihood estimates the motion as a Fourier series, "
+            f"'{differentiation}' differentiation gives it none",
+            file=configuration.file,
+            key=f"{section}.estimators",
+            allowed="[ls, gm], or estimate.differentiation: fourier",
+        )
+
+
+def _one_each(
+    design: FourierTrajectory | Sequence[FourierTrajectory | None] | None, count: int
+) -> list[FourierTrajectory | None]:
+    if design is None or isinstance(design, FourierTrajectory):
+        return [design] * count
+    designs = list(design)
+    if len(designs) == 1:
+        return designs * count
+    if len(designs) != count:
+        raise ValueError(f"{count} recordings, but {len(designs)} designs")
+    return designs
+
+
+def _inconsistency(configuration: RunConfiguration) -> str:
+    """Return a warning that no physically consistent parameters were found, with the reason."""
+    section = configuration.run.estimate
+    causes = {
+        "the fixed values (`estimate.fixed`)": bool(section.fixed),
+        "the bounds (`estimate.bounds`)": bool(section.bounds),
+        "the values held by the earlier identification (`estimate.prior`)": isinstance(
+            section.prior, RobotDescription
+        ),
+    }
+    given = [cause for cause, there in causes.items() if there]
+    if given:
+        return f"no physically consistent parameters exist with {' and '.join(given)}"
+    return (
+        "the search for the nearest physically consistent parameters did not converge: whether the "
+        "estimate is physically consistent is not known"
+    )
+
+
+def _warnings(
+    recordings: Sequence[PreparedRecording],
+    priors: ParameterPriors,
+    estimates: Mapping[str, ParameterEstimate],
+) -> list[str]:
+    found = []
+    for recording in recordings:
+        where = f"{recording.source}: " if recording.source and len(recordings) > 1 else ""
+        dropped = recording.experiment.record.dropped
+        if dropped:
+            found.append(f"{where}{dropped} rows of incomplete periods were left out")
+        noise = recording.experiment.noise
+        found += [
+            f"{where}too few periods to estimate the noise, and none is given: {source}. Record "
+            "three periods or more"
+            for own, source in (
+                (noise.forces, "Σ comes from the residuals and includes the model's error"),
+                (noise.lengths, "Δ comes from the residuals of the motion fitted to the lengths"),
+            )
+            if own.includes_model_error
+        ]
+        found += [where + warning for warning in recording.warnings]
+        if recording.harmonics_of_forces != recording.harmonics:
+            found.append(
+                f"{where}the forces show {recording.harmonics_of_forces} harmonics of the motion, "
+                f"the lengths alone {recording.harmonics}: LS and GM use only these, and their "
+                "intervals are too narrow. Use ML, which estimates all of them"
+            )
+        if recording.experiment.fit is None:
+            found.append(
+                f"{where}pointwise differentiation: the errors of rates and accelerations are in "
+                "the regressor, estimates are biased and the intervals do not cover"
+            )
+    for name, result in estimates.items():
+        if not result.converged:
+            found.append(f"{name}: {result.status}")
+        found += [
+            f"{name}: {priors.names[k]} is at its bound (`estimate.bounds`), which its "
+            "standard deviation does not include"
+            for k in np.flatnonzero(priors.at_bound(result.values))
+        ]
+    return found
