@@ -244,15 +244,20 @@ def at_least(count: int, items: str, most: int = 100) -> BeforeValidator:
 
 
 def per_strut(items: str) -> WrapValidator:
-    """Return a validator for one value for all struts, or a list with one for each.
+    """Return a validator for one value for all struts, or a list with one for each."""
+    return repeated(ACTUATORS, items, f"one of the {items} for all struts")
+
+
+def repeated(count: int, items: str, single: str) -> WrapValidator:
+    """Return a validator for a list of `count` items, or for a single value that all share.
 
     A fault of a single value is reported once.
     """
-    wanted = f"one of the {items} for all struts, or a list of {ACTUATORS}"
+    wanted = f"{single}, or a list of {count}"
 
     def check(value: object, handler: ValidatorFunctionWrapHandler) -> Any:
         if isinstance(value, list | tuple):
-            return handler(_counted(value, ACTUATORS, items, wanted))
+            return handler(_counted(value, count, items, wanted))
         try:
             (one,) = handler([value])
         except ValidationError as error:
@@ -260,7 +265,7 @@ def per_strut(items: str) -> WrapValidator:
             found = first.get("ctx", {})
             allowed, meant = found.get("allowed", wanted), found.get("nearest")
             raise refusal(found.get("reason", first["msg"]), allowed, meant) from None
-        return (one,) * ACTUATORS
+        return (one,) * count
 
     return WrapValidator(check)
 

@@ -7,19 +7,15 @@ from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator
 
 from expdesign.configuration.document import Located
 from expdesign.configuration.errors import Problem, nearest_name, quote, refusal
-from expdesign.configuration.fields import by_key, check_choice, exactly, read_entries
+from expdesign.configuration.fields import by_key, check_choice, per_strut, read_entries, repeated
 from expdesign.configuration.quantity import (
-    LENGTH,
-    SHARE,
     Angle,
     Duration,
     Length,
     NotNegative,
-    Quantity,
     Share,
     quantity_in,
 )
@@ -28,51 +24,15 @@ from expdesign.mechanism.catalogue import term_definitions
 from expdesign.mechanism.hexapod import ACTUATORS
 
 _SPACE = 3
-
-
-def _parse(quantity: Quantity, value: object) -> float:
-    number = quantity.parse(value)
-    if number < 0:
-        raise refusal(f"{number:g} is negative", "a standard deviation of 0 or more")
-    return number
-
-
-def _repeat(quantity: Quantity, counts: Sequence[int], wanted: str) -> BeforeValidator:
-    """Return a validator that repeats a single value to lists of these lengths."""
-
-    def spread(value: object, counts: Sequence[int]) -> object:
-        if not counts:
-            return value
-        if isinstance(value, list | tuple):
-            if len(value) != counts[0]:
-                raise refusal(f"there are {len(value)} values where {counts[0]} are needed", wanted)
-            return [spread(item, counts[1:]) for item in value]
-        number: object = _parse(quantity, value)
-        for count in reversed(counts):
-            number = [number] * count
-        return number
-
-    return BeforeValidator(lambda value: spread(value, counts))
-
-
 _Coordinates = Annotated[
     tuple[
-        Annotated[tuple[Annotated[Length, NotNegative], ...], exactly(_SPACE, "coordinates")], ...
+        Annotated[
+            tuple[Annotated[Length, NotNegative], ...],
+            repeated(_SPACE, "coordinates", "one length for all coordinates"),
+        ],
+        ...,
     ],
-    _repeat(
-        LENGTH,
-        (ACTUATORS, _SPACE),
-        f"one length for every coordinate, {ACTUATORS} (one for each joint), or {ACTUATORS} "
-        "triples [x, y, z]",
-    ),
-]
-_EachLength = Annotated[
-    tuple[Annotated[Length, NotNegative], ...],
-    _repeat(LENGTH, (ACTUATORS,), f"one length for all struts, or a list of {ACTUATORS}"),
-]
-_EachShare = Annotated[
-    tuple[Annotated[Share, NotNegative], ...],
-    _repeat(SHARE, (ACTUATORS,), f"one share for all actuators, or a list of {ACTUATORS}"),
+    repeated(ACTUATORS, "joints", "one length for all coordinates of all joints"),
 ]
 
 
@@ -87,7 +47,10 @@ def _read_constants(term: str, value: object) -> dict[str, float]:
         if name not in constants:
             reason = f"the term {term} has no constant {quote(name)}"
             raise refusal(reason, allowed, partial(nearest_name, name, constants))
-        return _parse(quantity_in(constants[name].unit), item)
+        number = quantity_in(constants[name].unit).parse(item)
+        if number < 0:
+            raise refusal(f"{number:g} is negative", "a standard deviation of 0 or more")
+        return number
 
     return read_entries(value, read, (term,))
 
@@ -97,7 +60,7 @@ class ForceConstantTolerance(Section):
 
     common: Annotated[Share, NotNegative] | None = None
     """Common to all actuators."""
-    each: _EachShare | None = None
+    each: Annotated[tuple[Annotated[Share, NotNegative], ...], per_strut("shares")] | None = None
     """Individual part of each actuator."""
 
 
@@ -108,7 +71,9 @@ class RobotTolerances(Section):
     """(6, 3), m, of the coordinates in the base frame."""
     platform_joints: _Coordinates | None = None
     """(6, 3), m, of the coordinates in the platform frame."""
-    strut_length: _EachLength | None = None
+    strut_length: (
+        Annotated[tuple[Annotated[Length, NotNegative], ...], per_strut("lengths")] | None
+    ) = None
     """(6,), m, zero of each length measurement."""
     force_constant: ForceConstantTolerance | None = None
     gravity: Annotated[Angle, NotNegative] | None = None

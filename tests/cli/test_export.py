@@ -212,7 +212,7 @@ def test_options_of_the_command_line(expdesign, folder, tmp_path):
         (("--format", "xps-pvt", "--segment", "10 mm"), "is a length, not a duration"),
         (("--format", "xps-pvt", "--order", "1,2"), "2 numbers of struts where 6 are needed"),
         (("--format", "xps-pvt", "--counts-per-metre", "1,x"), "--counts-per-metre"),
-        (("--format", "pmac-pvt", "--axes", "A,B,C,D,Y,Z"), "'D' is no axis of a PMAC"),
+        (("--format", "pmac-pvt", "--axes", "A,B,C,D,Y,Z"), "'D' is not an axis of a PMAC"),
         (("--format", "ros2", "--encoding", "mcap", "--digits", "3"), "all their digits"),
         (
             ("--format", "ros2", "--encoding", "mcap", "--out", "t.dat"),

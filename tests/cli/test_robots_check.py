@@ -154,11 +154,11 @@ def test_check_says_what_run_would_do(expdesign, tmp_path):
     _, out, err = check("")
     assert "note: expdesign run does: design (the file names no stage)" in err
     assert "# data:" in out
-    assert "periods and sampling of the experiment all the same" in out
+    assert "periods and sampling of the experiment" in out
     _, out, err = check("design: {}\nexperiment: {}\nmontecarlo: {}\ndata: {delimiter: ';'}\n")
     assert "note: expdesign run does: design, experiment, montecarlo\n" in err
     assert "\ndata:" in out
-    assert "all the same" not in out
+    assert "periods and sampling of the experiment" not in out
     _, _, err = check("montecarlo: {}\n")
     assert "warning: expdesign run refuses this file" in err
 
@@ -213,7 +213,7 @@ BAD_RUNS = {
         "noise: {force_covariance: [" + ", ".join(["[1, 1, 1, 1, 1, 1]"] * 6) + "]}",
         "not positive definite",
     ),
-    "duplicate key": ("design: {seed: 1, seed: 2}", "the key stands twice"),
+    "duplicate key": ("design: {seed: 1, seed: 2}", "the key occurs twice"),
     "tag": ("data: !!python/object/apply:os.system [true]", "tag !!python/object/apply:os.system"),
     "unknown key": ("desing: {}", "unknown key 'desing'"),
 }

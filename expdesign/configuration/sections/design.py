@@ -27,7 +27,7 @@ from expdesign.configuration.section import Section
 from expdesign.mechanism.terms import rigid_platform
 
 _LARGEST_HARMONICS = 100
-_MOST_SAMPLES = 100_000
+_MOST_SAMPLES = 20_000
 
 _MOST_SOLVES = 10_000
 """Largest number of starts, hops or iterations: days of work."""

@@ -9,7 +9,6 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from expdesign.configuration.errors import quote, refusal, require
 from expdesign.configuration.fields import (
-    Count,
     Distinct,
     FilledText,
     Seed,
@@ -185,10 +184,14 @@ class EstimateSection(Section):
         return self.prior if isinstance(self.prior, dict) else {}
 
 
+MOST_REPETITIONS = 400_000
+"""Four gigabytes of estimates and standard deviations."""
+
+
 class MonteCarloSection(Section):
     """Study of the estimators' bias, spread and coverage in repeated simulated experiments."""
 
-    repetitions: Count = 400
+    repetitions: Annotated[int, whole(1, MOST_REPETITIONS)] = 400
     estimators: Estimators = ("ls", "gm", "ml")
     seed: Seed = 0
     """Root seed of the random streams of all repetitions."""
