@@ -33,7 +33,7 @@ _DYNAMIC = frozenset({"strut_acceleration", "actuator_force", "strut_jerk"})
 LIMIT_SHARE = 1e-3
 """Largest excess over a limit, as a share of its range, that an executed table may have."""
 _CELLS_OF_A_PIECE = 4
-"""How many are enclosed for each piece of the path, beside those of any motion."""
+"""Further cells for each piece of the path."""
 _POINTS = 10
 """To a row, where nothing can be proved."""
 

@@ -190,9 +190,9 @@ class Task:
     force_covariance: Array | None = None
     """(6, 6), Σ, N²; without it nothing is said about information."""
     made_from: str = ""
-    """Hash of what the motion was made from; empty where nobody asks."""
+    """Hash of the inputs of the motion; empty if not needed."""
     check: Recheck | None = None
-    """What is proved of the motion from rest to rest; None where nobody asks."""
+    """Proved limits of the motion from rest to rest; None if not needed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +206,7 @@ class Settings:
     digits: int | None
     """After the decimal point; None: all of a double."""
     step: float | None
-    """Time between rows, s; None where each row has a time of its own."""
+    """Time between rows, s; None for rows at individual times."""
     tolerance: float
     """Largest deviation of a strut's length from the design, m."""
     start: Array

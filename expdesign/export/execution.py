@@ -84,8 +84,7 @@ class ExecutedTable:
 
     robot: Robot
     motion: ExecutableMotion
-    """The design; it only tells which way the machine is assembled and how many turns an angle
-    has."""
+    """The design: it determines the assembly mode of the machine and the turns of its angles."""
     axes: Axes
     rows: Rows
     interpolation: Interpolation

@@ -229,7 +229,7 @@ def _beyond(found: ReadBack, table: ExecutedTable, settings: Settings) -> list[s
             f"more than the tolerance of {1e6 * settings.tolerance:.3g} µm"
         )
     if table.interpolation is not Interpolation.LINEAR and settings.section.segment is None:
-        # Whoever states the segment time has the limits to keep, and nothing to be closer to.
+        # With a stated segment time only the limits count: a closer path is not possible.
         failures += [
             f"the {what} is {100 * share:.2g} % of its limit's range from the design, more than "
             f"{100 * SHARE:g} %"

@@ -95,7 +95,7 @@ def _scaled_tables_text(result: ExportResult) -> str:
     """Say that tables for a first run have windows of their own, where there are any."""
     if all(file.scale == 1 for file in result.files.values()):
         return ""
-    return "A table for a first run has a window of its own, told with it below. "
+    return "The window of a table for a first run is stated with that table below. "
 
 
 def _first_run_text(file: ExportedTable, motion: ExportedMotion) -> list[str]:

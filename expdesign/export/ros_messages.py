@@ -114,7 +114,7 @@ def rows_of(message: Mapping[str, Any], settings: Settings) -> Rows:
             times.append(_nanoseconds(stamp))
         except (KeyError, TypeError, ValueError) as error:
             raise TableError(
-                f"point {k} is not complete, or holds what is no number or out of range"
+                f"point {k} is incomplete or holds a value that is not a number or out of range"
             ) from error
     if not cells:
         raise TableError("the message has no points")

@@ -165,8 +165,8 @@ def _find_description(path: Path, exports: Path | None) -> _Described:
         names = " nor ".join(place.name for place in places)
         elsewhere = f", and {exports} has none with its SHA-256" if exports is not None else ""
         raise _refusal(
-            "nothing tells what the columns of this table are: neither "
-            f"{names} beside it names it{elsewhere}",
+            "the columns of this table are not described: neither "
+            f"{names} in its folder names it{elsewhere}",
             path,
         )
     own = [one for one in found if one.entry.sha256 == digest]

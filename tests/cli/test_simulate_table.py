@@ -257,7 +257,7 @@ def _other_element(table):
     ("spoil", "expected"),
     [
         (lambda table: table.unlink(), "there is no such table"),
-        (_no_record, "nothing tells what the columns of this table are"),
+        (_no_record, "the columns of this table are not described"),
         (
             lambda table: (table.parent / "exports.json").write_text("{"),
             "not JSON",

@@ -29,7 +29,7 @@ from expdesign.export.text_table import lines, mark_window, number, write_lines
 
 AXES = ("X", "Y", "Z", "A", "B", "C")
 START_FEED = 6.0
-"""1/min: the move to the start, which is none on a machine that stands there, takes 10 s."""
+"""1/min: the move to the start takes 10 s; a machine at the start does not move."""
 _FEED_DIGITS = 6
 _BLEND = 1e-5
 _COMMENT = re.compile(r"\([^()]*\)")
@@ -188,7 +188,7 @@ FORMAT = TableFormat(
     options=GcodeOptions,
     guide=(
         "For a LinuxCNC machine with the kinematics genhexkins. Its geometry has to be that of the "
-        "robot file: put the setp lines of {beside} in place of those in the machine's HAL file, "
+        "robot file: replace the setp lines of the machine's HAL file by those of {beside}, "
         "and load no tool offset (G49). Home the machine, move it to the start below, check that "
         "the velocity and acceleration limits of joints and axes in the INI file are not below "
         "those of the design (the planner would stretch the motion in time), load the file and run "

@@ -92,7 +92,7 @@ FORMAT = TableFormat(
         "without interpolation beyond the last row. `command_axes` and `command_units` name its "
         "columns. The struct `motion` holds the whole motion in SI units and radians (`units`): "
         "pose, derivatives, strut lengths, expected forces; `motion.window` is 1 in the "
-        "measurement window, `window` its beginning and end in s; `title` tells what it is."
+        "measurement window, `window` its beginning and end in s; `title` its description."
     ),
     digits=None,
     axes={"strut": actuator_names("S"), "pose": POSE_AXES},

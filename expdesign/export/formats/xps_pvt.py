@@ -79,7 +79,9 @@ def _read_events(path: Path, settings: Settings) -> list[tuple[int, bool]]:
     found = _EVENT.findall(text)
     values = [(int(bits), int(value)) for _, bits, value in found]
     if _EVENT.sub("", text) or values != [(mask, mask), (mask, 0)]:
-        raise TableError(f"{beside.name}: not one event that switches the output on, and one off")
+        raise TableError(
+            f"{beside.name}: expected one event that switches the output on, and one off"
+        )
     return [(int(element) - 1, value != "0") for element, _, value in found]
 
 
@@ -123,7 +125,7 @@ FORMAT = TableFormat(
     written_times=partial(round_times, digits=_TIME_DIGITS),
     trigger=(
         "Output {number} of GPIO1 is on from {on} s to {off} s after the start, switched by two "
-        "events that {beside} has. Send its lines to the controller before every execution, with "
+        "events in {beside}. Send its lines to the controller before every execution, with "
         "your group's name for GROUP: an event happens once. Other outputs have other names in it "
         "(GPIO3.DO), with the output's bit as the mask."
     ),
