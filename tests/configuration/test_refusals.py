@@ -76,9 +76,9 @@ noise: {force_std: [1.0e-200, 1.0e-200, 1.0e-200, 1.0e-200, 1.0e-200, 1.0e-200]}
 tolerances: {base_joints: 3 deg} => tolerances.base_joints => an angle, not a length
 tolerances: {base_joints: -0.001} => tolerances.base_joints => negative
 tolerances: {base_joints: [0.001, 0.001, 0.001, 0.001, 0.001]} => tolerances.base_joints => 5
-    values where 6
+    joints where 6
 tolerances: {base_joints: [[0.001, 0], [0.001, 0], [0.001, 0], [0.001, 0], [0.001, 0], [0.001,
-    0]]} => tolerances.base_joints => 2 values where 3
+    0]]} => tolerances.base_joints[1] => 2 coordinates where 3
 tolerances: {base_joints: [[0, 0, -1], [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]]} =>
     tolerances.base_joints[1][3] => negative
 tolerances: {force_constant: 2 %} => tolerances.force_constant => not a mapping
