@@ -28,7 +28,9 @@ class ChiSquares:
     """Sums of squares of the residuals."""
 
     forces: Annotated[ChiSquare, described("", "of the forces")]
-    forces_with_effects: Annotated[ChiSquare, described("", "with the effects taken as known")]
+    forces_with_effects: Annotated[
+        ChiSquare, described("", "of the forces, given the effects found")
+    ]
     lengths: Annotated[ChiSquare | None, described("", "null after pointwise differentiation")]
 
 
@@ -40,9 +42,9 @@ class PitchResult:
     pitches_scanned: Annotated[int, described("1", "0: it moves too little or too fast")]
     log_p: Annotated[OpenNumber, described("1", "logarithm of p over all pitches of the strut")]
     log_p_with_effects: Annotated[
-        OpenNumber, described("1", "with the effects found taken as known")
+        OpenNumber, described("1", "logarithm of p, given the effects found")
     ]
-    best: Annotated[PeriodicForce | None, described("", "the force that fits best")]
+    best: Annotated[PeriodicForce | None, described("", "best-fitting force")]
     critical: Annotated[
         OpenNumber, described("1", "statistic that is significant over all struts and pitches")
     ]
@@ -54,42 +56,43 @@ class RecordingTests:
 
     held_out: Annotated[bool, described("", "the parameters were not estimated from it")]
     harmonics_left_out: Annotated[
-        int, described("1", "harmonics that the forces show and the estimate's motion has not")
+        int, described("1", "harmonics that the forces show, but not the estimate's motion")
     ]
     chi_square: Annotated[ChiSquares, described("", "size of the residuals")]
     lack_of_fit: Annotated[LackOfFit, described("", "bias of each actuator")]
     lack_of_fit_with_effects: Annotated[
-        LackOfFit, described("", "the same with the effects found taken as known")
+        LackOfFit, described("", "bias of each actuator, given the effects found")
     ]
     variance_comparison: Annotated[VarianceComparison, described("", "the paper's comparison")]
-    effects: Annotated[tuple[Effect, ...], described("", "what the model lacks, strongest first")]
+    effects: Annotated[
+        tuple[Effect, ...], described("", "unmodelled effects, most significant first")
+    ]
     position_periodic: Annotated[tuple[PitchResult, ...], described("", "strut by strut")]
     causes: Annotated[
-        tuple[HypothesisResult, ...], described("", "what the model may lack, family by family")
+        tuple[HypothesisResult, ...],
+        described("", "tests of hypotheses on unmodelled effects, by family"),
     ]
     causes_with_effects: Annotated[
-        tuple[HypothesisResult, ...], described("", "with the effects as known")
+        tuple[HypothesisResult, ...], described("", "the same, given the effects found")
     ]
     delay: Annotated[DelayTest, described("", "between forces and lengths")]
-    delay_with_effects: Annotated[DelayTest, described("", "with the effects as known")]
+    delay_with_effects: Annotated[DelayTest, described("", "the same, given the effects found")]
     gain_drift: Annotated[
-        GainDriftTest, described("", "of the forces' gains, from period to period")
+        GainDriftTest, described("", "drift of the forces' gains between periods")
     ]
     whiteness: Annotated[Whitenesses, described("", "autocorrelation")]
     normality: Annotated[Normalities, described("", "distribution of the noise")]
-    drift: Annotated[Drifts, described("", "change from period to period")]
+    drift: Annotated[Drifts, described("", "drift between periods")]
 
 
 @dataclass(frozen=True)
 class PitchRow:
-    """The scan of forces that are periodic in a strut's length, at one pitch."""
+    """Scan of position-periodic forces at one pitch."""
 
     strut: Annotated[int, described("1", "number of the strut")]
     pitch: Annotated[float, described("m", "period in the strut's length")]
     statistic: Annotated[float, described("1", "χ² of sine and cosine")]
-    statistic_with_effects: Annotated[
-        float, described("1", "with the effects found taken as known")
-    ]
+    statistic_with_effects: Annotated[float, described("1", "χ², given the effects found")]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -130,7 +133,7 @@ class Diagnosis:
     """Goodness of fit of an estimate."""
 
     estimator: Annotated[str, described("", "ls, gm or ml")]
-    verdict: Annotated[DiagnosisVerdict, described("", "what holds and what does not")]
+    verdict: Annotated[DiagnosisVerdict, described("", "verdict with all findings")]
     experiments: Annotated[tuple[RecordingTests, ...], described("", "recording by recording")]
 
 

@@ -62,7 +62,7 @@ def covariance_fields(noise: NoiseModel) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class CovarianceRow:
-    """One element of Σ or Δ."""
+    """Element of Σ or Δ."""
 
     quantity: Annotated[str, described("", "force or length")]
     row: Annotated[int, described("1", "strut")]
@@ -119,7 +119,7 @@ class Histogram:
 
     @classmethod
     def of(cls, samples: Array, std: Array) -> Self:
-        """Count the samples of the forces' noise, (N, 6), of these standard deviations, (6,)."""
+        """Count samples of the forces' noise, (N, 6), with standard deviations (6,)."""
         reach = _HISTOGRAM_REACH * float(np.max(std))
         bins = int(np.clip(np.sqrt(len(samples)), _FEWEST_BINS, _MOST_BINS))
         edges = np.linspace(-reach, reach, bins + 1)
@@ -131,14 +131,14 @@ class Histogram:
 class Quantiles:
     """Quantiles of the forces' noise in standard deviations, dense in the tails."""
 
-    normal: Annotated[Array, Column("normal", "1", "of the normal distribution")]
+    normal: Annotated[Array, Column("normal", "1", "quantile of the normal distribution")]
     low: Annotated[Array, Column("low", "1", "lower end of the 95 % band of normal noise")]
     high: Annotated[Array, Column("high", "1", "upper end of the 95 % band of normal noise")]
-    noise: Annotated[Array, strutwise("z", "1", "of the noise")]
+    noise: Annotated[Array, strutwise("z", "1", "quantile of the noise")]
 
     @classmethod
     def of(cls, samples: Array) -> Self:
-        """Order the samples of the forces' noise, (N, 6)."""
+        """Sort samples of the forces' noise, (N, 6)."""
         count = len(samples)
         tail = np.arange(min(count, _TAIL))
         middle = np.linspace(0, count - 1, _POINTS).astype(int)
@@ -174,11 +174,13 @@ class NoisePictures(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Hum:
-    """A hum in the noise."""
+    """Hum in the noise."""
 
     quantity: Annotated[str, described("", "force or length")]
-    frequency: Annotated[float, described("Hz", "of the sinusoid")]
-    amplitude: Annotated[Numbers, sized(ACTUATORS), described("N or m", "in every actuator")]
+    frequency: Annotated[float, described("Hz", "frequency of the sinusoid")]
+    amplitude: Annotated[
+        Numbers, sized(ACTUATORS), described("N or m", "amplitude in every actuator")
+    ]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -210,7 +212,9 @@ class NoiseResult(NoiseCovariances, StageResult):
         tuple[Hum, ...],
         described("", "sinusoids of the mains: quantity, frequency and amplitude of each"),
     ]
-    findings: Annotated[tuple[Finding, ...], described("", "what holds and what does not")]
+    findings: Annotated[
+        tuple[Finding, ...], described("", "findings on the noise, one per assumption")
+    ]
     histogram: Annotated[Histogram, Table("tables/noise_histogram.csv")]
     quantiles: Annotated[Quantiles, Table("tables/noise_quantiles.csv")]
     force_density: Annotated[NoiseDensity, Table("tables/force_spectrum.csv", some=False)]
