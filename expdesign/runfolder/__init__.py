@@ -9,7 +9,6 @@ from expdesign.runfolder.fields import (
     OpenNumber,
     OpenNumbers,
     WholeNumbers,
-    copied,
     described,
     sized,
     strutwise,
@@ -17,10 +16,7 @@ from expdesign.runfolder.fields import (
 from expdesign.runfolder.files import MissingFileError
 from expdesign.runfolder.places import Matrix, Numbered, Place, StoredConfiguration, Table, Text
 from expdesign.runfolder.store import (
-    Contents,
-    FolderRecord,
     JsonFile,
-    RowKeys,
     RunFile,
     StageResult,
 )
@@ -31,10 +27,8 @@ __all__ = [
     "MAY_BE_EMPTY",
     "ArrayTable",
     "Column",
-    "Contents",
     "Covariance",
     "CsvFile",
-    "FolderRecord",
     "JsonFile",
     "Matrix",
     "MatrixTable",
@@ -44,7 +38,6 @@ __all__ = [
     "OpenNumber",
     "OpenNumbers",
     "Place",
-    "RowKeys",
     "RowTable",
     "RunFile",
     "StageResult",
@@ -52,7 +45,6 @@ __all__ = [
     "Table",
     "Text",
     "WholeNumbers",
-    "copied",
     "describe_tables",
     "described",
     "sized",

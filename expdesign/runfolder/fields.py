@@ -16,7 +16,6 @@ from expdesign.configuration import Problem, quote
 from expdesign.configuration.errors import refusal
 from expdesign.mechanism.hexapod import ACTUATORS, POSE, actuator_names
 
-Record = TypeVar("Record")
 Value = TypeVar("Value")
 
 
@@ -92,16 +91,6 @@ def field_columns(record: type[Any]) -> Iterator[tuple[str, tuple[Column, ...]]]
         if not found:
             raise TypeError(f"{record.__name__}.{name}: neither unit nor meaning is given")
         yield name, tuple(found)
-
-
-def copied(kind: type[Record], /, *sources: object, **others: Any) -> Record:
-    """Make a record of what the sources have under the names of its fields, and of `others`.
-
-    What several have is that of the last.
-    """
-    names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
-    found = {n: getattr(one, n) for one in sources for n in names if hasattr(one, n)}
-    return kind(**found | others)
 
 
 def cached_by_type(function: Callable[[Any], Value]) -> Callable[[Any], Value]:

@@ -16,7 +16,7 @@ same as tables of the manual.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, make_dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -41,7 +41,6 @@ from expdesign.runfolder.files import (
     write_json,
 )
 from expdesign.runfolder.places import Place, Table
-from expdesign.runfolder.tables import CsvFile, RowTable
 
 
 @dataclass(frozen=True)
@@ -332,60 +331,3 @@ def _key_in(data: object, location: Key) -> Key:
                 continue
         key = (*key, step)
     return key
-
-
-Contents = Iterator[tuple[CsvFile[Any, Any], Any]]
-RowKeys = Mapping[str, Iterable[tuple[object, ...]]]
-
-
-class FolderRecord:
-    """Deprecated: use `StageResult`. Base of records in several files of a run folder."""
-
-    TABLES: ClassVar[Mapping[str, CsvFile[Any, Any]]] = {}
-
-    @classmethod
-    def read(cls, folder: Path) -> Self:
-        """Read it from a run folder."""
-        return cls(**cls.fields_in(folder))
-
-    @classmethod
-    def fields_in(cls, folder: Path, number: int | None = None) -> dict[str, Any]:
-        """Read the fields that are files; `number` as in `CsvFile.numbered`."""
-        names = {field.name for field in fields(cls)}  # type: ignore[arg-type]
-        found: dict[str, Any] = {name: file.read(folder) for name, file in cls.files().items()}
-        for name, table in cls.TABLES.items():
-            if name in names:
-                found[name] = table.numbered(number).read(folder)
-        source = ", ".join(file.FILE for file in cls.files().values())
-        for name, keys in cls.row_keys(found).items():
-            table = cls.TABLES[name].numbered(number)
-            if not isinstance(table, RowTable):
-                raise TypeError(f"{table.file}: only rows with fields are counted by names")
-            table.refuse_other_rows(folder, found[name], tuple(keys), source)
-        return found
-
-    @classmethod
-    def row_keys(cls, found: Mapping[str, Any]) -> RowKeys:
-        """Return the values of `rows_of` by attribute, row by row."""
-        del found
-        return {}
-
-    def contents(self) -> Contents:
-        """Yield every table with its content."""
-        for name, table in self.TABLES.items():
-            yield table, getattr(self, name)
-
-    def write(self, folder: Path) -> list[Path]:
-        """Write the files into a run folder; return them."""
-        written = [path for table, rows in self.contents() for path in table.write(folder, rows)]
-        written += [path for name in self.files() for path in getattr(self, name).write(folder)]
-        return list(dict.fromkeys(written))
-
-    @classmethod
-    def files(cls) -> dict[str, type[JsonFile]]:
-        """Return the fields that are JSON files, with their types."""
-        return {
-            name: kind
-            for name, kind in get_type_hints(cls).items()
-            if isinstance(kind, type) and issubclass(kind, JsonFile)
-        }

@@ -13,6 +13,7 @@ import pytest
 import results
 from expdesign.experiment import DesignResult
 from expdesign.recheck.limit_check import LimitCheck
+from expdesign.runfolder import RowTable
 from expdesign.solver.events import PHASE_TITLES
 from expdesign.trajectory import FourierTrajectory
 from results import design_figures
@@ -24,7 +25,7 @@ from results.style import PAGE_WIDTH, RESOLUTION, STRUT_COLOURS, house_style
 
 KEYS = {definition.key for definition in DESIGN_FIGURES}
 STRUTS = range(1, 7)
-LIMITS_HEAD = "limit,title,row,unit,value,bound,violation,time,origin\n"
+LIMITS_HEAD = f"{','.join(RowTable('', '', LimitCheck).names)}\n"
 COUNTS = {"Parameter", "Index of the eigenvalue", "Iteration of the start"}
 
 
