@@ -121,7 +121,7 @@ def ignored() -> Iterator[None]:
 
 
 def has_raised() -> bool:
-    """Tell whether an interruption was raised as an exception in this process."""
+    """Return whether an interruption was raised as an exception in this process."""
     return _raised.is_set()
 
 
@@ -164,7 +164,7 @@ def _interrupt_later() -> None:
 
 
 def _is_importing(frame: FrameType | None) -> bool:
-    """Tell whether a frame is within the import of a module."""
+    """Return whether a frame is within the import of a module."""
     while frame is not None:
         if frame.f_code.co_filename == _IMPORTING:
             return True

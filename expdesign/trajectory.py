@@ -45,7 +45,7 @@ class FourierTrajectory:
     """μ and ν (6, n), rate amplitudes of the harmonics: m/s, rad/s."""
 
     def __post_init__(self) -> None:
-        """Freeze the arrays and refuse shapes that do not fit."""
+        """Freeze the arrays and refuse wrong shapes."""
         if not (np.isfinite(self.omega) and self.omega > 0):
             raise ValueError(f"omega must be positive, not {self.omega}")
         size = np.shape(self.mu)
@@ -112,11 +112,11 @@ class FourierTrajectory:
         return basis.samples(table, self.omega)
 
     def sample_times(self, count: int) -> Array:
-        """Return `count` equidistant times of one period from 0, its end left out, s."""
+        """Return `count` equidistant times of one period from 0, without its end, s."""
         return self.period * np.arange(count) / count
 
     def shifted(self, time: float) -> FourierTrajectory:
-        """Return the same motion started `time` seconds later on its orbit."""
+        """Return the same motion, started `time` seconds later on its orbit."""
         phase = self.omega * time * np.arange(1, self.harmonics + 1)
         cos, sin = np.cos(phase), np.sin(phase)
         return FourierTrajectory(
@@ -166,7 +166,7 @@ _Number = Annotated[FiniteFloat, Strict()]
 
 
 class _Lists:
-    """An array that is lists of numbers in the file: one for each coordinate of the pose."""
+    """An array stored as lists of numbers, one for each coordinate of the pose."""
 
     def __init__(self, kind: Any) -> None:
         self.kind = kind
@@ -180,7 +180,7 @@ class _Lists:
 
 
 def _array(values: list[Any], info: ValidationInfo) -> Array:
-    """Return lists as an array; refuse too few or too many coordinates or harmonics."""
+    """Return lists as an array; refuse wrong numbers of coordinates or harmonics."""
     if len(values) != COORDINATES:
         raise ValueError(f"there are {len(values)} entries where {COORDINATES} are needed")
     harmonics = info.data.get("harmonics")
@@ -193,7 +193,7 @@ def _array(values: list[Any], info: ValidationInfo) -> Array:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FourierKeys:
-    """The keys of a trajectory: a file that holds one, or a part of it, has these."""
+    """The keys of a trajectory in a file."""
 
     harmonics: Annotated[
         int, Field(ge=1, strict=True), described("1", "number n of harmonics, at least 1")
@@ -220,13 +220,13 @@ class FourierKeys:
 
 
 def fourier_keys(trajectory: FourierTrajectory) -> dict[str, Any]:
-    """Return the values of the keys, for the types that have further ones."""
+    """Return the values of the keys, for types with further keys."""
     return {name: getattr(trajectory, name) for name in FourierKeys.__dataclass_fields__}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TrajectoryFile(FourierKeys, JsonFile):
-    """What other stages need of a `design.json`, whoever wrote it."""
+    """The trajectory in a `design.json`, for the stages that use it."""
 
     FILE: ClassVar[str] = "design.json"
     WRITTEN_BY: ClassVar[str] = (

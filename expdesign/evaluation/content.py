@@ -128,7 +128,7 @@ def _name(value: object) -> str:
 
 
 def _is_of_library(value: object) -> bool:
-    """Tell whether a module, a function or a class belongs to a library: its name is enough."""
+    """Return whether a module, a function or a class belongs to a library: its name is enough."""
     if isinstance(value, ModuleType):
         return value.__name__.partition(".")[0] in _LIBRARIES
     module = getattr(value, "__module__", None) or ""

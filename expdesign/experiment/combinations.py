@@ -1,4 +1,4 @@
-"""The combinations of parameters that an experiment identifies: rows of tables, made in one place.
+"""The combinations of parameters that an experiment identifies, as rows of tables.
 
 A direction of the parameters, each in units of its scale, counts when its standard deviation is
 below half: as many of them as count are base parameters, and the others regroup into these
@@ -19,8 +19,8 @@ from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder import OpenNumber, described
 
 _TOGETHER = 0.9
-"""From this share of the parameter's own standard deviation on, the others in a combination hardly
-matter."""
+"""Ratio of standard deviations, combination to parameter, from which on the other parameters in a
+combination hardly matter."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class KnownCombination:
 
     @property
     def together(self) -> bool:
-        """Whether it is better known than the parameter that is its base: others matter."""
+        """Whether it is clearly better determined than its base parameter alone."""
         return bool(self.regrouped) and not self.std > _TOGETHER * self.std_alone
 
 
@@ -59,7 +59,7 @@ def identified_base(root: Array, names: tuple[str, ...], scales: Array) -> BaseP
         W with WᵀW the information of the whole experiment, SI.
     names : (m,) of str
     scales : (m,)
-        What counts as one of each parameter, SI.
+        Scale of each parameter, SI.
     """
     return BaseParameters.of(root, names, scales=IDENTIFIABLE * scales)
 

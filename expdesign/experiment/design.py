@@ -53,8 +53,8 @@ _PROBES = 3
 _FEWEST_PERIODS = 2
 _WHOLE = 1e-6
 _HOPELESS = 1e-2
-"""A random feasible motion whose weakest direction is this factor below what counts as excited
-will not be optimised into an exciting one: the limits themselves are too tight."""
+"""Ratio to the excitation threshold below which the weakest direction of random feasible motions
+cannot be optimised into an excited one: the limits are too tight."""
 
 
 def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignResult:
@@ -64,7 +64,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     ----------
     config : path, mapping or RunConfiguration
     monitor : Monitor, optional
-        Gets every iteration and may ask to stop; the best so far is then the result, marked.
+        Gets every iteration and may request a stop; the result is then the best so far, marked.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     _refuse_unexcitable(plan)
     workers = min(plan.workers, plan.starts)
     if workers > 1:
-        # One process alone does so as soon as it is worth it, and in a small search it never is.
+        # A single process compiles when it pays off, in a small search never.
         plan.problem.compile()
     report_progress("the first start" if workers == 1 else f"starting {workers} processes")
     try:
@@ -160,14 +160,14 @@ def _length_covariance(configuration: RunConfiguration) -> Array | None:
 
 
 def _refuse_inseparable(plan: SearchPlan) -> None:
-    """Fail before anything is searched where no motion of the machine tells parameters apart."""
+    """Refuse parameters that are confounded in every motion of the machine."""
     found = structural_base(plan.evaluator.robot, plan.evaluator.names)
     if found.regrouped:
         raise SingularInformationError(weak_directions(found), structural=True)
 
 
 def _refuse_unexcitable(plan: SearchPlan) -> None:
-    """Fail early when random feasible motions are hopelessly far from exciting everything."""
+    """Refuse parameters that random feasible motions hardly excite."""
     problem, best, found = plan.problem, 0.0, None
     for number in track("trial motions within the limits", range(_PROBES)):
         trajectory = probe_motion(plan, number)
@@ -181,7 +181,7 @@ def _refuse_unexcitable(plan: SearchPlan) -> None:
 
 
 def _blame_unexcited(plan: SearchPlan, error: NoDesignError) -> None:
-    """Raise `SingularInformationError` if that is why none of the starts has a result."""
+    """Raise `SingularInformationError` if all starts without a result are singular."""
     informations = [
         ScaledInformation.of(
             plan.evaluator.information(
@@ -197,7 +197,7 @@ def _blame_unexcited(plan: SearchPlan, error: NoDesignError) -> None:
 
 
 def _unlimited(robot: Robot, trajectory: FourierTrajectory) -> tuple[str, ...]:
-    """Return a warning of what is not limited, with what the motion does there, or nothing."""
+    """Return a warning about missing limits with the motion's values, or nothing."""
     found = unlimited(robot, trajectory, trajectory.sample_times(POINTS))
     warning = unlimited_warning(found)
     return (warning,) if warning else ()
@@ -220,16 +220,15 @@ def _warnings(
     found += [
         f"the hum of {one.frequency:g} Hz is {one.lines:.2g} lines of the record from multiple "
         f"{one.multiple} of the motion's frequency: it repeats in every period and biases the "
-        "parameters, and no scatter between periods shows it. "
-        + _no_way_around(configuration, plan)
+        "parameters, and no scatter between periods shows it. " + _hum_advice(configuration, plan)
         for one in plan.hum.distances(trajectory.omega)
         if not one.kept
     ]
     return tuple(found)
 
 
-def _no_way_around(configuration: RunConfiguration, plan: SearchPlan) -> str:
-    """Return why the frequency does not keep away from a hum, and what would help."""
+def _hum_advice(configuration: RunConfiguration, plan: SearchPlan) -> str:
+    """Return the reason why the frequency is near a hum, and a remedy, in words."""
     if plan.hum.periods < _FEWEST_PERIODS:
         return f"Measure {_FEWEST_PERIODS} periods or more"
     low, high = configuration.run.trajectory.frequency

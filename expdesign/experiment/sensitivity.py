@@ -1,14 +1,13 @@
-"""What every limit costs: how much more information a design would have if the limit were wider.
+"""Sensitivity of a design to its limits: the gain of the criterion if a limit were wider.
 
 At an optimum the gradient of the cost is balanced by those of the limits that hold it (Karush,
 Kuhn, Tucker): ∇c + Σ λᵢ ∇vᵢ = 0 with multipliers λᵢ ≥ 0, vᵢ the excess over bound i. Each λᵢ is
-then the rate at which the best cost falls when bound i gives way. The finish leaves a design a
-little inside its limits, and its frequency at a whole number of controller steps: the design is
-first taken to the optimum beside it, by one more solve of the smoothed problem. There the
-multipliers are found by nonnegative least squares over the moments at which limits are reached.
-What the limits' gradients leave of ∇c is stated: a motion that is far from an optimum has no
-multipliers. Without that solve, at the design itself, limits count that it is a little inside of:
-that is quick, and rough by a tenth of the gains.
+then the rate of decrease of the best cost with bound i. A finished design is slightly inside its
+limits, with a period of a whole number of controller steps: one more solve of the smoothed problem
+first moves it to the nearest optimum. There the multipliers are found by nonnegative least squares
+over the moments at which limits are reached. The unexplained part of ∇c is stated: a motion far
+from an optimum has no multipliers. Without that solve, at the design itself, limits count within a
+larger margin: that is quick, with errors of a tenth of the gains.
 """
 
 from __future__ import annotations
@@ -30,42 +29,42 @@ from expdesign.solver.phases import finish_phase, solve_phase
 from expdesign.trajectory import FourierTrajectory
 
 FREQUENCY = "frequency"
-"""Key of the bounds on the base frequency, which hold the motion as the limits do."""
+"""Key of the bounds on the base frequency, which constrain the motion like limits."""
 WIDER = 0.1
-"""Share by which a limit is widened: of its range, or of its bound where it has only one."""
+"""Relative widening of a limit: of its range, or of its only bound."""
 
 _POINTS = 4000
 _NEAR = 5e-3
-"""Excess below which a limit, as a share of its range, does not hold the motion."""
+"""Distance from the bound, as a share of the range, within which a limit is active."""
 _NEAR_A_DESIGN = 1e-2
-"""The same for a design as it was finished."""
+"""The same for a finished design."""
 _STEP = 1e-4
 _RADIUS = 0.3
-"""Half-width of the box about the design in which the optimum beside it is sought."""
+"""Half-width of the box about the design in which the nearest optimum is sought."""
 
 
 @dataclass(frozen=True)
 class LimitSensitivity:
-    """What the limits of a design cost."""
+    """Sensitivity of a design's criterion to its limits."""
 
     gains: dict[str, float]
-    """By limit: share by which the design's criterion would improve, to first order, if the
-    limit alone were 10 % wider: of the D-efficiency for log det F, of the criterion's value
-    otherwise. Zero for a limit that does not hold the motion."""
+    """By limit: relative improvement of the criterion, to first order, if the limit alone were 10 %
+    wider: of the D-efficiency for log det F, of the criterion's value otherwise. Zero for inactive
+    limits."""
     unexplained: float
-    """What the limits' gradients leave of the cost's, as a share of its norm; 0 at an exact
-    optimum, 1 where no limit holds the motion back."""
+    """Unexplained part of the cost's gradient, as a share of its norm; 0 at an exact optimum, 1
+    without active limits."""
     reserved: dict[str, float] = field(default_factory=dict)
-    """By limit with a reserve: share of what the criterion would be at the stated bound that the
-    reserve of this limit alone takes, to first order."""
+    """By limit with a reserve: relative loss of the criterion due to this reserve alone, to first
+    order."""
     reserve: float = 0.0
-    """The same of all reserves together."""
+    """The same for all reserves together."""
 
 
 def limit_sensitivity(
     configuration: RunConfiguration, trajectory: FourierTrajectory
 ) -> LimitSensitivity:
-    """Return what every limit costs a design of this run."""
+    """Return the sensitivity of a design of this run to its limits, at the nearest optimum."""
     plan = plan_search(configuration)
     problem = plan.problem
     phase = replace(finish_phase(problem, plan.widths, plan.iterations), radius=_RADIUS)
@@ -74,7 +73,7 @@ def limit_sensitivity(
 
 
 def sensitivity_at_design(plan: SearchPlan, trajectory: FourierTrajectory) -> LimitSensitivity:
-    """Return about what every limit costs a finished design of a run, without another solve."""
+    """Return the approximate sensitivity of a finished design, without another solve."""
     return _sensitivity(plan, plan.problem.variables.pack(trajectory), _NEAR_A_DESIGN)
 
 
@@ -83,7 +82,7 @@ def _sensitivity(plan: SearchPlan, x: Array, near: float) -> LimitSensitivity:
     width, level = plan.widths[-1], problem.criterion.levels[-1]
     _, slope = problem.cost.gradient(x, width, level)
     held = _active_rows(problem, x, width, near)
-    multipliers, unexplained = balance(slope, held.slopes)
+    multipliers, unexplained = balance_gradients(slope, held.slopes)
     reserves = [limit.key for limit in problem.limits.limits if limit.reserve]
     gains = dict.fromkeys((*problem.limits.keys, FREQUENCY), 0.0)
     costs = dict.fromkeys(reserves, 0.0)
@@ -100,8 +99,8 @@ def _sensitivity(plan: SearchPlan, x: Array, near: float) -> LimitSensitivity:
     )
 
 
-def balance(slope: Array, slopes: Array) -> tuple[Array, float]:
-    """Return multipliers λ ≥ 0 that minimise ‖∇c + Σ λᵢ ∇vᵢ‖, and what is left of ‖∇c‖ as a share.
+def balance_gradients(slope: Array, slopes: Array) -> tuple[Array, float]:
+    """Return multipliers λ ≥ 0 that minimise ‖∇c + Σ λᵢ ∇vᵢ‖, and the residual's share of ‖∇c‖.
 
     Parameters
     ----------
@@ -109,6 +108,13 @@ def balance(slope: Array, slopes: Array) -> tuple[Array, float]:
         ∇c.
     slopes : (r, z)
         ∇vᵢ in rows.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> multipliers, unexplained = balance_gradients(np.array([-2.0, 0.0]), np.array([[1.0, 0.0]]))
+    >>> multipliers.tolist(), unexplained
+    ([2.0], 0.0)
     """
     size = float(np.linalg.norm(slope))
     if size == 0:
@@ -120,15 +126,14 @@ def balance(slope: Array, slopes: Array) -> tuple[Array, float]:
 
 
 class _ActiveRows(NamedTuple):
-    """Every moment at which a limit holds the motion, (r,) of them."""
+    """Active limits and their moments, r of them."""
 
     keys: list[str]
     slopes: Array
     """(r, z) gradients of the excess."""
     wider: Array
     reserved: Array
-    """How far the row's bound moves, in the unit of its excess: when the limit is wider, and when
-    its reserve is given back."""
+    """Shift of the row's bound in the unit of its excess: for a wider limit, without reserve."""
 
 
 def _active_rows(problem: DesignProblem, x: Array, width: float, near: float) -> _ActiveRows:
@@ -157,24 +162,24 @@ def _active_rows(problem: DesignProblem, x: Array, width: float, near: float) ->
 
 
 def _wider(problem: DesignProblem) -> tuple[Array, Array]:
-    """Return how far lower and upper smooth bounds move when each limit is wider, (R,) each."""
+    """Return the shifts of lower and upper smooth bounds for wider limits, (R,) each."""
     limits = problem.limits
-    # Both ends of a range share what it is widened by.
+    # Both ends of a range move by half of the widening.
     share = np.where(limits.two_sided, WIDER / 2, WIDER)
-    below, above = _moved(limits, limits.smooth_bounds(-_STEP * share))
+    below, above = _shifts(limits, limits.smooth_bounds(-_STEP * share))
     return below / _STEP / limits.scale, above / _STEP / limits.scale
 
 
 def _reserved(problem: DesignProblem) -> tuple[Array, Array]:
-    """Return how far they move when the limits are taken as they are stated, (R,) each."""
+    """Return the shifts of the bounds without reserves, (R,) each."""
     limits = problem.limits
     stated = replace(limits, limits=tuple(limit.with_reserve(0.0) for limit in limits.limits))
-    below, above = _moved(limits, stated.smooth_bounds())
+    below, above = _shifts(limits, stated.smooth_bounds())
     return below / limits.scale, above / limits.scale
 
 
-def _moved(limits: LimitModel, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return how far other smooth bounds, (R,) each, are outside the limits' own."""
+def _shifts(limits: LimitModel, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the distances of other smooth bounds beyond the limits' own, (R,) each."""
     lower, upper = limits.smooth_bounds()
     with np.errstate(invalid="ignore"):
         below, above = lower - bounds[0], bounds[1] - upper
@@ -182,7 +187,7 @@ def _moved(limits: LimitModel, bounds: tuple[Array, Array]) -> tuple[Array, Arra
 
 
 def _frequency_rows(problem: DesignProblem, x: Array, near: float) -> Array:
-    """Return the gradients of ω's bounds that hold the motion, each as a share of its bound."""
+    """Return the gradients of ω's active bounds, relative to the bound."""
     variables = problem.variables
     rows = []
     for bound, sign in zip(variables.omega_bounds, (-1.0, 1.0), strict=True):

@@ -1,16 +1,16 @@
-"""What the robot's tolerances will make of the parameters that a design's experiment estimates.
+"""Systematic errors of a design's parameter estimates due to the robot's tolerances.
 
 The Gauss–Markov estimate takes the motion from the lengths, as a series of the design's harmonics.
-With a machine that deviates by θ the lengths lead to another motion, and the forces to other
-parameters: with L = ∂l/∂ξ
+For a machine with deviations θ the lengths yield another motion, and the forces other parameters:
+with L = ∂l/∂ξ
 
     ∂ξ̂/∂θ = (Σ Lᵀ Δ⁻¹ L)⁻¹ Σ Lᵀ Δ⁻¹ Z_l,
     D = F⁻¹ Σ Aᵀ Σ⁻¹ (Z_f − ∂(A p)/∂ξ · ∂ξ̂/∂θ).
 
-More periods do not make D smaller.
+D does not depend on the number of periods.
 
-Of a change π since an identification with the same tolerances, which have moved its parameters by
-D₀ θ, the part that both experiments share cancels: with S and R as of
+For a change π since an identification with the same tolerances and the error D₀ θ of its parameters
+the common part of both errors cancels: with S and R of
 `expdesign.information.prior`
 
     D = S⁻¹ Rᵀ (Σ Aᵀ Σ⁻¹ (Z_f − …) − F D₀).
@@ -44,23 +44,23 @@ def systematic_std(
     length_covariance: Array | None,
     prior: PriorMachine | None = None,
 ) -> dict[str, float]:
-    """Return the standard deviation that the tolerances make, by parameter, SI.
+    """Return the standard deviation due to the tolerances, by parameter, SI; empty without any.
 
-    Empty without tolerances. At the nominal parameters, with exact signs of friction, whose
-    changes are not counted, and weights for white noise.
+    It is evaluated at the nominal parameters, with exact signs of friction, whose changes are
+    neglected, and with weights for white noise.
 
     Parameters
     ----------
     samples : int
-        Over one period.
+        Samples of one period.
     names : tuple of str
-        Parameters that are estimated; the others are known.
+        Estimated parameters; the others are known.
     force_covariance : (6, 6)
         Σ, N².
     length_covariance : (6, 6) or None
-        Δ, m²; None: all lengths count alike.
+        Δ, m²; None: equal weights of all lengths.
     prior : PriorMachine, optional
-        What is known before: the names are then those that have changed.
+        Prior knowledge: the names are then those of the changed parameters.
     """
     chosen = toleranced_deviations(robot)
     if not chosen and (prior is None or not prior.moved):

@@ -1,1 +1,1 @@
-"""Fisher information and the criteria that judge it."""
+"""Fisher information and the criteria of optimality."""

@@ -1,4 +1,4 @@
-"""Criteria as functions of the eigenvalues of the scaled information matrix."""
+"""Criteria of optimality (D, A, E, condition number) as functions of the eigenvalues of F."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ from constraints.plugins import declarations
 
 @dataclass(frozen=True, kw_only=True)
 class Criterion:
-    """A criterion of optimality: what is reported, and what an optimiser minimises."""
+    """A criterion of optimality: its reported value, and a cost that an optimiser minimises."""
 
     key: str
     """Value of ``design.criterion`` in the YAML."""
     title: str
     larger_is_better: bool
     invariant: bool = False
-    """True when a rescaling of the parameters only shifts the cost."""
+    """Whether a rescaling of the parameters only shifts the cost."""
     flat: bool = False
-    """True when the cost hardly changes where a parameter is hardly excited: the search then begins
-    on log det F."""
+    """Whether the cost hardly changes where a parameter is hardly excited: the search then begins
+    with log det F."""
     levels: tuple[float, ...]
     """Sharpness of a smooth surrogate, continued from blunt to sharp; (0.0,) if it is exact."""
     value: Callable[[Array], float]
     """Eigenvalues of the scaled F → the reported number."""
     cost: Callable[[Array, float], tuple[float, Array, Array]]
-    """(logarithms of the eigenvalues (m,), ascending; level) → a smooth function of order one,
-    which the optimiser minimises, with its gradient (m,) and Hessian (m, m)."""
+    """(logarithms of the eigenvalues (m,), ascending; level) → a smooth cost of order one, with its
+    gradient (m,) and Hessian (m, m)."""
     from_cost: Callable[[float, int, int, float], float]
-    """(cost of the mean of F over the samples, number m of parameters, samples that F is summed
-    over, sum of the logarithms of the parameters' scales) → the reported number that it stands for
-    (progress only)."""
+    """(cost of the mean of F over the samples, number m of parameters, number of samples in F, sum
+    of the logarithms of the parameters' scales) → the corresponding reported number, for progress
+    only."""
 
     def named(self, information: str) -> str:
-        """Return the title with the symbol of what its eigenvalues are of, ``F`` or ``S``."""
+        """Return the title with the symbol of the information matrix, ``F`` or ``S``."""
         return re.sub(r"\bF(?![a-z])", information, self.title)
 
 
@@ -56,7 +56,7 @@ class SpectralCost:
     slope: Array
     """(m,), derivatives with respect to the eigenvalues: dcost = Σ slope_i (Vᵀ dF V)_ii."""
     curvature: Callable[[], Curvature]
-    """Computed when it is called."""
+    """Second derivatives, computed on demand."""
 
 
 class Curvature(NamedTuple):
@@ -71,7 +71,7 @@ class Curvature(NamedTuple):
 def spectral_cost(information: Array, criterion: Criterion, level: float) -> SpectralCost:
     """Evaluate a criterion on the scaled F, (m, m), for a Gauss–Newton method."""
     values, basis = np.linalg.eigh(information)
-    # Rounding leaves eigenvalues of a nearly singular F at either sign: their logarithm is cut.
+    # Rounding errors may make eigenvalues of a nearly singular F negative: they are clipped.
     values = np.maximum(values, np.finfo(float).eps ** 2 * values[-1])
     cost, gradient, hessian = criterion.cost(np.log(values), level)
     slope = gradient / values
@@ -82,7 +82,7 @@ def _curvature(values: Array, gradient: Array, hessian: Array) -> Curvature:
     """Return the curvature of φ(log λ(F)), with the derivatives of φ.
 
     The second derivative along dF is
-    Σ φ''_ij E_ii E_jj + Σ_{i≠j} (φ'_i − φ'_j)/(λ_i − λ_j) E_ij²; its negative parts are cut.
+    Σ φ''_ij E_ii E_jj + Σ_{i≠j} (φ'_i − φ'_j)/(λ_i − λ_j) E_ij²; its negative parts are removed.
     """
     slope = gradient / values
     curvature = (hessian - np.diag(gradient)) / np.multiply.outer(values, values)
@@ -103,6 +103,13 @@ def log_sum_exp(logs: Array, power: float) -> tuple[float, Array, Array]:
     """Return log(Σ exp(p x))/|p| with gradient and Hessian with respect to x, (m,).
 
     For p → +∞ it tends to the largest x, for p → −∞ to minus the smallest.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> value, gradient, _ = log_sum_exp(np.zeros(4), 2.0)
+    >>> round(value, 4), gradient.tolist()
+    (0.6931, [0.25, 0.25, 0.25, 0.25])
     """
     value = float(logsumexp(power * logs)) / abs(power)
     weights = softmax(power * logs)
@@ -134,8 +141,8 @@ def _spread(logs: Array, level: float) -> tuple[float, Array, Array]:
 
 
 OF_A_CHANGE = (
-    "S is the information of what design.parameters have changed by since the machine of "
-    "design.prior was identified"
+    "S is the information of the change of design.parameters since the machine of design.prior "
+    "was identified"
 )
 
 _CRITERIA = (

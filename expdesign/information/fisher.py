@@ -1,4 +1,16 @@
-"""Fisher information of the parameters, equations (8) to (11), and what it predicts."""
+"""Fisher information of the parameters, equations (8) to (11), and the predicted covariance.
+
+A periodic motion meets coloured noise at the multiples of its frequency only. With
+Ã_j = rfft(A)/√n over n samples of one period, w_j = 2 (1 at j = 0 and n/2) and the spectrum S_j of
+the noise at j ω/2π, per sample of the experiment,
+
+    F = Σ_j w_j Re(Ã_jᴴ S_j⁻¹ Ã_j)
+
+is the information of one period (Pintelon and Schoukens, *System Identification*, 2012, chapter 9);
+for S_j = Σ it is Σ_t A_tᵀ Σ⁻¹ A_t. The Fourier coefficients of A do not depend on n: F grows with n
+as for white noise, and n may differ from the experiment's N samples per period. n F / N is the same
+for every n that resolves A.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +26,7 @@ from expdesign.information.identifiable import DEPENDENT, BaseParameters, listed
 from expdesign.noise.spectrum import NoiseSpectrum, lines_of, multiplicity, series_of
 
 EXCITABLE = DEPENDENT**2
-"""Smallest eigenvalue of the column-scaled F, relative to its largest, that counts as excited."""
+"""Smallest eigenvalue of an excited direction in the column-scaled F, relative to the largest."""
 
 
 @dataclass(frozen=True)
@@ -22,27 +34,41 @@ class WeakDirection:
     """A combination of parameters that F does not determine."""
 
     name: str
-    """The parameter with the largest share of it: without it the combination is gone."""
+    """The parameter with the largest share: without it the others are determined."""
     others: tuple[str, ...] = ()
-    """The parameters that it cannot be told from; empty when nothing excites it at all."""
+    """The parameters confounded with it; empty if nothing excites it at all."""
     shows: tuple[str, ...] = ()
-    """The combinations with these that are told, in words: ``"p5 + 0.98 p4"``."""
+    """The determined combinations with these, in words: ``"p5 + 0.98 p4"``."""
 
     def __str__(self) -> str:
-        """Return it in words: ``"p4 (it cannot be told from p5)"``."""
+        """Return it in words: ``"p4 (confounded with p5)"``."""
         if not self.others:
             return self.name
-        return f"{self.name} (it cannot be told from {listed(self.others)})"
+        return f"{self.name} (confounded with {listed(self.others)})"
 
 
 def whitening(covariance: Array) -> Array:
-    """Return the lower triangular S⁻¹ with Σ = S Sᵀ, (6, 6), N²: S⁻¹ q has unit covariance."""
+    """Return the lower triangular S⁻¹ with Σ = S Sᵀ, (6, 6), N²: S⁻¹ q has unit covariance.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> whitening(np.diag([4.0, 25.0])).tolist()
+    [[0.5, 0.0], [0.0, 0.2]]
+    """
     factor = np.linalg.cholesky(covariance)
     return sla.solve_triangular(factor, np.eye(len(factor)), lower=True)
 
 
 def information_matrix(regressors: Array, covariance: Array) -> Array:
-    """Return F = Σ_t A_tᵀ Σ⁻¹ A_t, (m, m), of A at every sample, (N, 6, m), and Σ of the forces."""
+    """Return F = Σ_t A_tᵀ Σ⁻¹ A_t, (m, m), of A at every sample, (N, 6, m), and Σ of the forces.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> information_matrix(np.ones((10, 6, 1)), 4 * np.eye(6)).tolist()
+    [[15.0]]
+    """
     white = np.matmul(whitening(covariance), regressors)
     stacked = white.reshape(-1, white.shape[2])
     return stacked.T @ stacked
@@ -50,10 +76,10 @@ def information_matrix(regressors: Array, covariance: Array) -> Array:
 
 @dataclass(frozen=True)
 class ScaledInformation:
-    """F brought to unit diagonal, with the scales taken out: D F̃ D = F, D diagonal."""
+    """F scaled to unit diagonal: D F̃ D = F with diagonal D."""
 
     matrix: Array
-    """(m, m), F̃, unit diagonal (0 in rows that nothing excites)."""
+    """(m, m), F̃, unit diagonal (0 in rows without excitation)."""
     scales: Array
     """(m,), D: square roots of F's diagonal."""
 
@@ -69,29 +95,29 @@ class ScaledInformation:
         return np.asarray(np.linalg.eigvalsh(self.matrix), dtype=np.float64)
 
     def is_singular(self) -> bool:
-        """Tell whether F̃ is singular to working precision (see `EXCITABLE`)."""
+        """Return whether F̃ is singular to working precision (see `EXCITABLE`)."""
         values = self.eigenvalues()
         return bool(values[0] <= EXCITABLE * values[-1]) or bool(np.any(self.scales <= 0))
 
     def weak_directions(self, names: tuple[str, ...]) -> tuple[WeakDirection, ...]:
         """Return the combinations of parameters that F does not determine, in the names' order.
 
-        Each is told by the parameter that is left out of the base parameters; the rest can be
+        Each is named by the parameter that is not a base parameter; the base parameters can be
         estimated together.
         """
         return weak_directions(self.base(names))
 
     def base(self, names: tuple[str, ...]) -> BaseParameters:
-        """Return the base parameters, and what regroups into them, in the units of F."""
+        """Return the base parameters in the units of F."""
         return BaseParameters.of(root_of(self.matrix) * self.scales, names)
 
     def unexcited(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Name the parameters without which the rest can be estimated together."""
+        """Return the parameters without which the others can be estimated together."""
         return tuple(direction.name for direction in self.weak_directions(names))
 
 
 def weak_directions(base: BaseParameters) -> tuple[WeakDirection, ...]:
-    """Return what is not determined where these are the base parameters, in the names' order."""
+    """Return the undetermined combinations for given base parameters, in the names' order."""
     found = []
     for name in base.regrouped:
         partners = base.partners(name)
@@ -106,7 +132,7 @@ class SingularInformationError(ComputationError):
     ----------
     directions : tuple of WeakDirection
     structural : bool
-        No motion within the limits of the machine excites them, not only the one that was tried.
+        Whether no motion within the limits of the machine excites them.
     """
 
     def __init__(self, directions: tuple[WeakDirection, ...], *, structural: bool = False) -> None:
@@ -122,26 +148,26 @@ class SingularInformationError(ComputationError):
 
     @property
     def unexcited(self) -> tuple[str, ...]:
-        """Names of the parameters without which the rest can be estimated together."""
+        """Names of the parameters without which the others can be estimated together."""
         return tuple(direction.name for direction in self.directions)
 
     @property
     def combinations(self) -> str:
-        """All directions in words, each with the parameters that take part."""
+        """All directions in words, each with its parameters."""
         return "; ".join(str(direction) for direction in self.directions)
 
     @property
     def shows(self) -> tuple[str, ...]:
-        """The combinations that are told in place of the parameters in them, in words."""
+        """The determined combinations of these parameters, in words."""
         return tuple(dict.fromkeys(text for one in self.directions for text in one.shows))
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Survive the way from a worker process to its parent."""
+        """Keep all attributes when a worker process sends the error to its parent."""
         return partial(type(self), structural=self.structural), (self.directions,)
 
 
 def log_det(information: Array, names: tuple[str, ...]) -> float:
-    """Return log det F; the scaling to unit diagonal keeps all digits.
+    """Return log det F; the scaling to unit diagonal retains its accuracy.
 
     Raises
     ------
@@ -175,14 +201,14 @@ def _regular(information: Array, names: tuple[str, ...]) -> ScaledInformation:
 
 @dataclass(frozen=True, eq=False)
 class PeriodicNoise:
-    """The noise of an experiment, whose samples a motion of any frequency meets."""
+    """Coloured noise of an experiment with periodic motions of any frequency."""
 
     spectrum: NoiseSpectrum
     """Of the forces, N²."""
     sampling: float
     """Hz."""
     periods: float
-    """Of the whole record, which decides how narrow a hum is."""
+    """Number of periods of the recording, which determines the width of a hum's line."""
 
     def information(self, regressors: Array, omega: float) -> Array:
         """Return F of one period, (m, m), of A at n equal phases, (n, 6, m); ω in rad/s."""
@@ -195,7 +221,7 @@ class PeriodicNoise:
         return stacked.T @ stacked
 
     def weighted(self, regressors: Array, omega: float) -> Array:
-        """Return what makes F of A: (n, 6, m) with Σ_t A_tᵀ (·)_t = F, and dF as twice as much."""
+        """Return the weighted A, (n, 6, m), with Σ_t A_tᵀ (·)_t = F; dF is 2 Σ_t dA_tᵀ (·)_t."""
         lines = lines_of(regressors)
         matrices, _ = self._at(omega, len(lines))
         weighted: ComplexArray = np.linalg.solve(matrices, lines).astype(np.complex128, copy=False)
@@ -204,7 +230,7 @@ class PeriodicNoise:
     def spread(self, regressors: Array, omega: float) -> Array:
         """Return the covariance of Σ_t A_tᵀ η_t over one period, (m, m): unweighted sums of noise.
 
-        It is what makes the covariance of least squares.
+        The covariance of least squares follows from it.
         """
         lines = lines_of(regressors)
         matrices, _ = self._at(omega, len(lines))
@@ -214,9 +240,9 @@ class PeriodicNoise:
         return (found + found.T) / 2
 
     def slope(self, weighted: Array, omega: float) -> Array:
-        """Return ∂F/∂ω, (m, m), of A as it is: the lines move over the spectrum.
+        """Return ∂F/∂ω, (m, m), for constant A: the lines move over the spectrum.
 
-        `weighted` is what the method of this name returns.
+        `weighted` is the result of the method of this name.
         """
         lines = lines_of(weighted)
         _, by_omega = self._at(omega, len(lines))

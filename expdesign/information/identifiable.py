@@ -1,17 +1,17 @@
-"""What can be known: which parameters the forces tell, and which only together with others.
+"""Base parameters: the combinations of parameters that forces determine.
 
 Rows of W are whitened rows of A, so that WᵀW = F. A null vector of W is a change of the parameters
-that no force shows: the rank of W is the number b of base parameters. QR with column pivoting of
-the null space's transpose takes the d = m − b parameters that are left out: they have the largest
-parts of it, so that the other columns are independent, and as far from dependent as any. With
-W_d = W_b C the forces are those of
+without effect on any force: the rank of W is the number b of base parameters. QR with column
+pivoting of the null space's transpose selects the d = m − b regrouped parameters: they have its
+largest components, so that the other columns are as independent as possible. With W_d = W_b C the
+forces are those of
 
     β = p_b + C p_d,
 
-whatever p_d is: base parameters by regrouping (Gautier and Khalil, IEEE Trans. Robotics and
-Automation 6, 1990; Gautier, J. Robotic Systems 8, 1991). The same with directions that noise hides
-in place of the null space: C = F_bb⁻¹ F_bd is then what makes the covariance of β that of p_b with
-p_d known, F_bb⁻¹, however badly p_d is known.
+for every p_d: base parameters by regrouping (Gautier and Khalil, IEEE Trans. Robotics and
+Automation 6, 1990; Gautier, J. Robotic Systems 8, 1991). The same applies to directions hidden by
+noise instead of the null space: with C = F_bb⁻¹ F_bd the covariance of β is F_bb⁻¹, that of p_b
+with known p_d, however uncertain p_d is.
 """
 
 from __future__ import annotations
@@ -25,35 +25,34 @@ import scipy.linalg as sla
 from constraints.arrays import Array
 
 DEPENDENT = 1e-6
-"""Smallest singular value of W with unit columns, relative to the largest, that is one: the square,
-an eigenvalue of F, is rounding below it."""
+"""Smallest nonzero singular value of W with unit columns, relative to the largest: below it the
+square, an eigenvalue of F, is a rounding error."""
 
 IDENTIFIABLE = 0.5
 """A parameter counts as identified below this standard deviation, as a share of its scale."""
 
 SHARE = 0.1
-"""From this share (of the largest squared part) on, a parameter takes part in a direction."""
+"""Smallest share of a direction's largest squared component with which a parameter belongs to it."""
 
 _NEGLIGIBLE = 1e-8
-"""Coefficients between unit columns below it are rounding."""
+"""Coefficients between unit columns below it are rounding errors."""
 _EARLIER = 1e-9
-"""By how much less an earlier parameter is preferred among those with equal parts."""
+"""Preference for later parameters as regrouped ones among equal components."""
 _DIGITS = 4
 
 
 @dataclass(frozen=True, eq=False)
 class BaseParameters:
-    """Combinations β = T p of the m parameters that the forces tell, SI."""
+    """Determined combinations β = T p of the m parameters, SI."""
 
     names: tuple[str, ...]
     """(m,) of the parameters."""
     base: tuple[str, ...]
-    """(b,) a parameter for each combination, which has the coefficient one in it and is in no
-    other."""
+    """(b,) one parameter of each combination, with the coefficient one; it is in no other."""
     matrix: Array
     """(b, m), T: a combination has the unit of its parameter."""
     units: Array
-    """(m,) what makes a column of W one of unit length, by which parts are compared."""
+    """(m,) inverse lengths of the columns of W: units in which components are compared."""
 
     @classmethod
     def of(
@@ -68,17 +67,17 @@ class BaseParameters:
         Parameters
         ----------
         root : (r, m)
-            W, or any other matrix with WᵀW = F.
+            W, or another matrix with WᵀW = F.
         scales : (m,), optional
-            Sizes of the parameters, in which a direction counts when W moves it by more than one:
-            its standard deviation is then below its size. By default the columns have unit length,
-            and a direction counts from `DEPENDENT` on.
+            Sizes of the parameters. A direction of one size is determined if its standard deviation
+            is below one. By default the columns have unit length, and the threshold is
+            `DEPENDENT`.
         keep : (m,), optional
-            Weights: of two parameters that may be left out the one with the smaller weight is.
+            Weights: of two candidates the one with the smaller weight is regrouped.
         """
         norms = np.linalg.norm(root, axis=0)
         units: Array = 1 / np.asarray(np.where(norms > 0, norms, 1.0))
-        # The columns of unit length keep the digits, whatever decides.
+        # Columns of unit length are well conditioned, whatever the threshold.
         unit = np.asarray(np.linalg.qr(root * units, mode="r"), dtype=np.float64)
         ratios = np.ones(norms.shape) if scales is None else scales / units
         chosen, left = _regrouped(unit * ratios, relative=scales is None, keep=keep)
@@ -93,18 +92,18 @@ class BaseParameters:
 
     @classmethod
     def each(cls, names: Sequence[str]) -> BaseParameters:
-        """Return the parameters themselves, each for itself."""
+        """Return the parameters themselves as base parameters."""
         count = len(names)
         return cls(tuple(names), tuple(names), np.eye(count), np.ones(count))
 
     @property
     def regrouped(self) -> tuple[str, ...]:
-        """Names of the parameters that are in combinations only, or in none."""
+        """Names of the parameters that appear in combinations only, or in none."""
         return tuple(name for name in self.names if name not in self.base)
 
     @property
     def unseen(self) -> tuple[str, ...]:
-        """Those that no force shows at all."""
+        """Parameters without effect on any force."""
         seen = np.any(self.matrix != 0, axis=0)
         return tuple(name for name, there in zip(self.names, seen, strict=True) if not there)
 
@@ -113,19 +112,19 @@ class BaseParameters:
         return self.matrix @ parameters
 
     def into(self, name: str) -> tuple[str, ...]:
-        """Return the base parameters that a parameter regroups into."""
+        """Return the base parameters into which a parameter regroups."""
         column = self.matrix[:, self.names.index(name)]
         return tuple(self.base[k] for k in np.flatnonzero(column) if self.base[k] != name)
 
     def members(self, base: str) -> dict[str, float]:
-        """Return the parameters that regroup into a base parameter, with their coefficients."""
+        """Return the parameters regrouped into a base parameter, with their coefficients."""
         row = self.matrix[self.base.index(base)]
         return {
             name: float(c) for name, c in zip(self.names, row, strict=True) if c and name != base
         }
 
     def partners(self, name: str) -> tuple[str, ...]:
-        """Return the base parameters that a regrouped one is mostly confounded with."""
+        """Return the base parameters with which a regrouped one is mostly confounded."""
         k = self.names.index(name)
         at = [self.names.index(base) for base in self.base]
         parts = (self.matrix[:, k] * self.units[k] / self.units[at]) ** 2
@@ -138,28 +137,34 @@ class BaseParameters:
 
     @property
     def combined(self) -> tuple[str, ...]:
-        """Base parameters that others regroup into."""
+        """Base parameters with regrouped ones."""
         return tuple(base for base in self.base if self.members(base))
 
     def sentences(self) -> Iterator[str]:
-        """Yield in words what regroups into what, a sentence for each parameter that is left."""
+        """Yield a sentence for each regrouped parameter."""
         for name in self.regrouped:
             into = self.into(name)
             if not into:
                 yield f"nothing shows {name}"
                 continue
-            told = [self.text(base) for base in self.partners(name)]
-            more = len(into) - len(told)
+            texts = [self.text(base) for base in self.partners(name)]
+            more = len(into) - len(texts)
             also = f", and in {more} further combination{'' if more == 1 else 's'}" if more else ""
-            yield f"{name} shows only in {listed(told)}{also}"
+            yield f"{name} shows only in {listed(texts)}{also}"
 
     def after(self, first: BaseParameters) -> BaseParameters:
-        """Return the combinations of the base parameters of `first` as those of its parameters."""
+        """Return combinations of the base parameters of `first` in terms of its parameters."""
         return BaseParameters(first.names, self.base, self.matrix @ first.matrix, first.units)
 
 
 def combination_text(base: str, members: Mapping[str, float]) -> str:
-    """Return p_b + Σ c p in words."""
+    """Return p_b + Σ c p in words.
+
+    Examples
+    --------
+    >>> combination_text("p5", {"p4": 0.98, "p7": -1.0})
+    'p5 + 0.98 p4 − p7'
+    """
     text = base
     for name, coefficient in members.items():
         size = f"{abs(coefficient):.{_DIGITS}g}"
@@ -168,13 +173,19 @@ def combination_text(base: str, members: Mapping[str, float]) -> str:
 
 
 def listed(texts: Sequence[str]) -> str:
-    """Return texts as a list in a sentence: ``"a, b and c"``."""
+    """Return texts as a list in a sentence.
+
+    Examples
+    --------
+    >>> listed(["a", "b", "c"])
+    'a, b and c'
+    """
     *first, last = texts
     return f"{', '.join(first)} and {last}" if first else last
 
 
 def root_of(information: Array) -> Array:
-    """Return W, (m, m), with WᵀW = F, the columns' scales taken out so that no digits are lost."""
+    """Return W, (m, m), with WᵀW = F, computed with scaled columns to retain accuracy."""
     scales = np.sqrt(np.maximum(np.diag(information), 0.0))
     divisor = np.where(scales > 0, scales, 1.0)
     values, vectors = np.linalg.eigh(information / np.multiply.outer(divisor, divisor))
@@ -192,7 +203,7 @@ def root_of_inverse(covariance: Array) -> Array:
 def _regrouped(
     columns: Array, *, relative: bool, keep: Array | None
 ) -> tuple[list[int], list[int]]:
-    """Return which columns, (r, m) scaled, are base and which are left out, ascending."""
+    """Return the base columns and the regrouped ones of scaled columns, (r, m), ascending."""
     count = columns.shape[1]
     weights = np.ones(count) if keep is None else 1 / np.asarray(keep)
     weights = weights * (1 + _EARLIER * np.arange(count))
@@ -211,5 +222,5 @@ def _regrouped(
         chosen = [k for k in chosen if k not in out]
         if not relative:
             break
-        # What is left has the rank, but at the threshold itself rounding may ask for another one.
+        # The rest has full rank, except for rounding errors at the threshold itself.
     return chosen, sorted(left)

@@ -1,12 +1,12 @@
-"""Information of what has changed on a machine that was identified before.
+"""Information of a change of parameters since an earlier identification.
 
-The machine's parameters p are known with the covariance P, and k of them have changed since by π,
-of which nothing is known: a payload adds its ten to those of the platform. The forces see
-Q = A (p + E π), with E the columns of the k. The joint information of (π, p) is
+The machine's parameters p are known with the covariance P, and k of them have changed by an unknown
+π: a payload adds its ten parameters to those of the platform. The forces are Q = A (p + E π), with
+the columns E of the k parameters. The joint information of (π, p) is
 
     [[Eᵀ F E, Eᵀ F], [F E, F + P⁻¹]],
 
-and its Schur complement is what is known of π with p unknown as far as P says,
+and its Schur complement is the information of π with p of the prior covariance P,
 
     S = Eᵀ (F − F (F + P⁻¹)⁻¹ F) E = Eᵀ F (1 + P F)⁻¹ E.
 
@@ -15,7 +15,8 @@ squares, also where P or F is singular. Its derivatives are
 
     dS = Rᵀ dF R,    d²S = −2 Rᵀ dF (L M⁻¹ Lᵀ) dF R.
 
-S is concave in F: a criterion that falls with S has a positive semidefinite curvature from d²S.
+S is concave in F: d²S contributes a positive semidefinite curvature to a criterion that decreases
+with S.
 """
 
 from __future__ import annotations
@@ -33,28 +34,29 @@ from expdesign.configuration.identification import Identification
 from expdesign.information.criteria import Criterion, Curvature, SpectralCost, spectral_cost
 
 _NOTHING = 1e-14
-"""Eigenvalue of a correlation matrix, over the largest, that is rounding."""
+"""Largest eigenvalue of a correlation matrix, relative to its largest, that is a rounding error."""
 
 
 @dataclass(frozen=True, eq=False)
 class PriorMachine:
-    """What is known of all m parameters before an experiment, and which of them have changed."""
+    """Prior covariance of all m parameters before an experiment, and the changed ones."""
 
     changed: NDArray[np.intp]
-    """(k,), places of the parameters whose change is judged."""
+    """(k,), places of the changed parameters."""
     factor: Array
     """(m, r), L with P = L Lᵀ, in the units of F's parameters."""
     samples: float
-    """Over which the experiment's F is summed: it weighs the data against the prior."""
+    """Number of samples in the experiment's F: it weighs the data against the prior."""
     moved: Mapping[tuple[str, float], Array] = field(default_factory=dict)
-    """(m,), SI, what one standard deviation of what is not known exactly has moved the values by,
-    by its name and that tolerance."""
+    """(m,), SI, effect of one standard deviation of each tolerance on the identified values, by
+    name and tolerance."""
 
     @classmethod
     def of(cls, known: Identification, changed: NDArray[np.intp], samples: float) -> PriorMachine:
-        """Take the random share of an identification as P; what has no variance is exact.
+        """Return the prior with the random part of an identification's covariance as P.
 
-        That of the parameters: of constants that were estimated with them the design knows nothing.
+        Parameters without variance are exact. Constants estimated with the parameters are not part
+        of the design and are left out.
         """
         own = slice(len(known.parameters))
         covariance = np.array(known.covariance_random)[own, own]
@@ -72,18 +74,18 @@ class PriorMachine:
         return cls(changed, factor, samples, moved)
 
     def scaled(self, scaling: Array) -> PriorMachine:
-        """Return it for an F whose rows and columns were multiplied by `scaling`, (m,)."""
+        """Return the prior for an F with rows and columns multiplied by `scaling`, (m,)."""
         return replace(self, factor=self.factor / scaling[:, None])
 
     def information(self, information: Array, samples: float) -> Array:
-        """Return S, (k, k), of F over so many samples, (m, m).
+        """Return S, (k, k), of F over a number of samples, (m, m).
 
-        It counts the prior for as large a share as these are of the experiment.
+        The prior counts in proportion to the experiment's samples.
         """
         return self._solved(information, samples).marginal
 
     def gain(self, information: Array, samples: float) -> Array:
-        """Return S⁻¹ Rᵀ, (k, m): π̂ moves by it times Aᵀ Σ⁻¹ of what the forces change by."""
+        """Return S⁻¹ Rᵀ, (k, m): the response of π̂ to Aᵀ Σ⁻¹ times a change of the forces."""
         solved = self._solved(information, samples)
         return np.asarray(np.linalg.solve(solved.marginal, solved.reduced.T), dtype=np.float64)
 
@@ -118,10 +120,10 @@ class PriorMachine:
         factor = self.factor * np.sqrt(self.samples / samples)
         seen = information @ factor
         root = np.linalg.cholesky(np.eye(factor.shape[1]) + factor.T @ seen)
-        told = sla.cho_solve((root, True), seen[self.changed].T)
-        reduced = -factor @ told
+        share = sla.cho_solve((root, True), seen[self.changed].T)
+        reduced = -factor @ share
         reduced[self.changed, np.arange(len(self.changed))] += 1.0
-        marginal = reduced.T @ information @ reduced + told.T @ told
+        marginal = reduced.T @ information @ reduced + share.T @ share
         return _Solved((marginal + marginal.T) / 2, factor, root, reduced)
 
 
@@ -129,7 +131,7 @@ class _Solved(NamedTuple):
     marginal: Array
     """(k, k), S."""
     factor: Array
-    """(m, r), L as the samples count it."""
+    """(m, r), L in proportion to the samples."""
     root: Array
     """(r, r), lower triangular root of M."""
     reduced: Array

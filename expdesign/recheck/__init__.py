@@ -1,1 +1,1 @@
-"""Checks of a motion that share nothing with the optimiser but the graph."""
+"""Checks of a motion that are independent of the optimiser, except for the graph."""

@@ -1,4 +1,4 @@
-"""The information of a trajectory by the unsmoothed model: what is reported."""
+"""Information and criterion of a trajectory by the exact model: the reported values."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from expdesign.trajectory import FourierTrajectory
 
 @dataclass(frozen=True)
 class Evaluator:
-    """How trajectories of a robot are judged: Σ, criterion, scaling, parameters and prior."""
+    """Evaluation of a robot's trajectories: Σ, criterion, scaling, parameters and prior."""
 
     robot: Robot
     covariance: Array
@@ -34,33 +34,33 @@ class Evaluator:
     """(m,), scale of every parameter (1 for SI)."""
     names: tuple[str, ...]
     memory: PeriodicNoise | None = None
-    """The noise where it is not white: then in place of Σ."""
+    """Coloured noise, which replaces Σ; None: white."""
     prior: PriorMachine | None = None
-    """What is known before: the judged parameters are then those that have changed."""
+    """Prior knowledge: the judged parameters are then those that have changed."""
 
     def information(self, trajectory: FourierTrajectory, samples: int) -> Array:
         """Return F of the judged parameters over one period of `samples` samples, SI, (k, k).
 
-        With a prior it is S, what the samples tell of the change.
+        With a prior it is S, the information of the change.
         """
         return self.judged(self.whole_information(trajectory, samples), samples)
 
     def whole_information(self, trajectory: FourierTrajectory, samples: int) -> Array:
-        """Return F of one period before what is not judged is counted; see `judged`."""
+        """Return F of one period for `judged`: with a prior that of all parameters."""
         motion = trajectory.sample(trajectory.sample_times(samples))
         return self.of_regressors(self.robot.regressor(*motion), trajectory.omega)
 
     def of_regressors(self, regressors: Array, omega: float) -> Array:
-        """Return the same of A at the samples of one period, (N, 6, m)."""
+        """Return F of A at the samples of one period, (N, 6, m); see `whole_information`."""
         chosen = regressors if self.prior is not None else regressors[:, :, self.columns]
         if self.memory is not None:
             return self.memory.information(chosen, omega)
         return information_matrix(chosen, self.covariance)
 
     def judged(self, information: Array, samples: float) -> Array:
-        """Return of such an F over so many samples that of the judged parameters, (k, k).
+        """Return the information of the judged parameters, (k, k), from F over so many samples.
 
-        A prior counts for as large a share as these are of its experiment.
+        A prior counts in proportion to the samples of its experiment.
         """
         return information if self.prior is None else self.prior.information(information, samples)
 
@@ -86,7 +86,7 @@ class Evaluator:
         if whole.is_singular():
             raise SingularInformationError(whole.weak_directions(self.names))
         if self.criterion.invariant:
-            # The logarithms of a badly scaled F's eigenvalues lose digits that its factor keeps.
+            # Eigenvalues of a badly scaled F are less accurate than its factor.
             return self.log_det(information)
         scale = self.scaling[self.columns]
         scaled = information * np.multiply.outer(scale, scale)
@@ -94,7 +94,7 @@ class Evaluator:
         return self.criterion.value(_eigenvalues(scaled, inverse))
 
     def gain(self, merit: float, best: float) -> float:
-        """Return what one merit has over another per parameter, as a logarithm."""
+        """Return the gain of one merit over another per parameter, as a logarithm."""
         if not np.isfinite(best):
             return np.inf
         if self.criterion.invariant:
@@ -112,7 +112,7 @@ class Evaluator:
 
 
 def _eigenvalues(matrix: Array, inverse: Array) -> Array:
-    """Return the eigenvalues, ascending, the small ones from the inverse: each with its digits."""
+    """Return the eigenvalues, ascending, the small ones from the inverse for accuracy."""
     large = np.asarray(np.linalg.eigvalsh(matrix), dtype=np.float64)
     small = 1 / np.asarray(np.linalg.eigvalsh(inverse), dtype=np.float64)[::-1]
     middle = np.sqrt(large[-1] * np.abs(small[0]))

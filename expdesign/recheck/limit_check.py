@@ -257,7 +257,7 @@ REACHED = 0.99
 
 
 def reached_limits(model: LimitModel, values: Array) -> Mask:
-    """Tell for every instant which rows of limits are reached, (N, R).
+    """Return for every instant which rows of limits are reached, (N, R).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How far the platform goes from home along each coordinate alone, and what stops it there."""
+"""Reach of the platform from home along each coordinate alone, and the limits that stop it."""
 
 from __future__ import annotations
 
@@ -16,39 +16,39 @@ from expdesign.robot import LimitModel, Robot
 from expdesign.robot.limit_model import states_at_rest
 
 SINGULAR = "singular"
-"""What stops a coordinate, where it is no limit: the struts no longer hold the platform."""
+"""Key of a stop at a singular pose, where the struts no longer hold the platform."""
 
 _FARTHEST = 3.0
-"""How far a translation is followed: times the longest strut at home."""
+"""Largest translation, relative to the longest strut at home."""
 _LOOKS = (400, 400, *(20,) * 7)
-"""Points of each look: along the whole way, along all before the first that is not admitted, and
-then between that and the last before it, again and again.
+"""Points of each search: over the whole distance, up to the first inadmissible point, and then
+repeatedly between that point and the one before it.
 """
 _TIED = 0.5
-"""Rows of a limit that are broken by this share of the worst are told with it."""
+"""Rows of a limit violated by this share of the worst are named with it."""
 
 
 @dataclass(frozen=True)
 class Stop:
-    """The end of a way from home."""
+    """The end of a movement from home."""
 
     way: float
-    """From home, 0 or more; how far was looked where nothing stops. m or rad."""
+    """From home, 0 or more, m or rad; without a stop the distance searched."""
     limit: str
-    """Key of the limit that is reached, `SINGULAR`, or empty where nothing stops."""
+    """Key of the limit that is reached, `SINGULAR`, or empty without a stop."""
     title: str
-    """The same in words."""
+    """The limit in words."""
     rows: tuple[str, ...]
-    """Components, struts or pairs of struts that reach it together."""
+    """Components, struts or pairs of struts that reach it."""
     bound: float | None
-    """The bound that is reached, in the unit of the limit."""
+    """The bound that is reached."""
     unit: str
-    """That of the bound."""
+    """Unit of the bound."""
 
 
 @dataclass(frozen=True)
 class Reach:
-    """How far one coordinate goes while all others stay as they are at home."""
+    """Reach of one coordinate with all others at home."""
 
     coordinate: str
     unit: str
@@ -60,12 +60,11 @@ class Reach:
 
 @lru_cache(maxsize=8)
 def reach(robot: Robot) -> tuple[Reach, ...]:
-    """Return how far each coordinate goes from home alone, at rest, until a limit stops it.
+    """Return the reach of each coordinate from home, at rest, up to the first limit.
 
-    Looked at are the limits of robot and run at rest: speeds and accelerations stop nothing, and
-    forces are those that bear the machine. A singular pose stops it, too. Positions are followed
-    for three of the longest struts, rotations for half a turn; what happens between two of the 400
-    points of a look is not seen.
+    The limits of robot and run apply at rest: speeds and accelerations are zero, and forces are
+    static. A singular pose is a stop as well. Positions are searched up to three times the longest
+    strut, rotations up to half a turn, at 400 points.
     """
     model = LimitModel.of(robot)
     far = _FARTHEST * float(np.max(robot.inverse_kinematics(robot.home)))
@@ -81,34 +80,35 @@ def _stop(model: LimitModel, direction: Array, longest: float) -> Stop:
     home = model.robot.home
     side = side_of(model.robot, home[None, :])[0]
 
-    def poses(ways: Array) -> Array:
-        return home + ways[:, None] * direction
+    def poses(distances: Array) -> Array:
+        return home + distances[:, None] * direction
 
-    def broken(ways: Array) -> Mask:
-        at = poses(ways)
+    def broken(distances: Array) -> Mask:
+        at = poses(distances)
         worst = np.max(model.violations(states_at_rest(at)), axis=1, initial=-np.inf)
         return (worst > TOLERANCE) | (side_of(model.robot, at) != side)
 
-    way = _first(broken, longest)
-    if way is None:
+    distance = _first(broken, longest)
+    if distance is None:
         return Stop(longest, "", "nothing", (), None, "1")
-    values = model.values(states_at_rest(poses(np.array([way]))))[0]
+    values = model.values(states_at_rest(poses(np.array([distance]))))[0]
     excess = model.excess(values[None, :])[0]
     if not np.any(excess > TOLERANCE):
-        return Stop(way, SINGULAR, "singular pose", (), None, "1")
+        return Stop(distance, SINGULAR, "singular pose", (), None, "1")
     worst = int(np.argmax(excess))
     limit = next(one for one in model.limits if one.key == model.keys[worst])
     columns = model.columns[model.limits.index(limit)]
     own = excess[columns]
     tied = tuple(limit.labels[row] for row in np.flatnonzero(own >= _TIED * excess[worst]))
     bound = limit.nearest_bound(worst - columns.start, float(values[worst]))
-    return Stop(way, limit.key, limit.definition.title, tied, bound, limit.unit)
+    return Stop(distance, limit.key, limit.definition.title, tied, bound, limit.unit)
 
 
 def side_of(robot: Robot, poses: Array) -> Array:
-    """Return the sign of det J of the struts, (N,): it changes where a pose is singular.
+    """Return the sign of det J of the struts, (N,): it changes at singular poses.
 
-    That of ∂q/∂λ, but for the sign of cos θ: the angles' own singularity stops no machine.
+    It is the sign of det ∂q/∂λ without that of cos θ: the singularity of the angles is not one of
+    the machine.
     """
     _, jacobian = robot.lengths_and_jacobian(poses)
     theta = poses[:, COORDINATE_NAMES.index("theta")]
@@ -116,15 +116,15 @@ def side_of(robot: Robot, poses: Array) -> Array:
 
 
 def _first(broken: Callable[[Array], Mask], longest: float) -> float | None:
-    """Return the smallest way that is broken, up to the last digits; None where none is."""
+    """Return the smallest inadmissible distance, to nearly full precision; None without one."""
     low, high = 0.0, longest
     for look, points in enumerate(_LOOKS):
-        ways = np.linspace(low, high, points)
-        found = np.flatnonzero(broken(ways))
+        distances = np.linspace(low, high, points)
+        found = np.flatnonzero(broken(distances))
         if not found.size:
             return None
         first = int(found[0])
-        high = float(ways[first])
+        high = float(distances[first])
         if look > 0:
-            low = float(ways[max(first - 1, 0)])
+            low = float(distances[max(first - 1, 0)])
     return high

@@ -298,7 +298,7 @@ class KnownHum:
         return tuple(found)
 
     def avoided(self, periods: Array) -> Mask:
-        """Tell for lengths of a period, (K,), s, whether every hum is a line away, (K,)."""
+        """Return for lengths of a period, (K,), s, whether every hum is a line away, (K,)."""
         turns = np.multiply.outer(periods, np.array(self.frequencies))
         off = np.abs(turns - np.round(turns)) * self.periods
         return np.asarray(np.all(off >= 1 - _ROUNDING, axis=1))

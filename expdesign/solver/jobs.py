@@ -214,7 +214,7 @@ def _first_motion(plan: SearchPlan, begun: StartResult, harmonics: int | None) -
 
 
 def is_hopeless(reached: PhaseResult, reference: tuple[PhaseResult, ...], *, last: bool) -> bool:
-    """Tell whether a hop is too far behind its reference in the same phase.
+    """Return whether a hop is too far behind its reference in the same phase.
 
     After the last phase any lag is too much.
     """

@@ -261,7 +261,7 @@ def _run_hops(
 
 
 def _has_gained(rank: tuple[float, ...], before: tuple[float, ...]) -> bool:
-    """Tell whether a rank is better by a relevant difference."""
+    """Return whether a rank is better by a relevant difference."""
     *standing, value = rank
     *stood, was = before
     return standing > stood or value > was + _BETTER

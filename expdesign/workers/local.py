@@ -319,7 +319,7 @@ def take_workers(
 
 
 def has_idle_worker() -> bool:
-    """Tell whether there is an idle worker."""
+    """Return whether there is an idle worker."""
     with _lock:
         return any(worker.is_fit for worker in _idle)
 

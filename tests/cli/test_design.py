@@ -230,7 +230,7 @@ def test_parameters_that_the_limits_cannot_excite(expdesign, tiny, tmp_path):
         assert name in messages
         for other in data["not_told_from"][name]:
             assert other in messages
-    assert "cannot be told from" in messages
+    assert "confounded with" in messages
 
 
 def test_limits_that_no_motion_keeps_are_named(expdesign, tiny, tmp_path):

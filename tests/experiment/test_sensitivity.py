@@ -10,7 +10,7 @@ from expdesign.configuration import load_run
 from expdesign.experiment.sensitivity import (
     FREQUENCY,
     WIDER,
-    balance,
+    balance_gradients,
     limit_sensitivity,
     sensitivity_at_design,
 )
@@ -22,20 +22,20 @@ from expdesign.trajectory import TrajectoryFile
 def test_multipliers_of_a_known_optimum():
     # min ‖x − a‖² with x₁ ≤ 1, x₂ ≤ 2, x₃ ≤ 9 has its optimum at (1, 2, a₃).
     a, x = np.array([3.0, 5.0, 4.0]), np.array([1.0, 2.0, 4.0])
-    multipliers, left = balance(2 * (x - a), np.eye(3))
+    multipliers, left = balance_gradients(2 * (x - a), np.eye(3))
     assert multipliers == pytest.approx([4, 6, 0])
     assert left == pytest.approx(0, abs=1e-12)
 
 
 def test_what_no_limit_explains_is_left():
     slope = np.array([-3.0, -4.0])
-    multipliers, left = balance(slope, np.array([[1.0, 0.0]]))
+    multipliers, left = balance_gradients(slope, np.array([[1.0, 0.0]]))
     assert multipliers == pytest.approx([3])
     assert left == pytest.approx(0.8)
     # A limit on the other side holds nothing back.
-    assert balance(slope, np.array([[-1.0, 0.0]]))[1] == pytest.approx(1)
-    assert balance(slope, np.empty((0, 2)))[1] == 1
-    assert balance(np.zeros(2), np.eye(2))[1] == 0
+    assert balance_gradients(slope, np.array([[-1.0, 0.0]]))[1] == pytest.approx(1)
+    assert balance_gradients(slope, np.empty((0, 2)))[1] == 1
+    assert balance_gradients(np.zeros(2), np.eye(2))[1] == 0
 
 
 # Scaled variables, where the search from a random start came to a hundredth.
