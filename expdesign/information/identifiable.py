@@ -32,7 +32,7 @@ IDENTIFIABLE = 0.5
 """A parameter counts as identified below this standard deviation, as a share of its scale."""
 
 SHARE = 0.1
-"""Smallest share of a direction's largest squared component with which a parameter belongs to it."""
+"""Smallest squared component, relative to the largest, of a parameter in a direction."""
 
 _NEGLIGIBLE = 1e-8
 """Coefficients between unit columns below it are rounding errors."""
