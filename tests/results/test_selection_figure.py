@@ -79,8 +79,7 @@ def test_every_trial_has_its_cell(path):
 @pytest.mark.parametrize("by", ["bic", "f", "holdout"])
 def test_the_report_tells_the_choice_its_path_and_the_caveat(by):
     record = made_up(PATH, (NAMES[1],), by)
-    folder = SimpleNamespace(figures=lambda *_: ())
-    blocks = list(selection_blocks(folder, record))
+    blocks = list(selection_blocks(record))
     (table,) = (block for block in blocks if isinstance(block, ReportTable))
     assert [row[2] for row in table.rows] == [name for _, _, worths, _ in PATH for name in worths]
     texts = [block.text for block in blocks if isinstance(block, TextBlock)]
@@ -92,4 +91,4 @@ def test_the_report_tells_the_choice_its_path_and_the_caveat(by):
 
 def test_nothing_is_told_where_nothing_was_tried():
     record = SimpleNamespace(selection=None)
-    assert not list(selection_blocks(None, record))
+    assert not list(selection_blocks(record))
