@@ -183,6 +183,11 @@ class EstimatorResult:
         tuple[FourierKeys, ...], described("", "motion of every recording, as in design.json")
     ]
 
+    @property
+    def std(self) -> Array:
+        """(m,) standard deviations, SI; zero for fixed parameters."""
+        return np.sqrt(np.diag(self.covariance))
+
 
 @dataclass(frozen=True)
 class PrecisionRow:
@@ -321,6 +326,7 @@ class EstimateFile(RunFile):
 class EstimationResult(EstimateFile, StageResult):
     """Parameters with their uncertainty, by estimator, and the diagnosis of the best estimate."""
 
+    FILE: ClassVar[str] = EstimateFile.FILE
     rows: Annotated[
         tuple[ParameterRow, ...],
         Table(
@@ -369,6 +375,10 @@ class EstimationResult(EstimateFile, StageResult):
             )
             for tables, tests, recording in parts
         )
+
+    def __getitem__(self, estimator: str) -> EstimatorResult:
+        """Return the result of one estimator: ``result["ml"].values["p10"]``."""
+        return self.estimators[estimator]
 
     def by_estimator(self) -> dict[str, tuple[ParameterRow, ...]]:
         """Return the rows of each estimator, in the order of the parameters."""
