@@ -1,4 +1,4 @@
-"""How many harmonics the executed motion has, by what lengths and forces say together.
+"""Number of harmonics of the executed motion, from lengths and forces together.
 
 Accelerations weigh harmonic k with k²: forces show harmonics of which the lengths show nothing, and
 a motion without them biases the parameters. All numbers of harmonics are judged at once, on the
@@ -36,25 +36,25 @@ from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot import Robot
 
 _PER_UNKNOWN = 2.0
-"""By how much an unknown must reduce the cost: Akaike's."""
+"""Reduction of the cost that an unknown must give (Akaike)."""
 
 _FAMILY_LEVEL = 1e-3
-"""Level of the tests of single harmonics, all together."""
+"""Family-wise level of the tests of single harmonics."""
 
 _CONTRADICTED = 1e-3
-"""Level at which the lengths contradict."""
+"""Level of the test whether the lengths contradict further harmonics."""
 
 _UNKNOWNS = 2 * COORDINATES
-"""Of a harmonic."""
+"""Unknowns of a harmonic."""
 
 _DETERMINED = 1e-10
-"""Smallest eigenvalue of scaled information on the parameters that is not nothing."""
+"""Smallest relevant eigenvalue of the scaled information on the parameters."""
 
 
 def whole_motion(
     robot: Robot, experiment: Experiment, knowledge: ParameterPriors
 ) -> RefinedMotion | None:
-    """Return the motion that forces and lengths show together, None when it is the fitted one.
+    """Return the motion supported by forces and lengths together; None for the fitted one.
 
     The experiment's motion was fitted to the lengths with the harmonics that these show; the whole
     one has more.
@@ -90,7 +90,7 @@ def whole_motion(
 
 
 def _first_estimate(experiment: Experiment, knowledge: ParameterPriors) -> Array:
-    """Return parameters that explain the forces, (m,): Gauss–Markov's, the shortest if many do."""
+    """Return Gauss–Markov parameters, (m,), of minimum norm if there are several solutions."""
     free, start = knowledge.free, knowledge.start
     rest = experiment.forces - experiment.fitted_regressors @ start
     rows = (rest, experiment.fitted_regressors[:, :, free], experiment.counts)
@@ -104,7 +104,7 @@ def _first_estimate(experiment: Experiment, knowledge: ParameterPriors) -> Array
 
 
 def _solved(information: Array, gradient: Array) -> Array:
-    """Return F⁺ g, g (k,) or (k, n): nothing in directions that the data do not determine."""
+    """Return F⁺ g, g (k,) or (k, n): zero in directions that the data do not determine."""
     scaled = ScaledInformation.of(information)
     scales = np.where(scaled.scales > 0, scaled.scales, np.inf)
     eigenvalues, vectors = np.linalg.eigh(scaled.matrix)
@@ -127,7 +127,7 @@ class _Series:
     """Of (p, ξ) from forces, lengths and prior, and of ξ from the lengths alone."""
 
     def wanted(self) -> int:
-        """Return the number of harmonics that forces and lengths show together."""
+        """Return the number of harmonics that forces and lengths support together."""
         places = _places(self.motion, self.motion.harmonics)
         count = int(np.count_nonzero(self.knowledge.free))
         order = np.concatenate([count + places, np.arange(count)])
@@ -152,7 +152,7 @@ class _Series:
         return self.least + max([cheapest, *(np.flatnonzero(single) + 1).tolist()])
 
     def contradicted(self, harmonics: int) -> bool:
-        """Tell whether the lengths contradict the further harmonics that the forces want.
+        """Test whether the lengths contradict the further harmonics of the forces.
 
         What forces and lengths say together differs from what the lengths say alone by an error
         whose covariance is the difference of both covariances (Hausman, Econometrica 46, 1978).
@@ -170,7 +170,7 @@ class _Series:
         return ratio_tail(float(off @ off), weights, np.inf) < _CONTRADICTED
 
     def motion_with(self, harmonics: int) -> tuple[HarmonicMotion, Array]:
-        """Return the motion that forces and lengths want together, and Cov(ξ), (x, x)."""
+        """Return the motion from forces and lengths together, and Cov(ξ), (x, x)."""
         places = _places(self.motion, harmonics)
         step, covariance = self._together(places)
         moved = np.zeros(self.motion.unknowns)
@@ -180,7 +180,7 @@ class _Series:
         return motion, covariance[np.ix_(own, own)]
 
     def _together(self, places: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Return the step of the unknowns of ξ named, and their covariance, p eliminated."""
+        """Return the step of some unknowns of ξ, and their covariance, with p eliminated."""
         count = int(np.count_nonzero(self.knowledge.free))
         inner = self.joint.matrix[np.ix_(count + places, count + places)]
         cross = self.joint.matrix[count + places, :count]
@@ -192,7 +192,7 @@ class _Series:
 
 
 def _motion_alone(matrix: Array, gradient: Array) -> tuple[Array, Array]:
-    """Return N⁻¹ g and N⁻¹, scaled so that no digits are lost."""
+    """Return N⁻¹ g and N⁻¹, scaled against loss of digits."""
     scale = np.sqrt(np.diag(matrix))
     inverse = np.linalg.inv(matrix / np.multiply.outer(scale, scale))
     inverse = (inverse + inverse.T) / 2 / np.multiply.outer(scale, scale)
@@ -200,7 +200,7 @@ def _motion_alone(matrix: Array, gradient: Array) -> tuple[Array, Array]:
 
 
 def _places(motion: HarmonicMotion, harmonics: int) -> NDArray[np.intp]:
-    """Return where the unknowns of the first so many harmonics stand in ξ, (6 (2 H + 1),).
+    """Return the places of the first harmonics in ξ, (6 (2 H + 1),).
 
     The frequency, when it is one of them, comes first; then centre and harmonics in turn.
     """

@@ -1,4 +1,4 @@
-"""Which covariances the estimators weight with."""
+"""Noise model of the weights: from the scatter, the run, the robot, or the residuals."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ _STILL = 1e-12
 """Smallest variance, relative to the largest, and eigenvalue of a correlation that is one."""
 
 _FEWEST_FREEDOM = 14.0
-"""Below that the scatter is no covariance to weight with: its inverse is twice too large."""
+"""Fewest degrees of freedom of a scatter as weight: with less its inverse is twice too large."""
 
 
 def choose_noise(
     configuration: RunConfiguration, record: PeriodicRecording, source: str = ""
 ) -> NoiseModel:
-    """Return Σ and Δ of one sample.
+    """Choose Σ and Δ of one sample.
 
     The scatter between periods when it has 250 degrees of freedom, (M − 1) N, as two periods of
     many samples have; with less what robot or run give; else the scatter, however little there is
@@ -38,7 +38,7 @@ def choose_noise(
     Raises
     ------
     InputError
-        `estimate.noise` asks for what is not there.
+        The noise that `estimate.noise` asks for is not available.
     UnsuitableDataError
         A channel does not vary.
     """
@@ -105,12 +105,12 @@ def with_stated_spectrum(
     record: PeriodicRecording,
     origin: SpectrumOrigin = "auto",
 ) -> NoiseEstimate:
-    """Return noise with a spectrum that is known, at the multiples of the motion's ω.
+    """Add a known spectrum to the noise, at the multiples of the motion's ω.
 
     Raises
     ------
     UnsuitableDataError
-        It is not known up to half of the recording's sampling.
+        The spectrum ends below half of the sampling frequency.
     """
     sampling, samples = 1 / record.step, record.samples
     if not stated.covers(sampling):
@@ -127,7 +127,7 @@ def with_stated_spectrum(
 
 
 def _refuse_singular(letter: str, noise: NoiseEstimate, source: str) -> None:
-    """Refuse channels without noise, or whose noise is another channel's."""
+    """Refuse channels without noise, or with the noise of another channel."""
     variances = np.diag(noise.covariance)
     still = [f"{letter}{j + 1}" for j in np.flatnonzero(variances <= _STILL * np.max(variances))]
     if still:

@@ -1,4 +1,4 @@
-"""Which period a recording has: the design's, the file's, the run's, or the data's own."""
+"""Period of a recording: from the design, the file, the run, or the data."""
 
 from __future__ import annotations
 
@@ -25,33 +25,33 @@ from expdesign.trajectory import FourierTrajectory
 
 
 class UnsuitableDataError(InputError):
-    """It is the recording that does not fit, not what the run says: another one may."""
+    """The recording cannot be used; another one may be."""
 
 
 _FREQUENCY_REACH = 0.02
-"""How far the controller's clock may be off, relative, when the frequency is estimated."""
+"""Largest relative clock error for which the frequency is estimated."""
 _CLEARLY_OFF = 5.0
-"""Standard errors by which a clock must be off before it is looked at."""
+"""Standard errors of a clock error that is examined."""
 _LOOK = 0.05
-"""How far off it is looked for, relative."""
+"""Relative range of the search for a clock error."""
 _FEWEST_MARKED = 3
-"""Numbers that a period column must have: fewer do not mark the two ends of a period."""
+"""Fewest numbers in a period column: fewer do not mark both ends of a period."""
 _MOST = 0.9
 _REPEATS = 0.5
 """Largest difference between a sample and the one a period later, as a share of the motion."""
 _ON_TIME = 1e-9
-"""Share of a period by which rounding may put a sample into the period before."""
+"""Rounding of a sample time, as a share of a period."""
 
 
 def choose_omega(
     configuration: RunConfiguration, data: Measurement, design: FourierTrajectory | None
 ) -> tuple[float, PeriodSource]:
-    """Return ω, rad/s, and where it came from.
+    """Return the base frequency ω, rad/s, and its source.
 
     Raises
     ------
     UnsuitableDataError
-        No period is known and none is found, or the data do not repeat with it.
+        No period is known or found, or the data do not repeat with it.
     """
     low, high = configuration.run.trajectory.frequency
     try:
@@ -73,12 +73,12 @@ def choose_omega(
 
 
 def _refuse_other_period(data: Measurement, omega: float, source: PeriodSource) -> None:
-    """Refuse a period with which the lengths do not repeat."""
+    """Refuse a period if the lengths do not repeat with it."""
     period = 2 * np.pi / omega
     difference = changes_after(data, period)
     if len(difference) < max(2, 0.1 * period / data.step):
         return
-    # Quantiles: outliers are no evidence against a period, and a machine may rest for most of it.
+    # Quantiles: robust against outliers, and against a machine that rests for most of the period.
     off = np.quantile(np.abs(difference - np.median(difference, axis=0)), _MOST, axis=0)
     moving = np.quantile(np.abs(data.lengths - np.median(data.lengths, axis=0)), _MOST, axis=0)
     if np.median(off) <= _REPEATS * np.median(moving):
@@ -99,14 +99,14 @@ def period_warning(
     motion: HarmonicMotion,
     covariance: Array,
 ) -> str:
-    """Return what is to be said of a period that was taken from the design or from the run.
+    """Return a warning about a wrong period of the design or the run; empty without one.
 
     The motion was fitted with that period; the covariance is Δ of one sample, (6, 6), m².
 
     Raises
     ------
     UnsuitableDataError
-        No clock is that far off: it is another period.
+        The difference is too large for a clock error.
     """
     if record.source not in (PeriodSource.DESIGN, PeriodSource.FREQUENCY):
         return ""
@@ -129,7 +129,7 @@ def period_warning(
 def clock_error(
     robot: Robot, record: PeriodicRecording, motion: HarmonicMotion, covariance: Array
 ) -> tuple[float, float]:
-    """Return how much faster the recording runs than `motion`, relative, and its std.
+    """Return the relative clock error of the recording against `motion`, and its std.
 
     With a frequency that is off by the share ε the periods move against each other: at time t the
     lengths are l(t) + ε t l̇(t). The part of it that grows from period to period is what a fitted
@@ -144,8 +144,8 @@ def clock_error(
 
     Notes
     -----
-    To first order: right while the periods move by a small part of a period. Less than two periods
-    tell little: the std is then inf.
+    First order: valid for shifts of a small part of a period. With less than two periods the std is
+    inf.
     """
     pose, rate, _ = np.split(motion.at(record.lengths.times).state(), 3, axis=1)
     lengths, jacobian = robot.lengths_and_jacobian(pose)
@@ -188,7 +188,7 @@ def _refused(data: Measurement, message: str) -> UnsuitableDataError:
 
 _TWO = 2 - 1e-9
 _SAME = 1 - 1e-9
-"""Correlation from sample to sample from which two channels have no noise of their own."""
+"""Correlation of the differences of two channels that are the same recording."""
 
 
 def fold_noise_recording(
@@ -198,21 +198,21 @@ def fold_noise_recording(
     *,
     certain: bool,
 ) -> PeriodicRecording:
-    """Return a recording by its periods: those of the design, of the run, or its own.
+    """Fold a recording whose noise is analysed: by the period of the design, the run or the data.
 
-    A machine at rest repeats in every part of the recording.
+    A recording at rest is divided into equal parts.
 
     Parameters
     ----------
     design : FourierTrajectory or None
-        What may have been executed.
+        The motion that may have been executed.
     certain : bool
-        Whether it was: another period is an error then.
+        The design was executed: another period is an error.
 
     Raises
     ------
     UnsuitableDataError
-        The machine moves, and not periodically, or less than two periods were recorded.
+        The motion is not periodic, or less than two periods were recorded.
     """
     dead = np.flatnonzero(np.ptp(data.forces, axis=0) == 0) + 1
     if len(dead):

@@ -1,4 +1,4 @@
-"""One recording made ready for the estimators: its period, means, noise and motion."""
+"""Preparation of a recording for the estimators: period, means, noise and motion."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def prepare_experiment(
 ) -> Experiment:
     """Return one recording with its noise and motion, ready for the estimators.
 
-    Of one whose forces are held out, to be predicted, the lengths alone tell the motion.
+    With held-out forces, which are predicted, the motion comes from the lengths alone.
     """
     return prepare_recording(configuration, robot, data, design, held_out=held_out).experiment
 
@@ -59,9 +59,9 @@ def prepare_recording(
     *,
     held_out: bool = False,
 ) -> PreparedRecording:
-    """Return one recording ready for the estimators, and how it was made so.
+    """Return one recording ready for the estimators, with warnings.
 
-    Of one whose forces are held out, to be predicted, the lengths alone tell the motion.
+    With held-out forces, which are predicted, the motion comes from the lengths alone.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def prepare_recording(
     record = record.behind(noise)
     if section.differentiation != "fourier":
         motion = pointwise_motion(robot, record, cutoff=_cutoff(configuration, record, design))
-        # Differences of neighbours end with the samples that they have.
+        # Pointwise differentiation does not use the spectrum.
         experiment = Experiment.from_points(robot, record, noise.taken_for_white(), motion)
         return PreparedRecording(data.source, experiment, None, data.jitter)
     noise, fit = _fitted(configuration, robot, record, noise, design)
@@ -138,7 +138,7 @@ class PreparedRecording:
 
 
 def _least(design: FourierTrajectory | None) -> int:
-    """Return how many harmonics the motion has for certain."""
+    """Return the least number of harmonics of the motion."""
     return 1 if design is None else design.harmonics
 
 
@@ -174,7 +174,7 @@ def _fitted(
     if section.harmonics is not None:
         fitting = partial(fit_motion, harmonics=section.harmonics)
     start = _start(robot, record, design, expected)
-    # A Δ that nobody knows comes from the fit that it weights: a few rounds settle both.
+    # An unknown Δ comes from the fit that it weights: a few iterations settle both.
     rounds = _RESIDUAL_ROUNDS if noise.lengths.includes_model_error else 1
     for remaining in reversed(range(rounds)):
         fitted = partial(

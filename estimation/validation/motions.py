@@ -70,12 +70,12 @@ def benchmark_motion(motion: BenchmarkMotion, home: Array, step: float) -> Fouri
 def motion_of_run(
     configuration: RunConfiguration, motion: BenchmarkMotion, home: Array, key: str
 ) -> FourierTrajectory:
-    """Return a motion that stands at this key of a run.
+    """Return the motion of a key of the run file.
 
     Raises
     ------
     InputError
-        It cannot be made.
+        The motion cannot be made.
     """
     try:
         return benchmark_motion(motion, home, configuration.run.controller_period)
@@ -84,7 +84,7 @@ def motion_of_run(
 
 
 def refuse_unfit_motions(configuration: RunConfiguration, home: Array) -> None:
-    """Refuse motions of a run that cannot be made, or whose measurement would be too large."""
+    """Refuse motions that cannot be made, or that need too many samples."""
     for number, motion in enumerate(configuration.run.validation, start=1):
         if motion.motion == "file":
             continue
@@ -96,7 +96,7 @@ def refuse_unfit_motions(configuration: RunConfiguration, home: Array) -> None:
 
 
 def broken_limits(robot: Robot, trajectory: FourierTrajectory, name: str) -> list[str]:
-    """Return a warning where a motion breaks a limit of the robot."""
+    """Return a warning if a motion breaks a limit of the robot."""
     check = recheck(LimitModel.of(robot), trajectory)
     if check.passed:
         return []
@@ -108,7 +108,7 @@ def broken_limits(robot: Robot, trajectory: FourierTrajectory, name: str) -> lis
 
 
 def motion_name(motion: BenchmarkMotion) -> str:
-    """Return the name of a motion: what it is, or its file, and whether it is mirrored."""
+    """Return the name of a motion: its kind or file, and its mirror plane."""
     name: str = motion.motion
     if isinstance(motion, ValidationMotion) and motion.motion == "file":
         name = Path(str(motion.file)).name

@@ -1,4 +1,4 @@
-"""How large the error of a prediction is, actuator by actuator, with the noise taken off.
+"""Size of the prediction error of each actuator, corrected for the noise.
 
 A test asks whether there is an error at all, and with enough data every real model has one. This
 asks how large it is. With e the mean residual of an actuator at R phases of the motion, V its
@@ -36,11 +36,11 @@ _SIDES = float(ndtri(0.975))
 """Of a 95 % interval, in standard deviations."""
 
 _FOUND = 0.9
-"""Probability with which an error is found that is called detectable."""
+"""Probability of finding an error that is called detectable."""
 
 
 class Kept(StrEnum):
-    """Whether an error keeps its tolerance, as far as the data tell."""
+    """Comparison of an error with its tolerance."""
 
     WITHIN = "within"
     BEYOND = "beyond"
@@ -50,7 +50,7 @@ class Kept(StrEnum):
 
 @dataclass(frozen=True)
 class Accuracy:
-    """The error with which one actuator's force is predicted on one motion."""
+    """Error of the predicted force of one actuator on one motion."""
 
     actuator: Annotated[int, described("1", "actuator")]
     error: Annotated[float, described("N", "rms of the error, noise taken off")]
@@ -73,7 +73,7 @@ class Accuracy:
 def prediction_errors(
     robot: Robot, experiment: Experiment, values: Array, tolerance: ForceTolerance | None
 ) -> tuple[Accuracy, ...]:
-    """Return the errors with which parameters, (m,), predict held-out forces."""
+    """Return the errors of held-out forces predicted with parameters (m,)."""
     motion = None if experiment.fit is None else experiment.fit.motion
     part = linearise(robot, experiment, values, np.zeros(len(values), dtype=bool), motion)
     spans = np.ptp(experiment.fitted_regressors @ values, axis=0)
@@ -133,7 +133,7 @@ class _Spread:
     freedom: float
     """Degrees of freedom of the variance of the noise; inf when it was given."""
     known: bool
-    """False: the noise was taken from the residuals of a model, and nothing can be taken off."""
+    """False: the noise comes from the residuals of a model and cannot be subtracted."""
 
     @classmethod
     def of(cls, part: Linearisation, experiment: Experiment, channel: int) -> _Spread:
@@ -161,7 +161,7 @@ class _Spread:
 
     @property
     def trace(self) -> float:
-        """Of V; nothing where it is not known."""
+        """Trace of V; zero where it is not known."""
         return float(np.sum(self.variances)) if self.known else 0.0
 
     def excess(self, residuals: Array) -> float:
@@ -216,7 +216,7 @@ class _Spread:
         return max(middle - half, 0.0), max(middle + half, 0.0)
 
     def detectable(self) -> float:
-        """Return the Σ b² that the test of one actuator finds with the probability stated."""
+        """Return the Σ b² that the test of one actuator detects with the stated probability."""
         level = float(scipy.stats.norm.isf(LACK_OF_FIT / ACTUATORS)) * np.sqrt(self.uncertainty)
         z, slope = float(scipy.stats.norm.ppf(_FOUND)), self.squares / max(self.trace, 1e-300)
         middle = level + 2 * z**2 * slope
