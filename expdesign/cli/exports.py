@@ -19,7 +19,7 @@ from expdesign.configuration import ExportSection, InputError, RunConfiguration,
 from expdesign.configuration.document import document_from_mapping
 from expdesign.configuration.quantity import SPEED
 from expdesign.configuration.section import validate
-from expdesign.configuration.sections.export import STRUT_ONLY
+from expdesign.configuration.sections.export import STRUT_ONLY, export_formats
 from expdesign.export.formats import table_formats
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.stages.certification import (
@@ -117,7 +117,9 @@ def _section(name: str, given: dict[str, Any], configuration: RunConfiguration) 
     for key in left_out:
         del data[key]
     data |= {"format": name, **given}
-    found, problems = validate(table_formats()[name].options, data, document_from_mapping(data))
+    found, problems = validate(
+        export_formats().get(name, ExportSection), data, document_from_mapping(data)
+    )
     if found is None:
         raise InputError(replace(problem, key=flag(problem.key)) for problem in problems)
     for option in dict.fromkeys(left_out.values()):

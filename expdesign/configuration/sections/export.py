@@ -20,9 +20,7 @@ from expdesign.configuration.fields import (
     Offsets,
     Order,
     Signs,
-    Text,
     at_least,
-    check_choice,
     exactly,
     one_of,
     per_strut,
@@ -51,6 +49,18 @@ _SCALE = require(
 )
 
 
+def export_formats() -> Mapping[str, type[ExportSection]]:
+    """Return the options of every format by its name.
+
+    Examples
+    --------
+    >>> export_formats()["pi-wave"].spaces
+    ('pose',)
+    """
+    formats = import_module("expdesign.export.formats").table_formats()
+    return {name: table_format.options for name, table_format in formats.items()}
+
+
 class ExportSection(Section):
     """Options of one controller table; None stands for the format's default."""
 
@@ -61,7 +71,7 @@ class ExportSection(Section):
     outputs: ClassVar[tuple[int, int]] = (0, 0)
     """First and last number of a digital output, for formats with the option `trigger`."""
 
-    format: Text
+    format: Annotated[str, one_of(export_formats)]
     file: Name | None = None
     """File name in ``exports/`` without suffix, by default the format's name; the name of a scaled
     motion ends in its scale."""
@@ -145,18 +155,6 @@ class ExportSection(Section):
         return ""
 
 
-def export_formats() -> Mapping[str, type[ExportSection]]:
-    """Return the options of every format by its name.
-
-    Examples
-    --------
-    >>> export_formats()["pi-wave"].spaces
-    ('pose',)
-    """
-    formats = import_module("expdesign.export.formats").table_formats()
-    return {name: table_format.options for name, table_format in formats.items()}
-
-
 def export_section(**given: Any) -> ExportSection:
     """Return the validated options of one table.
 
@@ -169,8 +167,8 @@ def export_section(**given: Any) -> ExportSection:
     >>> export_section(format="xps-pvt", segment="20 ms").segment
     0.02
     """
-    name = check_choice(export_formats, "choice")(given.get("format"))
-    return export_formats()[name].model_validate(given)
+    section = export_formats().get(given.get("format", ""), ExportSection)
+    return section.model_validate(given)
 
 
 def _read_section(value: object) -> object:
