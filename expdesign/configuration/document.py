@@ -235,7 +235,7 @@ _QUOTED = re.compile(r"(['\"]).{2,}\1", re.DOTALL)
 
 @lru_cache(maxsize=8)
 def _compose(path: Path, text: str) -> Node | None:
-    """Return the nodes of a text; nobody changes them, and robots are read repeatedly."""
+    """Return the nodes of a text, cached since robots are read repeatedly."""
     try:
         reader = YAML(typ="safe", pure=True)
         reader.composer.warn_double_anchors = False  # YAML allows them

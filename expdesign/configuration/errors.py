@@ -36,7 +36,7 @@ class Problem:
     nearest: str | None = None
     """Valid name with the most similar spelling."""
     more: int = 0
-    """Number of further problems that this entry stands for."""
+    """Number of further problems in this entry."""
 
     @property
     def place(self) -> str:

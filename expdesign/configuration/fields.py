@@ -1,4 +1,4 @@
-"""Types of keys besides physical quantities: names, whole numbers, choices, mappings, lists."""
+"""Types of keys: names, choices, whole numbers, mappings and lists."""
 
 from __future__ import annotations
 

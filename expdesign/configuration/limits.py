@@ -207,7 +207,7 @@ def _read_length(value: object) -> float:
 def _read_limit(name: str, value: object) -> tuple[LimitDefinition, tuple[Bounds | None, ...]]:
     """Return the definition of a limit and the bounds of its rows, one for rows that are alike.
 
-    None stands for a row without a value; a lifted row has infinite bounds.
+    A row without a value is None; a lifted row has infinite bounds.
     """
     definitions = limit_definitions()
     if name not in definitions:

@@ -27,7 +27,7 @@ _ALIKE = 1e-9
 _ROUNDING = 1e-9
 """Size of a negative eigenvalue of a correlation matrix within rounding errors."""
 _DYNAMIC = ("gravity", "base_joints", "platform_joints", "alpha_axes", "platform_cardan_axes")
-"""Properties of a robot, besides terms and drive, that its parameters refer to."""
+"""Properties of a robot, in addition to terms and drive, that its parameters refer to."""
 
 
 def identification_of(machine: RobotSource | None) -> Identification:

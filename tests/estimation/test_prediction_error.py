@@ -132,12 +132,11 @@ def test_what_is_no_tolerance_is_refused(wrong):
         )
 
 
-def test_runs_without_tolerances_are_what_they_were_before_there_were_any():
+def test_a_tolerance_is_an_input_of_the_validation():
     def text(**keys):
         motions = [{"motion": "circle"}, {"motion": "circle", "mirror": "xz", **keys}]
         config = load_run({"name": "c", "robot": "palida", "validate": motions})
         return sections_text(config, {"validation": True})
 
-    assert "tolerance" not in text()
     assert text() != text(tolerance="3 %")
     assert text(tolerance="3 %") == text(tolerance="3%")

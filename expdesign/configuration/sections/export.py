@@ -62,12 +62,12 @@ def export_formats() -> Mapping[str, type[ExportSection]]:
 
 
 class ExportSection(Section):
-    """Options of one controller table; None stands for the format's default."""
+    """Options of one controller table; the value None means the format's default."""
 
     spaces: ClassVar[tuple[Space, ...]] = ("strut", "pose")
     """Coordinates of the format's tables, the default first."""
     shared: ClassVar[tuple[str, ...]] = ()
-    """Accepted options of this class besides those of every format."""
+    """Accepted options of this class in addition to those of every format."""
     outputs: ClassVar[tuple[int, int]] = (0, 0)
     """First and last number of a digital output, for formats with the option `trigger`."""
 
@@ -103,7 +103,7 @@ class ExportSection(Section):
 
     @classmethod
     def own_options(cls) -> tuple[str, ...]:
-        """Return the keys that the format accepts besides those of every format."""
+        """Return the keys that the format accepts in addition to those of every format."""
         own = (key for key in cls.model_fields if key not in ExportSection.model_fields)
         return (*cls.shared, *own)
 
