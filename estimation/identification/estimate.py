@@ -177,6 +177,9 @@ def _estimator(estimation: Estimation, found: ParameterEstimate) -> EstimatorRes
         base_parameters=priors.identified_combinations(
             estimation.robot, found.values, found.covariance
         ),
+        inseparable=priors.inseparable_combinations(
+            estimation.robot, found.values, found.covariance
+        ),
         motions=tuple(FourierKeys(**fourier_keys(motion)) for motion in motions),
     )
 

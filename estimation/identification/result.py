@@ -179,6 +179,12 @@ class EstimatorResult:
         tuple[KnownCombination, ...],
         described("", "combinations that the data identify; of each the table's columns"),
     ]
+    inseparable: Annotated[
+        tuple[KnownCombination, ...],
+        described(
+            "", "combinations that no motion separates, each estimated as its first parameter"
+        ),
+    ]
     motions: Annotated[
         tuple[FourierKeys, ...], described("", "motion of every recording, as in design.json")
     ]

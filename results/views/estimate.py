@@ -10,7 +10,7 @@ import numpy as np
 from estimation.identification.result import EstimatedRecording, EstimateFile, EstimationResult
 from estimation.twin.truth import Truth
 from estimation.uncertainty.differences import Differences
-from estimation.uncertainty.intervals import ParameterRow
+from estimation.uncertainty.intervals import ParameterRow, with_error
 from results.figures.noise import NOISE_FIGURES
 from results.figures.parameters import ESTIMATE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES
@@ -126,6 +126,13 @@ def _blocks(
     blocks += constants_blocks(record)
     blocks += selection_blocks(record)
     blocks += budget_blocks(record)
+    if inseparable := record.best_estimator.inseparable:
+        sums = "; ".join(
+            f"{row.combination} = {with_error(row.value, row.std)} {row.unit}"
+            for row in inseparable
+        )
+        text = f"No motion separates these parameters, their sums are estimated: {sums}."
+        blocks.append(TextBlock(text, screen=True))
     together = record.best_estimator.base_parameters
     free = {*record.parameters} - {*record.fixed}
     blocks += combination_blocks("estimate_combinations", together, free)

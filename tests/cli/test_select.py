@@ -56,7 +56,7 @@ def test_it_is_added_estimated_predicted_with_and_told(expdesign, run_file):
     text = (out / "tables/selection.csv").read_text(encoding="utf-8")
     rows = list(csv.DictReader(text.splitlines()))
     assert [row["term"] for row in rows if row["chosen"] == "True"] == ["drive_inertia"]
-    assert len(record.selection) == len(rows)
+    assert len(record.selection.steps) == len(rows)
     assert "m_drive" in record.parameters
     # The robot that was found has the term; so has who predicts with the estimate.
     assert "drive_inertia" in (out / "identified-robot.yaml").read_text(encoding="utf-8")
