@@ -224,11 +224,11 @@ def with_empirical_colour(experiment: Experiment) -> Experiment:
     """
 
     def coloured(weighted: NoiseEstimate, channels: Channels) -> NoiseEstimate:
-        shown = channels.shown_noise
+        found = channels.empirical_noise
         known = weighted.source == "estimated" and weighted.lines is not None
-        if not known or weighted.filter is not None or shown is None or shown.filter is None:
+        if not known or weighted.filter is not None or found is None or found.filter is None:
             return weighted
-        return shown
+        return found
 
     noise = _choose_noise(experiment, coloured)
     return experiment if noise is experiment.noise else replace(experiment, noise=noise)
@@ -241,7 +241,7 @@ def empirical_noise(experiment: Experiment) -> NoiseModel:
         repeated = channels.scatter
         if given.source != "given" or repeated is None or repeated.freedom < ENOUGH_FREEDOM:
             return given
-        found = repeated if experiment.pointwise is not None else channels.shown_noise
+        found = repeated if experiment.pointwise is not None else channels.empirical_noise
         return given if found is None else found
 
     return _choose_noise(experiment, empirical)

@@ -73,18 +73,20 @@ class Channels:
 
         White noise is assumed where there are too few periods for a spectrum, or no `repeats`.
         """
-        shown = self.shown_noise
-        if spectrum == "auto" or shown is None or shown.lines is None:
-            return shown
+        empirical = self.empirical_noise
+        if spectrum == "auto" or empirical is None or empirical.lines is None:
+            return empirical
         if spectrum == "white":
-            return replace(shown, filter=None)
-        if shown.filter is not None:
-            return shown
-        return replace(shown, filter=estimated_filter(shown.lines, shown.covariance, always=True))
+            return replace(empirical, filter=None)
+        if empirical.filter is not None:
+            return empirical
+        return replace(
+            empirical, filter=estimated_filter(empirical.lines, empirical.covariance, always=True)
+        )
 
     @cached_property
-    def shown_noise(self) -> NoiseEstimate | None:
-        """The noise that the repetition shows, with a filter where it is not white."""
+    def empirical_noise(self) -> NoiseEstimate | None:
+        """Noise estimated from the repetition, with a filter if it is coloured."""
         repeated, repeats = self.scatter, self.repeats
         if repeated is None or repeats is None or len(repeats) < FEWEST_PERIODS:
             return repeated
