@@ -174,7 +174,7 @@ def _table(number):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / file_name(section)
         if settings.form.whole:
-            rows = replace(rows, record=whole_motion(settings.task, times))
+            rows = replace(rows, columns=whole_motion(settings.task, times))
         settings.form.write(path, rows, settings)
         return path.name, path.read_bytes(), settings
 
