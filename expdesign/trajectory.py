@@ -34,6 +34,15 @@ class FourierTrajectory:
     """λ_i(t) = λ0_i + Σ_k [μ_ik/(kω) sin kωt − ν_ik/(kω) cos kωt], k = 1 … n.
 
     12 n + 7 variables: λ0, μ, ν and ω.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> rates = np.zeros((6, 2))
+    >>> rates[0, 0] = 0.1
+    >>> trajectory = FourierTrajectory(2 * np.pi, np.zeros(6), rates, np.zeros((6, 2)))
+    >>> trajectory.period, trajectory.harmonics, float(trajectory.sample([0.0]).rate[0, 0])
+    (1.0, 2, 0.1)
     """
 
     omega: float
