@@ -82,7 +82,7 @@ def change(path, edit):
 
 
 def compare(folders, out, **options):
-    given = {"precision": 0.05, "with_sensitivity": False} | options
+    given = {"precision": 0.05, "quick": True} | options
     write_comparison(folders, out, reported_stages(), **given)
     return (out / "report.html").read_text(encoding="utf-8")
 
@@ -326,7 +326,7 @@ def test_the_same_folders_give_the_same_bytes(folder, twin, tmp_path, rendered):
 
 
 def test_what_limits_cost_is_part_of_it(folder, twin, tmp_path):
-    text = compare([folder, twin], tmp_path / "out", with_sensitivity=True)
+    text = compare([folder, twin], tmp_path / "out", quick=False)
     table = {row["limit"]: row for row in rows(tmp_path / "out" / "tables" / "limit_gains.csv")}
     assert "base frequency" in table
     left = float(table["unexplained by the limits"]["tiny [%]"])

@@ -193,7 +193,7 @@ def test_noise_without_whole_periods(noisy):
 
 def test_noise_alone_makes_a_report(noisy, tmp_path):
     alone = tmp_path / "alone"
-    for name in ("run.yaml", "noise.json", "tables/noise_covariance.csv", "figures"):
+    for name in ("run.yaml", "noise.json", "noise.yaml", "tables", "figures"):
         (alone / name).parent.mkdir(parents=True, exist_ok=True)
         if (noisy / name).is_dir():
             shutil.copytree(noisy / name, alone / name)
@@ -241,7 +241,7 @@ def test_a_table_that_was_changed_is_named(with_tables):
         table.write("\n")
     found = verdict(with_tables, "Controller tables")
     assert (found.level.value, found.word) == ("caution", "changed")
-    assert "not checked as they are now: xps-pvt.trj." in found.sentence
+    assert "Changed since the check: xps-pvt.trj." in found.sentence
 
 
 def test_a_limit_that_a_table_exceeds_within_its_tolerance_is_told(with_tables):

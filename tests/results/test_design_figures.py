@@ -86,8 +86,8 @@ def test_same_folder_gives_the_same_bytes_under_any_settings(run, tmp_path):
         assert one.read_bytes() == other.read_bytes(), one.name
 
 
-def test_matplotlib_is_loaded_only_by_who_draws():
-    code = "import sys, results.render.run_report; sys.exit('matplotlib' in sys.modules)"
+def test_matplotlib_is_not_loaded_before_a_stage_draws():
+    code = "import sys, expdesign.cli.runs; sys.exit('matplotlib' in sys.modules)"
     root = Path(results.__file__).parents[1]
     assert subprocess.run([sys.executable, "-c", code], check=False, cwd=root).returncode == 0
 
