@@ -11,7 +11,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.identification.estimator_result import shared_response
-from estimation.identification.result import EstimateFile, EstimationResult
+from estimation.identification.result import EstimationResult
 from estimation.twin.truth import Truth
 from estimation.uncertainty.differences import Differences, difference_test
 from expdesign.configuration.identification import machine_name
@@ -49,20 +49,20 @@ class ComparedEstimate:
 
     label: str
     folder: RunFolder
-    summary: EstimateFile
+    result: EstimationResult
 
     def of(self, names: tuple[str, ...]) -> tuple[Array, Array]:
         """Return values, (m,), and standard deviations, NaN for fixed ones, of parameters, SI."""
         variance = np.diag(self.covariance(names))
         return (
-            estimated_values(self.summary, self.summary.best)[self._places(names)],
+            estimated_values(self.result, self.result.best)[self._places(names)],
             np.sqrt(np.where(variance > 0, variance, np.nan)),
         )
 
     def covariance(self, names: tuple[str, ...]) -> Array:
         """Return the covariance of parameters, (m, m), SI."""
         at = self._places(names)
-        return self.summary.best_estimator.covariance[np.ix_(at, at)]
+        return self.result.best_estimator.covariance[np.ix_(at, at)]
 
     def difference_covariance(self, other: ComparedEstimate, names: tuple[str, ...]) -> Array:
         """Return the covariance of the difference to an estimate from independent data, (m, m), SI.
@@ -71,9 +71,9 @@ class ComparedEstimate:
         between its effects on both counts.
         """
         total = self.covariance(names) + other.covariance(names)
-        if machine_name(self.summary.robot) != machine_name(other.summary.robot):
+        if machine_name(self.result.robot) != machine_name(other.result.robot):
             return total
-        keys = (self.summary.best_estimator.systematic, other.summary.best_estimator.systematic)
+        keys = (self.result.best_estimator.systematic, other.result.best_estimator.systematic)
         own, others = shared_response(*keys)
         if not own.shape[1]:
             return total
@@ -81,12 +81,12 @@ class ComparedEstimate:
         return total - first @ second.T - second @ first.T
 
     def _places(self, names: tuple[str, ...]) -> list[int]:
-        return [self.summary.parameters.index(name) for name in names]
+        return [self.result.parameters.index(name) for name in names]
 
 
 def common_parameters(found: tuple[ComparedEstimate, ...]) -> tuple[str, ...]:
     """Return the parameters of all estimates, in the order of the first."""
-    first, *others = (each.summary.parameters for each in found)
+    first, *others = (each.result.parameters for each in found)
     return tuple(name for name in first if all(name in other for other in others))
 
 
@@ -116,7 +116,7 @@ def compare_estimates(folders: Mapping[str, RunFolder]) -> StageView:
         caption = f"{title}: each parameter against the uncertainty from noise and tolerances"
         blocks.append(differences_table(f"difference_{number}", caption, names, test))
     for each in found:
-        test_of_information = information_test(each.summary)
+        test_of_information = information_test(each.result)
         if test_of_information is not None:
             text = f"{each.label}. {information_sentence(test_of_information)}."
             blocks.append(TextBlock(text))
@@ -161,7 +161,7 @@ def not_independent(one: ComparedEstimate, other: ComparedEstimate) -> str:
 def _recordings(each: ComparedEstimate) -> set[str]:
     """Return hashes of the recordings of an estimate; their names where the files are missing."""
     found = set()
-    for recording in each.summary.recordings:
+    for recording in each.result.recordings:
         source = Path(recording.source)
         own = each.folder.path / source.name
         file = source if source.is_file() else own
@@ -186,7 +186,7 @@ def _values_table(found: tuple[ComparedEstimate, ...], names: tuple[str, ...]) -
         TableColumn("unit", kind="text", of=units),
     ]
     for each in found:
-        estimator = NAMES.get(each.summary.best, each.summary.best)
+        estimator = NAMES.get(each.result.best, each.result.best)
         values, std = each.of(names)
         half = _TWO_SIDED * std
         columns += [

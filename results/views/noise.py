@@ -50,8 +50,7 @@ def shows_noise(folder: RunFolder) -> bool:
 
 def noise_view(folder: RunFolder) -> StageView:
     """Return the view of the noise analysis in a folder."""
-    record = folder.result(NoiseResult)
-    noise = record
+    noise = folder.result(NoiseResult)
     failed = [finding for finding in noise.findings if finding.outcome is FindingOutcome.FAILS]
     serious = any(finding.serious for finding in failed)
     level = Level.BAD if serious else Level.CAUTION if failed else Level.GOOD
@@ -86,11 +85,11 @@ def noise_view(folder: RunFolder) -> StageView:
         )
         blocks.append(TextBlock(text, Level.CAUTION, screen=True))
     blocks.append(findings_block("noise_findings", noise.findings, "the noise", every=True))
-    if record.block is not None:
-        blocks.append(ListingBlock("Lines for the robot file", record.block, screen=True))
+    if noise.block is not None:
+        blocks.append(ListingBlock("Lines for the robot file", noise.block, screen=True))
     if shows_noise(folder):
-        blocks += drawings(NOISE_FIGURES, record)
-    blocks += drawings(SPECTRUM_FIGURES, record)
+        blocks += drawings(NOISE_FIGURES, noise)
+    blocks += drawings(SPECTRUM_FIGURES, noise)
     blocks.append(_covariance_table(noise))
     return StageView(StageVerdict("Noise", level, word, sentence, "noise"), tuple(blocks))
 

@@ -282,7 +282,7 @@ def test_a_difference_is_found(folder, independent, tmp_path):
 
 def test_the_information_matrix_is_judged(folder, twin, tmp_path):
     text = Page(compare([folder, twin], tmp_path / "out")).text
-    untested = "bias GM is not tested"
+    untested = "Bias of GM from errors of the measured motion is not tested"
     assert text.count(untested) == 2
 
     def disturb(document):
@@ -347,9 +347,9 @@ def test_what_cannot_be_compared(folder, twin, tmp_path, expdesign_says):
             compare(folders, tmp_path / "out")
     with pytest.raises(InputError, match="overwrite"):
         compare([folder, twin], twin)
-    for stage in ("design", "estimate", "montecarlo"):
+    for stage in ("design", "estimate", "montecarlo", "validation"):
         (twin / f"{stage}.json").unlink()
-    with pytest.raises(InputError, match="nothing that could be compared"):
+    with pytest.raises(InputError, match="no result that can be compared"):
         compare([folder, twin], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

@@ -1,0 +1,68 @@
+"""A view on the terminal: the answer first, then the advice, the numbers and the main tables."""
+
+import io
+
+import pytest
+from rich.console import Console
+
+from results.render.terminal import concise, print_view
+from results.views.view import (
+    Fact,
+    FindingLine,
+    FindingsBlock,
+    Level,
+    ReportTable,
+    StageVerdict,
+    StageView,
+    TableColumn,
+    TextBlock,
+)
+
+
+def printed(view, place=""):
+    console = Console(file=io.StringIO(), width=100, markup=False, highlight=False)
+    print_view(view, console, place)
+    return console.file.getvalue().splitlines()
+
+
+def test_the_answer_comes_first():
+    columns = (
+        TableColumn("mass", "kg", of=[16.307]),
+        TableColumn("σ", kind="error", of=[0.042]),
+        TableColumn("on the page only", of=[1.0], screen=False),
+    )
+    blocks = (
+        ReportTable.of("masses", "Masses", columns, screen=True),
+        TextBlock("for the page"),
+        TextBlock("for the screen", screen=True),
+        FindingsBlock(
+            "the estimate",
+            ReportTable("findings", "Findings", (), ()),
+            (FindingLine("the noise is coloured", "measure longer"),),
+        ),
+    )
+    verdict = StageVerdict("Estimate", Level.BAD, "doubtful", "ML from 1 recording.")
+    lines = printed(StageView(verdict, blocks, (Fact("median σ", "3 %", "of all"),)), "runs/a")
+    assert lines[0] == "Estimate: doubtful. ML from 1 recording."
+    assert lines[1] == "- the noise is coloured. What to do: measure longer"
+    assert lines[2].strip() == "median σ: 3 % (of all)"
+    assert lines[-1] == "written to runs/a"
+    text = "\n".join(lines)
+    assert "16.307(42)" in text
+    assert "for the screen" in text
+    assert "page" not in text
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [
+        (1.23451, 0.0067, "1.2345(67)"),
+        (-0.5, 0.12, "−0.50(12)"),
+        (1234.0, 56.0, "1234(56)"),
+        (2.5, float("nan"), "2.5 fixed"),
+        (2.5, 0.0, "2.5"),
+        (None, 0.1, "–"),
+    ],
+)
+def test_values_with_their_errors(value, std, text):
+    assert concise(value, std) == text
