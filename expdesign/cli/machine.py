@@ -67,11 +67,11 @@ def show_machine(
 
 def _shown_in_words(found: Excitable) -> str:
     """Return the number of parameters that motions within the limits can identify."""
-    told, every = len(found.base.base), len(found.base.names)
-    if told == every:
-        return f"Motions within the limits tell all {every} parameters apart."
+    count, every = len(found.base.base), len(found.base.names)
+    if count == every:
+        return f"Motions within the limits identify all {every} parameters."
     combined = [found.base.text(name) for name in found.base.combined]
-    text = f"Motions within the limits tell {told} of {every} parameters"
+    text = f"Motions within the limits identify {count} of {every} parameters"
     return f"{text}, together with others: {', '.join(combined)}." if combined else f"{text}."
 
 
@@ -79,10 +79,10 @@ def _not_shown(configuration: RunConfiguration, robot: Robot, found: Excitable) 
     """Return warnings of parameters that no motion within the limits shows, or none measures."""
     warnings = []
     if found.base.regrouped:
-        told = "; ".join(found.base.sentences())
+        reasons = "; ".join(found.base.sentences())
         warnings.append(
-            f"no motion within the limits tells all parameters: {told}. Design and estimate what "
-            "shows (design.parameters: base, estimate.parameters: base), or leave a term out"
+            f"no motion within the limits identifies all parameters: {reasons}. Design and estimate "
+            "the combinations (design.parameters: base, estimate.parameters: base), or omit a term"
         )
     run, noise = configuration.run, configuration.robot.noise
     if noise is None or noise.force_covariance is None or noise.force_spectrum is not None:
@@ -90,9 +90,9 @@ def _not_shown(configuration: RunConfiguration, robot: Robot, found: Excitable) 
     longest = run.experiment.periods / run.trajectory.frequency[0]
     weak = found.beyond_noise(robot, longest * run.experiment.sampling)
     if weak:
-        told = ", ".join(f"{name} ({100 * share:.2g} %)" for name, share in weak.items())
+        named = ", ".join(f"{name} ({100 * share:.2g} %)" for name, share in weak.items())
         warnings.append(
-            f"no motion within the limits identifies {told} in {longest:.4g} s of measuring, the "
+            f"no motion within the limits identifies {named} in {longest:.4g} s of measuring, the "
             "longest of this run: in brackets the standard deviation at best, which is to be below "
             f"{100 * IDENTIFIABLE:g} % of the value"
         )

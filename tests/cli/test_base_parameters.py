@@ -52,7 +52,7 @@ def test_check_names_what_noise_hides(expdesign, tmp_path):
     path.write_text("name: slow\nrobot: rubin\n", encoding="utf-8")
     status, said, messages = expdesign("check", path, "--machine", "--out", tmp_path / "out")
     assert status == 0
-    assert "all 24 parameters apart" in said
+    assert "identify all 24 parameters" in said
     (warning,) = [line for line in messages.splitlines() if "no motion within" in line]
     assert "p1 (" in warning
     assert "p10 (" not in warning
