@@ -82,7 +82,8 @@ def _not_shown(configuration: RunConfiguration, robot: Robot, found: Excitable) 
         reasons = "; ".join(found.base.sentences())
         warnings.append(
             f"no motion within the limits identifies all parameters: {reasons}. Design and "
-            "estimate the combinations (design.parameters: base, estimate.parameters: base), or omit a term"
+            "estimate the combinations (design.parameters: base, estimate.parameters: base), "
+            "or omit a term"
         )
     run, noise = configuration.run, configuration.robot.noise
     if noise is None or noise.force_covariance is None or noise.force_spectrum is not None:
