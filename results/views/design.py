@@ -219,7 +219,7 @@ def _details(record: DesignResult) -> tuple[Fact, ...]:
         ),
         Fact("harmonics", str(record.harmonics)),
     ]
-    if np.isfinite(record.log_det_information):
+    if record.criterion != "d" and np.isfinite(record.log_det_information):
         log_det = criteria()["d"].named(record.configuration.run.design.information)
         facts.append(Fact(log_det, readable(record.log_det_information, 6), "SI units"))
     starts = record.configuration.run.design.starts
