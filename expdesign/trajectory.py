@@ -41,8 +41,8 @@ class FourierTrajectory:
     >>> rates = np.zeros((6, 2))
     >>> rates[0, 0] = 0.1
     >>> trajectory = FourierTrajectory(2 * np.pi, np.zeros(6), rates, np.zeros((6, 2)))
-    >>> trajectory.period, trajectory.harmonics, float(trajectory.sample([0.0]).rate[0, 0])
-    (1.0, 2, 0.1)
+    >>> trajectory.period, trajectory.harmonics, trajectory.sample([0.0]).rate[0].round(6).tolist()
+    (1.0, 2, [0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
     """
 
     omega: float
