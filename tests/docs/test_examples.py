@@ -140,10 +140,10 @@ def test_the_python_page(tiny_result, tmp_path, monkeypatch):
     assert names["jacobian"].shape == (6, 6)
     assert names["struts"].alpha.shape == (6,)
     assert names["log_det"] == pytest.approx(tiny_result.log_det_information, abs=1e-6)
-    assert names["estimated"].estimates.keys() == {"ls", "gm"}
+    assert names["estimated"].estimators.keys() == {"ls", "gm"}
     np.testing.assert_allclose(names["own"].time, names["measured"].time, rtol=0, atol=1e-12)
     assert names["own"].step == pytest.approx(names["measured"].step, rel=1e-12)
-    assert names["found"].verdict == names["diagnosis"].verdict.status.value
+    assert names["found"].verdict == names["verdict"].status.value
     np.testing.assert_array_equal(
         names["again"].robot.base_joints, names["robot"].description.base_joints
     )
