@@ -20,7 +20,7 @@ from estimation.diagnostics.findings import noise_findings
 from estimation.diagnostics.noise_density import NoiseDensity, noise_density
 from estimation.diagnostics.noise_result import (
     Histogram,
-    Hum,
+    HumComponent,
     NoiseResult,
     Quantiles,
     correlation_of,
@@ -100,7 +100,7 @@ def analyse_noise(record: PeriodicRecording, source: str = "") -> NoiseResult:
         normality=tests.normality,
         drift=tests.drift,
         hum=tuple(
-            Hum(quantity, line.frequency, line.amplitudes)
+            HumComponent(quantity, line.frequency, line.amplitudes)
             for quantity, search in searches.items()
             for line in (() if search is None else search.lines)
         ),

@@ -173,8 +173,8 @@ class NoisePictures(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Hum:
-    """Hum in the noise."""
+class HumComponent:
+    """HumComponent in the noise."""
 
     quantity: Annotated[str, described("", "force or length")]
     frequency: Annotated[float, described("Hz", "frequency of the sinusoid")]
@@ -209,7 +209,7 @@ class NoiseResult(NoiseCovariances, StageResult):
     normality: Annotated[Normalities, described("", "distribution")]
     drift: Annotated[Drifts, described("", "change from period to period")]
     hum: Annotated[
-        tuple[Hum, ...],
+        tuple[HumComponent, ...],
         described("", "sinusoids of the mains: quantity, frequency and amplitude of each"),
     ]
     findings: Annotated[
