@@ -376,9 +376,9 @@ def test_intervals_cover_where_samples_are_missing_or_count_less(disturbance, lo
 def test_tolerances_make_no_colour_significant():
     """Colour is judged by what the random share rests on, which is all that it is of."""
     data, section = measured(MOTION), {"estimators": ["gm"]}
-    alone = identification.estimate(run(section), data, MOTION)["gm"]
+    alone = identification.estimate_parameters(run(section), data, MOTION)["gm"]
     config = run(section, tolerances={"platform_joints": "5 mm"})
-    together = identification.estimate(config, data, MOTION)["gm"]
+    together = identification.estimate_parameters(config, data, MOTION)["gm"]
     assert np.max(together.std / alone.std) > 2
     assert together.largest_colour_ratio() == pytest.approx(alone.largest_colour_ratio(), rel=1e-6)
 
@@ -390,7 +390,7 @@ def test_a_memory_that_is_weighted_as_white_is_no_fault_of_the_model(name):
     white = run({"spectrum": "white", "estimators": [name], "harmonics": 2})
     for number in (1, 2):
         data = Twin.of(machine, MOTION, seed=4).measurement(number)
-        result = identification.estimate(white, data, MOTION)
+        result = identification.estimate_parameters(white, data, MOTION)
         experiments = [each.experiment for each in result.recordings]
         found = diagnose(ROBOT, experiments, result.priors, result[name])
         assert found.verdict.status is Status.ACCEPTED

@@ -218,7 +218,7 @@ def test_bounds_have_no_part_in_the_choice_and_hold_after_it(parameters):
     assert (values["m_drive"], values["p10"]) == (2, 16)
     told = [text for text in bounded.warnings if text not in free.warnings]
     assert any("estimate.select" in text and "m_drive" in text for text in told)
-    assert any("m_drive stands at its bound" in text for text in told)
+    assert any("m_drive is at its bound" in text for text in told)
     assert not any("bound" in text for text in free.warnings)
 
 

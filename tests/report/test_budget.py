@@ -58,7 +58,7 @@ def test_what_two_estimates_share_is_no_difference(records):
     one, other = (ComparedEstimate(str(n), None, r) for n, r in enumerate(records))
     names = records[0].parameters
     found = np.diag(one.difference_covariance(other, names))
-    renamed = replace(other, summary=replace(other.summary, robot="palida-identified"))
+    renamed = replace(other, result=replace(other.result, robot="palida-identified"))
     np.testing.assert_array_equal(np.diag(one.difference_covariance(renamed, names)), found)
     random, total = (
         sum(np.diag(getattr(r.best_estimator, key)) for r in records)

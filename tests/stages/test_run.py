@@ -68,7 +68,7 @@ def test_python_does_what_the_command_does(run_of, tmp_path):
     made = expdesign.run(file, out=tmp_path / "python", progress=heard)
     assert list(made.stages) == heard.stages == ["design", "experiment", "estimate"]
     assert made.folder == tmp_path / "python"
-    assert made.stages["estimate"].result[0].estimates.keys() == {"ls", "gm"}
+    assert made.stages["estimate"].result.estimators.keys() == {"ls", "gm"}
     assert assert_declared_files(made.folder) == set(made.stages)
 
     # The command, in two goes: the estimate takes the recording from its file.
