@@ -139,6 +139,10 @@ class RunDescription(Section):
         """Return the section of a stage by its key."""
         return getattr(self, _stage_fields()[stage])
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return the recipe for pickle, which finds no class with sections of plug-ins by name."""
+        return _restore_run, (self.__getstate__(),)
+
 
 @cache
 def run_schema() -> type[RunDescription]:
@@ -150,6 +154,13 @@ def run_schema() -> type[RunDescription]:
     if not added:
         return RunDescription
     return create_model(RunDescription.__name__, __base__=RunDescription, **added)
+
+
+def _restore_run(state: dict[Any, Any]) -> RunDescription:
+    kind = run_schema()
+    run = kind.__new__(kind)
+    run.__setstate__(state)
+    return run
 
 
 @cache
