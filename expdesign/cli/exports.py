@@ -98,7 +98,7 @@ def _list(*, as_json: bool) -> None:
         write_json(found)
         return
     table = Table()
-    for heading in ("format", "for", "coordinates", "options in addition to segment, scale, tolerance"):
+    for heading in ("format", "for", "coordinates", "options other than segment, scale, tolerance"):
         table.add_column(heading, overflow="fold", no_wrap=heading == "format")
     for name, form in table_formats().items():
         spaces, options = form.options.spaces, form.options.own_options()
