@@ -195,7 +195,7 @@ def test_lengths_of_unknown_noise_have_the_covariance_of_what_the_motion_leaves(
         assert noise.lengths.includes_model_error
         true = ROBOT.description.noise.length_covariance
         ratios.append(np.diag(noise.lengths.covariance) / np.diag(true))
-        assert any("what the fitted motion leaves" in warning for warning in result.warnings)
+        assert any("residuals of the motion fitted" in warning for warning in result.warnings)
     # 8 × 100 samples less 5 coefficients each: 5 % of the variance is one sigma.
     assert np.all(np.abs(np.mean(ratios, axis=0) - 1) < 0.2)
 
