@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import floor, isnan, log10
 
 from rich import box
@@ -60,23 +61,34 @@ def print_view(view: StageView, console: Console, place: str = "") -> None:
 def print_table(console: Console, table: ReportTable) -> None:
     """Print a table with its caption."""
     _print_text(console, Text(f"{table.caption}:", style="italic"))
+    columns = [column for column in table.columns if column.screen and column.kind != "error"]
+    rows = [_cells(table, row) for row in table.rows]
     made = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
-    columns = [column for column in table.columns if column.screen]
-    for column in columns:
-        if column.kind != "error":
-            right = column.numeric
-            made.add_column(column.heading, justify="right" if right else "left", no_wrap=right)
-    for row in table.rows:
-        cells: list[str] = []
-        before: Value = None
-        for column, value in zip(table.columns, row, strict=True):
-            if column.screen and column.kind == "error":
-                cells[-1] = concise(before, value)
-            elif column.screen:
-                cells.append(_cell(column, value))
-                before = value
+    for k, column in enumerate(columns):
+        # In a narrow terminal headings and texts wrap between words, numbers stay whole.
+        whole = [*column.heading.split(), *(cells[k] for cells in rows if column.numeric)]
+        made.add_column(
+            column.heading,
+            justify="right" if column.numeric else "left",
+            overflow="fold",
+            min_width=max(map(len, whole)),
+        )
+    for cells in rows:
         made.add_row(*cells)
     console.print(made)
+
+
+def _cells(table: ReportTable, row: Sequence[Value]) -> list[str]:
+    """Return the texts of a row, standard deviations joined to the value before."""
+    cells: list[str] = []
+    before: Value = None
+    for column, value in zip(table.columns, row, strict=True):
+        if column.screen and column.kind == "error":
+            cells[-1] = concise(before, value)
+        elif column.screen:
+            cells.append(_cell(column, value))
+            before = value
+    return cells
 
 
 def concise(value: Value, std: Value) -> str:

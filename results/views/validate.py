@@ -112,6 +112,7 @@ def _accuracy(motion: PredictedMotion) -> TextBlock:
 
 
 def _errors_table(record: ValidationResult) -> ReportTable:
+    judged = any(np.isfinite(row.tolerance) for row in record.errors)
     columns = (
         TableColumn("no.", of="number"),
         TableColumn("motion", kind="text", of="motion"),
@@ -122,8 +123,8 @@ def _errors_table(record: ValidationResult) -> ReportTable:
         TableColumn("of the range", "%", digits=2, of=lambda row: 100 * row.error / row.range),
         TableColumn("largest residual", "N", digits=3, of="largest_residual", screen=False),
         TableColumn("no noise", "N", digits=3, of="largest_error", screen=False),
-        TableColumn("tolerance", "N", digits=3, of="tolerance"),
-        TableColumn("kept", kind="text", of=lambda row: str(row.kept.value)),
+        TableColumn("tolerance", "N", digits=3, of="tolerance", screen=judged),
+        TableColumn("kept", kind="text", of=lambda row: str(row.kept.value), screen=judged),
     )
     caption = "Error of the prediction, noise subtracted"
     return ReportTable.of("prediction_errors", caption, columns, record.errors, screen=True)
@@ -134,12 +135,12 @@ def _actuators_table(record: ValidationResult) -> ReportTable:
         TableColumn("no."),
         TableColumn("motion", kind="text"),
         TableColumn("actuator"),
-        TableColumn("rms force", "N", digits=3),
-        TableColumn("rms error", "N", digits=3),
+        TableColumn("rms force", "N", digits=3, screen=False),
+        TableColumn("rms error", "N", digits=3, screen=False),
         TableColumn("variance about prediction", "N^2"),
         TableColumn("variance of noise", "N^2"),
         TableColumn("F"),
-        TableColumn("p", digits=2),
+        TableColumn("p", digits=2, screen=False),
         TableColumn("verdict", kind="outcome"),
     )
     caption = "Measured against predicted forces: lack-of-fit test of each actuator"

@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from results.render.terminal import concise, print_view
+from results.render.terminal import concise, print_table, print_view
 from results.views.view import (
     Fact,
     FindingLine,
@@ -66,3 +66,18 @@ def test_the_answer_comes_first():
 )
 def test_values_with_their_errors(value, std, text):
     assert concise(value, std) == text
+
+
+@pytest.mark.parametrize("width", [80, 200])
+def test_a_narrow_terminal_cuts_no_cell(width):
+    heads = ("variance about the prediction", "variance of the noise", "allowed error", "speed")
+    columns = [TableColumn(head, "N^2", of=[411.7, 383.1]) for head in heads]
+    columns.append(TableColumn("verdict", kind="text", of=["passes", "fails"]))
+    table = ReportTable.of("wide", "Wide", columns, screen=True)
+    console = Console(file=io.StringIO(), width=width)
+    print_table(console, table)
+    text = console.file.getvalue()
+    assert "…" not in text
+    assert text.count("411.7") == len(heads)
+    assert "passes" in text
+    assert all(word in text for head in heads for word in head.split())
