@@ -116,6 +116,7 @@ def test_the_python_of_the_twin(tmp_path, monkeypatch):
     assert len(names["drawn"].values) == 36
 
 
+@pytest.mark.slow
 def test_the_python_page(tiny_result, tmp_path, monkeypatch):
     """Its blocks run one after the other, with a prepared design."""
     calls = []

@@ -282,6 +282,7 @@ def identified(data, tmp_path_factory):
     return folder / FILE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fixed", [{}, {"s1": 2.0, "p10": 16.4}])
 def test_an_earlier_estimate_is_a_prior_of_combinations(identified, machine, fixed):
     """With all parameters, which the earlier estimate tells apart, the combinations are the same.

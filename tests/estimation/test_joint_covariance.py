@@ -176,6 +176,7 @@ def test_one_recording_after_the_other_is_both_at_once(earlier):
         assert not np.any(one.covariance_systematic)
 
 
+@pytest.mark.slow
 def test_a_tolerance_of_a_constant_counts_once_in_later_estimates(tmp_path):
     """It is part of what the earlier estimate knows, and neither the whole of it nor nothing."""
     tolerances = {"terms": {"stribeck": {"velocity": "0.2 mm/s"}, "cogging": {"pitch": "1 mm"}}}

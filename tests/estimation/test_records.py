@@ -28,6 +28,7 @@ def test_what_is_read_is_written_the_same(record, tmp_path):
         assert one.read_bytes() == other.read_bytes(), one.name
 
 
+@pytest.mark.slow
 def test_figures_of_the_folder_are_those_of_the_result(record, tmp_path):
     record.write(tmp_path)
     drawn, anew = (

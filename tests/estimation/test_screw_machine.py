@@ -66,6 +66,7 @@ def test_the_parameters_are_found(mapping, measured, designed):
         assert error @ np.linalg.solve(one.covariance, error) < limit
 
 
+@pytest.mark.slow
 def test_the_inertia_is_named_where_the_model_lacks_it(mapping, measured, designed):
     direct = mapping["robot"] | {"drive": "direct", "platform_cardan_axes": None}
     found = estimate_parameters(

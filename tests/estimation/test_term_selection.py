@@ -222,6 +222,7 @@ def test_bounds_have_no_part_in_the_choice_and_hold_after_it(parameters):
     assert not any("bound" in text for text in free.warnings)
 
 
+@pytest.mark.slow
 def test_terms_are_chosen_at_the_constants_that_are_found():
     """What a wrong pitch and velocity leave of their terms others imitate."""
     off = {"pitch": 1.01 * constants.PITCH, "velocity": 0.6 * constants.VELOCITY}
@@ -309,6 +310,7 @@ def test_friction_may_be_a_candidate():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("known", [False, True])
 def test_a_constant_is_estimated_with_the_term_that_was_chosen(known):
     """Of a candidate after the choice, of the robot's own term before it."""

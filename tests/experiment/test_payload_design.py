@@ -118,6 +118,7 @@ def test_what_tolerances_did_to_the_earlier_estimate_is_counted(result):
     np.testing.assert_allclose([*result.systematic.values()], np.abs(expected), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_what_is_judged_has_one_name_wherever_it_is_told(result, tmp_path, capsys):
     """It is S, log det F of the same motion being another number."""
     run = result.configuration

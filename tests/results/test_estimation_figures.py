@@ -47,6 +47,7 @@ def _texts(axes):
     return " ".join(text.get_text() for text in axes.texts)
 
 
+@pytest.mark.slow
 def test_files_are_complete(diagnosis, tmp_path):
     paths = save_figures(DIAGNOSTIC_FIGURES, diagnosis, tmp_path)
     paths += save_figures(NOISE_FIGURES, diagnosis, tmp_path)

@@ -82,6 +82,7 @@ def expdesign(tmp_path):
     return command
 
 
+@pytest.mark.slow
 def test_a_stage_of_a_plugin(expdesign, tmp_path):
     for name, gravity in (("earth", 9.81), ("moon", 1.62)):
         run = {"name": name, "robot": "palida", "weight": {"gravity": gravity}, "report": {}}
