@@ -151,7 +151,8 @@ def expdesign(tmp_path):
     (about / "entry_points.txt").write_text("\n".join(lines) + "\n")
     for name, text in MODULES.items():
         (tmp_path / f"{name}.py").write_text(textwrap.dedent(text), encoding="utf-8")
-    environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"}
+    paths = f"{ROOT}{os.pathsep}{tmp_path}"
+    environment = os.environ | {"PYTHONPATH": paths, "COLUMNS": "200"}
 
     def execute(*arguments, module="expdesign"):
         line = [sys.executable, "-m", module, *map(str, arguments)]
