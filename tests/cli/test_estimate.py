@@ -109,6 +109,7 @@ def test_an_estimate_writes_what_the_contract_names(folder, expdesign):
     assert manifest["stages"]["estimate"]["status"] == "done"
 
 
+@pytest.mark.slow
 def test_estimates_do_not_depend_on_the_units_of_the_file(folder, command):
     command(*arguments(folder))
     lengths = [f"q{j}" for j in range(1, 7)]

@@ -396,6 +396,7 @@ def test_no_way_into_the_motion(expdesign, folder, monkeypatch):
     assert (status, "no ramp keeps strut_speed" in messages) == (1, True)
 
 
+@pytest.mark.slow
 def test_the_stage_of_run(expdesign, folder, run_file):
     quick = {"format": "xps-pvt", **GIVEN}
     file = run_file([quick, {"format": "linuxcnc-strut", **COARSE}])

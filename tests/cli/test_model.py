@@ -155,6 +155,7 @@ def test_a_robot_file_that_was_changed_since_is_told(expdesign, folder):
     assert "changed" in err
 
 
+@pytest.mark.slow
 def test_an_earlier_estimate_of_constants_says_what_it_lacks(expdesign, tmp_path):
     """Of the very same robot file, without the rows of the constants."""
     result = estimate_parameters(constants.run(), constants.data(1), constants.MOTION)

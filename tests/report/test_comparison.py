@@ -316,6 +316,7 @@ def test_names_of_folders_are_told_apart_and_harmless(folder, tmp_path, rendered
         assert "<script" not in figure.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_same_folders_give_the_same_bytes(folder, twin, tmp_path, rendered):
     def written(name):
         compare([folder, twin], tmp_path / name)

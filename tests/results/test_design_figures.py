@@ -50,6 +50,7 @@ def labels(axes):
     return [text for text in found if text]
 
 
+@pytest.mark.slow
 def test_files_are_complete(run):
     paths = design_figures(DesignResult.read(run.folder), run.folder)
     folder = run.folder / "figures"
