@@ -38,7 +38,7 @@ from estimation.twin import Twin
 from expdesign.configuration import load_run
 from expdesign.robot import robot_from
 from results.figures.drawing import save_figures
-from results.figures.montecarlo import bias_figure
+from results.figures.studies import bias_figure
 
 __all__ = ["SECTIONS", "TITLE", "rows", "summary"]
 

@@ -17,8 +17,8 @@ from estimation.twin import Twin
 from expdesign.configuration import RunConfiguration, load_run
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 from results import draw_figures
+from results.views.experiment import montecarlo_view
 from results.views.folder import RunFolder
-from results.views.montecarlo import montecarlo_view
 
 CLEAR_BIAS = 3.5
 """Standard errors from which on a bias is no chance."""

@@ -7,7 +7,14 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Polygon
 
 from constraints.arrays import Array
-from results.style import MUTED, PAGE_WIDTH, RESOLUTION, STRUT_COLOURS, house_style, new_figure
+from results.figures.drawing import (
+    MUTED,
+    PAGE_WIDTH,
+    RESOLUTION,
+    STRUT_COLOURS,
+    house_style,
+    new_figure,
+)
 
 A, B, TCP = np.array([1.1, 0.5]), np.array([2.75, 3.35]), np.array([5.0, 4.55])
 TILT = np.radians(9)

@@ -16,6 +16,14 @@ from examples.paper.identification import CASES, ESTIMATORS
 from examples.paper.validation import MOST, SITUATIONS, motion_rows
 from expdesign.mechanism.hexapod import ACTUATORS
 from results.figures.drawing import (
+    ALERT,
+    BLUE,
+    ESTIMATOR_LOOKS,
+    FAINT,
+    GREEN,
+    INK,
+    MUTED,
+    VERMILLION,
     FigureDefinition,
     figure_definition,
     named_places,
@@ -24,7 +32,6 @@ from results.figures.drawing import (
     plain_ticks,
 )
 from results.notation import symbol
-from results.style import ALERT, BLUE, ESTIMATOR_LOOKS, FAINT, GREEN, INK, MUTED, VERMILLION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

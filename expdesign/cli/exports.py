@@ -35,7 +35,7 @@ from expdesign.stages.model import export_model
 from expdesign.stages.registry import stages
 from expdesign.stages.workspace import StageFailed, Workspace, short
 from results.render.terminal import print_table, print_view
-from results.views.control_models import control_models_view
+from results.views.export import control_models_view
 from results.views.view import ReportTable, TableColumn
 
 _LIST = "list"

@@ -36,7 +36,7 @@ class FeedforwardStage(Stage):
 
     def view(self, folder: RunFolder, *, brief: bool = False) -> StageView:
         """Return the view of the comparison."""
-        from results.views.feedforward import feedforward_view
+        from results.views.validate import feedforward_view
 
         del brief
         return feedforward_view(folder)

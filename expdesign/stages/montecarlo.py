@@ -38,7 +38,7 @@ class MonteCarloStage(Stage):
 
     def view(self, folder: RunFolder, *, brief: bool = False) -> StageView:
         """Return the view of the study."""
-        from results.views.montecarlo import montecarlo_view
+        from results.views.experiment import montecarlo_view
 
         del brief
         return montecarlo_view(folder)
@@ -47,7 +47,7 @@ class MonteCarloStage(Stage):
         self, folders: Mapping[str, RunFolder], *, precision: float, quick: bool
     ) -> StageView:
         """Return the achieved standard deviations of studies."""
-        from results.comparison.side_by_side import compare_montecarlo
+        from results.comparison.comparison import compare_montecarlo
 
         del precision, quick
         return compare_montecarlo(folders)

@@ -85,7 +85,7 @@ class Stage(ABC):
         self, folders: Mapping[str, RunFolder], *, precision: float, quick: bool
     ) -> StageView | None:
         """Return the comparison of folders that hold the stage; by default of the views' facts."""
-        from results.comparison.side_by_side import compare_facts
+        from results.comparison.comparison import compare_facts
 
         del precision, quick
         return compare_facts(self.name, folders)

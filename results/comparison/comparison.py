@@ -7,16 +7,27 @@ import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from estimation.montecarlo.result import MonteCarloResult
 from expdesign.configuration import InputError, Problem
 from expdesign.progress import track
 from expdesign.runfolder.files import write_text
 from expdesign.runfolder.manifest import file_hash
+from results.notation import counted
 from results.render.figures import draw_figures
-from results.render.html import html_page
-from results.render.latex import latex_table
+from results.render.markup import html_page, latex_table
 from results.render.run_report import NAME, page_section
+from results.views.estimate import NAMES
 from results.views.folder import RunFolder, ViewedStage
-from results.views.view import Page, PageSection, ReportTable, StageView, text_columns
+from results.views.view import (
+    Level,
+    Page,
+    PageSection,
+    ReportTable,
+    StageVerdict,
+    StageView,
+    TableColumn,
+    text_columns,
+)
 
 _FORMATS = ("png", "svg", "pdf")
 _MOST_NAMED = 4
@@ -179,3 +190,55 @@ def _labels(paths: list[Path]) -> list[str]:
         if len(set(labels)) == len(labels):
             return labels
     return [str(path) for path in paths]
+
+
+def compare_facts(stage: str, folders: Mapping[str, RunFolder]) -> StageView | None:
+    """Return verdicts and facts of a stage's views, one column per folder; None without facts."""
+    views = {
+        label: folder.stages[stage].view(folder, brief=True) for label, folder in folders.items()
+    }
+    facts = {label: {fact.name: fact.value for fact in view.facts} for label, view in views.items()}
+    names = dict.fromkeys(name for own in facts.values() for name in own)
+    if not names:
+        return None
+    rows = [
+        ("verdict", *(view.verdict.word for view in views.values())),
+        *((name, *(own.get(name) for own in facts.values())) for name in names),
+    ]
+    columns = [TableColumn(title, kind="text") for title in ("", *views)]
+    title = next(iter(views.values())).verdict.title
+    table = ReportTable.of(
+        f"compared_{stage}", f"{title}: verdicts and main numbers", columns, rows
+    )
+    sentence = f"{counted(len(views), 'folder')}: verdicts and main numbers."
+    verdict = StageVerdict(title, Level.NEUTRAL, "compared", sentence, f"compared_{stage}")
+    return StageView(verdict, (table,))
+
+
+def compare_montecarlo(folders: Mapping[str, RunFolder]) -> StageView:
+    """Return the achieved standard deviations of Monte-Carlo studies."""
+    found = {label: folder.result(MonteCarloResult).rows for label, folder in folders.items()}
+    keys = dict.fromkeys((row.parameter, row.unit) for rows in found.values() for row in rows)
+    columns = [
+        TableColumn("parameter", kind="parameter", of=[parameter for parameter, _ in keys]),
+        TableColumn("unit", kind="text", of=[unit for _, unit in keys]),
+    ]
+    for label, rows in found.items():
+        bounds = {(row.parameter, row.unit): row.bound for row in rows}
+        columns.append(
+            TableColumn(f"bound, {label}", digits=3, of=[bounds.get(key) for key in keys])
+        )
+        for estimator in dict.fromkeys(row.estimator for row in rows):
+            own = [row for row in rows if row.estimator == estimator]
+            spread = {(row.parameter, row.unit): row.spread for row in own}
+            title = f"{NAMES.get(estimator, estimator)}, {label}"
+            columns.append(TableColumn(title, digits=3, of=[spread.get(key) for key in keys]))
+    caption = (
+        "Standard deviations that the estimators achieved in simulated experiments, and the "
+        "Cramér–Rao bound of each, SI units"
+    )
+    table = ReportTable.of("achieved", caption, columns)
+    number = counted(len(folders), "study", "studies")
+    sentence = f"{number}: achieved standard deviations and the bound."
+    title = "Monte-Carlo studies"
+    return StageView(StageVerdict(title, Level.NEUTRAL, "compared", sentence, "studies"), (table,))

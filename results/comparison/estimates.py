@@ -19,13 +19,13 @@ from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.runfolder.manifest import file_hash
 from results.figures.parameters import ParameterSeries, compared_estimates_figure
 from results.notation import counted
-from results.views.estimate import NAMES
-from results.views.findings import (
+from results.views.blocks import (
     differences_table,
     estimated_values,
     information_sentence,
     information_test,
 )
+from results.views.estimate import NAMES
 from results.views.folder import RunFolder
 from results.views.view import (
     Block,

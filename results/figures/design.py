@@ -21,7 +21,19 @@ from expdesign.experiment.search_statistics import Iteration
 from expdesign.information.criteria import criteria
 from expdesign.recheck.limit_check import REACHED, TOLERANCE, LimitCheck
 from expdesign.solver.events import PHASE_TITLES
-from results.figures.drawing import centred_text, figure_definition, legend_above, margin_text
+from results.figures.drawing import (
+    ALERT,
+    EMPHASIS,
+    GREY,
+    INK,
+    MUTED,
+    ORANGE,
+    SECOND,
+    centred_text,
+    figure_definition,
+    legend_above,
+    margin_text,
+)
 from results.figures.motion import (
     cardan_angles_figure,
     excitation_figure,
@@ -30,7 +42,6 @@ from results.figures.motion import (
 )
 from results.figures.parameters import precision_figure
 from results.notation import counted, handy_unit, plain_number, symbol
-from results.style import ALERT, EMPHASIS, GREY, INK, MUTED, ORANGE, SECOND
 
 _ACTIVE = 100 * REACHED
 """From this share on, %, a limit counts as one that holds the design back."""

@@ -15,9 +15,8 @@ from matplotlib.transforms import Bbox
 
 from constraints.arrays import Array
 from expdesign.robot import Robot
-from results.figures.drawing import figure_definition
+from results.figures.drawing import INK, MUTED, STRUT_COLOURS, figure_definition
 from results.notation import DisplayUnit, handy_unit
-from results.style import INK, MUTED, STRUT_COLOURS
 
 View = tuple[float, float, float, float]
 """Left, bottom, width and height of a part of a figure, as shares of it."""

@@ -20,10 +20,7 @@ from expdesign.mechanism.hexapod import COORDINATE_NAMES
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.sampled import SampledMotion
 from expdesign.robot import Robot, robot_from
-from results.figures.drawing import figure_definition, legend_above, strut_legend
-from results.figures.machine import bound_view, closed, draw_robot, fill_view
-from results.notation import DisplayUnit, handy_unit, symbol
-from results.style import (
+from results.figures.drawing import (
     AXIS_COLOURS,
     AXIS_DASHES,
     EMPHASIS,
@@ -32,7 +29,12 @@ from results.style import (
     INK,
     MUTED,
     STRUT_COLOURS,
+    figure_definition,
+    legend_above,
+    strut_legend,
 )
+from results.figures.machine import bound_view, closed, draw_robot, fill_view
+from results.notation import DisplayUnit, handy_unit, symbol
 
 _DOT = 0.15
 """A path smaller than this share of the workspace is drawn without it …"""

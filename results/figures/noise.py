@@ -11,6 +11,11 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from estimation.diagnostics.noise_result import NoisePictures, NoiseResult, correlation_of
 from results.figures.drawing import (
+    ALERT,
+    BLUE,
+    INK,
+    STRUT_COLOURS,
+    VERMILLION,
     centred_text,
     corner_text,
     correlation_image,
@@ -19,7 +24,6 @@ from results.figures.drawing import (
     strut_panels,
 )
 from results.notation import handy_unit, plain_number
-from results.style import ALERT, BLUE, INK, STRUT_COLOURS, VERMILLION
 
 
 @figure_definition(

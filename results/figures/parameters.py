@@ -17,6 +17,14 @@ from estimation.selection.selection import SelectionRow
 from expdesign.experiment import DesignResult
 from expdesign.information.identifiable import IDENTIFIABLE
 from results.figures.drawing import (
+    ALERT,
+    EMPHASIS,
+    ESTIMATOR_LOOKS,
+    FAINT,
+    INK,
+    MUTED,
+    PALETTE,
+    SECOND,
     correlation_image,
     figure_definition,
     legend_above,
@@ -26,7 +34,6 @@ from results.figures.drawing import (
     standing_text,
 )
 from results.notation import readable, symbol
-from results.style import ALERT, EMPHASIS, ESTIMATOR_LOOKS, FAINT, INK, MUTED, PALETTE, SECOND
 
 _IDENTIFIABLE = 100 * IDENTIFIABLE
 _WIDTH = 0.38

@@ -20,8 +20,8 @@ from expdesign.recheck.limit_check import REACHED, LimitCheck
 from expdesign.solver.feasibility import InfeasibleLimitsError
 from results.figures.design import DESIGN_FIGURES
 from results.notation import DisplayUnit, duration, handy_unit, percent, readable
+from results.views.blocks import combination_blocks
 from results.views.folder import RunFolder
-from results.views.parameter_blocks import combination_blocks
 from results.views.view import (
     Block,
     Fact,

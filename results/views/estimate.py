@@ -15,26 +15,24 @@ from results.figures.noise import NOISE_FIGURES
 from results.figures.parameters import ESTIMATE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES
 from results.notation import counted, readable
-from results.views.findings import (
+from results.views.blocks import (
+    budget_blocks,
+    combination_blocks,
+    consistency_blocks,
+    constants_blocks,
     contradictions,
     count_findings,
     differences_table,
     findings_block,
     information_sentence,
     information_test,
+    payload_blocks,
+    selection_blocks,
+    share_columns,
     verdict_level,
 )
 from results.views.folder import RunFolder
 from results.views.noise import shows_noise
-from results.views.parameter_blocks import (
-    budget_blocks,
-    combination_blocks,
-    consistency_blocks,
-    constants_blocks,
-    payload_blocks,
-    selection_blocks,
-    share_columns,
-)
 from results.views.view import (
     Block,
     Fact,

@@ -1,13 +1,28 @@
-"""View of a simulated recording: the experiment on the digital twin."""
+"""Views of simulated experiments: a recording of the digital twin, and a Monte-Carlo study."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
+from estimation.montecarlo.result import EstimatorStatistics, MonteCarloResult
 from estimation.twin.truth import Truth
-from results.notation import readable
+from results.figures.studies import STUDY_FIGURES
+from results.notation import percent, readable
+from results.views.estimate import NAMES
 from results.views.folder import RunFolder
-from results.views.view import Fact, Facts, Level, ReportTable, StageVerdict, StageView, TableColumn
+from results.views.view import (
+    Block,
+    Fact,
+    Facts,
+    Level,
+    ReportTable,
+    StageVerdict,
+    StageView,
+    TableColumn,
+    drawings,
+)
 
 
 def experiment_view(folder: RunFolder) -> StageView:
@@ -66,3 +81,86 @@ def _execution(truth: Truth) -> str:
         f"{table.format}, measured from {table.window[0]:.4f} s after its start; struts within "
         f"{1e6 * table.position_error:.2g} µm of the design"
     )
+
+
+def montecarlo_view(folder: RunFolder) -> StageView:
+    """Return the view of the study in a folder."""
+    record = folder.result(MonteCarloResult)
+    summary, estimators = record, record.estimators
+    failures = sum(len(entry.failures) for entry in estimators.values())
+    names = ", ".join(NAMES.get(name, name) for name in estimators)
+    identified = f"{len(summary.identified)} of {len(summary.parameters)}"
+    experiment = summary.settings["experiment"]
+    sentence = (
+        f"{summary.counts.done} simulated experiments of {experiment['periods']} periods at "
+        f"{experiment['sampling']:g} Hz, estimators {names}; {identified} parameters are "
+        "identified."
+    )
+    if summary.interrupted:
+        sentence += f" Interrupted: {summary.counts.wanted} were wanted."
+    if failures:
+        sentence += f" {failures} estimates failed."
+    level = Level.BAD if summary.interrupted else Level.CAUTION if failures else Level.GOOD
+    word = "interrupted" if summary.interrupted else "done"
+    blocks: list[Block] = [_pooled_table(estimators)]
+    blocks += drawings(STUDY_FIGURES, record.rows)
+    blocks.append(_statistics_table(record))
+    verdict = StageVerdict("Monte-Carlo study", level, word, sentence, "montecarlo")
+    return StageView(verdict, tuple(blocks), _facts(estimators))
+
+
+def _facts(estimators: dict[str, EstimatorStatistics]) -> tuple[Fact, ...]:
+    name = "ml" if "ml" in estimators else next(iter(estimators), "")
+    pooled = estimators[name].pooled if name else None
+    if pooled is None:
+        return ()
+    title = NAMES.get(name, name)
+    return (
+        Fact(
+            f"{title}: RMSE / bound",
+            readable(pooled.rmse_over_bound, 3),
+            f"pooled; 95 %: {readable(pooled.rmse_over_bound_low, 3)} … "
+            f"{readable(pooled.rmse_over_bound_high, 3)}",
+        ),
+        Fact(f"{title}: coverage", percent(pooled.coverage), "of its 95 % intervals"),
+    )
+
+
+def _pooled_table(estimators: dict[str, EstimatorStatistics]) -> ReportTable:
+    def pooled(key: str) -> Callable[[str], float | None]:
+        return lambda name: getattr(estimators[name].pooled, key, None)
+
+    columns = (
+        TableColumn("estimator", kind="text", of=lambda name: NAMES.get(name, name)),
+        TableColumn("estimates", of=lambda name: estimators[name].estimates),
+        TableColumn("failed", of=lambda name: len(estimators[name].failures)),
+        TableColumn("RMSE / bound", of=pooled("rmse_over_bound")),
+        TableColumn("95 % from", of=pooled("rmse_over_bound_low")),
+        TableColumn("95 % to", of=pooled("rmse_over_bound_high")),
+        TableColumn("coverage", of=pooled("coverage")),
+        TableColumn("95 % from", of=pooled("coverage_low")),
+        TableColumn("95 % to", of=pooled("coverage_high")),
+        TableColumn("largest bias / its error", digits=3, of=pooled("largest_bias_t")),
+    )
+    caption = "All identified parameters together"
+    return ReportTable.of("montecarlo_pooled", caption, columns, estimators, screen=True)
+
+
+def _statistics_table(record: MonteCarloResult) -> ReportTable:
+    columns = (
+        TableColumn(
+            "estimator", kind="text", of=lambda row: NAMES.get(row.estimator, row.estimator)
+        ),
+        TableColumn("parameter", kind="parameter", of="parameter"),
+        TableColumn("unit", kind="text", of="unit"),
+        TableColumn("truth", of="truth"),
+        TableColumn("bias", digits=3, of="bias"),
+        TableColumn("bias / its error", digits=3, of="bias_t"),
+        TableColumn("spread", digits=3, of="spread"),
+        TableColumn("RMSE", digits=3, of="rmse"),
+        TableColumn("bound", digits=3, of="bound"),
+        TableColumn("RMSE / bound", digits=3, of="rmse_over_bound"),
+        TableColumn("coverage", digits=3, of="coverage"),
+    )
+    caption = "Every estimator and parameter against the truth"
+    return ReportTable.of("montecarlo", caption, columns, record.rows, folded=True, latex=True)

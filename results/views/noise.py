@@ -13,7 +13,7 @@ from estimation.diagnostics.noise_tests import Normality, Whiteness
 from estimation.identification.result import EstimationResult
 from results.figures.noise import NOISE_FIGURES, SPECTRUM_FIGURES
 from results.notation import readable
-from results.views.findings import findings_block
+from results.views.blocks import findings_block
 from results.views.folder import RunFolder
 from results.views.view import (
     Block,

@@ -8,7 +8,7 @@ from expdesign.configuration import RunConfiguration
 from expdesign.configuration.grid import short_path, value_text
 from expdesign.experiment.sweep import FAILED, SweepResult, SweptDesign
 from expdesign.information.criteria import criteria
-from results.figures.sweep import sweep_figure
+from results.figures.studies import sweep_figure
 from results.notation import counted, duration, readable
 from results.views.folder import RunFolder
 from results.views.view import (

@@ -50,7 +50,7 @@ from expdesign.recheck.limit_check import TOLERANCE, grid_points
 from expdesign.runfolder.documentation import all_results, documented_page
 from expdesign.stages.registry import stages
 from results.figures.design import DESIGN_FIGURES
-from results.figures.montecarlo import STUDY_FIGURES
+from results.figures.studies import STUDY_FIGURES
 from tests.docs.pages import ROOT, codes, parse, table
 
 DOCS = ROOT / "docs"

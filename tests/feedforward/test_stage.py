@@ -10,10 +10,10 @@ from estimation.feedforward.result import MEANINGS, FeedforwardResult
 from expdesign.cli.app import app
 from expdesign.cli.errors import run
 from expdesign.configuration import load_run
-from results.figures.feedforward import feedforward_figure
-from results.style import house_style
-from results.views.feedforward import feedforward_view
+from results.figures.drawing import house_style
+from results.figures.residuals import feedforward_figure
 from results.views.folder import RunFolder
+from results.views.validate import feedforward_view
 from results.views.view import Level
 from tests.blank_figures import blank_figures
 from tests.stages.test_registry import assert_declared_files

@@ -8,7 +8,7 @@ import pytest
 
 from estimation.identification import estimate_parameters, estimation_result
 from expdesign.stages.registry import reported_stages
-from results.render.html import html_page
+from results.render.markup import html_page
 from results.render.run_report import write_report
 from results.views.estimate import estimates_table
 from results.views.view import Page, PageSection

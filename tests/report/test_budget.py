@@ -7,7 +7,7 @@ import pytest
 
 from estimation.identification import estimate_parameters, estimation_result
 from results.comparison.estimates import ComparedEstimate
-from results.views.parameter_blocks import budget_blocks, share_columns
+from results.views.blocks import budget_blocks, share_columns
 from results.views.view import ReportTable
 from tests.estimation.cases import measured, run, trajectory
 

@@ -7,8 +7,7 @@ import pytest
 
 from results.comparison.comparison import csv_table
 from results.notation import duration, readable
-from results.render.html import symbol_html, unit_html
-from results.render.latex import escape_latex, latex_table
+from results.render.markup import escape_latex, latex_table, symbol_html, unit_html
 from results.views.view import ReportTable, TableColumn, cell_text, sort_key
 
 

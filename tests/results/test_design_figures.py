@@ -18,10 +18,9 @@ from expdesign.solver.events import PHASE_TITLES
 from expdesign.trajectory import FourierTrajectory
 from results import design_figures
 from results.figures.design import DESIGN_FIGURES, FLOOR
-from results.figures.drawing import save_figures
+from results.figures.drawing import PAGE_WIDTH, RESOLUTION, STRUT_COLOURS, house_style, save_figures
 from results.figures.machine import view_extent as extent
 from results.figures.motion import excitation_figure
-from results.style import PAGE_WIDTH, RESOLUTION, STRUT_COLOURS, house_style
 
 KEYS = {definition.key for definition in DESIGN_FIGURES}
 STRUTS = range(1, 7)

@@ -12,10 +12,9 @@ from scipy import stats
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.noise_density import noise_density
 from estimation.processing.periodic_recording import Channels
-from results.figures.drawing import save_figures
+from results.figures.drawing import PAGE_WIDTH, RESOLUTION, house_style, save_figures
 from results.figures.noise import NOISE_FIGURES, noise_spectrum_figure
 from results.figures.residuals import DIAGNOSTIC_FIGURES
-from results.style import PAGE_WIDTH, RESOLUTION, house_style
 from tests.diagnostics.conftest import Laboratory
 
 KEYS = [definition.key for definition in (*DIAGNOSTIC_FIGURES, *NOISE_FIGURES)]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from expdesign.robot import load_robot
+from results.figures.drawing import house_style
 from results.figures.machine import machine_figure, view_extent
-from results.style import house_style
 
 COLUMNS = {"From above": [0, 1], "From the front, along y": [0, 2]}
 

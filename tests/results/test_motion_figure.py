@@ -12,9 +12,8 @@ from expdesign.motion.spline import (
 )
 from expdesign.robot import load_robot
 from expdesign.trajectory import FourierTrajectory
-from results.figures.drawing import save_figures
+from results.figures.drawing import house_style, save_figures
 from results.figures.motion import RestToRestMotion, motion_figure
-from results.style import house_style
 
 STEP = 0.01
 

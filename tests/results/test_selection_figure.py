@@ -10,9 +10,9 @@ from matplotlib.patches import Rectangle
 from estimation.identification.term_selection import Selection
 from estimation.selection.selection import SelectionRow
 from expdesign.configuration.sections.estimate import SelectSection
+from results.figures.drawing import house_style
 from results.figures.parameters import selection_figure
-from results.style import house_style
-from results.views.parameter_blocks import selection_blocks
+from results.views.blocks import selection_blocks
 from results.views.view import ReportTable, TextBlock
 
 NAMES = ("force_offset", "drive_inertia", "load_friction")

@@ -8,7 +8,7 @@ import pytest
 from estimation.montecarlo.result import StatisticsRow
 from expdesign.runfolder import RowTable
 from results.figures.drawing import save_figures
-from results.figures.montecarlo import STUDY_FIGURES, bias_figure, efficiency_figure
+from results.figures.studies import STUDY_FIGURES, bias_figure, efficiency_figure
 
 NAMES = ["p1", "p2", "r_alpha", "r1", "v6"]
 

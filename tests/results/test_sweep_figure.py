@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from expdesign.configuration import load_run
 from expdesign.experiment.sweep import SweptDesign, sweep_result
-from results.figures.sweep import _unbeaten, sweep_figure
-from results.style import PALETTE, house_style
+from results.figures.drawing import PALETTE, house_style
+from results.figures.studies import _unbeaten, sweep_figure
 
 NUMBERS = ("median_rel_std_percent", "worst_rel_std_percent", "measuring_time", "cpu_seconds")
 
