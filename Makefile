@@ -88,9 +88,9 @@ lock: venv ## Lock the newest versions that pyproject.toml admits (needs Python 
 	$(LOCK) --upgrade --output-file requirements/runtime.txt pyproject.toml
 	$(LOCK) --upgrade --extra all --extra dev --constraint requirements/runtime.txt \
 	  --output-file requirements/dev.txt pyproject.toml
-	$(BIN)/python -c 'import tomllib; \
-	  print(*tomllib.load(open("pyproject.toml", "rb"))["dependency-groups"]["docs"], sep="\n")' | \
-	  $(LOCK) --upgrade --output-file requirements/docs.txt -
+	for group in docs mutants; do $(BIN)/python -c "import tomllib; \
+	  print(*tomllib.load(open('pyproject.toml', 'rb'))['dependency-groups']['$$group'], sep='\n')" | \
+	  $(LOCK) --upgrade --output-file requirements/$$group.txt - || exit 1; done
 
 wheel: venv ## Build the wheel into dist/
 	$(BIN)/python -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist .

@@ -45,6 +45,7 @@ NAMES = (
     "base_parameters",
     "speed",
     "physical_consistency",
+    "mutants",
 )
 
 
