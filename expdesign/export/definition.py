@@ -244,14 +244,37 @@ class Settings:
         return _MINUS_ZERO.sub("", row).split()
 
 
-def round_times(times: Array, digits: int) -> Array:
-    """Return times (N,), s, with these digits after the decimal point."""
-    return np.round(times, digits)
+def on_grid(ticks: int) -> Callable[[Array, Settings], Array]:
+    """Return the function that rounds times (N,), s, to a clock of so many ticks per second.
+
+    The times count from the beginning of the table, so that rounding errors do not accumulate.
+    """
+    return lambda times, _settings: np.rint(times * ticks) / ticks
+
+
+@dataclass(frozen=True)
+class Guide:
+    """Instructions for a table, in the order in which they are followed.
+
+    Each is a text of paragraphs with blank lines between them; a paragraph with an indent of four
+    spaces is a command. ``{axes}``, ``{step}``, ``{file}``, ``{stem}``, ``{start}``,
+    ``{positions}`` (of the start) and ``{beside}`` (the companion files) are filled in.
+    """
+
+    before: str
+    load: str
+    run: str
+    slow: str = ""
+    record: str = ""
+    afterwards: str = ""
 
 
 @dataclass(frozen=True)
 class TableFormat:
-    """A file format for controller tables; digits, units and names of axes are defaults."""
+    """A file format for controller tables, with the model of the controller that executes it.
+
+    Digits, units and names of axes are defaults.
+    """
 
     name: str
     """Value of `export.format` in the run file."""
@@ -264,17 +287,24 @@ class TableFormat:
     otherwise."""
     options: type[ExportSection]
     """Options of the format in the run file."""
-    guide: str
-    """How to run the file, in plain words; ``{axes}``, ``{step}``, ``{file}`` and
-    ``{beside}``, the files beside it, are filled in."""
+    guide: Guide
+    """How to run the file."""
+    clock: str
+    """Resolution of the controller's row times."""
+    guide_values: Callable[[Settings], Mapping[str, str]] = lambda _settings: {}
+    """Further values for the guide by their names in it."""
+    capacity: str = "not known"
+    """The controller's limits of rows, times and numbers."""
+    executed: str = "a model of the interpolation"
+    """What has executed tables of this format: the program, or a model of the controller."""
     digits: int | None = 6
     """After the decimal point, for millimetres."""
     units: str = "mm"
     angles: str = "deg"
     axes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Names of the axes by space."""
-    written_times: Callable[[Array], Array] = np.array
-    """Times (N,) as the file can state them."""
+    written_times: Callable[[Array, Settings], Array] = lambda times, _settings: times
+    """Times (N,), s, as the file states them and the controller keeps them."""
     may_crash: str = ""
     """Program that reads a file, ``sys.argv[1]``, as `read` does, for libraries that may end the
     process on damaged ones: what others may have changed is given to it first."""

@@ -228,7 +228,7 @@ def resolve_settings(section: ExportSection, task: Task, place: str = "") -> Set
         digits=digits,
         step=(section.segment or task.controller_period) if form.uniform else None,
         tolerance=section.tolerance or TOLERANCES[form.interpolation],
-        start=start if digits is None else np.round(start, digits),
+        start=(start if digits is None else np.round(start, digits)) + 0.0,
     )
 
 

@@ -62,10 +62,10 @@ def readme(result: ExportResult) -> str:
         parts += [
             _heading(f"{name}: {file.title}", "-"),
             *_first_run_text(file, motion),
-            _paragraph(file.guide),
             _axes(file.axes),
             _paragraph(_rows(file)),
             _paragraph(_check_text(file.read_back)),
+            *_guide(file.guide),
         ]
     return "\n\n".join(parts) + "\n"
 
@@ -109,6 +109,13 @@ def _first_run_text(file: ExportedTable, motion: ExportedMotion) -> list[str]:
             f"lasts {file.duration:.4f} s, its measurement window from {first:.6f} s to "
             f"{last:.6f} s, a period {motion.period / file.scale:.6f} s."
         )
+    ]
+
+
+def _guide(text: str) -> list[str]:
+    """Return the paragraphs of the instructions; headings and commands stay as they are."""
+    return [
+        part if "\n" in part or part[:1] == " " else _paragraph(part) for part in text.split("\n\n")
     ]
 
 

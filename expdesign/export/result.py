@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, PlainSerializer
 
 from expdesign.export.certification import LIMIT_SHARE
-from expdesign.export.definition import Task
+from expdesign.export.definition import Settings, Task
 from expdesign.export.execution import InformationChange
 from expdesign.export.exporting import Export
 from expdesign.export.read_back import LOG_DET_CHANGE, STD_SHARE, ReadBack, limits_in_words
@@ -238,17 +238,61 @@ def exported_table(export: Export) -> ExportedTable:
 
 
 def _guide(export: Export) -> str:
-    """Return the instructions for running the file."""
-    form, names = export.settings.form, export.settings.axes.names
-    step = f"{1e3 * export.check.longest_step:.6g} ms"
+    """Return the instructions for running the file: headings, paragraphs and commands.
+
+    Every format has the same headings in the same order.
+    """
+    settings, check = export.settings, export.check
+    form, guide = settings.form, settings.form.guide
     beside = ", ".join(path.name for path in export.beside)
-    text = form.guide.format(axes=", ".join(names), step=step, file=export.path.name, beside=beside)
-    if export.check.trigger is None:
-        return text
-    on, off = (f"{time:.6f}" for time in export.check.trigger)
-    number = export.settings.section.trigger
-    switched = form.trigger.format(number=number, on=on, off=off, beside=beside)
-    return f"{text} {switched}"
+    begin, end = settings.window
+    start = [settings.number(value) for value in settings.start]
+    window = (
+        f"The measurement window lasts from {begin:.6f} s to {end:.6f} s after the start of the "
+        "table."
+    )
+    parts = {
+        "Before you start": guide.before,
+        "Load": guide.load,
+        "First slow run": f"{_slow(settings)} {guide.slow}".strip(),
+        "Run": guide.run,
+        "Record": f"{window} {guide.record}".strip(),
+        "Afterwards": guide.afterwards or _AFTERWARDS,
+    }
+    if check.trigger is not None:
+        parts["Record"] = f"{window} {form.trigger}"
+    on, off = (f"{time:.6f}" for time in check.trigger or (np.nan, np.nan))
+    text = "\n\n".join(f"{title}\n{len(title) * '~'}\n\n{part}" for title, part in parts.items())
+    for name, value in form.guide_values(settings).items():
+        text = text.replace(f"{{{name}}}", value)
+    return text.format(
+        axes=", ".join(settings.axes.names),
+        step=f"{1e3 * check.longest_step:.6g} ms",
+        start=" ".join(f"{n} {v}" for n, v in zip(settings.axes.names, start, strict=True)),
+        positions=", ".join(start),
+        file=export.path.name,
+        stem=export.path.stem,
+        beside=beside,
+        number=settings.section.trigger,
+        on=on,
+        off=off,
+    )
+
+
+_AFTERWARDS = (
+    "The table ends where it began, at rest at home. Compare the recorded lengths with those of "
+    "the design before you estimate: `expdesign estimate` refuses a recording of another motion."
+)
+
+
+def _slow(settings: Settings) -> str:
+    if settings.section.factor != 1:
+        return "This is the table for the first run: run it before the others."
+    return (
+        "Run a scaled table first, with a hand on the emergency stop: the same motion smaller and "
+        f"slower, from `expdesign export --format {settings.section.format} --scale 0.3`, in the "
+        "same steps as this one."
+    )
 
 
 def _table_check(check: ReadBack, tolerance: float) -> TableCheck:

@@ -106,13 +106,18 @@ def chosen_times(settings: Settings, place: str = "") -> Array:
     key = f"{place}.segment" if place else "segment"
     require_at_most(motion.duration / longest, MOST_ROWS, made, key=key)
     if settings.step is not None:
-        return form.written_times(uniform_times(motion, settings.step))
+        return form.written_times(uniform_times(motion, settings.step), settings)
     given = settings.section.segment
     if given is not None:
-        return form.written_times(divided_times(motion, [given] * len(motion.segments)))
+        return _distinct(settings, divided_times(motion, [given] * len(motion.segments)))
     numbers = track("how far rows may be apart", range(len(motion.segments)))
     steps = [_step(settings, k, place) for k in numbers]
-    return form.written_times(divided_times(motion, steps))
+    return _distinct(settings, divided_times(motion, steps))
+
+
+def _distinct(settings: Settings, times: Array) -> Array:
+    """Return the times as the controller keeps them; those of one tick are one."""
+    return np.unique(settings.form.written_times(times, settings))
 
 
 def _step(settings: Settings, segment: int, place: str) -> float:
@@ -126,7 +131,7 @@ def _step(settings: Settings, segment: int, place: str) -> float:
         if motion.segments[segment].name == "periods":
             # All periods have the same rows.
             times = times[: (len(times) - 1) // motion.periods + 1]
-        table = ExecutedTable.of(settings, ideal_rows(settings, settings.form.written_times(times)))
+        table = ExecutedTable.of(settings, ideal_rows(settings, _distinct(settings, times)))
         found = _deviation(settings, table)
         shares = (found.position / settings.tolerance, found.acceleration / SHARE)
         if not np.nanmax([*shares, found.force / SHARE]) <= _RESERVE:

@@ -321,6 +321,15 @@ def test_formats_of_controller_tables():
         assert between == words[form.interpolation.name]
 
 
+def test_clocks_and_limits_of_controllers():
+    rows = {
+        codes(row[0])[0]: row[1:]
+        for row in table(TABLES_PAGE, "## The clocks and limits of the controllers")
+    }
+    facts = {n: [f.clock, f.capacity, f.executed] for n, f in table_formats().items()}
+    assert rows == facts
+
+
 def test_figures():
     rows = [codes(row[0])[0] for row in table(RUN_FOLDER, "## figures")]
     assert rows == [definition.key for definition in DESIGN_FIGURES]

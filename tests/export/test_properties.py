@@ -60,7 +60,7 @@ def test_what_is_written_is_read(name, digits, count, data, tmp_path_factory):
         times = np.concatenate(
             [[0], np.cumsum(data.draw(arrays(float, count - 1, elements=steps)))]
         )
-    times = form.written_times(times)
+    times = form.written_times(times, made(name, digits, np.zeros(6)))
     rate[[0, -1]] = 0
     chosen = made(name, digits, np.round(position[0], digits))
     rows = Rows(times, position, rate, acceleration)

@@ -169,7 +169,7 @@ def _table(number):
         times = uniform_times(motion, settings.step)
     else:
         times = divided_times(motion, [0.05] * len(motion.segments))
-    times = settings.form.written_times(times)
+    times = settings.form.written_times(times, settings)
     rows = ideal_rows(settings, times)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / file_name(section)

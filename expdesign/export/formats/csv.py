@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from expdesign.configuration.sections.export import ExportSection
-from expdesign.export.definition import Interpolation, Rows, Settings, TableFormat
+from expdesign.export.definition import Guide, Interpolation, Rows, Settings, TableFormat
 from expdesign.export.row_times import COLUMNS
 from expdesign.export.text_table import lines_after, numbers, write_lines
 from expdesign.mechanism.hexapod import actuator_names
@@ -45,13 +45,24 @@ FORMAT = TableFormat(
     write=_write,
     read=_read,
     options=CsvOptions,
-    guide=(
-        "For your own tools: one row every {step}, comma-separated, the unit in every column's "
-        "name, SI units and radians, all digits. t, pose (x y z phi theta psi), its first (d…) "
-        "and second (dd…) derivatives, strut lengths q1…q6 with theirs, cardan angles, expected "
-        "actuator forces Q1…Q6 at the nominal parameters (positive extends). window is 1 in the "
-        "measurement window."
+    guide=Guide(
+        before=(
+            "The file is for your own program, which commands the strut lengths q1…q6 of a row at "
+            "its time t and nothing between: run it in a loop of {step}."
+        ),
+        load=(
+            "One row every {step}, comma-separated, the unit in every column's name, SI units and "
+            "radians, all digits. t, pose (x y z phi theta psi), its first (d…) and second (dd…) "
+            "derivatives, strut lengths q1…q6 with theirs, cardan angles, expected actuator forces "
+            "Q1…Q6 at the nominal parameters (positive extends).\n\n"
+            "    python3 -c \"import pandas; print(pandas.read_csv('{file}').describe())\""
+        ),
+        run="Move the struts slowly to the first row, then begin with t = 0.",
+        record="The column window is 1 in the measurement window.",
     ),
+    clock="none: all digits of a double",
+    capacity="that of your program",
+    executed="pandas reads it; a model of the lines",
     digits=None,
     units="m",
     angles="rad",

@@ -17,6 +17,7 @@ from expdesign.configuration.quantity import Length, Positive
 from expdesign.configuration.sections.export import ExportSection
 from expdesign.export.definition import (
     LENGTH_UNITS,
+    Guide,
     Interpolation,
     Rows,
     Settings,
@@ -41,7 +42,7 @@ def _feeds(times: Array) -> Array:
     return np.round(60 / np.diff(times), _FEED_DIGITS)
 
 
-def _written_times(times: Array) -> Array:
+def _written_times(times: Array, _settings: Settings) -> Array:
     return np.concatenate([[0.0], np.cumsum(60 / _feeds(times))])
 
 
@@ -186,16 +187,21 @@ FORMAT = TableFormat(
     write=_write,
     read=_read,
     options=GcodeOptions,
-    guide=(
-        "For a LinuxCNC machine with the kinematics genhexkins. Its geometry has to be that of the "
-        "robot file: replace the setp lines of the machine's HAL file by those of {beside}, "
-        "and load no tool offset (G49). Home the machine, move it to the start below, check that "
-        "the velocity and acceleration limits of joints and axes in the INI file are not below "
-        "those of the design (the planner would stretch the motion in time), load the file and run "
-        "it. Every "
-        "line is one move with its own duration (G93: F is 1/minutes). A, B and C are roll, pitch "
-        "and yaw about the fixed axes x, y, z: R = Rz(C) Ry(B) Rx(A)."
+    guide=Guide(
+        before=(
+            "For a LinuxCNC machine with the kinematics genhexkins. Its geometry has to be that of "
+            "the robot file: replace the setp lines of the machine's HAL file by those of "
+            "{beside}, and load no tool offset (G49). Check that the velocity and acceleration "
+            "limits of joints and axes in the INI file are not below those of the design: the "
+            "planner would stretch the motion in time."
+        ),
+        load=(
+            "Load the file. Every line is one move with its own duration (G93: F is 1/minutes). A, "
+            "B and C are roll, pitch and yaw about the fixed axes x, y, z: R = Rz(C) Ry(B) Rx(A)."
+        ),
+        run="Home the machine, move it to the start below, and run the file.",
     ),
+    clock="rows of F as written; moves of the planner last whole servo cycles",
     axes={"pose": AXES},
     written_times=_written_times,
     uniform=True,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from expdesign.configuration.sections.export import STRUT_AXES, ExportSection
-from expdesign.export.definition import Interpolation, Rows, Settings, TableFormat
+from expdesign.export.definition import Guide, Interpolation, Rows, Settings, TableFormat
 from expdesign.export.text_table import lines, mark_window, numbers, uniform_rows, write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 
@@ -38,13 +38,19 @@ FORMAT = TableFormat(
     write=_write,
     read=_read,
     options=HalstreamerOptions,
-    guide=(
-        "Load the streamer with `loadrt streamer cfg=ffffff`, add it to the servo thread, whose "
-        "period has to be {step}, and connect its pins 0 to 5 to the position commands of "
-        "{axes}. Move the struts to the start below and feed the file with "
-        "`halstreamer {file}`. One line is taken every period of the servo thread; "
-        "no kinematics is needed."
+    guide=Guide(
+        before="The period of the servo thread has to be {step}; no kinematics is needed.",
+        load=(
+            "Load the streamer with `loadrt streamer depth=4000 cfg=ffffff`, add it to the servo "
+            "thread and connect its pins 0 to 5 to the position commands of {axes}."
+        ),
+        run=(
+            "Move the struts to the start below and feed the file with `halstreamer {file}`. One "
+            "line is taken every period of the servo thread."
+        ),
     ),
+    clock="one row every servo cycle",
+    capacity="none: rows are streamed",
     axes={"strut": actuator_names("S")},
     uniform=True,
 )

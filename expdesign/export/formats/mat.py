@@ -13,6 +13,7 @@ from scipy.io.matlab import MatReadError
 from expdesign.configuration.sections.export import STRUT_AXES, ExportSection
 from expdesign.export.definition import (
     POSE_AXES,
+    Guide,
     Interpolation,
     Rows,
     Settings,
@@ -86,14 +87,27 @@ FORMAT = TableFormat(
     write=_write,
     read=_read,
     options=MatOptions,
-    guide=(
-        "`load {file}`. `command` is a matrix for the block From Workspace, column 1 the time in "
-        "s, then the axes {axes}, one row every {step}; set the block's sample time to that, "
-        "without interpolation beyond the last row. `command_axes` and `command_units` name its "
-        "columns. The struct `motion` holds the whole motion in SI units and radians (`units`): "
-        "pose, derivatives, strut lengths, expected forces; `motion.window` is 1 in the "
-        "measurement window, `window` its beginning and end in s; `title` its description."
+    guide=Guide(
+        before=(
+            "The file is for a Simulink model or a dSPACE target that commands the axes {axes}. "
+            "Set the block From Workspace to a sample time of {step}, and its output after the "
+            "final value to Holding final value: the model must not extrapolate."
+        ),
+        load=(
+            "    load('{file}')\n\n"
+            "`command` is the matrix for From Workspace, column 1 the time in s, then the axes, "
+            "one row every {step}; `command_axes` and `command_units` name its columns. The struct "
+            "`motion` contains the whole motion in SI units and radians (`units`): pose, "
+            "derivatives, strut lengths, expected forces."
+        ),
+        run="Move the axes slowly to the first row, then start the model.",
+        record=(
+            "`motion.window` is 1 in the measurement window, `window` its beginning and end in s."
+        ),
     ),
+    clock="none: all digits of a double",
+    capacity="2 GiB of a variable: 38 million rows",
+    executed="scipy.io.loadmat reads it; a model of the lines",
     digits=None,
     axes={"strut": actuator_names("S"), "pose": POSE_AXES},
     may_crash="from scipy.io import loadmat; loadmat(sys.argv[1], appendmat=False)",

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import math
 import re
-from functools import partial
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import model_validator
 
+from constraints.arrays import Array
 from expdesign.configuration.errors import refusal
+from expdesign.configuration.fields import one_of
 from expdesign.configuration.sections.export import PVT_OPTIONS, ExportSection
 from expdesign.export.definition import (
+    Guide,
     Interpolation,
     Rows,
     Settings,
     TableError,
     TableFormat,
     edge_rows,
-    round_times,
+    on_grid,
     switched_at,
     switching,
 )
@@ -26,10 +30,11 @@ from expdesign.export.text_table import lines, number, refuse_motion_at_end, wri
 from expdesign.mechanism.hexapod import ACTUATORS
 
 LETTERS = ("X", "Y", "Z", "A", "B", "C")
-LONGEST = 4095.9998
-"""Of a move on a Turbo PMAC, ms."""
+LONGEST, LONGEST_OF_TA = 4095.9998, 8_388_607
+"""Of a move, ms: on a Turbo PMAC, and of a clock of whole milliseconds."""
 
-_TIME_DIGITS = 7
+_TICKS = 4_096_000
+"""Of a second: a Turbo PMAC keeps the time of a move in 1/4096 ms."""
 _PROGRAM = 10
 _MOVE = re.compile(r"([A-Z])([^:\s]*):(\S*)")
 
@@ -50,9 +55,9 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
         "ABS",
         *([behind[0]] if 0 in behind else []),
     ]
-    for k in range(1, len(rows.times)):
-        milliseconds = 1e3 * (rows.times[k] - rows.times[k - 1])
-        text.append(f"PVT{milliseconds:.{_TIME_DIGITS - 3}f}")
+    steps = np.diff(np.rint(rows.times * _ticks(settings)))
+    for k, step in enumerate(steps, start=1):
+        text.append(f"PVT{_milliseconds(step, settings)}")
         text.append(
             " ".join(
                 f"{a}{settings.number(p)}:{settings.number(v)}"
@@ -66,6 +71,20 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
         if k in behind:
             text.append(behind[k])
     write_lines(path, [*text, "CLOSE"])
+
+
+def _ticks(settings: Settings) -> int:
+    """Return the ticks of the controller's clock in a second."""
+    return 1000 if getattr(settings.section, "clock", None) == "1 ms" else _TICKS
+
+
+def _written_times(times: Array, settings: Settings) -> Array:
+    return on_grid(_ticks(settings))(times, settings)
+
+
+def _milliseconds(ticks: float, settings: Settings) -> str:
+    """Return the time of a move with all its digits, so that cutting it changes nothing."""
+    return f"{1000 * ticks / _ticks(settings):.12f}".rstrip("0").rstrip(".")
 
 
 def _commands(settings: Settings) -> tuple[str, str]:
@@ -93,27 +112,32 @@ def _read(path: Path, settings: Settings) -> Rows:
             moves.append((k, bare))
     if not moves or len(moves) % 2:
         raise TableError("the PVT times and the moves are not as many")
-    times, positions, rates = [0.0], [settings.start], [np.zeros(len(LETTERS))]
+    ticks = _ticks(settings)
+    longest = LONGEST if ticks == _TICKS else LONGEST_OF_TA
+    times, positions, rates = [0], [settings.start], [np.zeros(len(LETTERS))]
     for (k, time), (m, move) in zip(moves[::2], moves[1::2], strict=True):
         if not time.startswith("PVT"):
             raise TableError(f"line {k}: '{time[:40]}' is no PVT time")
         milliseconds = number(time.removeprefix("PVT"), k, "time")
-        if not 0 < milliseconds <= LONGEST:
-            raise TableError(f"line {k}: {milliseconds:g} ms is not between 0 and {LONGEST} ms")
+        # The controller cuts what its clock cannot keep.
+        step = math.floor(milliseconds * ticks / 1000)
+        if not (step > 0 and milliseconds <= longest):
+            raise TableError(f"line {k}: {milliseconds:g} ms is not between 0 and {longest} ms")
         found = [_MOVE.fullmatch(word) for word in move.split()]
         if tuple(word[1] if word else "" for word in found) != settings.axes.names:
             raise TableError(f"line {m}: not one word for each of {' '.join(settings.axes.names)}")
         pairs = [(word[2], word[3]) for word in found if word]
-        times.append(times[-1] + milliseconds / 1e3)
+        times.append(times[-1] + step)
         positions.append(np.array([number(p, m, "position") for p, _ in pairs]))
         rates.append(np.array([number(v, m, "velocity") for _, v in pairs]))
     refuse_motion_at_end(rates[-1], moves[-1][0])
-    stamps = np.round(times, _TIME_DIGITS)
+    stamps = np.array(times) / ticks
     trigger = switched_at(switched, stamps)
     return Rows(stamps, np.array(positions), np.array(rates), trigger=trigger).checked()
 
 
 _LETTERS = tuple("ABCUVWXYZ")
+Clock = Literal["1/4096 ms", "1 ms"]
 
 
 class PmacOptions(ExportSection):
@@ -124,6 +148,9 @@ class PmacOptions(ExportSection):
     outputs = (0, 8191)
     """M-variable."""
 
+    clock: Annotated[Clock, one_of(Clock)] | None = None
+    """Resolution of the controller's row times; 1 ms for a PMAC that is no Turbo or has I42 = 1."""
+
     @model_validator(mode="after")
     def _check_axes(self) -> PmacOptions:
         unknown = [name for name in self.axes or () if name not in _LETTERS]
@@ -131,6 +158,22 @@ class PmacOptions(ExportSection):
             allowed = f"{ACTUATORS} of the letters {' '.join(_LETTERS)}"
             raise refusal(f"'{unknown[0]}' is not an axis of a PMAC", allowed, key="axes")
         return self
+
+
+def _clock_values(settings: Settings) -> dict[str, str]:
+    """Return the settings of the controller's clock and their reason."""
+    if _ticks(settings) == _TICKS:
+        return {
+            "i42": "0",
+            "clock": "the times of the moves have to be those of a Turbo PMAC with I42 = 0, which "
+            "keeps 1/4096 ms: all are multiples of it. With I42 = 1, or another PMAC than a Turbo "
+            "or Power PMAC, export with clock: 1 ms.",
+        }
+    return {
+        "i42": "1",
+        "clock": "the times of the moves are whole milliseconds. A PMAC that is no Turbo has no "
+        "I42 and needs no other setting.",
+    }
 
 
 FORMAT = TableFormat(
@@ -141,17 +184,33 @@ FORMAT = TableFormat(
     write=_write,
     read=_read,
     options=PmacOptions,
-    guide=(
-        "Define a coordinate system with the axes {axes}, scaled to the units below, and the time "
-        "unit of one second (Isx90 = 1000) for the velocities. Download the file, move the axes "
-        "to the start below, and run the program (`&1 B10 R`). Every row is a PVT move: its time "
-        "in ms, then position and velocity at its end. Cubic interpolation must not be smoothed "
-        "further (Isx50 as it is). For a table of poses the coordinate system needs your "
-        "kinematic programs."
+    guide=Guide(
+        before=(
+            "Define a coordinate system, here &1, with the axes {axes}, scaled to the units below. "
+            "For a table of poses it needs your kinematic programs. Every row is a PVT move: its "
+            "time in ms, then position and velocity at its end. The time unit of the velocities "
+            "has to be the second, and {clock}\n\n"
+            "    I5190=1000\n"
+            "    I42={i42}"
+        ),
+        load=(
+            "Download the file: it opens program 10. A Power PMAC takes it without CLEAR and with "
+            "Coord[1].FeedTime=1000 instead of the settings above."
+        ),
+        run=(
+            "Move the axes to the start one by one, wait until they are in position, and run the "
+            "program:\n\n"
+            "    &1 B10 R\n\n"
+            "`A` aborts it."
+        ),
     ),
+    clock="1/4096 ms (Turbo PMAC, I42 = 0), 1 ms with `clock: 1 ms`",
+    capacity="4095.9998 ms of a move; the program's memory",
+    executed="a model of the clock and of the polynomials",
     digits=8,
     axes={"strut": LETTERS, "pose": LETTERS},
-    written_times=partial(round_times, digits=_TIME_DIGITS),
+    written_times=_written_times,
+    guide_values=_clock_values,
     trigger=(
         "M{number} is 1 from {on} s to {off} s after the start, else 0: it is assigned (==) when "
         "the move at that time begins. Let M{number} point to a digital output, as the suggested "

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from expdesign.configuration.sections.export import STRUT_AXES, ExportSection
 from expdesign.export.definition import (
+    Guide,
     Interpolation,
     Rows,
     Settings,
     TableError,
     TableFormat,
-    round_times,
+    on_grid,
 )
 from expdesign.export.text_table import lines_after, numbers, refuse_motion_at_end, write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
@@ -63,14 +63,34 @@ FORMAT = TableFormat(
     write=_write,
     read=_read,
     options=PvtCsvOptions,
-    guide=(
-        "For controllers that take position, velocity and time. With a Zaber controller: "
-        "`PvtSequence.load_sequence_data` reads the file. The first row, at time 0, is the start: "
-        "move the axes there and let them come to rest before the sequence is submitted. "
-        "Positions are absolute, times count from the row before, velocities are those at the "
-        "row."
+    guide=Guide(
+        before=(
+            "For controllers that take position, velocity and time, here in Zaber's grammar and "
+            "with Zaber's Python library (pip install zaber-motion). Positions are absolute, times "
+            "count from the row before, velocities are those at the row. Home the axes {axes}."
+        ),
+        load=(
+            "    from zaber_motion.ascii import PvtSequence\n"
+            "    data = PvtSequence.load_sequence_data('{file}').sequence_data\n"
+            "    start, points = data[0], data[1:]"
+        ),
+        run=(
+            "The first row, at time 0, is the start. Move the axes there, one by one and slowly, "
+            "and let them come to rest; then submit the others. `device` is the controller of the "
+            "six axes.\n\n"
+            "    for k, place in enumerate(start.positions, start=1):\n"
+            "        device.get_axis(k).move_absolute(place.value, place.unit)\n"
+            "    sequence = device.pvt.get_sequence(1)\n"
+            "    sequence.setup_live(1, 2, 3, 4, 5, 6)\n"
+            "    sequence.submit_sequence_data(points)\n"
+            "    sequence.wait_until_idle()\n\n"
+            "`device.all_axes.stop()` stops the axes."
+        ),
     ),
+    clock="1 ns in the file; the controller's is not known",
+    capacity="points are queued as they are executed",
+    executed="Zaber's `PvtSequence` reads it; a model of the polynomials",
     axes={"strut": actuator_names("S")},
     digits=8,
-    written_times=partial(round_times, digits=_TIME_DIGITS),
+    written_times=on_grid(10**_TIME_DIGITS),
 )

@@ -10,7 +10,6 @@ import re
 import struct
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,16 +25,18 @@ from expdesign.configuration.fields import one_of
 from expdesign.configuration.sections.export import STRUT_AXES, ExportSection
 from expdesign.export.definition import (
     POSE_AXES,
+    Guide,
     Interpolation,
     Rows,
     Settings,
     TableError,
     TableFormat,
-    round_times,
+    on_grid,
 )
 from expdesign.export.ros_messages import (
     FRAME,
     JOINTS,
+    NANOSECONDS,
     PLATFORM,
     message_of,
     message_type,
@@ -44,7 +45,6 @@ from expdesign.export.ros_messages import (
 from expdesign.export.text_table import write_lines
 from expdesign.mechanism.hexapod import actuator_names
 
-_TIME_DIGITS = 9
 _FINER = 3
 """More digits for rotations: what is computed back from them keeps the digits asked for."""
 
@@ -269,6 +269,67 @@ class Ros2Options(ExportSection):
         return ".mcap" if self.encoding == "mcap" else ""
 
 
+_CLIENT = ".publish.py"
+_CLIENT_LINES = """\
+#!/usr/bin/env python3
+\"""Publish a message of a YAML file once: {client} FILE [--check]
+
+With --check the message is built and its points are counted, but nothing is published.
+\"""
+
+import sys
+
+import rclpy
+import yaml
+from rosidl_runtime_py import set_message_fields
+from rosidl_runtime_py.utilities import get_message
+
+TYPE, TOPIC = "{type}", "{topic}"
+with open(sys.argv[1], encoding="ascii") as file:
+    values = yaml.load(file, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+message = get_message(TYPE)()
+set_message_fields(message, values)
+print(f"{{len(message.points)}} points of {{TYPE}}")
+if "--check" not in sys.argv[2:]:
+    rclpy.init()
+    node = rclpy.create_node("expdesign")
+    publisher = node.create_publisher(type(message), TOPIC, 1)
+    while not publisher.get_subscription_count():
+        print(f"waiting for a subscriber of {{TOPIC}}")
+        rclpy.spin_once(node, timeout_sec=1.0)
+    publisher.publish(message)
+    publisher.wait_for_all_acked()
+    rclpy.shutdown()
+"""
+
+
+def _client(_rows: Rows, settings: Settings) -> list[str]:
+    """Return the program that publishes a YAML file; a bag needs none."""
+    if settings.section.binary_suffix:
+        return []
+    kind = message_type(settings)
+    client = f"{settings.section.stem}{_CLIENT}"
+    return _CLIENT_LINES.format(client=client, type=kind, topic=TOPICS[kind]).splitlines()
+
+
+def _guide_values(settings: Settings) -> dict[str, str]:
+    """Return the topic and the commands for a YAML file or a bag."""
+    topic = TOPICS[message_type(settings)]
+    if settings.section.binary_suffix:
+        return {
+            "topic": topic,
+            "load": "The file is a bag with one message.\n\n    ros2 bag info -s mcap {file}",
+            "run": "ros2 bag play -s mcap {file}",
+        }
+    return {
+        "topic": topic,
+        "load": "The file is one message, too long for an argument of `ros2 topic pub`; {beside} "
+        "publishes it. It needs nothing but a sourced ROS 2.\n\n"
+        "    python3 {beside} {file} --check",
+        "run": "python3 {beside} {file}",
+    }
+
+
 FORMAT = TableFormat(
     name="ros2",
     title="ROS 2, trajectory_msgs",
@@ -277,17 +338,29 @@ FORMAT = TableFormat(
     write=_write,
     read=_read,
     options=Ros2Options,
-    guide=(
-        "Move the robot to the start below. Publish the YAML file once to your trajectory "
-        'controller, `ros2 topic pub --once TOPIC TYPE "$(cat {file})"`, with the TYPE that its '
-        "first line names; a bag is played with `ros2 bag play {file}`. Points have position, "
-        "velocity and acceleration: the controller has to interpolate with quintic polynomials "
-        "(joint_trajectory_controller does: interpolation_method splines). For a platform the "
-        "message holds the TCP's position, a quaternion (x, y, z, w), and twists in the base frame."
+    guide=Guide(
+        before=(
+            "Points have position, velocity and acceleration: the controller has to interpolate "
+            "with quintic polynomials (joint_trajectory_controller does, with "
+            "interpolation_method: splines). For a platform the message contains the TCP's "
+            "position, a quaternion (x, y, z, w), and twists in the base frame. The controller "
+            "has to listen:\n\n"
+            "    ros2 topic info {topic}"
+        ),
+        load="{load}",
+        run="Move the robot to the start with your planner, then publish the message once:\n\n"
+        "    {run}\n\n"
+        "A message without points stops the joints.",
+        record="    ros2 bag record /joint_states /dynamic_joint_states",
     ),
+    guide_values=_guide_values,
+    clock="1 ns (`time_from_start`); the controller's update rate",
+    capacity="4 GiB of a message; a trajectory before 2³¹ s",
+    executed="rosbags reads it; a model of the polynomials",
     units="m",
     angles="rad",
     axes={"strut": actuator_names("strut_"), "pose": POSE_AXES},
     digits=8,
-    written_times=partial(round_times, digits=_TIME_DIGITS),
+    beside={_CLIENT: _client},
+    written_times=on_grid(NANOSECONDS),
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +10,13 @@ import numpy as np
 from expdesign.configuration.sections.export import PVT_OPTIONS, ExportSection
 from expdesign.export.definition import (
     POSE_AXES,
+    Guide,
     Interpolation,
     Rows,
     Settings,
     TableError,
     TableFormat,
-    round_times,
+    on_grid,
     switched_at,
     switching,
 )
@@ -112,17 +112,36 @@ FORMAT = TableFormat(
     write=_write,
     read=_read,
     options=XpsOptions,
-    guide=(
-        "Copy the file into the controller's folder of trajectories. Make one positioner group of "
-        "the axes {axes}, in this order. Move the group to the start below, wait until it has "
-        "settled, and let the controller check the file against its own limits with "
-        "MultipleAxesPVTVerification. Set the gathering to the event of the trajectory, then run "
-        "it with MultipleAxesPVTExecution, velocity 100 %. Displacements in the file are relative "
-        "to the row before, velocities are those at the end of the row."
+    guide=Guide(
+        before=(
+            "Make one group of the type MultipleAxes, here GROUP, of the axes {axes}, in this "
+            "order. Home it. Displacements in the file are relative to the row before, velocities "
+            "are those at the end of the row."
+        ),
+        load=(
+            "Copy the file into the controller's folder of trajectories (Public/Trajectories), and "
+            "let the controller check it against its own limits:\n\n"
+            "    MultipleAxesPVTVerification (GROUP, {file})"
+        ),
+        run=(
+            "Move the group to the start, since the file is relative, and wait until it has "
+            "settled. Then run the file once:\n\n"
+            "    GroupMoveAbsolute (GROUP, {positions})\n"
+            "    MultipleAxesPVTExecution (GROUP, {file}, 1)\n\n"
+            "`GroupMoveAbort (GROUP)` stops the group. Further executions repeat the whole file, "
+            "from rest to rest: its last velocity has to be 0, so that a period alone cannot be "
+            "repeated."
+        ),
+        record=(
+            "Set the gathering to the event GROUP.PVT.TrajectoryStart, so that its first sample is "
+            "that of the start."
+        ),
     ),
+    clock="10 ns in the file; the controller's is not known",
+    capacity="8 positioners",
     digits=8,
     axes={"strut": actuator_names("S"), "pose": POSE_AXES},
-    written_times=partial(round_times, digits=_TIME_DIGITS),
+    written_times=on_grid(10**_TIME_DIGITS),
     trigger=(
         "Output {number} of GPIO1 is on from {on} s to {off} s after the start, switched by two "
         "events in {beside}. Send its lines to the controller before every execution, with "
