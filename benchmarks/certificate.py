@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from expdesign.enclosure.taylor_model import EnclosedSeries
+from expdesign.enclosure.paths import EnclosedSeries
 from expdesign.recheck.certificate import certify
 from expdesign.robot import LimitModel
 from tests.enclosure.machines import ALL, robot

@@ -19,9 +19,8 @@ from expdesign.configuration.loading import load_run
 from expdesign.experiment import DesignResult
 from expdesign.information.fisher import SingularInformationError
 from expdesign.library import robot_files
-from expdesign.motion.executable import ExecutableMotion, Periods, Segment
-from expdesign.motion.planning import executable_motion
-from expdesign.motion.ramp_problem import check_motion, jerk_limit, moving_states
+from expdesign.motion.executable import ExecutableMotion, Periods, Segment, moving_states
+from expdesign.motion.planning import check_motion, executable_motion, jerk_limit
 from expdesign.recheck.limit_check import Recheck
 from expdesign.robot import LimitModel, robot_from
 

@@ -4,9 +4,8 @@
 `report` are the stages that are called most; `run` does all that a run file names.
 """
 
-from typing import TYPE_CHECKING
-
-from expdesign.loading import names_loaded_when_used
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from estimation.data.measurement import Measurement
@@ -53,8 +52,12 @@ _HOMES = {
     ),
 }
 
-# `expdesign --help` needs no CasADi.
-__getattr__ = names_loaded_when_used(__name__, _HOMES)
+
+def __getattr__(name: str) -> Any:
+    # On first use: `expdesign --help` needs no CasADi.
+    if name not in _HOMES:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    return getattr(import_module(_HOMES[name]), name)
 
 
 def __dir__() -> list[str]:

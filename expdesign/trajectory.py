@@ -16,7 +16,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, core_schema
 
-from constraints.arrays import Array
+from constraints.arrays import Array, Mask
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.runfolder import JsonFile, described
 
@@ -244,3 +244,106 @@ class TrajectoryFile(FourierKeys, JsonFile):
     WRITTEN_BY_HAND: ClassVar[bool] = True
     robot: Annotated[str | None, described("", "name of the robot that it was designed for")] = None
     status: Annotated[str | None, described("", "how the design ended")] = None
+
+
+FARTHEST = 0.05
+"""Largest change of the period, as a share of it, to avoid a hum."""
+
+
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class HumDistance:
+    """A hum, and the nearest multiple of a motion's frequency."""
+
+    frequency: float
+    """Of the hum, Hz."""
+    multiple: int
+    distance: float
+    """Absolute distance, Hz."""
+    lines: float
+    """Distance in lines of the recording's spectrum."""
+
+    @property
+    def kept(self) -> bool:
+        """Whether it is at least one line of the recording away."""
+        return self.lines >= 1 - _ROUNDING
+
+
+@dataclass(frozen=True)
+class KnownHum:
+    """Frequencies of hums, and the number of periods of the recording.
+
+    A hum at a multiple of the motion's frequency repeats in every period: it cannot be separated
+    from the motion's own forces, and it biases the parameters. At a distance of one line of the
+    recording's spectrum (one over its duration) it averages out over the recording.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> (mains,) = KnownHum((50.0,), periods=10).distances(2 * np.pi * 0.4995)
+    >>> mains.multiple, round(mains.distance, 4), mains.kept
+    (100, 0.05, True)
+    """
+
+    frequencies: tuple[float, ...]
+    """Hz."""
+    periods: float
+
+    def distances(self, omega: float) -> tuple[HumDistance, ...]:
+        """Return the distance of each hum from the multiples of ω, rad/s."""
+        base = omega / (2 * np.pi)
+        found = []
+        for frequency in self.frequencies:
+            turns = frequency / base
+            off = abs(turns - round(turns))
+            found.append(HumDistance(frequency, round(turns), off * base, off * self.periods))
+        return tuple(found)
+
+    def avoided(self, periods: Array) -> Mask:
+        """Return for lengths of a period, (K,), s, whether every hum is a line away, (K,)."""
+        turns = np.multiply.outer(periods, np.array(self.frequencies))
+        off = np.abs(turns - np.round(turns)) * self.periods
+        return np.asarray(np.all(off >= 1 - _ROUNDING, axis=1))
+
+
+def round_period(
+    omega: float, bounds: tuple[float, float], step: float, hum: KnownHum | None = None
+) -> tuple[float, int]:
+    """Return the nearest ω whose period is a whole number of controller steps, and that number.
+
+    If another one within `FARTHEST` keeps the multiples of ω away from every hum, it is preferred.
+
+    Parameters
+    ----------
+    omega : float
+        rad/s, within the bounds.
+    step : float
+        Controller step, s.
+
+    Raises
+    ------
+    ValueError
+        No whole number of steps fits between the bounds.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> omega, steps = round_period(2 * np.pi / 2.0004, (1.0, 10.0), 1e-3)
+    >>> steps
+    2000
+    """
+    slack = 1e-12
+    fewest = int(np.ceil(2 * np.pi / (bounds[1] * step) * (1 - slack)))
+    most = int(np.floor(2 * np.pi / (bounds[0] * step) * (1 + slack)))
+    if fewest > most:
+        raise ValueError("no period within the frequency bounds is a whole number of steps")
+    steps = int(np.clip(np.rint(2 * np.pi / (omega * step)), fewest, most))
+    if hum is not None and hum.frequencies:
+        reach = int(FARTHEST * steps)
+        near = np.arange(max(fewest, steps - reach), min(most, steps + reach) + 1)
+        near = near[hum.avoided(step * near.astype(np.float64))]
+        if len(near):
+            steps = int(near[np.argmin(np.abs(near - 2 * np.pi / (omega * step)))])
+    return 2 * np.pi / (steps * step), steps

@@ -33,7 +33,7 @@ from estimation.processing import NoiseEstimate, NoiseModel
 from estimation.processing.whitening_filter import WhiteningFilter
 from expdesign.information.fisher import ScaledInformation, whitening
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.noise.spectrum import lines_of, multiplicity
+from expdesign.noise import lines_of, multiplicity
 
 _DETERMINED = 1e-12
 """Smallest eigenvalue of the scaled J, relative to the largest, of independent columns."""

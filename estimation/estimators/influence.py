@@ -31,7 +31,7 @@ from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.normal_equations import Filter
 from estimation.measurement_model.prediction import chunks, force_columns, length_columns
 from estimation.processing.noise import NoiseEstimate
-from expdesign.noise.spectrum import lines_of
+from expdesign.noise import lines_of
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation
 

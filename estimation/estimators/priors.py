@@ -16,13 +16,15 @@ from estimation.estimators.prior_estimate import PriorEstimate, UnloadedMachine
 from expdesign.configuration import ComputationError, InputError
 from expdesign.configuration.robot import RobotDescription
 from expdesign.configuration.sections.estimate import EstimateSection
-from expdesign.experiment.combinations import (
+from expdesign.information.fisher import ScaledInformation
+from expdesign.information.identifiable import (
+    BaseParameters,
     KnownCombination,
     identified_base,
     known_combinations,
+    listed,
+    root_of_inverse,
 )
-from expdesign.information.fisher import ScaledInformation
-from expdesign.information.identifiable import BaseParameters, listed, root_of_inverse
 from expdesign.mechanism.catalogue import known_parameters
 from expdesign.recheck.excitable import structural_base
 from expdesign.robot import Robot

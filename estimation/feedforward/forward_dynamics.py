@@ -14,8 +14,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration.sections.experiment import Cogging
-from expdesign.evaluation.batch import Graph
-from expdesign.evaluation.kernel import kernel
+from expdesign.evaluation.batch import Graph, kernel
 from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.term import Friction, Term

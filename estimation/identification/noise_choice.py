@@ -16,7 +16,7 @@ from estimation.processing.whitening_filter import given_filter
 from estimation.uncertainty.intervals import correlation
 from expdesign.configuration import InputError, RunConfiguration
 from expdesign.configuration.sections.estimate import SpectrumOrigin
-from expdesign.noise.spectrum import NoiseSpectrum
+from expdesign.noise import NoiseSpectrum
 
 _STILL = 1e-12
 """Smallest variance, relative to the largest, and eigenvalue of a correlation that is one."""

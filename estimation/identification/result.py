@@ -38,7 +38,7 @@ from estimation.selection.selection import SelectionRow
 from estimation.uncertainty.intervals import Combination, ParameterRow, correlation
 from expdesign.configuration import Problem
 from expdesign.configuration.identification import IDENTIFIED_ROBOT
-from expdesign.experiment.combinations import KnownCombination
+from expdesign.information.identifiable import KnownCombination
 from expdesign.runfolder import (
     Column,
     Matrix,

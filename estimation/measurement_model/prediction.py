@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.measurement_model.motion import HarmonicMotion, MotionColumns, MotionSamples
-from expdesign.evaluation.batch import Graph
-from expdesign.evaluation.kernel import kernel
+from expdesign.evaluation.batch import Graph, kernel
 from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.term import Friction, Term

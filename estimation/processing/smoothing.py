@@ -19,7 +19,7 @@ import scipy.linalg as sla
 from scipy.special import fdtrc
 
 from constraints.arrays import Array, ComplexArray, Mask
-from expdesign.noise.spectrum import multiplicity
+from expdesign.noise import multiplicity
 
 _ORDERS = (0, 1, 2, 4, 8)
 _HALF_WIDTHS = (8, 24, 72, 216)

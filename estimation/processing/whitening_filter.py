@@ -15,7 +15,7 @@ import numpy as np
 from constraints.arrays import Array, ComplexArray
 from estimation.processing.smoothing import NoiseLines, smoothed_spectrum
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.noise.spectrum import lines_of, multiplicity, series_of
+from expdesign.noise import lines_of, multiplicity, series_of
 
 _SHOWN = 0.1
 """Share of a jump up to which a filter may still show it."""

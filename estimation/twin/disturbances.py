@@ -28,8 +28,8 @@ from expdesign.configuration.sections.experiment import (
     TrackingError,
 )
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
-from expdesign.noise.hum import Hum as SpectralHum
-from expdesign.noise.spectrum import NoiseSpectrum, multiplicity, series_of
+from expdesign.noise import Hum as SpectralHum
+from expdesign.noise import NoiseSpectrum, multiplicity, series_of
 from expdesign.trajectory import FourierTrajectory
 
 _EXPERIMENT = 0

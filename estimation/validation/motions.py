@@ -14,8 +14,7 @@ from expdesign.configuration.sections.motions import BenchmarkMotion
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.recheck.certificate import recheck
 from expdesign.robot import LimitModel, Robot
-from expdesign.solver.finish import round_period
-from expdesign.trajectory import FourierTrajectory, PhaseBasis
+from expdesign.trajectory import FourierTrajectory, PhaseBasis, round_period
 
 _MIRRORED = {
     # A mirror image turns the other way about the axes in its plane: M R M for R = Rx Ry Rz.

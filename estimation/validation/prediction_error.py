@@ -28,7 +28,7 @@ from estimation.diagnostics.significance import LACK_OF_FIT
 from estimation.estimators import Experiment
 from expdesign.configuration import ForceTolerance
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.noise.spectrum import lines_of, multiplicity
+from expdesign.noise import lines_of, multiplicity
 from expdesign.robot import Robot
 from expdesign.runfolder import OpenNumber, described
 

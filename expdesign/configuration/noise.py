@@ -30,7 +30,7 @@ from expdesign.configuration.quantity import (
 )
 from expdesign.configuration.section import Section
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.noise.spectrum import NoiseSpectrum
+from expdesign.noise import NoiseSpectrum
 
 NOISE_FROM_DATA = "`expdesign noise RUN.yaml --data FILE` makes it from a recording at rest"
 """Advice for a run without noise."""

@@ -31,10 +31,10 @@ from expdesign.configuration.quantity import (
 )
 from expdesign.configuration.section import RESOLVED, Section, validate
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
-from expdesign.noise.hum import Hum
-from expdesign.noise.spectrum import (
+from expdesign.noise import (
     Autoregressive,
     Band,
+    Hum,
     NoiseSpectrum,
     SpectralPart,
     Tabulated,

@@ -18,6 +18,8 @@ TERMS = 6
 EPS = 2.0**-52
 TINY = 1e-300
 """More than what a few operations can lose below the smallest normal number."""
+UP = 1 + 2.0**-40
+"""Factor that exceeds the roundings of a radius's own computation by NumPy."""
 _UP = 1 + 2.0**-44
 _ROUNDED = 4 * TERMS * EPS
 _FUNCTION = 1 + 16 * EPS

@@ -15,16 +15,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array, Mask
-from expdesign.enclosure.arithmetic import EPS, TERMS
-from expdesign.enclosure.limit_rows import EnclosedKinematics
-from expdesign.enclosure.taylor_model import PiecewisePolynomials, TaylorModel
+from expdesign.enclosure.arithmetic import EPS, TERMS, UP
+from expdesign.enclosure.instructions import EnclosedFunction
+from expdesign.enclosure.matrices import TaylorMatrix
+from expdesign.enclosure.paths import PiecewisePolynomials
+from expdesign.enclosure.taylor_model import TaylorModel
+from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.mechanism.term import Term, kinematic_terms
 from expdesign.robot import Robot
 
 WITHIN = 1e-9
@@ -36,7 +41,6 @@ ACCURATE = 3e-9
 """How well poses are to be known, in the same measure: cells where they are not are divided."""
 _DIVISIONS = 10
 _BLOCK = 1024
-_UP = 1 + 2.0**-40
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,12 +182,12 @@ class _Poses:
         `size` is that of all that the poses were summed up from.
         """
         rounding = 4 * TERMS * EPS * size
-        return np.asarray(np.max((np.abs(first - second) + rounding) / self.scale, axis=1)) * _UP
+        return np.asarray(np.max((np.abs(first - second) + rounding) / self.scale, axis=1)) * UP
 
     def from_home(self, known: Mask) -> PiecewisePolynomials:
         """Return the poses as a path, of which some cells (N,) are known."""
         error = np.zeros_like(self.coefficients)
-        error[0] = self.scale[:, None] * np.where(known, self.error, np.inf) * _UP
+        error[0] = self.scale[:, None] * np.where(known, self.error, np.inf) * UP
         times = np.append(self.edges[:, 0], self.edges[-1, 1])
         return PiecewisePolynomials(times, self.coefficients, error)
 
@@ -269,10 +273,10 @@ def _tighten_poses(
     before += (
         4 * EPS * np.stack([np.abs(model.coefficients).sum(axis=0) for model in moved], axis=1)
     )
-    least = np.max(before / scale, axis=1) * _UP
+    least = np.max(before / scale, axis=1) * UP
     off = [a - b for a, b in zip(kinematics.lengths(moved), lengths, strict=True)]
     error, _ = _prove_poses(kinematics, moved, off, np.where(np.isfinite(least), least, 0.0))
-    error = np.where(np.isfinite(least), np.minimum(error, least), np.inf) * _UP
+    error = np.where(np.isfinite(least), np.minimum(error, least), np.inf) * UP
     return [
         TaylorModel(model.coefficients, share * error)
         for model, share in zip(moved, scale, strict=True)
@@ -312,10 +316,10 @@ def _prove_poses(
     cells, scale = pose[0].coefficients.shape[1], _scale(robot)
     x, usable = _inverse_at_middle(kinematics, pose)
     sizes = np.stack([np.broadcast_to(model.size, cells) for model in off], axis=1)
-    step = np.max((np.abs(x) @ sizes[:, :, None])[:, :, 0] / scale, axis=1) * _UP
+    step = np.max((np.abs(x) @ sizes[:, :, None])[:, :, 0] / scale, axis=1) * UP
     within = np.maximum(least, _TIMES_APART * step)
     near = [
-        TaylorModel(model.coefficients, model.radius + within * share * _UP)
+        TaylorModel(model.coefficients, model.radius + within * share * UP)
         for model, share in zip(pose, scale, strict=True)
     ]
     slope = kinematics.jacobian(near, cells)
@@ -324,8 +328,8 @@ def _prove_poses(
     size = np.abs(slope.coefficients).sum(axis=0)
     change = np.abs(product).sum(axis=0)
     change += np.abs(x) @ (slope.radius + 16 * EPS * size) + EPS
-    share = np.max(change @ scale / scale, axis=1) * _UP
-    error = np.where(share < _LARGEST_CHANGE, step / (1 - share), np.inf) * _UP
+    share = np.max(change @ scale / scale, axis=1) * UP
+    error = np.where(share < _LARGEST_CHANGE, step / (1 - share), np.inf) * UP
     return np.where(usable & (error < within), error, np.inf), within
 
 
@@ -337,3 +341,58 @@ def _halve_cells(edges: Array) -> Array:
 def _scale(robot: Robot) -> Array:
     """Return what counts as one of each coordinate, (6,): the characteristic length, and 1 rad."""
     return np.repeat([robot.characteristic_length, 1.0], COORDINATES // 2)
+
+
+class EnclosedKinematics:
+    """A machine's own kinematics, for Taylor models."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self._functions = _functions(kinematic_terms(robot.terms))
+        self._geometry = [TaylorModel.number(value) for value in robot.geometry_vector]
+
+    def lengths(self, pose: list[TaylorModel]) -> list[TaylorModel]:
+        """Return the six lengths of a pose, m."""
+        return self._functions([pose, _nothing(), self._geometry], [0])[0]
+
+    def jacobian(self, pose: list[TaylorModel], cells: int) -> TaylorMatrix:
+        """Return ∂q/∂λ."""
+        entries = self._functions([pose, _nothing(), self._geometry], [1])[1]
+        return TaylorMatrix.of(entries, ACTUATORS, cells)
+
+    def rate(
+        self, pose: list[TaylorModel], speed: list[TaylorModel]
+    ) -> tuple[list[TaylorModel], TaylorMatrix]:
+        """Return λ̇ of a pose whose struts have these speeds, and (∂q/∂λ)⁻¹."""
+        cells = max(model.radius.size for model in pose)
+        inverse = self.jacobian(pose, cells).inverse()
+        return _times(inverse, speed, cells), inverse
+
+    def motion(
+        self, pose: list[TaylorModel], speed: list[TaylorModel], acceleration: list[TaylorModel]
+    ) -> tuple[list[TaylorModel], list[TaylorModel]]:
+        """Return λ̇ and λ̈ of a pose whose struts have these speeds and accelerations."""
+        rate, inverse = self.rate(pose, speed)
+        # q̈ = J λ̈ + J̇ λ̇; the graph gives the second part at λ̈ = 0.
+        rest = self._functions([pose, rate, self._geometry], [2])[2]
+        left = [whole - part for whole, part in zip(acceleration, rest, strict=True)]
+        return rate, _times(inverse, left, len(inverse.radius))
+
+
+def _times(matrix: TaylorMatrix, column: list[TaylorModel], cells: int) -> list[TaylorModel]:
+    return (matrix @ TaylorMatrix.of(column, ACTUATORS, cells)).models()
+
+
+def _nothing() -> list[TaylorModel]:
+    return [TaylorModel.number(0.0)] * COORDINATES
+
+
+@cache
+def _functions(terms: tuple[Term, ...]) -> EnclosedFunction:
+    """Pose, rate, geometry → lengths, ∂q/∂λ column by column, and accelerations at λ̈ = 0."""
+    graph = hexapod_graph(terms)
+    lengths = graph.kinematic["strut_length"]
+    none = ca.SX.zeros(COORDINATES)
+    rest = ca.substitute(graph.kinematic["strut_acceleration"], graph.acceleration, none)
+    outputs = [lengths, ca.vec(ca.densify(ca.jacobian(lengths, graph.pose))), rest]
+    return EnclosedFunction([graph.pose, graph.rate, graph.geometry.vector], outputs)

@@ -11,21 +11,37 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from expdesign.enclosure import functions as f
-from expdesign.enclosure import program
-from expdesign.enclosure.arithmetic import TERMS
+from constraints.arrays import Array
+from expdesign.enclosure import taylor_model as f
+from expdesign.enclosure.arithmetic import (
+    TERMS,
+    add,
+    invert,
+    larger,
+    multiply,
+    take_root,
+)
 from expdesign.enclosure.taylor_model import TaylorModel
+from expdesign.evaluation.compiled import compiled
+
+ASSIGN, NUMBER, ADD, SUBTRACT, NEGATE, MULTIPLY, TWICE, INVERT, ROOT, LARGER = range(10)
+"""Instructions: of a row (instruction, target, first, second) of a program.
+
+`NUMBER` writes the number whose place among the constants is the first.
+"""
+ROOM = 5
+"""Packed models that `run_instructions` needs to work with."""
 
 _COMPILED = {
-    ca.OP_ASSIGN: program.ASSIGN,
-    ca.OP_NEG: program.NEGATE,
-    ca.OP_TWICE: program.TWICE,
-    ca.OP_INV: program.INVERT,
-    ca.OP_SQRT: program.ROOT,
-    ca.OP_ADD: program.ADD,
-    ca.OP_SUB: program.SUBTRACT,
-    ca.OP_MUL: program.MULTIPLY,
-    ca.OP_FMAX: program.LARGER,
+    ca.OP_ASSIGN: ASSIGN,
+    ca.OP_NEG: NEGATE,
+    ca.OP_TWICE: TWICE,
+    ca.OP_INV: INVERT,
+    ca.OP_SQRT: ROOT,
+    ca.OP_ADD: ADD,
+    ca.OP_SUB: SUBTRACT,
+    ca.OP_MUL: MULTIPLY,
+    ca.OP_FMAX: LARGER,
 }
 _CALLED: dict[int, Callable[..., TaylorModel]] = {
     ca.OP_SIN: f.sine,
@@ -40,7 +56,6 @@ _CALLED: dict[int, Callable[..., TaylorModel]] = {
     ca.OP_ATAN2: f.arc_tangent,
     ca.OP_HYPOT: lambda a, b: f.root(a.squared() + b.squared()),
 }
-
 
 _SPARE = 2
 """Places that an instruction of several steps needs for what is between them."""
@@ -91,11 +106,11 @@ class EnclosedFunction:
         for start, models in zip(self._given, inputs, strict=True):
             for place, model in enumerate(models, start):
                 counts[place] = model.write(work[place])
-        room = np.empty((program.ROOM, TERMS + 1, cells))
+        room = np.empty((ROOM, TERMS + 1, cells))
         with np.errstate(all="ignore"):
             for part in self._parts(which):
                 if isinstance(part, np.ndarray):
-                    program.run(part, self._constants, work, counts, room)
+                    run_instructions(part, self._constants, work, counts, room)
                     continue
                 models = [TaylorModel.unpacked(work[k], counts[k]) for k in part.sources]
                 counts[part.target] = part.function(*models).write(work[part.target])
@@ -156,7 +171,7 @@ class _Step:
 
     target: int
     sources: tuple[int, ...] = ()
-    compiled: int = program.ASSIGN
+    compiled: int = ASSIGN
     called: Callable[..., TaylorModel] | None = None
     constant: float = 0.0
     input: tuple[int, int] | None = None
@@ -171,11 +186,11 @@ def _steps(function: ca.Function, k: int, spare: int) -> tuple[_Step, ...]:
         return (_step(function, k),)
     (target,), (a, b) = function.instruction_output(k), function.instruction_input(k)
     if operation == ca.OP_DIV:
-        inverse = _Step(spare, (b,), program.INVERT)
-        return inverse, _Step(target, (a, spare), program.MULTIPLY)
-    flipped = [_Step(spare + i, (one,), program.NEGATE) for i, one in enumerate((a, b))]
-    most = _Step(spare, (spare, spare + 1), program.LARGER)
-    return *flipped, most, _Step(target, (spare,), program.NEGATE)
+        inverse = _Step(spare, (b,), INVERT)
+        return inverse, _Step(target, (a, spare), MULTIPLY)
+    flipped = [_Step(spare + i, (one,), NEGATE) for i, one in enumerate((a, b))]
+    most = _Step(spare, (spare, spare + 1), LARGER)
+    return *flipped, most, _Step(target, (spare,), NEGATE)
 
 
 def _step(function: ca.Function, k: int) -> _Step:
@@ -188,11 +203,64 @@ def _step(function: ca.Function, k: int) -> _Step:
         return _Step(-1, (source[0],), output=(target[0], target[1]))
     if operation == ca.OP_CONST:
         number = function.instruction_constant(k)
-        return _Step(target[0], compiled=program.NUMBER, constant=number)
+        return _Step(target[0], compiled=NUMBER, constant=number)
     if operation == ca.OP_SQ:
-        return _Step(target[0], source * 2, program.MULTIPLY)
+        return _Step(target[0], source * 2, MULTIPLY)
     if operation in _COMPILED:
         return _Step(target[0], source, _COMPILED[operation])
     if operation in _CALLED:
         return _Step(target[0], source, called=_CALLED[operation])
     raise NoEnclosureError(f"no enclosure of CasADi's operation {operation}")
+
+
+@compiled
+def run_instructions(
+    program: NDArray[np.int64],
+    constants: Array,
+    work: Array,
+    counts: NDArray[np.int64],
+    room: Array,
+) -> None:
+    """Do instructions on models in numbered places.
+
+    Parameters
+    ----------
+    program : (I, 4)
+    work : (places, TERMS + 1, N)
+        Packed models.
+    counts : (places,)
+        Their coefficients.
+    room : (ROOM, TERMS + 1, N)
+        Is overwritten.
+    """
+    out = room[0]
+    for step in range(len(program)):
+        do, target, a, b = program[step]
+        count = 1
+        if do == NUMBER:
+            out[0] = constants[a]
+            out[TERMS] = 0.0
+        elif do in (ASSIGN, NEGATE):
+            count = counts[a]
+            sign = 1.0 if do == ASSIGN else -1.0
+            for k in range(count):
+                for n in range(out.shape[1]):
+                    out[k, n] = sign * work[a, k, n]
+            out[TERMS] = work[a, TERMS]
+        elif do in (ADD, SUBTRACT):
+            sign = 1.0 if do == ADD else -1.0
+            count = add(work[a], counts[a], work[b], counts[b], sign, out)
+        elif do == TWICE:
+            count = add(work[a], counts[a], work[a], counts[a], 1.0, out)
+        elif do == MULTIPLY:
+            count = multiply(work[a], counts[a], work[b], counts[b], out, room[1])
+        elif do == INVERT:
+            count = invert(work[a], counts[a], out, room[1:])
+        elif do == LARGER:
+            count = larger(work[a], counts[a], work[b], counts[b], out, room[1:])
+        elif do == ROOT:
+            count = take_root(work[a], counts[a], out, room[1:])
+        for k in range(count):
+            work[target, k] = out[k]
+        work[target, TERMS] = out[TERMS]
+        counts[target] = count

@@ -12,11 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.enclosure.arithmetic import EPS, TERMS, TINY
-from expdesign.enclosure.functions import chosen, reciprocal, root
-from expdesign.enclosure.taylor_model import TaylorModel
-
-_UP = 1 + 2.0**-40
+from expdesign.enclosure.arithmetic import EPS, TERMS, TINY, UP
+from expdesign.enclosure.taylor_model import TaylorModel, chosen, reciprocal, root
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +55,7 @@ class TaylorMatrix:
     @property
     def size(self) -> Array:
         """(N, n, m), what no entry is larger than in size."""
-        return np.asarray((np.sum(np.abs(self.coefficients), axis=0) + self.radius) * _UP)
+        return np.asarray((np.sum(np.abs(self.coefficients), axis=0) + self.radius) * UP)
 
     def __matmul__(self, other: TaylorMatrix) -> TaylorMatrix:
         a, b = self.coefficients, other.coefficients
@@ -76,7 +73,7 @@ class TaylorMatrix:
         rounding = 4 * TERMS * a.shape[3] * EPS
         beyond += whole_a @ other.radius + self.radius @ (whole_b + other.radius)
         beyond += rounding * (whole_a @ whole_b) + TINY
-        return TaylorMatrix(product, _is_finite(beyond * _UP))
+        return TaylorMatrix(product, _is_finite(beyond * UP))
 
     def inverse(self) -> TaylorMatrix:
         """Return the inverse of square matrices; unknown in cells where one may be singular.
@@ -98,14 +95,14 @@ class TaylorMatrix:
         close = TaylorMatrix(x, np.zeros_like(self.radius))
         product = self @ close
         product.coefficients[0] -= np.eye(count)
-        off = (product.size + EPS) * _UP
+        off = (product.size + EPS) * UP
         # Each entry of X R (1 + R + …) by sizes; the largest sum of a column is R's norm.
-        norm = np.max(np.sum(off, axis=1), axis=1) * _UP
-        wrong = close.size @ off * _UP
+        norm = np.max(np.sum(off, axis=1), axis=1) * UP
+        wrong = close.size @ off * UP
         with np.errstate(all="ignore"):
-            more = np.where(norm < 1, norm / (1 - norm) * _UP, np.inf)
+            more = np.where(norm < 1, norm / (1 - norm) * UP, np.inf)
         radius = wrong + np.sum(wrong, axis=2, keepdims=True) * more[:, None, None]
-        radius = np.where(usable[:, None, None], radius * _UP, np.inf)
+        radius = np.where(usable[:, None, None], radius * UP, np.inf)
         return TaylorMatrix(x, _is_finite(radius))
 
 

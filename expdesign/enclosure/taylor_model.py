@@ -8,163 +8,23 @@ inclusion methods, 2003). N cells are computed at once.
 
 Rounding: an operation of IEEE 754 is wrong by at most `EPS`/2 of its result. Every operation adds
 a multiple of `EPS` times the sum of the sizes that it met, which is more than all its roundings
-together, and every radius is enlarged by `_UP` for those of its own computation.
+together, and every radius is enlarged by a factor for those of its own computation.
+
+A function g of a model is a polynomial close to it, computed in floating point, and a proof of the
+distance: of reciprocal and root by the residual of their equation, of the others by the remainder
+of their Taylor series.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
-from math import comb
+from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from constraints.arrays import Array
+from constraints.arrays import Array, Mask
 from expdesign.enclosure import arithmetic
-from expdesign.enclosure.arithmetic import EPS, TERMS
-from expdesign.trajectory import FourierTrajectory
-
-_UP = 1 + 2.0**-40
-_ROUNDED = 64 * EPS
-"""More than what is lost where a polynomial is taken to a part of its piece."""
-# Coefficients of τ⁰, τ¹, … from what a piece is made of. All numbers are exact in binary.
-_LINE = np.array([[1, 1 / 2], [0, 1 / 2]])
-_CUBIC = np.array(
-    [
-        [1, 1 / 2, 1 / 4, -1 / 4],
-        [0, 3 / 4, -1 / 4, -1 / 4],
-        [0, 0, -1 / 4, 1 / 4],
-        [0, -1 / 4, 1 / 4, 1 / 4],
-    ]
-)
-_QUINTIC = (
-    np.array(
-        [
-            [16, 8, 5, -5, 1, 1],
-            [0, 15, -7, -7, -1, 1],
-            [0, 0, -6, 6, -2, -2],
-            [0, -10, 10, 10, 2, -2],
-            [0, 0, 1, -1, 1, 1],
-            [0, 3, -3, -3, -1, 1],
-        ]
-    )
-    / 16
-)
-
-
-@dataclass(frozen=True, eq=False)
-class PiecewisePolynomials:
-    """Polynomials of m coordinates on each of N pieces of time."""
-
-    times: Array
-    """(N + 1,), s: where the pieces begin, and where the last one ends."""
-    coefficients: Array
-    """(K, m, N), of τ⁰, τ¹, …"""
-    error: Array
-    """(K, m, N), by how much a coefficient may differ from that of the path; ∞: not known."""
-
-    @property
-    def derivative(self) -> PiecewisePolynomials:
-        """The derivative in time, per s."""
-        if len(self.coefficients) == 1:
-            nothing = np.zeros_like(self.coefficients)
-            return PiecewisePolynomials(self.times, nothing, nothing)
-        half = np.diff(self.times) / 2
-        power = np.arange(1, len(self.coefficients))[:, None, None]
-        found = self.coefficients[1:] * power / half
-        error = self.error[1:] * power / half + 4 * EPS * np.abs(found)
-        return PiecewisePolynomials(self.times, found, error * _UP)
-
-    def mapped(self, source: NDArray[np.intp], factor: Array, zero: Array) -> PiecewisePolynomials:
-        """Return the coordinates p / factor + zero of a path p: that of `source` for each."""
-        found = self.coefficients[:, source] / factor[:, None]
-        error = self.error[:, source] / np.abs(factor[:, None]) + 2 * EPS * np.abs(found)
-        return PiecewisePolynomials(self.times, found, error * _UP).moved(zero)
-
-    def moved(self, way: Array) -> PiecewisePolynomials:
-        """Return the path p + way, (m,), whose last digit may be wrong."""
-        found, error = self.coefficients.copy(), self.error.copy()
-        found[0] += way[:, None]
-        error[0] += 2 * EPS * (np.abs(found[0]) + np.abs(way[:, None]))
-        return PiecewisePolynomials(self.times, found, error * _UP)
-
-    def over(self, edges: Array) -> list[TaylorModel]:
-        """Return the m models over cells, (N', 2), s, none of which reaches beyond a piece."""
-        place = np.searchsorted(self.times, edges.mean(axis=1), side="right") - 1
-        place = np.clip(place, 0, len(self.times) - 2)
-        begin = self.times[place]
-        half = (self.times[place + 1] - begin) / 2
-        first, last = ((edges[:, k] - begin) / half - 1 for k in (0, 1))
-        middle, width = (first + last) / 2, (last - first) / 2
-        own, error = self.coefficients[..., place], self.error[..., place]
-        count = len(own)
-        found = np.zeros_like(own)
-        for j in range(count):
-            for k in range(count - 1, j - 1, -1):
-                found[j] *= middle
-                found[j] += comb(k, j) * own[k]
-            found[j] *= width**j
-        # Where the cell lies in its piece is rounded too: by what the slope makes of that.
-        weights = 1 + np.arange(count)[:, None, None]
-        radius = (error.sum(axis=0) + _ROUNDED * np.sum(weights * np.abs(own), axis=0)) * _UP
-        return [
-            TaylorModel(np.ascontiguousarray(found[:, i]), radius[i]) for i in range(own.shape[1])
-        ]
-
-
-def between_rows(
-    times: Array, position: Array, rate: Array | None = None, acceleration: Array | None = None
-) -> PiecewisePolynomials:
-    """Return the path through rows: straight lines, cubic or quintic Hermite polynomials.
-
-    Parameters
-    ----------
-    times : (N,)
-        s.
-    position, rate, acceleration : (N, m)
-        At those times, per s and per s². Without accelerations the polynomials are cubic, without
-        rates straight lines.
-    """
-    half = np.diff(times)[:, None] / 2
-    data, matrix = [position[:-1], np.diff(position, axis=0)], _LINE
-    if rate is not None:
-        data += [rate[:-1] * half, rate[1:] * half]
-        matrix = _CUBIC
-        if acceleration is not None:
-            data += [acceleration[:-1] * half**2, acceleration[1:] * half**2]
-            matrix = _QUINTIC
-    stacked = np.stack(data).swapaxes(1, 2)
-    coefficients = np.tensordot(matrix, stacked, 1)
-    error = 16 * EPS * np.tensordot(np.abs(matrix), np.abs(stacked), 1)
-    # The position at the middle is that of a row, which is exact, and differences.
-    return PiecewisePolynomials(times, coefficients, error * _UP)
-
-
-@dataclass(frozen=True, eq=False)
-class PosePath:
-    """A motion of the pose that is polynomials in time."""
-
-    poses: PiecewisePolynomials
-    """m and rad."""
-
-    @property
-    def breaks(self) -> Array:
-        """(K,), s: when the pieces begin and end."""
-        return self.poses.times
-
-    def models(self, edges: Array) -> list[TaylorModel]:
-        """Return the models of pose, rate, acceleration and jerk, 24, over cells (N, 2), s."""
-        return [model for part in self._derivatives for model in part.over(edges)]
-
-    @cached_property
-    def _derivatives(self) -> list[PiecewisePolynomials]:
-        found = [self.poses]
-        for _ in range(3):
-            found.append(found[-1].derivative)
-        return found
-
+from expdesign.enclosure.arithmetic import EPS, TERMS, TINY, invert, take_root
 
 _NEWTON_STEPS = 2
 
@@ -308,67 +168,185 @@ class TaylorModel:
         return TaylorModel.number(factor) * self
 
 
-DERIVATIVES = 4
-"""Pose, rate, acceleration and jerk."""
+_POWERS = TERMS + 2
+"""Powers of a series in the model itself: its range within a cell is small."""
 
 
-@dataclass(frozen=True)
-class EnclosedSeries:
-    """One period of a Fourier series over cells of time."""
-
-    trajectory: FourierTrajectory
-
-    @property
-    def breaks(self) -> Array:
-        """(2,) beginning and end of the period, s; the end is rounded up."""
-        return np.array([0.0, self.trajectory.period * (1 + 4 * EPS)])
-
-    def models(self, edges: Array) -> list[TaylorModel]:
-        """Return the models of pose, rate, acceleration and jerk, 24, over cells (N, 2), s."""
-        return fourier_models(self.trajectory, edges)
+def reciprocal(a: TaylorModel) -> TaylorModel:
+    """Return 1/a; unknown in cells where a may be zero."""
+    return _build_model(invert, a)
 
 
-def fourier_models(trajectory: FourierTrajectory, edges: Array) -> list[TaylorModel]:
-    """Return the models of pose, rate, acceleration and jerk, 24, over cells of time.
+def divide(a: TaylorModel, b: TaylorModel) -> TaylorModel:
+    """Return a/b; unknown in cells where b may be zero."""
+    return a * reciprocal(b)
 
-    The derivatives of a series are known in closed form, and no derivative of a harmonic is larger
-    than its amplitude times the power of its frequency.
 
-    Parameters
-    ----------
-    edges : (N, 2)
-        When each cell begins and ends, s; every instant between the two is in the cell.
+def root(a: TaylorModel) -> TaylorModel:
+    """Return √a for a ≥ 0; near zero a constant interval."""
+    return _build_model(take_root, a)
+
+
+def _build_model(write: Callable[[Array, int, Array, Array], int], a: TaylorModel) -> TaylorModel:
+    """Return the model that a function of packed models writes."""
+    room = np.empty((4, TERMS + 1, a.cells))
+    return TaylorModel.unpacked(room[0], write(*a.packed(a.cells), room[0], room[1:]))
+
+
+def sine(a: TaylorModel) -> TaylorModel:
+    """Return sin a, a in rad."""
+    middle = a.coefficients[0]
+    sin, cos = np.sin(middle), np.cos(middle)
+    return _series(a, [sin, cos, -sin, -cos], np.ones(1), 8 * EPS)
+
+
+def cosine(a: TaylorModel) -> TaylorModel:
+    """Return cos a, a in rad."""
+    middle = a.coefficients[0]
+    sin, cos = np.sin(middle), np.cos(middle)
+    return _series(a, [cos, -sin, -cos, sin], np.ones(1), 8 * EPS)
+
+
+def exponential(a: TaylorModel) -> TaylorModel:
+    """Return eᵃ."""
+    value = np.exp(a.coefficients[0])
+    return _series(a, [value], np.exp(a.bounds()[1]) * (1 + 8 * EPS))
+
+
+def arc_tangent(y: TaylorModel, x: TaylorModel) -> TaylorModel:
+    """Return the angle of the point (x, y), rad; any angle where that may jump by a turn.
+
+    Turned back by the angle at the middle of the cell it is small, and its series is short.
     """
-    middle = edges.mean(axis=1)
-    half = np.max(np.abs(edges - middle[:, None]), axis=1) * (1 + 4 * EPS)
-    orders = trajectory.omega * np.arange(1, trajectory.harmonics + 1)
-    phases = np.multiply.outer(middle, orders)
-    basis = np.sin(phases), np.cos(phases)
-    amplitude = np.abs(trajectory.sine) + np.abs(trajectory.cosine)
-    # (n, N), how wrong a sine may be whose phase was rounded, in a sum of 2 n of them
-    rounding = (16 + 2 * trajectory.harmonics + 4 * np.abs(phases.T)) * EPS
-    signs = ((1, 0), (1, 1), (-1, 0), (-1, 1))
-    found = []
-    for derivative in range(DERIVATIVES):
-        coefficients = np.zeros((TERMS, 6, len(middle)))
-        radius = np.zeros((6, len(middle)))
-        for k in range(TERMS):
-            step = half**k / math.factorial(k)
-            grown = orders ** (derivative + k)
-            (sign_a, which_a), (sign_b, which_b) = (
-                signs[(derivative + k + shift) % 4] for shift in (0, 1)
-            )
-            values = basis[which_a] @ (sign_a * grown * trajectory.sine).T
-            values += basis[which_b] @ (sign_b * grown * trajectory.cosine).T
-            coefficients[k] = (values * step[:, None]).T
-            radius += (amplitude * grown) @ rounding * step
-        if derivative == 0:
-            coefficients[0] += trajectory.lambda0[:, None]
-            radius += 2 * EPS * np.abs(trajectory.lambda0[:, None])
-        beyond = amplitude @ (orders ** (derivative + TERMS))
-        radius += beyond[:, None] * half**TERMS / math.factorial(TERMS)
-        radius *= 1 + 2.0**-40
-        found += [
-            TaylorModel(np.ascontiguousarray(coefficients[:, i]), radius[i]) for i in range(6)
-        ]
+    angle = np.arctan2(y.coefficients[0], x.coefficients[0])
+    c, s = (_of_circle(part) for part in (np.cos(angle), np.sin(angle)))
+    along, across = x * c + y * s, y * c - x * s
+    tangent = across * reciprocal(along)
+    square = tangent.squared()
+    # q (1 − q²/3 + q⁴/5 − …): alternating, so that the next term bounds the rest where |q| < 1.
+    last = _POWERS // 2
+    values = [np.full(1, (-1.0) ** k / (2 * k + 1)) for k in range(last + 1)]
+    total = _polynomial(square, values, [0.0] * (last + 1)) * tangent
+    largest = tangent.size
+    radius = total.radius + np.where(
+        largest < 1, largest ** (2 * last + 3) / (2 * last + 3), np.inf
+    )
+    small = TaylorModel(total.coefficients, radius)
+    # However well the angle was computed: it is by this number that the point was turned.
+    found = small + TaylorModel(angle[None, :], np.zeros(1))
+    low, high = found.bounds()
+    good = (low > -np.pi) & (high < np.pi) & (along.bounds()[0] > 0)
+    if np.all(good):
+        return found
+    turn = np.full(good.shape, np.nextafter(np.pi, 4))
+    return chosen(good, found, TaylorModel.within(-turn, turn))
+
+
+def arc_sine(a: TaylorModel) -> TaylorModel:
+    """Return the angle between −π/2 and π/2 whose sine is a."""
+    return arc_tangent(a, root(TaylorModel.number(1.0) - a.squared()))
+
+
+def arc_cosine(a: TaylorModel) -> TaylorModel:
+    """Return the angle between 0 and π whose cosine is a."""
+    return arc_tangent(root(TaylorModel.number(1.0) - a.squared()), a)
+
+
+def power(a: TaylorModel, exponent: int) -> TaylorModel:
+    """Return aⁿ of a whole number n."""
+    if exponent < 0:
+        return reciprocal(power(a, -exponent))
+    found = TaylorModel.number(1.0)
+    for _ in range(exponent):
+        found = found * a
     return found
+
+
+def sign(a: TaylorModel) -> TaylorModel:
+    """Return the sign; anything from −1 to 1 in cells where a may be zero."""
+    low, high = a.bounds()
+    known = np.where(low > 0, 1.0, np.where(high < 0, -1.0, 0.0))
+    return TaylorModel(known[None, :], np.where(known == 0, 1.0, 0.0))
+
+
+def absolute(a: TaylorModel) -> TaylorModel:
+    """Return the size."""
+    low, high = a.bounds()
+    flipped = chosen(high <= 0, -a, a)
+    known = (low >= 0) | (high <= 0)
+    if np.all(known):
+        return flipped
+    return chosen(known, flipped, TaylorModel.within(np.zeros_like(high), np.maximum(-low, high)))
+
+
+def larger(a: TaylorModel, b: TaylorModel) -> TaylorModel:
+    """Return the larger of two."""
+    cells = max(a.cells, b.cells)
+    room = np.empty((5, TERMS + 1, cells))
+    count = arithmetic.larger(*a.packed(cells), *b.packed(cells), room[0], room[1:])
+    return TaylorModel.unpacked(room[0], count)
+
+
+def smaller(a: TaylorModel, b: TaylorModel) -> TaylorModel:
+    """Return the smaller of two."""
+    return -larger(-a, -b)
+
+
+def chosen(which: Mask, a: TaylorModel, b: TaylorModel) -> TaylorModel:
+    """Return a in the cells of a mask (N,), b in the others."""
+    if np.all(which):
+        return a
+    if not np.any(which):
+        return b
+    cells = len(which)
+    coefficients = np.zeros((max(len(a.coefficients), len(b.coefficients)), cells))
+    coefficients[: len(a.coefficients)] = np.where(which, a.coefficients, 0.0)
+    coefficients[: len(b.coefficients)] += np.where(which, 0.0, b.coefficients)
+    return TaylorModel(coefficients, np.where(which, a.radius, b.radius))
+
+
+def _series(
+    a: TaylorModel, derivatives: list[Array], largest: Array, rounding: float = 0.0
+) -> TaylorModel:
+    """Return g(a) by the Taylor series of g about the middle of each cell.
+
+    `derivatives` are g, g′, g″, … there, which come again in this order; none is larger than
+    `largest` in the cell. They are wrong by `rounding` and a few units of the last digit.
+    """
+    distance = TaylorModel(a.coefficients.copy(), a.radius)
+    distance.coefficients[0] = 0.0
+    count, shares = len(derivatives), [math.factorial(k) for k in range(_POWERS + 1)]
+    values = [derivatives[k % count] / share for k, share in enumerate(shares)]
+    total = _polynomial(distance, values, [rounding / share for share in shares])
+    beyond = distance.size ** (_POWERS + 1) / math.factorial(_POWERS + 1)
+    return _with_radius(total, total.radius + largest * beyond * (1 + 16 * EPS))
+
+
+def _polynomial(a: TaylorModel, values: list[Array], more: list[float]) -> TaylorModel:
+    """Return c₀ + c₁ a + c₂ a² + … for numbers c, (N,) each, rounded as in `_with_rounding`."""
+    numbers, room = np.empty((len(values), a.cells)), np.empty((4, TERMS + 1, a.cells))
+    for k, value in enumerate(values):
+        numbers[k] = value
+    count = arithmetic.horner(*a.packed(a.cells), numbers, np.array(more), room[0], room[1:])
+    return TaylorModel.unpacked(room[0], count)
+
+
+def _with_rounding(values: Array, more: Array | float = 0.0) -> TaylorModel:
+    """Return the model of numbers (N,) that were computed, wrong by a few units of the last digit.
+
+    The exponential of NumPy is within four of them. `more` is added to the radius.
+    """
+    return TaylorModel(values[None, :], 8 * EPS * np.abs(values) + TINY + more)
+
+
+def _of_circle(values: Array) -> TaylorModel:
+    """Return the model of sines or cosines (N,) that were computed.
+
+    Near their zeros nothing is asked of the last digit: NumPy's are within four units of that of 1.
+    """
+    return _with_rounding(values, 8 * EPS)
+
+
+def _with_radius(model: TaylorModel, radius: Array) -> TaylorModel:
+    radius = np.where(np.isnan(radius), np.inf, radius) * (1 + 16 * EPS)
+    return TaylorModel(model.coefficients, radius)

@@ -6,16 +6,18 @@ memory that stays bound where there is one at a time: always the same numbers. T
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property, partial, wraps
 from threading import Lock
+from typing import ParamSpec
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
+from expdesign.evaluation.content import content_key
 from expdesign.evaluation.machine_code import Form, MachineCode, kept_code, machine_code
 
 _LOADING = 64
@@ -271,3 +273,34 @@ def _spread(values: Array, shape: tuple[int, ...], places: NDArray[np.intp]) -> 
     whole = np.zeros(shape)
     whole.reshape(-1)[places] = values
     return whole
+
+
+_Arguments = ParamSpec("_Arguments")
+
+
+def kernel(state: Callable[_Arguments, Graph]) -> Callable[_Arguments, BatchFunction]:
+    """Return for a function that states a graph one that returns the evaluation of the graph.
+
+    The evaluation is made once per arguments. These are hashable: terms and limits, and settings.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import numpy as np
+    >>> @kernel
+    ... def multiples(factor: float) -> Graph:
+    ...     x = ca.SX.sym("x", 2)
+    ...     return Graph("multiples", [x], [], [factor * x])
+    >>> multiples(2.0)(np.array([[1.0, 3.0]]))[0].tolist()
+    [[2.0, 6.0]]
+    """
+    made: dict[Hashable, BatchFunction] = {}
+
+    @wraps(state)
+    def function(*given: _Arguments.args, **named: _Arguments.kwargs) -> BatchFunction:
+        key = given, *sorted(named.items())
+        if key not in made:
+            made[key] = NamedFunction(partial(state, *given, **named), content_key(state, key))
+        return made[key]
+
+    return function

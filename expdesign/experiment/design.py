@@ -3,55 +3,52 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import asdict, replace
 from functools import partial
 
 import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
-from expdesign.experiment.combinations import (
-    KnownCombination,
-    identified_base,
-    known_combinations,
+from expdesign.experiment.precision import (
+    experiment_information,
+    identified_combinations,
+    imprecise,
+    parameter_precisions,
+    precision,
+    scaled_eigenvalues,
+    systematic_std,
+    whole,
 )
 from expdesign.experiment.result import (
     DesignResult,
-    PredictedPrecision,
+    Iteration,
     PredictedStd,
-    imprecise,
-    parameter_precisions,
-    scaled_eigenvalues,
-)
-from expdesign.experiment.search_statistics import (
-    search_iterations,
-    search_statistics,
-    search_status,
+    SearchStatistics,
+    StartSummary,
 )
 from expdesign.experiment.setup import plan_search, probe_motion
-from expdesign.experiment.systematic import systematic_std
+from expdesign.information.criteria import criteria
 from expdesign.information.fisher import (
     EXCITABLE,
     ScaledInformation,
     SingularInformationError,
-    parameter_covariance,
     weak_directions,
 )
-from expdesign.information.identifiable import BaseParameters, root_of
-from expdesign.motion.sampled import SampledMotion
+from expdesign.motion.executable import SampledMotion
 from expdesign.progress import report_progress, track
 from expdesign.recheck.excitable import structural_base
-from expdesign.recheck.information import Evaluator
 from expdesign.recheck.limit_check import POINTS, unlimited, unlimited_warning
 from expdesign.robot import Robot
-from expdesign.solver.finish import FARTHEST
-from expdesign.solver.jobs import SearchPlan
-from expdesign.solver.search import NoDesignError, search
-from expdesign.trajectory import FourierTrajectory, fourier_keys
+from expdesign.solver.jobs import SearchPlan, StartResult, status_text
+from expdesign.solver.search import NoDesignError, SearchResult, search
+from expdesign.trajectory import FARTHEST, FourierTrajectory, fourier_keys
 from expdesign.workers import Monitor
 
 _PROBES = 3
 _FEWEST_PERIODS = 2
-_WHOLE = 1e-6
 _HOPELESS = 1e-2
 """Ratio to the excitation threshold below which the weakest direction of random feasible motions
 cannot be optimised into an excited one: the limits are too tight."""
@@ -240,54 +237,80 @@ def _hum_advice(configuration: RunConfiguration, plan: SearchPlan) -> str:
     )
 
 
-def whole(value: float) -> int | None:
-    """Return a value as an integer where it is one but for rounding, else None."""
-    return round(value) if abs(value - round(value)) < _WHOLE else None
+def search_statistics(search: SearchResult, criterion: str) -> SearchStatistics:
+    """Return the statistics of a search.
+
+    Parameters
+    ----------
+    search : SearchResult
+    criterion : str
+        Key of the criterion, whose values are stated in its own sign.
+    """
+    finish = search.polished.phase
+    phases = [phase for start in search.starts for phase in start.phases]
+    phases += [] if finish is None else [finish]
+    evaluations: Counter[str] = Counter()
+    for phase in phases:
+        evaluations.update(phase.evaluations)
+    sign = 1 if criteria()[criterion].larger_is_better else -1
+    return SearchStatistics(
+        name="dense interior point, then Ipopt through CasADi",
+        iterations=sum(phase.iterations for phase in phases),
+        evaluations=dict(evaluations),
+        seconds=search.seconds,
+        cpu_seconds=search.cpu_seconds,
+        best_start=search.best.index,
+        finish={
+            "shrink": search.polished.shrink,
+            "record": None if finish is None else asdict(finish),
+        },
+        starts=tuple(_summary(start, search, sign) for start in search.starts),
+        ended=search.ended,
+    )
 
 
-def precision(
-    evaluator: Evaluator, information: Array, samples: int, periods: float
-) -> PredictedPrecision:
-    """Return the standard deviations of F, (k, k), over so many samples and periods."""
-    std = np.sqrt(np.diag(parameter_covariance(information, evaluator.names)))
-    named = dict(zip(evaluator.names, std.tolist(), strict=True))
-    return PredictedPrecision(samples, periods, named)
+def _summary(start: StartResult, search: SearchResult, sign: int) -> StartSummary:
+    return StartSummary(
+        index=start.index,
+        kind=start.kind,
+        criterion_value=sign * start.merit if start.usable else np.nan,
+        finished_value=sign * search.merits.get(start.index, np.nan),
+        iterations=start.iterations,
+        converged=start.converged,
+        status=start.status,
+        best=start.index == search.best.index,
+        seconds=start.seconds,
+        stages=tuple(asdict(phase) for phase in start.phases),
+    )
 
 
-def identified_combinations(
-    configuration: RunConfiguration, evaluator: Evaluator, information: Array
-) -> tuple[KnownCombination, ...]:
-    """Return the combinations that the whole experiment, with this information, identifies."""
-    robot = evaluator.robot
-    base = identified_base(root_of(information), evaluator.names, robot.scales[evaluator.columns])
-    # What is neither judged nor regrouped counts as known.
-    together = configuration.run.design.parameters == "base"
-    structure = structural_base(robot) if together else BaseParameters.each(evaluator.names)
-    at = [robot.parameter_names.index(name) for name in structure.names]
-    judged = [structure.names.index(name) for name in evaluator.names]
-    covariance = np.zeros((len(at), len(at)))
-    covariance[np.ix_(judged, judged)] = parameter_covariance(information, evaluator.names)
-    scales = dict(zip(robot.parameter_names, robot.scales.tolist(), strict=True))
-    return known_combinations(base, structure, robot.parameters[at], covariance, scales)
+def search_iterations(search: SearchResult) -> Iterator[Iteration]:
+    """Yield the iterations of every start; those of the finish follow the ones of its start."""
+    for start in search.starts:
+        finish = search.polished.trace if start is search.best else ()
+        further = (replace(p, iteration=start.iterations + p.iteration) for p in finish)
+        for point in (*start.trace, *further):
+            yield Iteration(
+                start=start.index,
+                kind=start.kind,
+                stage=point.phase,
+                iteration=point.iteration,
+                objective=point.objective,
+                violation=point.violation,
+            )
 
 
-def experiment_information(
-    evaluator: Evaluator, trajectory: FourierTrajectory, configuration: RunConfiguration
-) -> tuple[Array, int]:
-    """Return F of the whole experiment, (k, k), and its number of samples."""
-    experiment = configuration.run.experiment
-    per_period = trajectory.period * experiment.sampling
-    total = int(np.ceil(experiment.periods * per_period * (1 - 1e-12)))
-    count = whole(per_period)
-    if count is not None:
-        information = evaluator.whole_information(trajectory, count) * experiment.periods
-    elif evaluator.memory is not None:
-        # What a period of nearly as many samples tells, for all of them.
-        count = max(1, round(per_period))
-        information = evaluator.whole_information(trajectory, count) * (total / count)
-    else:
-        motion = trajectory.sample(np.arange(total) / experiment.sampling)
-        information = evaluator.of_regressors(evaluator.robot.regressor(*motion), trajectory.omega)
-    # All that was known before counts, and not what is the share of a measuring time.
-    counted = total if evaluator.prior is None else evaluator.prior.samples
-    return evaluator.judged(information, counted), total
+def search_status(search: SearchResult) -> tuple[str, str]:
+    """Return the status of a design and how its start and finish ended, in words.
+
+    The status is ``"limits broken"``, ``"interrupted"``, ``"converged"`` or ``"not converged"``.
+    """
+    finish = search.polished.phase
+    end = "not solved again" if finish is None else status_text(finish.status)
+    text = f"start: {search.best.status}; finish: {end}"
+    if not search.polished.check.passed:
+        return "limits broken", text
+    if search.interrupted:
+        return "interrupted", text
+    converged = search.best.converged and (finish is None or finish.converged)
+    return "converged" if converged else "not converged", text

@@ -13,15 +13,12 @@ from pydantic import BeforeValidator, PlainSerializer
 
 from constraints.arrays import Array
 from expdesign.configuration import Problem
-from expdesign.experiment.combinations import KnownCombination
-from expdesign.experiment.search_statistics import Iteration, SearchStatistics, StartSummary
-from expdesign.information.fisher import ScaledInformation
-from expdesign.information.identifiable import IDENTIFIABLE
-from expdesign.mechanism.catalogue import parameter_unit
-from expdesign.motion.sampled import SampledMotion
+from expdesign.information.identifiable import KnownCombination
+from expdesign.motion.executable import SampledMotion
 from expdesign.recheck.limit_check import LimitCheck, Recheck
 from expdesign.robot import Robot, robot_from
 from expdesign.runfolder import (
+    JSON_ONLY,
     Matrix,
     OpenNumber,
     StageResult,
@@ -29,10 +26,7 @@ from expdesign.runfolder import (
     Table,
     described,
 )
-from expdesign.solver.finish import HumDistance
-from expdesign.trajectory import FourierKeys
-
-_LARGE = 100.0
+from expdesign.trajectory import FourierKeys, HumDistance
 
 
 @dataclass(frozen=True)
@@ -302,47 +296,63 @@ class DesignResult(FourierKeys, StageResult):
             yield Problem(message, Path("trajectory.csv"), key="column t", allowed=allowed)
 
 
-def parameter_precisions(robot: Robot, predicted: PredictedStd) -> Iterator[ParameterPrecision]:
-    """Yield nominal value and predicted standard deviations of every judged parameter."""
-    nominal = robot.description.parameters
-    for name, one_period in predicted.per_period.std.items():
-        experiment = predicted.experiment.std[name]
-        size = abs(nominal[name]) or np.nan
-        yield ParameterPrecision(
-            name,
-            parameter_unit(name),
-            nominal[name],
-            one_period,
-            experiment,
-            100 * one_period / size,
-            100 * experiment / size,
-            predicted.systematic.get(name, np.nan),
-        )
+@dataclass(frozen=True)
+class StartSummary:
+    """A start or hop of the search; the table has no times, and is the same for the same seed."""
+
+    index: Annotated[
+        int, described("1", "number of the start, from 1; hops go on counting", name="start")
+    ]
+    kind: Annotated[str, described("", "random, or hop")]
+    criterion_value: Annotated[
+        OpenNumber,
+        described(
+            "", "criterion of the motion reached, shrunk into its limits at a few hundred points"
+        ),
+    ]
+    finished_value: Annotated[
+        OpenNumber, described("", "the same after its finish; empty for those not finished")
+    ]
+    iterations: Annotated[int, described("1", "iterations of all stages")]
+    converged: Annotated[bool, described("", "whether the last stage converged")]
+    status: Annotated[str, described("", "how the last stage ended")]
+    best: Annotated[
+        bool, described("", "whether the design came from it: the best of the finished")
+    ]
+    seconds: Annotated[float, JSON_ONLY, described("s", "time that it took")]
+    stages: Annotated[
+        tuple[dict[str, Any], ...], JSON_ONLY, described("", "settings and work of each stage")
+    ]
 
 
-def scaled_eigenvalues(information: Array, scales: Array) -> Iterator[Eigenvalue]:
-    """Yield the eigenvalues of F, (k, k), scaled to unit diagonal and by the parameters' scales."""
-    by_nominal = np.linalg.eigvalsh(information * np.multiply.outer(scales, scales))
-    values = ScaledInformation.of(information).eigenvalues()
-    for number, pair in enumerate(zip(values, by_nominal, strict=True), start=1):
-        yield Eigenvalue(number, *map(float, pair))
+@dataclass(frozen=True)
+class Iteration:
+    """An iteration of the optimiser."""
+
+    start: Annotated[int, described("1", "number of the start")]
+    kind: Annotated[str, described("", "random or hop")]
+    stage: Annotated[str, described("", "blunt: rough search, sharp: refinement, hop, finish")]
+    iteration: Annotated[int, described("1", "iteration, counted over the stages")]
+    objective: Annotated[OpenNumber, described("", "smoothed criterion, as it is reported")]
+    violation: Annotated[
+        OpenNumber, described("1", "largest violation in the NLP, share of the limit's range")
+    ]
 
 
-def imprecise(robot: Robot, precision: PredictedPrecision) -> tuple[str, ...]:
-    """Return a warning that names the parameters the experiment does not identify, or nothing."""
-    scales = dict(zip(robot.parameter_names, robot.scales, strict=True))
-    share = {name: std / float(scales[name]) for name, std in precision.std.items()}
-    weak = [f"{n} ({_percent(value)})" for n, value in share.items() if not value <= IDENTIFIABLE]
-    if not weak:
-        return ()
-    return (
-        f"not identifiable with this experiment: {', '.join(weak)}. In brackets the predicted "
-        f"standard deviation, which is to be below {100 * IDENTIFIABLE:g} % of the value: measure "
-        "more periods, or state what is known (`estimate.fixed`, `estimate.prior`)",
-    )
+@dataclass(frozen=True)
+class SearchStatistics:
+    """Work and end of a search."""
 
-
-def _percent(share: float) -> str:
-    if not np.isfinite(share):
-        return "without bound"
-    return f"{100 * share:.2g} %" if share > _LARGE else f"{100 * share:.0f} %"
+    name: Annotated[str, described("", "the methods of the solver")]
+    iterations: Annotated[int, described("1", "iterations of all starts and of the finish")]
+    evaluations: Annotated[dict[str, int], described("1", "evaluations by function")]
+    seconds: Annotated[float, described("s", "time of the search")]
+    best_start: Annotated[int, described("1", "number of the best start")]
+    finish: Annotated[
+        dict[str, Any], described("", "factor `shrink` and `record` of the finish of the best")
+    ]
+    starts: Annotated[tuple[StartSummary, ...], described("", "the starts and hops")]
+    ended: Annotated[str, described("", "reason for the end of the search")]
+    cpu_seconds: Annotated[
+        OpenNumber, described("s", "processor time, without building the problem")
+    ]

@@ -14,18 +14,17 @@ from expdesign.configuration.prior import identification_of
 from expdesign.information.criteria import criteria
 from expdesign.information.fisher import (
     PeriodicNoise,
+    PriorMachine,
 )
-from expdesign.information.prior import PriorMachine
-from expdesign.noise.hum import Hum
+from expdesign.noise import Hum
 from expdesign.problem.design_problem import DesignProblem, build_problem
 from expdesign.recheck.excitable import structural_base
 from expdesign.recheck.information import Evaluator
 from expdesign.robot import Robot, robot_from
 from expdesign.solver.feasibility import InfeasibleLimitsError, random_start
-from expdesign.solver.finish import KnownHum
 from expdesign.solver.jobs import SearchPlan
 from expdesign.solver.phases import coarse_points
-from expdesign.trajectory import FourierTrajectory
+from expdesign.trajectory import FourierTrajectory, KnownHum
 
 _PROBE_ATTEMPTS = 8
 

@@ -11,15 +11,10 @@ from numpy.typing import NDArray
 from constraints import Limit
 from constraints.arrays import Array
 from expdesign.enclosure.arithmetic import EPS
-from expdesign.enclosure.forward import StrutPath
+from expdesign.enclosure.forward import EnclosedKinematics, StrutPath
 from expdesign.enclosure.instructions import EnclosedFunction
-from expdesign.enclosure.limit_rows import EnclosedKinematics
-from expdesign.enclosure.taylor_model import (
-    PiecewisePolynomials,
-    PosePath,
-    TaylorModel,
-    between_rows,
-)
+from expdesign.enclosure.paths import PiecewisePolynomials, PosePath, between_rows
+from expdesign.enclosure.taylor_model import TaylorModel
 from expdesign.export.definition import Interpolation
 from expdesign.export.execution import ExecutedTable, blocks, refine_times
 from expdesign.export.rotation import moving_angles

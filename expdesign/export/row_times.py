@@ -18,8 +18,7 @@ from expdesign.export.execution import (
     deviation,
     refine_times,
 )
-from expdesign.motion.executable import ExecutableMotion
-from expdesign.motion.sampled import SampledMotion
+from expdesign.motion.executable import ExecutableMotion, SampledMotion
 from expdesign.progress import track
 from expdesign.robot import ForwardKinematicsError, LimitModel
 from expdesign.runfolder.fields import Column, field_columns

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import Annotated
 
@@ -11,14 +11,29 @@ from numpy.typing import ArrayLike
 from pydantic import Strict
 
 from constraints.arrays import Array
+from expdesign.enclosure.paths import EnclosedSeries
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.motion.spline import FIXED, MotionState, SplineRamp
+from expdesign.motion.ramp import (
+    FIXED,
+    EnclosedSpline,
+    MotionState,
+    SplineRamp,
+)
+from expdesign.recheck.certificate import EnclosedMotion
+from expdesign.recheck.limit_check import Motion, states_at
+from expdesign.robot import Robot
+from expdesign.runfolder.fields import (
+    ACCELERATION_COLUMNS,
+    POSE_COLUMNS,
+    RATE_COLUMNS,
+    TIME,
+    strutwise,
+)
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 
 PERIODS = "periods"
 WHOLE = 1e-6
 """Steps by which a duration may differ from a whole number of them."""
-
 _LEAST_POINTS = 2 * FIXED
 _MOST_PERIODS = 1_000_000
 _JUNCTION = 1e-9
@@ -260,3 +275,81 @@ def lead_ramps(motion: ExecutableMotion) -> LeadRamps | None:
         return None
     names = [segment.name for segment in motion.segments]
     return LeadRamps(motion.phase, motion.periods, tuple(splines), names.index(PERIODS))
+
+
+def moving_states(segment: Segment, times: Array) -> Array:
+    """Return pose, rate, acceleration and jerk of the pose, (N, 24), at times from its start, s."""
+    return np.concatenate([states_at(segment, times), segment.jerk(times)], axis=1)
+
+
+def enclose_segment(segment: Segment) -> EnclosedMotion:
+    """Return what encloses a segment from its own start; of the periods the first."""
+    if isinstance(segment, Periods):
+        return EnclosedSeries(segment.trajectory)
+    return EnclosedSpline(segment)
+
+
+def has_enclosure(motion: ExecutableMotion) -> bool:
+    """Return whether each segment is of a kind that can be enclosed."""
+    return all(isinstance(segment, Periods | SplineRamp) for segment in motion.segments)
+
+
+_AT_ONCE = 20_000
+"""Instants."""
+
+
+@dataclass(frozen=True, eq=False)
+class SampledMotion:
+    """Pose, struts and forces, (N, 6) each, at N instants; base frame, SI units and radians."""
+
+    time: Annotated[Array, TIME]
+    pose: Annotated[Array, POSE_COLUMNS]
+    pose_rate: Annotated[Array, RATE_COLUMNS]
+    pose_acceleration: Annotated[Array, ACCELERATION_COLUMNS]
+    length: Annotated[Array, strutwise("q", "m", "length")]
+    speed: Annotated[Array, strutwise("dq", "m/s", "speed")]
+    acceleration: Annotated[Array, strutwise("ddq", "m/s^2", "acceleration")]
+    alpha: Annotated[Array, strutwise("alpha", "rad", "first cardan angle")]
+    beta: Annotated[Array, strutwise("beta", "rad", "second cardan angle")]
+    force: Annotated[
+        Array, strutwise("Q", "N", "actuator force at the nominal parameters, positive extends,")
+    ]
+
+    @classmethod
+    def of(cls, robot: Robot, motion: Motion, times: Array) -> SampledMotion:
+        """Sample a motion of a robot at the times (N,), s."""
+        # What is computed on the way takes ten times the memory of what stays.
+        parts = [
+            cls._at_once(robot, motion, times[begin : begin + _AT_ONCE])
+            for begin in range(0, max(len(times), 1), _AT_ONCE)
+        ]
+        if len(parts) == 1:
+            return parts[0]
+        names = [field.name for field in fields(cls)]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+    @classmethod
+    def _at_once(cls, robot: Robot, motion: Motion, times: Array) -> SampledMotion:
+        state = motion.sample(times)
+        struts = robot.strut_motion(*state)
+        return cls(
+            times,
+            *state,
+            struts.length,
+            struts.length_rate,
+            struts.length_acceleration,
+            struts.alpha,
+            struts.beta,
+            robot.actuator_forces(*state),
+        )
+
+    @property
+    def period(self) -> float:
+        """Duration of one period of equidistant samples whose end is left out, s."""
+        steps = self.time.size - 1
+        return float((self.time[-1] - self.time[0]) * (steps + 1) / steps)
+
+    @property
+    def increases(self) -> bool:
+        """Whether there are two instants at least, each after the one before."""
+        return self.time.size > 1 and bool(np.all(np.diff(self.time) > 0))

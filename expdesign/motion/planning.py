@@ -7,16 +7,37 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from constraints import Limit, plain_limit
 from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration
-from expdesign.motion.executable import WHOLE, ExecutableMotion, Periods, Segment
-from expdesign.motion.ramp import NoRampError, find_ramp, guesses, pause_near, polynomials, shortest
-from expdesign.motion.ramp_problem import RampProblem, jerk_limit
-from expdesign.motion.spline import MotionState, SplineRamp
+from expdesign.configuration.limits import row_labels
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.motion.executable import (
+    WHOLE,
+    ExecutableMotion,
+    Periods,
+    Segment,
+    enclose_segment,
+    moving_states,
+)
+from expdesign.motion.ramp import (
+    MotionState,
+    RampProblem,
+    SplineRamp,
+)
+from expdesign.motion.ramp_search import (
+    NoRampError,
+    find_ramp,
+    guesses,
+    pause_near,
+    polynomials,
+    shortest,
+)
 from expdesign.problem.variables import coordinate_reach
 from expdesign.progress import track
-from expdesign.recheck.certificate import recheck
-from expdesign.robot import LimitModel, robot_from
+from expdesign.recheck.certificate import certify, recheck
+from expdesign.recheck.limit_check import LimitCheck, Recheck, worst_of_each
+from expdesign.robot import LimitModel, Robot, robot_from
 from expdesign.trajectory import FourierTrajectory
 
 RAMP_IN, RAMP_OUT = "ramp in", "ramp out"
@@ -204,3 +225,80 @@ def _refuse_broken_limits(
         key=f"limits.{worst.key}",
         allowed="a design made for these limits",
     )
+
+
+STRUT_JERK = plain_limit("strut_jerk", "strut jerk", "m/s^3", "symmetric")
+"""Not in the catalogue: a design has no bound on it, the key is `motion.jerk` of the run file."""
+
+
+RISE = 0.02
+"""Time in which a strut may reach its largest acceleration from zero, s, by the default bound."""
+
+
+OWN = 1.2
+"""The default bound is at least this multiple of the designed motion's own jerk."""
+
+
+_POINTS = 4000
+
+
+def jerk_limit(configuration: RunConfiguration, robot: Robot, orbit: Periods) -> Limit:
+    """Return `motion.jerk`, or the default: the struts' acceleration limit within 20 ms.
+
+    Without such a limit the largest acceleration of the designed motion takes its place; and the
+    default is at least 1.2 times the jerk of the designed motion.
+
+    Raises
+    ------
+    InputError
+        The designed motion itself exceeds `motion.jerk`.
+    """
+    times = np.linspace(0.0, orbit.trajectory.period, _POINTS)
+    states = moving_states(orbit, times)
+    given = configuration.run.motion.jerk
+    if given is not None:
+        limit = _within(np.full(ACTUATORS, given), "motion.jerk")
+        (check,) = certify(LimitModel(robot, (limit,)), enclose_segment(orbit))
+        if not check.kept:
+            largest = f"{abs(check.value):.4g} m/s^3"
+            raise InputError(
+                f"the designed motion itself has a strut jerk of {largest}",
+                file=configuration.file,
+                key="motion.jerk",
+                allowed=f"at least {largest}, or a calmer design",
+            )
+        return limit
+    unbounded = _within(np.full(ACTUATORS, np.inf), "")
+    own = np.max(np.abs(LimitModel(robot, (unbounded,)).values(states)), axis=0)
+    bound = robot.limit("strut_acceleration")
+    if bound is None:
+        struts = robot.strut_motion(*np.split(states[:, : 3 * COORDINATES], 3, axis=1))
+        largest_acceleration = np.max(np.abs(struts.length_acceleration), axis=0)
+    else:
+        largest_acceleration = np.minimum(np.abs(bound.lower), np.abs(bound.upper))
+    return _within(np.maximum(largest_acceleration / RISE, OWN * own), "default of motion.jerk")
+
+
+def _within(largest: Array, origin: str) -> Limit:
+    return Limit(STRUT_JERK, -largest, largest, row_labels(STRUT_JERK), origin)
+
+
+def check_motion(configuration: RunConfiguration, motion: ExecutableMotion) -> Recheck:
+    """Judge every limit, and that on the struts' jerk, from rest to rest, at every instant.
+
+    Of the periods, which repeat, one is looked at, as the trajectory has it. Times are from the
+    start of the motion.
+    """
+    robot = robot_from(configuration.robot)
+    orbit = Periods(motion.trajectory, motion.periods)
+    limits = LimitModel.of(robot, jerk_limit(configuration, robot, orbit))
+    checks: list[LimitCheck] = []
+    for start, segment in zip(motion.starts[:-1], motion.segments, strict=True):
+        found = certify(limits, enclose_segment(segment))
+        if isinstance(segment, Periods):
+            period = segment.trajectory.period
+            found = tuple(
+                replace(check, time=(check.time - segment.phase) % period) for check in found
+            )
+        checks += [replace(check, time=float(start) + check.time) for check in found]
+    return Recheck(worst_of_each(checks), "the motion from rest to rest")

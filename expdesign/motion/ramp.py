@@ -1,381 +1,391 @@
-"""The search for the shortest ramp between two states of motion that keeps every limit."""
+"""A ramp: a quintic spline of every pose coordinate between two states of motion."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from constraints.arrays import Array, Mask
-from expdesign.configuration import ComputationError
+from expdesign.enclosure.arithmetic import EPS
+from expdesign.enclosure.taylor_model import TaylorModel
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.motion.ramp_problem import RampProblem, RampProgram, enclose_segment, moving_states
-from expdesign.motion.spline import FIXED, MotionState, SplineRamp, derivatives
-from expdesign.problem.design_problem import smoothing_gap
-from expdesign.progress import report_progress
-from expdesign.recheck.certificate import certify
-from expdesign.recheck.limit_check import TOLERANCE, LimitCheck, Motion, local_worst, worst_sampled
-from expdesign.solver.interior_point import Standstill, solve_by_interior_point
+from expdesign.problem.program import PathSlope, Program
+from expdesign.robot import LimitModel
+from expdesign.trajectory import PoseSamples
 
-RESERVE = 2e-3
-"""Share of every limit's range that a ramp leaves free, away from its ends: room for what a
-controller's rounding and interpolation add."""
-LONGER = 5e-3
-"""The duration found is lengthened by this share before it is rounded up to whole steps."""
-_ATTEMPTS = 4
-_CLOSE_ENOUGH = 0.3
-_LOST = 0.01
-_DIFFERENT = 1.3
-_ROUNDS = 12
-_ROUNDS_PER_DURATION = 3
-_STRETCH = 0.02
-_POINTS = 48
-_FINE = 1200
-_NEAR, _NEAR_PEAK = 0.25, 0.02
-_FEASIBLE = 1e-6
-_END_SHARE = 0.1
-_LARGEST_MARGIN = 0.2
-_TIME_SMOOTHNESS = 2e-4
-_EXACT = Standstill(feasible=_FEASIBLE)
-_solved = partial(solve_by_interior_point, most=40, barrier=0.03, following=False)
-"""More iterations, or a larger barrier, end in longer ramps (measured)."""
+DEGREE = 5
+FIXED = 3
+"""Coefficients at each end that pose, rate and acceleration there determine."""
 
 
-class NoRampError(ComputationError):
-    """No ramp was found that keeps every limit; `name` is ``"ramp in"`` or ``"ramp out"``."""
+class MotionState(NamedTuple):
+    """Pose, rate and acceleration of one instant: (6,) each; m, rad, s."""
 
-    def __init__(self, name: str, limit: str, message: str) -> None:
-        super().__init__(message)
-        self.name, self.limit = name, limit
+    pose: Array
+    rate: Array
+    acceleration: Array
+
+    @classmethod
+    def at_rest(cls, pose: Array) -> MotionState:
+        """Return the state of a machine that stands still."""
+        return cls(np.array(pose, dtype=float), np.zeros(COORDINATES), np.zeros(COORDINATES))
+
+    @classmethod
+    def of(cls, samples: PoseSamples) -> MotionState:
+        """Return the first of the samples."""
+        return cls(*(part[0] for part in samples))
+
+
+def derivatives(intervals: int, shares: Array) -> Array:
+    """Return the basis and its first three derivatives, (4, K, intervals + 5), at shares of it.
+
+    The knots are equidistant on [0, 1] and clamped at both ends.
+    """
+    inside = np.clip(shares, 0.0, 1.0)
+    bases = enumerate(_bases(intervals))
+    return np.stack([basis(inside) @ _reduction(intervals, order) for order, basis in bases])
+
+
+def scaled_derivatives(basis: Array, coefficients: Array, duration: float) -> Array:
+    """Return pose, rate, acceleration and jerk, (4, K, 6), of `derivatives` and a duration, s."""
+    return (basis @ coefficients) * (duration ** -np.arange(4.0))[:, None, None]
+
+
+def end_coefficients(intervals: int, duration: float, state: MotionState) -> tuple[Array, Array]:
+    """Return the first three coefficients (3, 6) of a start, and their slope to the duration."""
+    values = np.array([state.pose, duration * state.rate, duration**2 * state.acceleration])
+    slopes = np.array([np.zeros(COORDINATES), state.rate, 2 * duration * state.acceleration])
+    inverse = _end_inverse(intervals)
+    return inverse @ values, inverse @ slopes
+
+
+def reversed_in_time(state: MotionState) -> MotionState:
+    """Return the state as a film that runs backwards shows it."""
+    return MotionState(state.pose, -state.rate, state.acceleration)
+
+
+@cache
+def _end_inverse(intervals: int) -> Array:
+    """Return the matrix from pose, rate and acceleration at the start to the coefficients there."""
+    matrix = derivatives(intervals, np.zeros(1))[:FIXED, 0, :FIXED]
+    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+
+
+@cache
+def _bases(intervals: int) -> tuple[scipy.interpolate.BSpline, ...]:
+    """Return splines of degree 5, 4, 3 and 2 whose values are all their basis functions."""
+    make = scipy.interpolate.BSpline
+    return tuple(
+        make(knot_shares(intervals, degree), np.eye(intervals + degree), degree)
+        for degree in range(DEGREE, DEGREE - 4, -1)
+    )
+
+
+def knot_shares(intervals: int, degree: int) -> Array:
+    """Return the knots on [0, 1], clamped at both ends."""
+    inner = np.linspace(0.0, 1.0, intervals + 1)
+    return np.concatenate([np.zeros(degree), inner, np.ones(degree)])
+
+
+@cache
+def _reduction(intervals: int, order: int) -> Array:
+    """Return the matrix from coefficients of degree 5 to those of a derivative."""
+    matrix = np.eye(intervals + DEGREE)
+    for step in range(order):
+        degree = DEGREE - step
+        knots, count = knot_shares(intervals, degree), intervals + degree
+        spans = knots[degree + 1 : degree + count] - knots[1:count]
+        matrix = (degree / spans)[:, None] * np.diff(matrix, axis=0)
+    return matrix
+
+
+@dataclass(frozen=True, eq=False)
+class SplineRamp:
+    """A segment whose pose is a clamped quintic B-spline; its jerk is continuous inside."""
+
+    name: str
+    duration: float
+    coefficients: Array
+    """(N, 6), control points: m, rad."""
+
+    def __post_init__(self) -> None:
+        """Freeze the control points."""
+        values = np.array(self.coefficients, dtype=float)
+        values.setflags(write=False)
+        object.__setattr__(self, "coefficients", values)
+
+    def sample(self, times: Array) -> PoseSamples:
+        """Return pose, rate and acceleration at times from the ramp's start, s."""
+        return PoseSamples(*self._derivatives(times)[:3])
+
+    def jerk(self, times: Array) -> Array:
+        """Return the third derivative of the pose, (N, 6), at times from the ramp's start, s."""
+        return self._derivatives(times)[3]
+
+    def scaled(self, factor: float, home: Array) -> SplineRamp:
+        """Return home + F (λ(F t) − home) for the factor F and the pose home, (6,): m, rad."""
+        points = home + factor * (self.coefficients - home)
+        return SplineRamp(self.name, self.duration / factor, points)
+
+    def _derivatives(self, times: Array) -> Array:
+        shares = np.asarray(times, dtype=float) / self.duration
+        basis = derivatives(len(self.coefficients) - DEGREE, shares)
+        return scaled_derivatives(basis, self.coefficients, self.duration)
 
 
 @dataclass(frozen=True)
-class RampAttempt:
-    """Result of one attempt."""
+class EnclosedSpline:
+    """A ramp over cells of time, from its own start."""
 
-    x: Array
-    problem: RampProblem
-    violation: float
-    """Worst excess of the smoothed rows as a share of their range."""
-    limit: str
+    ramp: SplineRamp
 
     @property
-    def duration(self) -> float:
-        """Duration reached, s."""
-        return self.problem.duration(self.x)
-
-    @property
-    def promise(self) -> float:
-        """Duration reached, and more where limits are broken, s: the smaller, the better."""
-        return self.duration * (1 + 10 * max(self.violation, 0.0))
-
-
-def shortest(
-    problem: RampProblem, guess: SplineRamp, width: float, points: int = _POINTS
-) -> RampAttempt:
-    """Minimise the duration from a guess, with dry friction smoothed by `width`, m/s.
-
-    Limits are held at `points` instants; the rows grow where they must.
-    """
-    problem = replace(problem, time_scale=guess.duration)
-    x = problem.pack(guess)
-    shares = _nodes(points)
-    inside = ((shares > 0) & (shares < 1))[:, None] | problem.limits.of_jerk
-    basis, fine = (problem.basis(one) for one in (shares, np.linspace(0.0, 1.0, 4 * points)))
-    mask: Mask = np.zeros((len(shares), len(problem.limits.keys)), dtype=bool)
-    lower, upper = problem.limits.smooth_bounds()
-    bounded = np.isfinite(lower) | np.isfinite(upper)
-    for attempt in range(_ROUNDS_PER_DURATION):
-        margins = _cap_shares(problem, x, shares, width, np.full(mask.shape, RESERVE))
-        violations = problem.limits.smooth_violations(problem.states(x, basis), width)
-        broken = (violations > _FEASIBLE - margins) & inside & ~mask
-        if attempt and not np.any(broken):
-            break
-        # A shorter motion changes every row that moves, not only those near their bounds.
-        near = (violations > -_NEAR) | (problem.limits.moving & bounded)
-        mask = mask | broken | (near & inside)
-        program = RampProgram(problem, shares, mask, margins, width, _TIME_SMOOTHNESS)
-        found = _solved(program, x).x
-        if program.excess(found) > _LOST:
-            break
-        x = found
-    violations = problem.limits.smooth_violations(problem.states(x, fine), width)
-    _, row = np.unravel_index(int(np.argmax(violations)), violations.shape)
-    worst = float(np.max(violations))
-    return RampAttempt(x, problem, worst, problem.limits.keys[row])
-
-
-def find_ramp(
-    problem: RampProblem, guesses: Sequence[SplineRamp], name: str, step: float, width: float
-) -> SplineRamp:
-    """Return the shortest ramp found, a whole number of the controller's steps long, `step` s each.
-
-    The guesses are where to start from, in this order; those of almost the same duration count
-    once. Dry friction is smoothed by `width`, m/s.
-
-    Raises
-    ------
-    NoRampError
-        None of the attempts keeps every limit.
-    """
-    attempts = []
-    for guess in _different(guesses):
-        report_progress(f"lead-in and lead-out: the {name}, a guess of {guess.duration:.2g} s")
-        attempts.append(shortest(problem, guess, width))
-    if not attempts:
-        raise ValueError("there is no guess to start from")
-    attempts.sort(key=lambda one: one.promise)
-    found: SplineRamp | None = None
-    for number, attempt in enumerate(attempts):
-        if attempt.violation < _CLOSE_ENOUGH and (
-            found is None or attempt.duration < found.duration
-        ):
-            ramp, attempts[number] = _settle_duration(attempt, name, step, width, found)
-            found = ramp or found
-    found = found or _plain_ramp(problem, guesses, name, step)
-    if found is not None:
+    def breaks(self) -> Array:
+        """(K,) the knots, s; the last is rounded up."""
+        found = self.ramp.duration * np.linspace(0.0, 1.0, self._intervals + 1)
+        found[-1] *= 1 + 4 * EPS
         return found
-    best = min(attempts, key=lambda one: one.violation)
-    raise NoRampError(
-        name,
-        best.limit,
-        f"no {name} was found that keeps every limit: the best attempt, of "
-        f"{best.duration:.3g} s, breaks {best.limit} by {100 * best.violation:.2g} % of its range",
-    )
 
+    @property
+    def _intervals(self) -> int:
+        return len(self.ramp.coefficients) - DEGREE
 
-def _different(guesses: Sequence[SplineRamp]) -> list[SplineRamp]:
-    """Return the first guesses whose durations differ."""
-    kept: list[SplineRamp] = []
-    for guess in guesses:
-        ratios = [guess.duration / other.duration for other in kept]
-        if len(kept) < _ATTEMPTS and all(max(r, 1 / r) >= _DIFFERENT for r in ratios):
-            kept.append(guess)
-    return kept
+    def models(self, edges: Array) -> list[TaylorModel]:
+        """Return the models of pose, rate, acceleration and jerk, 24, over cells (N, 2), s.
 
-
-def _plain_ramp(
-    problem: RampProblem, guesses: Sequence[SplineRamp], name: str, step: float
-) -> SplineRamp | None:
-    """Return the shortest of the guesses that keeps every limit as it is; slow but safe.
-
-    With the reserve where one has it: where the designed motion touches a limit at the ramp's end,
-    none has.
-    """
-    kept: SplineRamp | None = None
-    for guess in sorted(guesses, key=lambda ramp: ramp.duration):
-        duration = int(np.ceil(guess.duration / step - 1e-9)) * step
-        scaled = replace(problem, time_scale=duration)
-        x = np.append(scaled.pack(guess)[:-1], 1.0)
-        ramp = replace(scaled.ramp(x, name), duration=duration)
-        worst = _worst_limit(scaled, ramp)
-        if worst.possible <= -RESERVE:
-            return ramp
-        if worst.possible <= TOLERANCE and kept is None:
-            kept = ramp
-    return kept
-
-
-def _settle_duration(
-    attempt: RampAttempt, name: str, step: float, width: float, known: SplineRamp | None
-) -> tuple[SplineRamp | None, RampAttempt]:
-    """Solve at a whole number of steps until the unsmoothed model keeps every limit.
-
-    Of all such motions the smoothest is taken. The duration grows when there is none, or when
-    margins for what the smoothing hides do not converge.
-    """
-    problem, x = attempt.problem, attempt.x
-    steps = int(np.ceil(attempt.duration * (1 + LONGER) / step - 1e-9))
-    since, stretch = 0, _STRETCH
-    used = np.zeros((_FINE + 1, len(problem.limits.keys)), dtype=bool)
-    for number in range(_ROUNDS):
-        if known is not None and steps * step >= known.duration:
-            break
-        report_progress(
-            f"lead-in and lead-out: the {name} at {steps * step:.3g} s", number, _ROUNDS
+        Every cell lies between two knots.
+        """
+        middle = edges.mean(axis=1)
+        half = np.max(np.abs(edges - middle[:, None]), axis=1) * (1 + 4 * EPS)
+        duration = self.ramp.duration
+        shares = middle / duration
+        share = TaylorModel(
+            np.stack([shares, half / duration]), 2 * EPS * (np.abs(shares) + half / duration)
         )
-        x = np.append(x[:-1], steps * step / problem.time_scale)
-        critical, margins = _critical_rows(problem, x, width)
-        # Rows of earlier rounds stay: without them their violations would come back.
-        used |= critical
-        program = RampProgram(problem, _fine_grid(), used, margins, width, 1.0)
-        result = _solved(program.smoothest(x), x, most=60, barrier=0.1, standstill=_EXACT)
-        excess = program.excess(result.x)
-        if excess > _CLOSE_ENOUGH:
-            break
-        possible = excess < 10 * _FEASIBLE
-        x, since = result.x, since + 1
-        ramp = replace(problem.ramp(x, name), duration=steps * step)
-        worst = _worst_limit(problem, ramp)
-        attempt = RampAttempt(x, problem, worst.possible, worst.key)
-        if worst.possible <= TOLERANCE:
-            return ramp, attempt
-        if not possible or since == _ROUNDS_PER_DURATION:
-            steps, since = steps + max(1, int(np.ceil(stretch * steps))), 0
-            # Where friction binds, steps of 2 % take rounds without end: the second is 4 %, …
-            stretch *= 2
-            used[:] = False
-    return None, attempt
+        span = np.clip((shares * self._intervals).astype(np.intp), 0, self._intervals - 1)
+        found = []
+        controls = _control_points(self.ramp.coefficients)
+        for order in range(4):
+            degree = DEGREE - order
+            places, ends = knot_shares(self._intervals, degree), np.arange(degree + 1)
+            points, rounding = controls[order]
+            # A break is a knot but for its rounding: that often the next derivative.
+            off = 4 * EPS * np.max(np.abs(controls[order + 1][0]), axis=0)
+            scale = TaylorModel.number(1.0)
+            for _ in range(order):
+                scale = scale * _quotient(duration)
+            weights = _weights(share, span, places, degree)
+            for axis in range(COORDINATES):
+                known = [
+                    TaylorModel(
+                        points[span + k, axis][None, :], rounding[span + k, axis] + off[axis]
+                    )
+                    for k in ends
+                ]
+                found.append(_de_boor(known, weights) * scale)
+        return found
 
 
-def _worst_limit(problem: RampProblem, ramp: SplineRamp) -> LimitCheck:
-    """Return the same; where a limit is broken at some of many instants, of these: no proof."""
-    times = ramp.duration * _fine_grid()
-    values = problem.limits.values(moving_states(ramp, times))
-    sampled = worst_sampled(problem.limits, times, values)
-    worst = max(sampled, key=lambda check: check.violation)
-    return worst_limit(problem, ramp) if worst.kept else worst
+def _control_points(coefficients: Array) -> list[tuple[Array, Array]]:
+    """Return the control points of a spline and of its derivatives, each with its rounding.
 
-
-def worst_limit(problem: RampProblem, ramp: SplineRamp) -> LimitCheck:
-    """Return the limit that a ramp may break most, or comes closest to, at any instant."""
-    return max(certify(problem.limits, enclose_segment(ramp)), key=lambda check: check.possible)
-
-
-def _nodes(points: int) -> Array:
-    """Return the instants that limits are held at, as shares: denser towards both ends."""
-    return (1 - np.cos(np.pi * np.arange(points + 1) / points)) / 2
-
-
-def _fine_grid() -> Array:
-    return np.linspace(0.0, 1.0, _FINE + 1)
-
-
-def _critical_rows(problem: RampProblem, x: Array, width: float) -> tuple[Mask, Array]:
-    """Choose the rows of the fine grid that matter, with margins, (K, R) each.
-
-    Instants are the nodes and every local worst of the unsmoothed rows. A row's margin is what
-    the unsmoothed value exceeds the smoothed one by anywhere near: that covers the jumps of dry
-    friction where a sign changes.
+    Derivatives are to the share of the duration. Differences of neighbours lose no more than their
+    own last digit, unlike a matrix that makes all steps at once.
     """
-    fine, limits = _fine_grid(), problem.limits
-    states = problem.states(x, problem.basis(fine))
-    exact = limits.violations(states)
-    reach = _FINE // (2 * _POINTS)
-    hidden = smoothing_gap(limits, states, exact, width, reach, periodic=False)
-    margins = _cap_shares(problem, x, fine, width, np.minimum(hidden + RESERVE, _LARGEST_MARGIN))
-    peaks = local_worst(exact, periodic=False) & (exact > -_NEAR_PEAK)
-    regular = np.zeros(len(fine), dtype=bool)
-    regular[np.rint(_nodes(_POINTS) * _FINE).astype(int)] = True
-    near = ((exact > -_NEAR) | limits.moving) & np.isfinite(exact)
-    used = (regular[:, None] & near) | peaks
-    used[[0, -1]] &= limits.of_jerk
-    return used, margins
+    intervals = len(coefficients) - DEGREE
+    points, rounding = coefficients, np.zeros_like(coefficients)
+    found = [(points, rounding)]
+    for degree in range(DEGREE, 1, -1):
+        places, count = knot_shares(intervals, degree), intervals + degree
+        factor = (degree / (places[degree + 1 : degree + count] - places[1:count]))[:, None]
+        steps = np.diff(points, axis=0)
+        rounding = factor * (rounding[1:] + rounding[:-1] + EPS * np.abs(steps))
+        points = factor * steps
+        rounding = (rounding + 4 * EPS * np.abs(points)) * (1 + 8 * EPS)
+        found.append((points, rounding))
+    return found
 
 
-def _cap_shares(
-    problem: RampProblem, x: Array, shares: Array, width: float, margins: Array
-) -> Array:
-    """Let margins fade towards both ends, (K, R): what holds there is given.
+def _quotient(duration: float) -> TaylorModel:
+    return TaylorModel(np.full((1, 1), 1 / duration), np.full(1, EPS / duration))
 
-    A row that an end itself has no room for, or breaks in its smoothed form, gets its room back
-    with the cube of the time that has passed, as jerk moves a machine. So does one that has none
-    where rate and acceleration of the end lead, up to its natural bound.
+
+def _weights(
+    share: TaylorModel, span: Array, places: Array, degree: int
+) -> list[list[TaylorModel]]:
+    """Return the weights of each level of the recursion, between 0 and 1."""
+    levels = []
+    for level in range(1, degree + 1):
+        row = []
+        for k in range(level, degree + 1):
+            low, high = places[span + k], places[span + k + degree + 1 - level]
+            width = 1 / (high - low)
+            start = TaylorModel(low[None, :], np.zeros(1))
+            row.append((share - start) * TaylorModel(width[None, :], 2 * EPS * width))
+        levels.append(row)
+    return levels
+
+
+def _de_boor(points: list[TaylorModel], levels: list[list[TaylorModel]]) -> TaylorModel:
+    for row in levels:
+        points = [
+            before + weight * (after - before)
+            for before, after, weight in zip(points[:-1], points[1:], row, strict=True)
+        ]
+    return points[0]
+
+
+_SHORTEST, _LONGEST = 0.02, 10.0
+"""Bounds on the scaled duration."""
+
+
+@dataclass(frozen=True, eq=False)
+class RampProblem:
+    """Two ends, a grid of polynomial pieces and what is to be kept between them.
+
+    The variables are the free control points, measured from the start's pose, and the duration,
+    each scaled to order one.
     """
-    duration = problem.duration(x)
-    given = ~problem.limits.of_jerk
-    for end, distance, sign in ((problem.start, shares, 1.0), (problem.end, 1 - shares, -1.0)):
-        near = distance < _END_SHARE
-        passed = sign * duration * np.append(0.0, distance[near])[:, None]
-        led = (
-            end.pose + passed * end.rate + passed**2 / 2 * end.acceleration,
-            end.rate + passed * end.acceleration,
-            np.broadcast_to(end.acceleration, (len(passed), COORDINATES)),
-            np.zeros((len(passed), COORDINATES)),
+
+    limits: LimitModel
+    """With the one on the struts' jerk: states have the pose's third derivative."""
+    start: MotionState
+    end: MotionState
+    intervals: int
+    scale: Array
+    """(6,), what counts as one in each coordinate: m, rad."""
+    time_scale: float
+    """What counts as one in the duration, s."""
+
+    @property
+    def free(self) -> int:
+        """Free control points of each coordinate."""
+        return self.intervals + DEGREE - 2 * FIXED
+
+    @property
+    def size(self) -> int:
+        """Number of variables."""
+        return COORDINATES * self.free + 1
+
+    def coefficients(self, x: Array) -> tuple[Array, Array]:
+        """Return all control points, (N, 6), and their slope to the duration."""
+        duration = self.duration(x)
+        first, first_slope = end_coefficients(self.intervals, duration, self.start)
+        backwards = reversed_in_time(self.end)
+        last, last_slope = end_coefficients(self.intervals, duration, backwards)
+        inner = x[:-1].reshape(COORDINATES, self.free).T * self.scale + self.start.pose
+        none = np.zeros_like(inner)
+        return (
+            np.concatenate([first, inner, last[::-1]]),
+            np.concatenate([first_slope, none, last_slope[::-1]]),
         )
-        rooms = -problem.limits.smooth_violations(np.hstack(led), width)
-        room = rooms[0] + np.zeros(margins.shape)
-        room[near] = np.minimum(rooms[0], np.maximum(rooms[1:], np.minimum(rooms[0], 0.0)))
-        grown = _LARGEST_MARGIN * (distance / _END_SHARE) ** 3
-        margins = np.where(given, np.minimum(margins, room + grown[:, None]), margins)
-    return margins
+
+    def at_duration(self, duration: float) -> Array:
+        """Return control points, (N, 6), in which only the fixed ones mean something."""
+        return self.coefficients(np.append(np.zeros(self.size - 1), duration / self.time_scale))[0]
+
+    def duration(self, x: Array) -> float:
+        """Return the ramp's duration, s."""
+        return float(x[-1] * self.time_scale)
+
+    def ramp(self, x: Array, name: str) -> SplineRamp:
+        """Return the ramp of scaled variables."""
+        return SplineRamp(name, self.duration(x), self.coefficients(x)[0])
+
+    def pack(self, ramp: SplineRamp) -> Array:
+        """Return the scaled variables of a ramp between the same ends."""
+        inner = ramp.coefficients[FIXED:-FIXED]
+        shares = (inner - self.start.pose) / self.scale
+        return np.append(shares.T.ravel(), ramp.duration / self.time_scale)
+
+    def basis(self, shares: Array) -> Array:
+        """Return what states at shares (K,) of the duration are made with, (4, K, N)."""
+        return derivatives(self.intervals, shares)
+
+    def states(self, x: Array, basis: Array) -> Array:
+        """Return states with jerk, (K, 24), at the instants of a basis."""
+        coefficients, _ = self.coefficients(x)
+        return np.hstack(list(scaled_derivatives(basis, coefficients, self.duration(x))))
+
+    def slope(self, x: Array, basis: Array) -> PathSlope:
+        """Return the derivatives of those states to the variables."""
+        coefficients, drift = self.coefficients(x)
+        duration = self.duration(x)
+        orders = np.arange(4.0)
+        scaled = basis * (duration**-orders)[:, None, None]
+        by_duration = scaled @ drift - (scaled @ coefficients) * (orders / duration)[:, None, None]
+        inner, timed = (part.transpose(1, 0, 2) for part in (scaled, by_duration))
+        own = np.ascontiguousarray(inner[:, :, FIXED:-FIXED])
+        return PathSlope(own, self.scale, timed * self.time_scale)
 
 
-_DURATIONS: list[float] = (0.05 * 1.35 ** np.arange(30)).tolist()
-"""Of the polynomials that are tried: 50 ms to 5 min."""
-_FADES = (0.25, 0.5, 1.0)
-_SHARES = np.linspace(0.0, 1.0, 200)
+class RampProgram(Program):
+    """One nonlinear program of a ramp.
 
-
-def guesses(problem: RampProblem, orbit: Motion, period: float, width: float) -> list[SplineRamp]:
-    """Return ramps between the problem's ends, sorted by how much they break the limits.
-
-    Polynomials of fifth order through both ends, of many durations, and the periodic motion
-    itself with an amplitude that grows from zero (or fades to it). Those that keep every limit
-    come first, the shortest of them before the others. `orbit` is the periodic motion on the
-    ramp's own time axis, which begins (ramp in: ends) at 0; dry friction has a width in m/s.
+    Minimised is the duration plus a little of the squared third derivative over the spline's own
+    parameter, which chooses among motions of the same duration; with the duration fixed it is the
+    latter alone.
     """
-    fades = [_fade_orbit(problem, orbit, share * period) for share in _FADES]
-    return _rank_guesses(problem, [*polynomials(problem, width), *fades], width)
 
+    def __init__(
+        self,
+        problem: RampProblem,
+        shares: Array,
+        mask: Mask,
+        margins: Array,
+        width: float,
+        smoothness: float,
+    ) -> None:
+        used = np.any(mask, axis=1)
+        lower, upper = np.full(problem.size, -np.inf), np.full(problem.size, np.inf)
+        lower[-1], upper[-1] = _SHORTEST, _LONGEST
+        super().__init__(
+            problem.limits,
+            problem,
+            problem.basis(shares[used]),
+            mask[used],
+            width,
+            (lower, upper),
+            margins[used],
+        )
+        self._problem = problem
+        pieces = problem.intervals
+        self._middle = derivatives(pieces, (np.arange(2 * pieces) + 0.5) / (2 * pieces))[3]
+        # A cubic over the whole ramp has a third derivative of 60 times what it moves.
+        self._weight = smoothness / (60.0**2 * len(self._middle))
 
-def polynomials(problem: RampProblem, width: float) -> list[SplineRamp]:
-    """Return the polynomials of fifth order alone, in the same order."""
-    return _rank_guesses(
-        problem, [_polynomial(problem, duration) for duration in _DURATIONS], width
-    )
+    def smoothest(self, x: Array) -> RampProgram:
+        """Fix the duration at that of `x`; what counts as one is the roughness there."""
+        self.lower[-1] = self.upper[-1] = x[-1]
+        self._weight /= max(self.cost(x) - x[-1], 1e-12)
+        return self
 
+    def cost(self, x: Array) -> float:
+        """Return the scaled duration and the weighted roughness."""
+        return self.cost_gradient(x)[0]
 
-def pause_near(problem: RampProblem, width: float, *, arriving: bool) -> RampProblem:
-    """Return the problem from rest close to the orbit into it, or out of it to rest.
+    def cost_gradient(self, x: Array) -> tuple[float, Array]:
+        """Return the cost and its gradient."""
+        problem = self._problem
+        coefficients, drift = problem.coefficients(x)
+        rough = self._middle @ coefficients / problem.scale
+        gradient = np.empty(problem.size)
+        back = 2 * self._weight * (self._middle.T @ rough)
+        gradient[:-1] = back[FIXED:-FIXED].T.ravel()
+        gradient[-1] = 1 + np.sum(back / problem.scale * drift) * problem.time_scale
+        return float(x[-1] + self._weight * np.sum(rough**2)), gradient
 
-    The pose at rest is the one from which (to which) the speed grows or fades as a cubic does, in
-    the time in which that breaks the limits least: v T/2 − a T²/12 from where the orbit has the
-    rate v and the acceleration a.
-
-    Parameters
-    ----------
-    arriving : bool
-        Whether the orbit is at the problem's end.
-    """
-    orbit = problem.end if arriving else problem.start
-    sign = 1.0 if arriving else -1.0
-
-    def paused(duration: float) -> RampProblem:
-        way = sign * orbit.rate * duration / 2 - orbit.acceleration * duration**2 / 12
-        rest = MotionState.at_rest(orbit.pose - way)
-        return replace(problem, start=rest) if arriving else replace(problem, end=rest)
-
-    tried = [(paused(duration), duration) for duration in _DURATIONS]
-    best, _ = min(tried, key=lambda one: _worst(one[0], _polynomial(*one), width))
-    return best
-
-
-def _rank_guesses(
-    problem: RampProblem, ramps: Iterable[SplineRamp], width: float
-) -> list[SplineRamp]:
-    return sorted(ramps, key=lambda ramp: (max(_worst(problem, ramp, width), 0.0), ramp.duration))
-
-
-def _worst(problem: RampProblem, ramp: SplineRamp, width: float) -> float:
-    states = moving_states(ramp, _SHARES * ramp.duration)
-    return float(np.max(problem.limits.smooth_violations(states, width)))
-
-
-def _polynomial(problem: RampProblem, duration: float) -> SplineRamp:
-    # One piece has six control points: the ends determine them all.
-    ends = replace(problem, intervals=1).at_duration(duration)
-    return _fit_spline(problem, duration, derivatives(1, _SHARES)[0] @ ends)
-
-
-def _fade_orbit(problem: RampProblem, orbit: Motion, duration: float) -> SplineRamp:
-    home = problem.limits.robot.home
-    arriving = np.array_equal(problem.start.pose, home)
-    times = (_SHARES - 1) * duration if arriving else _SHARES * duration
-    grown = _SHARES if arriving else 1 - _SHARES
-    weight = grown**3 * (10 - 15 * grown + 6 * grown**2)
-    poses = home + weight[:, None] * (orbit.sample(times).pose - home)
-    return _fit_spline(problem, duration, poses)
-
-
-def _fit_spline(problem: RampProblem, duration: float, poses: Array) -> SplineRamp:
-    """Return the ramp between the problem's ends that is closest to the poses."""
-    basis = derivatives(problem.intervals, _SHARES)[0]
-    coefficients = problem.at_duration(duration)
-    coefficients[FIXED:-FIXED] = 0.0
-    left = poses - basis @ coefficients
-    inner, *_ = np.linalg.lstsq(basis[:, FIXED:-FIXED], left, rcond=None)
-    coefficients[FIXED:-FIXED] = inner
-    return SplineRamp("guess", duration, coefficients)
+    def cost_derivatives(self, x: Array) -> tuple[float, Array, Array]:
+        """Return the cost, its gradient and Gauss–Newton Hessian."""
+        problem = self._problem
+        value, gradient = self.cost_gradient(x)
+        _, drift = problem.coefficients(x)
+        inner = np.einsum("kf,cd->kcdf", self._middle[:, FIXED:-FIXED], np.eye(COORDINATES))
+        timed = (self._middle @ drift / problem.scale * problem.time_scale)[:, :, None]
+        slope = np.concatenate([inner.reshape(*timed.shape[:2], -1), timed], axis=2)
+        flat = slope.reshape(-1, problem.size)
+        return value, gradient, 2 * self._weight * flat.T @ flat

@@ -9,7 +9,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.problem.path_slope import PathSlope
+from expdesign.problem.program import PathSlope
 from expdesign.robot import LimitModel
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
 

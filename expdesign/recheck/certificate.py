@@ -22,7 +22,8 @@ from constraints.arrays import Array, Mask
 from expdesign.enclosure.arithmetic import EPS
 from expdesign.enclosure.instructions import NoEnclosureError
 from expdesign.enclosure.limit_rows import EnclosedLimits, EnclosedRow
-from expdesign.enclosure.taylor_model import EnclosedSeries, TaylorModel
+from expdesign.enclosure.paths import EnclosedSeries
+from expdesign.enclosure.taylor_model import TaylorModel
 from expdesign.progress import report_progress
 from expdesign.recheck.limit_check import (
     LEAST_POINTS,

@@ -11,13 +11,13 @@ from constraints.arrays import Array
 from expdesign.information.criteria import Criterion
 from expdesign.information.fisher import (
     PeriodicNoise,
+    PriorMachine,
     ScaledInformation,
     SingularInformationError,
     information_matrix,
     log_det,
     parameter_covariance,
 )
-from expdesign.information.prior import PriorMachine
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory
 

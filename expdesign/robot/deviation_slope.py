@@ -9,8 +9,7 @@ import casadi as ca
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.evaluation.batch import Graph
-from expdesign.evaluation.kernel import kernel
+from expdesign.evaluation.batch import Graph, kernel
 from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.term import Friction, Term, kinematic_terms

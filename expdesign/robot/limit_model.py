@@ -18,8 +18,7 @@ import numpy as np
 from constraints import Limit, LimitDefinition, limit_definitions
 from constraints.arrays import Array, Mask
 from expdesign.configuration.limits import row_labels
-from expdesign.evaluation.batch import BatchFunction, Graph
-from expdesign.evaluation.kernel import kernel
+from expdesign.evaluation.batch import BatchFunction, Graph, kernel
 from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.term import Friction, Term

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import ResolvedRobot
-from expdesign.evaluation.batch import BatchFunction, Graph
-from expdesign.evaluation.kernel import kernel
+from expdesign.evaluation.batch import BatchFunction, Graph, kernel
 from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.realisable import Realisable

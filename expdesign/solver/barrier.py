@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from expdesign.evaluation.compiled import compiled
-from expdesign.problem.design_problem import Program
+from expdesign.problem.program import Program
 
 _INSIDE = 1e-2
 """Distance of the first slacks from their bounds, relative to the bound or to the range."""

@@ -21,7 +21,8 @@ from scipy.optimize import brentq, nnls
 from constraints.arrays import Array, Mask
 from expdesign.configuration import ComputationError
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.problem.design_problem import DesignProblem, Program, smoothing_gap
+from expdesign.problem.design_problem import DesignProblem
+from expdesign.problem.program import Program, smoothing_gap
 from expdesign.recheck.limit_check import grid_points, local_worst, states_at
 from expdesign.robot import LimitModel
 from expdesign.solver.phases import coarse_points

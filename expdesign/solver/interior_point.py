@@ -21,8 +21,7 @@ from scipy.linalg import LinAlgError
 from scipy.linalg.lapack import dposv
 
 from constraints.arrays import Array
-from expdesign.problem.design_problem import Program, largest_excess
-from expdesign.problem.path_slope import LinearRows
+from expdesign.problem.program import LinearRows, Program, largest_excess
 from expdesign.solver.barrier import (
     Bounds,
     Duals,

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import casadi as ca
 
 from constraints.arrays import Array
-from expdesign.problem.design_problem import Program, largest_excess
+from expdesign.problem.program import Program, largest_excess
 from expdesign.solver.interior_point import WEIGHT, BestIterate, IterationReport, Solution
 
 Curvature = Literal["gauss-newton", "limited-memory"]

@@ -12,7 +12,6 @@ from constraints.arrays import Array
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.recheck.certificate import recheck
 from expdesign.recheck.information import Evaluator
-from expdesign.solver.events import StartReporter, TracePoint
 from expdesign.solver.feasibility import (
     GRID_MARGIN,
     InfeasibleLimitsError,
@@ -22,10 +21,12 @@ from expdesign.solver.feasibility import (
     restore_limits,
     shrink_to_limits,
 )
-from expdesign.solver.finish import KnownHum, PolishedDesign, polish, round_period
+from expdesign.solver.finish import PolishedDesign, polish
 from expdesign.solver.interior_point import FEASIBLE
 from expdesign.solver.phases import (
     PhaseResult,
+    StartReporter,
+    TracePoint,
     coarse_points,
     continuation_phases,
     fine_points,
@@ -33,6 +34,7 @@ from expdesign.solver.phases import (
     hop_phases,
     solve_phase,
 )
+from expdesign.trajectory import KnownHum, round_period
 from expdesign.workers import Monitor
 
 GIVEN_UP = "given up: behind what others had reached at this stage"

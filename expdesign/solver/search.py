@@ -12,7 +12,6 @@ import numpy as np
 
 from expdesign.configuration import ComputationError
 from expdesign.progress import report_progress
-from expdesign.solver.events import SearchEvent
 from expdesign.solver.finish import PolishedDesign
 from expdesign.solver.jobs import (
     SearchPlan,
@@ -22,6 +21,7 @@ from expdesign.solver.jobs import (
     prove_design,
     run_start,
 )
+from expdesign.solver.phases import SearchEvent
 from expdesign.workers import Job, JobRunner, Monitor, StoppedError
 
 GROUP = 48

@@ -13,7 +13,7 @@ from expdesign.export.certification import PathCertificate, certify_table
 from expdesign.export.result import FOLDER, RECORD, ExportResult
 from expdesign.export.table_file import find_table_file
 from expdesign.motion.executable import ExecutableMotion
-from expdesign.motion.ramp_problem import check_motion
+from expdesign.motion.planning import check_motion
 from expdesign.progress import progress_prefix
 from expdesign.recheck.certificate import recheck
 from expdesign.robot import ForwardKinematicsError, LimitModel, Robot, robot_from

@@ -34,9 +34,8 @@ from expdesign.export.result import (
     exported_table,
     result_file,
 )
-from expdesign.motion.executable import ExecutableMotion
-from expdesign.motion.planning import executable_motion
-from expdesign.motion.ramp_problem import check_motion, has_enclosure
+from expdesign.motion.executable import ExecutableMotion, has_enclosure
+from expdesign.motion.planning import check_motion, executable_motion
 from expdesign.progress import forward_progress, progress_prefix, report_progress
 from expdesign.robot import robot_from
 from expdesign.runfolder.files import remove_leftovers, write_text

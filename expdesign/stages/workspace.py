@@ -23,7 +23,7 @@ from results.views.view import StageView
 if TYPE_CHECKING:
     from estimation.data.measurement import Measurement
     from estimation.identification.identified_model import IdentifiedModel
-    from expdesign.solver.events import SearchEvent
+    from expdesign.solver.phases import SearchEvent
 
 _DESIGN, _EXPERIMENT, _ESTIMATE, _REPORT = "design", "experiment", "estimate", "report"
 MEASUREMENT_FILE = "measurement.csv"

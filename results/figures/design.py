@@ -17,10 +17,10 @@ from matplotlib.ticker import MaxNLocator
 
 from constraints.arrays import Array
 from expdesign.experiment import DesignResult
-from expdesign.experiment.search_statistics import Iteration
+from expdesign.experiment.result import Iteration
 from expdesign.information.criteria import criteria
 from expdesign.recheck.limit_check import REACHED, TOLERANCE, LimitCheck
-from expdesign.solver.events import PHASE_TITLES
+from expdesign.solver.phases import PHASE_TITLES
 from results.figures.drawing import (
     ALERT,
     EMPHASIS,

@@ -17,8 +17,7 @@ from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignResult
 from expdesign.mechanism.hexapod import COORDINATE_NAMES
-from expdesign.motion.executable import ExecutableMotion
-from expdesign.motion.sampled import SampledMotion
+from expdesign.motion.executable import ExecutableMotion, SampledMotion
 from expdesign.robot import Robot, robot_from
 from results.figures.drawing import (
     AXIS_COLOURS,

@@ -13,7 +13,7 @@ from estimation.identification.estimator_result import DeviationRow, PayloadRow
 from estimation.identification.result import EstimateFile, EstimationResult
 from estimation.identification.term_selection import SAME_MOTION, UNSETTLED, without_bounds
 from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, difference_test
-from expdesign.experiment.combinations import KnownCombination
+from expdesign.information.identifiable import KnownCombination
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from results.figures.parameters import WORTH, selection_figure
 from results.notation import counted, readable

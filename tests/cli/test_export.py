@@ -7,7 +7,7 @@ import pytest
 
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.export.formats import table_formats
-from expdesign.motion.ramp import NoRampError
+from expdesign.motion.ramp_search import NoRampError
 from expdesign.runfolder.manifest import file_hash
 from expdesign.trajectory import FourierTrajectory
 from tests.export.motions import motion_of, spline_motion_of, task

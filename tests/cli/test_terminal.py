@@ -8,7 +8,7 @@ from rich.console import Console
 
 from expdesign.cli.terminal import SearchDisplay
 from expdesign.information.criteria import criteria
-from expdesign.solver.events import PHASE_TITLES, SearchEvent
+from expdesign.solver.phases import PHASE_TITLES, SearchEvent
 
 CONDITION = dataclasses.replace(criteria()["condition"], flat=True)
 

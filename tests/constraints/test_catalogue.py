@@ -7,7 +7,7 @@ import pytest
 
 from constraints import limit_definitions, limits
 from expdesign.configuration.robot import load_robot_description
-from expdesign.motion.ramp_problem import STRUT_JERK
+from expdesign.motion.planning import STRUT_JERK
 from expdesign.robot import LimitModel, robot_from
 
 NEW = """\

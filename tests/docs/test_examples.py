@@ -20,7 +20,7 @@ from expdesign.configuration.robot import RobotDescription, load_robot_descripti
 from expdesign.configuration.sections import design as design_section
 from expdesign.information.criteria import criteria, spectral_cost
 from expdesign.robot import LimitModel, robot_from
-from expdesign.solver.events import SearchEvent
+from expdesign.solver.phases import SearchEvent
 from tests.docs.pages import FILES, ROOT, blocks, parse, prose
 
 # Pages whose files are written by their commands: test_tutorial.py executes them.

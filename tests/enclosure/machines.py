@@ -8,7 +8,7 @@ from constraints import Limit
 from expdesign.configuration import load_run
 from expdesign.configuration.limits import row_labels
 from expdesign.configuration.robot import load_robot_description
-from expdesign.motion.ramp_problem import STRUT_JERK
+from expdesign.motion.planning import STRUT_JERK
 from expdesign.robot import LimitModel, load_robot, robot_from
 
 SHIPPED = ("dehaeze", "linuxcnc", "mathworks", "palida", "rubin")

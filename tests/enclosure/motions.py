@@ -6,7 +6,7 @@ import numpy as np
 
 from constraints import Limit
 from expdesign.configuration.limits import row_labels
-from expdesign.motion.ramp_problem import STRUT_JERK
+from expdesign.motion.planning import STRUT_JERK
 from expdesign.recheck.limit_check import states_at
 from expdesign.robot import LimitModel
 from expdesign.trajectory import FourierTrajectory

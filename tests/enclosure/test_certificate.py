@@ -9,7 +9,7 @@ from constraints import Limit, limit_definitions
 from expdesign.configuration.limits import row_labels
 from expdesign.enclosure.instructions import NoEnclosureError
 from expdesign.enclosure.limit_rows import EnclosedLimits
-from expdesign.enclosure.taylor_model import EnclosedSeries
+from expdesign.enclosure.paths import EnclosedSeries
 from expdesign.recheck.certificate import certify
 from expdesign.recheck.limit_check import TOLERANCE
 from expdesign.robot import LimitModel

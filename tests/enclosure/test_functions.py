@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from expdesign.enclosure import functions as f
+from expdesign.enclosure import taylor_model as f
 from expdesign.enclosure.instructions import EnclosedFunction, NoEnclosureError
 from expdesign.enclosure.taylor_model import TERMS, TaylorModel
 from tests.enclosure.exact import CELLS, TIMES, around, assert_holds, digits, members

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from expdesign.enclosure.limit_rows import EnclosedLimits
-from expdesign.enclosure.taylor_model import EnclosedSeries
+from expdesign.enclosure.paths import EnclosedSeries
 from tests.enclosure.by_virtual_work import Machine
 from tests.enclosure.machines import ALL, everything
 from tests.enclosure.motions import drawn

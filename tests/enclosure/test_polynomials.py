@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from expdesign.enclosure.taylor_model import PosePath, between_rows
+from expdesign.enclosure.paths import PosePath, between_rows
 from tests.enclosure.exact import assert_holds
 
 KINDS = {"line": 1, "cubic": 2, "quintic": 3}

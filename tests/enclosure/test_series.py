@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from expdesign.enclosure.taylor_model import DERIVATIVES, EnclosedSeries
+from expdesign.enclosure.paths import DERIVATIVES, EnclosedSeries
 from expdesign.trajectory import FourierTrajectory
 from tests.enclosure.exact import assert_holds, digits
 

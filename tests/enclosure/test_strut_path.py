@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from expdesign.enclosure.forward import StrutPath
-from expdesign.enclosure.taylor_model import between_rows
+from expdesign.enclosure.paths import between_rows
 from expdesign.robot import load_robot
 
 MIRRORED = np.array([1, 1, -1, -1, -1, 1])

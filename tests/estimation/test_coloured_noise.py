@@ -27,7 +27,7 @@ from estimation.processing.whitening_filter import estimated_filter, given_filte
 from estimation.twin import Twin
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration.sections.estimate import EstimateSection
-from expdesign.noise.spectrum import multiplicity
+from expdesign.noise import multiplicity
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 
 SIGMA = ROBOT.description.noise.force_covariance

@@ -9,7 +9,7 @@ from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.estimators import covariance_ml_less_gm
 from estimation.identification import estimate_parameters, estimation_result
-from expdesign.experiment.systematic import systematic_std
+from expdesign.experiment.precision import systematic_std
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import apply_deviations, toleranced_deviations
 from tests.estimation.cases import ROBOT, measured, run, trajectory

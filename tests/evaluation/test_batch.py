@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from constraints import limit_definitions
-from expdesign.evaluation import BatchFunction, machine_code
-from expdesign.evaluation.batch import NamedFunction
+from expdesign.evaluation import machine_code
+from expdesign.evaluation.batch import BatchFunction, NamedFunction
 from expdesign.evaluation.block_loop import Lanes
 from expdesign.evaluation.machine_code import CACHE, SWITCH, VIRTUAL_MACHINE, evaluator
 from expdesign.mechanism.term import Friction
@@ -213,7 +213,7 @@ def test_inputs_of_another_size_are_refused(count, compiled):
 def test_processes_that_compile_the_same_at_once(cache):
     code = (
         "import casadi as ca, numpy as np\n"
-        "from expdesign.evaluation import BatchFunction\n"
+        "from expdesign.evaluation.batch import BatchFunction\n"
         "x = ca.SX.sym('x', 2)\n"
         "function = BatchFunction('one', [x], [], [ca.sin(x)])\n"
         "function.compile()\n"

@@ -15,13 +15,12 @@ import pytest
 
 from constraints import limit_definitions
 from expdesign.evaluation import machine_code
-from expdesign.evaluation.batch import Graph
+from expdesign.evaluation.batch import Graph, kernel
 from expdesign.evaluation.content import content_key
-from expdesign.evaluation.kernel import kernel
 from expdesign.evaluation.machine_code import CACHE, SWITCH
 from expdesign.mechanism.catalogue import term_definitions, terms_named
 from expdesign.mechanism.term import Friction
-from expdesign.problem import cost
+from expdesign.problem import design_problem
 from expdesign.robot import limit_model, robot
 
 X = np.arange(6.0).reshape(2, 3)
@@ -236,7 +235,11 @@ def project_keys():
     """Return the keys of the project's kernels for its terms and limits."""
     terms = terms_named(["struts", "rigid_platform", "actuator_friction"], general=True)
     kernels = [
-        *(cost._factor_kernel, cost._slope_kernel, cost._gradient_kernel),
+        *(
+            design_problem._factor_kernel,
+            design_problem._slope_kernel,
+            design_problem._gradient_kernel,
+        ),
         *(robot._regressor_kernel, robot._force_kernel, limit_model._kernel),
     ]
     parts = (terms, tuple(limit_definitions().values()))

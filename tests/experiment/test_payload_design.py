@@ -15,7 +15,7 @@ from expdesign.configuration.robot import RobotDescription, as_general
 from expdesign.experiment import DesignResult
 from expdesign.experiment.setup import plan_search
 from expdesign.information.criteria import criteria
-from expdesign.solver.events import SearchEvent
+from expdesign.solver.phases import SearchEvent
 from expdesign.stages.design import DesignStage
 from expdesign.stages.execution import view_result
 from expdesign.stages.workspace import Workspace

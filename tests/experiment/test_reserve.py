@@ -9,8 +9,7 @@ import pytest
 
 import expdesign
 from expdesign.experiment import DesignResult
-from expdesign.motion.planning import executable_motion
-from expdesign.motion.ramp_problem import check_motion
+from expdesign.motion.planning import check_motion, executable_motion
 from tests.experiment.off_the_grids import TOLERANCE, excess
 
 pytestmark = pytest.mark.slow

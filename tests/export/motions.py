@@ -11,7 +11,7 @@ from pydantic import TypeAdapter
 from expdesign.export.definition import Task
 from expdesign.motion.executable import ExecutableMotion, LeadRamps
 from expdesign.motion.executable import Periods as RealPeriods
-from expdesign.motion.spline import MotionState, SplineRamp, end_coefficients, reversed_in_time
+from expdesign.motion.ramp import MotionState, SplineRamp, end_coefficients, reversed_in_time
 from expdesign.robot import LimitModel, load_robot
 from expdesign.trajectory import FourierTrajectory, PoseSamples, TrajectoryFile
 

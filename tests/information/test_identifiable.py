@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from expdesign.experiment.combinations import identified_base, known_combinations
 from expdesign.information.identifiable import (
     BaseParameters,
+    identified_base,
+    known_combinations,
     root_of,
     root_of_inverse,
 )
@@ -143,7 +144,7 @@ def test_combinations_are_known_as_if_the_others_were(weak):
 
 @pytest.fixture
 def catalogued(monkeypatch):
-    monkeypatch.setattr("expdesign.experiment.combinations.parameter_unit", lambda name: "kg")
+    monkeypatch.setattr("expdesign.information.identifiable.parameter_unit", lambda name: "kg")
 
 
 @pytest.mark.usefixtures("catalogued")

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from expdesign.configuration.identification import Identification
 from expdesign.information.criteria import criteria
-from expdesign.information.prior import PriorMachine
+from expdesign.information.fisher import PriorMachine
 
 M, CHANGED = 7, np.array([1, 2, 5])
 

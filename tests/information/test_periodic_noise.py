@@ -5,8 +5,7 @@ import pytest
 import scipy.linalg as sla
 
 from expdesign.information.fisher import PeriodicNoise, information_matrix
-from expdesign.noise.hum import Hum
-from expdesign.noise.spectrum import Autoregressive, NoiseSpectrum, Tabulated
+from expdesign.noise import Autoregressive, Hum, NoiseSpectrum, Tabulated
 
 SAMPLING, PERIOD = 200.0, 60
 OMEGA = 2 * np.pi * SAMPLING / PERIOD

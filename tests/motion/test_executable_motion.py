@@ -9,10 +9,10 @@ import pytest
 from expdesign.configuration import InputError, load_run
 from expdesign.experiment.setup import plan_search
 from expdesign.motion import planning
-from expdesign.motion import ramp as ramp_module
-from expdesign.motion.planning import executable_motion
-from expdesign.motion.ramp import NoRampError
-from expdesign.motion.ramp_problem import check_motion, moving_states
+from expdesign.motion import ramp_search as ramp_module
+from expdesign.motion.executable import moving_states
+from expdesign.motion.planning import check_motion, executable_motion
+from expdesign.motion.ramp_search import NoRampError
 from expdesign.robot import robot_from
 from expdesign.solver.feasibility import random_start
 from expdesign.trajectory import FourierTrajectory

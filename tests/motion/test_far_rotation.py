@@ -5,7 +5,7 @@ import pytest
 
 from expdesign.configuration import load_run
 from expdesign.motion import planning
-from expdesign.motion import ramp as ramp_module
+from expdesign.motion import ramp_search as ramp_module
 from expdesign.recheck.limit_check import TOLERANCE
 from expdesign.trajectory import FourierTrajectory
 

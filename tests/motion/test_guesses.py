@@ -5,9 +5,10 @@ import pytest
 
 from constraints import Limit
 from expdesign.configuration.limits import row_labels
-from expdesign.motion.ramp import pause_near, polynomials
-from expdesign.motion.ramp_problem import STRUT_JERK, RampProblem, moving_states
-from expdesign.motion.spline import MotionState
+from expdesign.motion.executable import moving_states
+from expdesign.motion.planning import STRUT_JERK
+from expdesign.motion.ramp import MotionState, RampProblem
+from expdesign.motion.ramp_search import pause_near, polynomials
 from expdesign.robot import LimitModel
 from tests.estimation.cases import ROBOT
 

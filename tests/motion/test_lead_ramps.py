@@ -8,9 +8,8 @@ import pytest
 
 from expdesign.configuration import load_run
 from expdesign.motion.executable import ExecutableMotion, Periods, lead_ramps
-from expdesign.motion.planning import PIECES
-from expdesign.motion.ramp_problem import check_motion
-from expdesign.motion.spline import MotionState, SplineRamp, end_coefficients, reversed_in_time
+from expdesign.motion.planning import PIECES, check_motion
+from expdesign.motion.ramp import MotionState, SplineRamp, end_coefficients, reversed_in_time
 from tests.estimation.cases import ROBOT, trajectory
 from tests.export.motions import DESIGNED, motion_of, recorded, spline_motion_of, task
 

@@ -5,8 +5,9 @@ import pytest
 
 from constraints import Limit
 from expdesign.configuration.limits import row_labels
-from expdesign.motion.ramp_problem import STRUT_JERK, RampProblem, RampProgram, moving_states
-from expdesign.motion.spline import MotionState
+from expdesign.motion.executable import moving_states
+from expdesign.motion.planning import STRUT_JERK
+from expdesign.motion.ramp import MotionState, RampProblem, RampProgram
 from expdesign.robot import LimitModel, load_robot
 
 SHARES = np.linspace(0.0, 1.0, 9)

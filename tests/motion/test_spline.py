@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from expdesign.motion.spline import MotionState, SplineRamp, end_coefficients, reversed_in_time
+from expdesign.motion.ramp import MotionState, SplineRamp, end_coefficients, reversed_in_time
 
 INTERVALS, DURATION = 10, 1.7
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import InputError, load_run, resolved_yaml
-from expdesign.noise.spectrum import Band, NoiseSpectrum
+from expdesign.noise import Band, NoiseSpectrum
 
 VARIANCE = np.diag([1.0, 4.0, 9.0, 1.0, 1.0, 1.0]) + 0.3
 SAMPLING, SAMPLES = 1000.0, 400.0

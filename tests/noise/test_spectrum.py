@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from expdesign.noise.hum import Hum
-from expdesign.noise.spectrum import Autoregressive, NoiseSpectrum, Tabulated, between
+from expdesign.noise import Autoregressive, Hum, NoiseSpectrum, Tabulated, between
 
 RING = np.array([[0.5 ** min(abs(i - j), 6 - abs(i - j)) for j in range(6)] for i in range(6)])
 STD = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])

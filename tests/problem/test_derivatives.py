@@ -9,12 +9,10 @@ from constraints import Limit, limit_definitions
 from expdesign.configuration.limits import row_labels
 from expdesign.configuration.robot import load_robot_description
 from expdesign.information.criteria import criteria
-from expdesign.information.fisher import PeriodicNoise, information_matrix
-from expdesign.information.prior import PriorMachine
-from expdesign.noise.hum import Hum
-from expdesign.noise.spectrum import Autoregressive, NoiseSpectrum
+from expdesign.information.fisher import PeriodicNoise, PriorMachine, information_matrix
+from expdesign.noise import Autoregressive, Hum, NoiseSpectrum
 from expdesign.problem.design_problem import build_problem
-from expdesign.problem.path_slope import LinearRows, RowIndex
+from expdesign.problem.program import LinearRows, RowIndex
 from expdesign.problem.variables import DesignVariables
 from expdesign.recheck.information import Evaluator
 from expdesign.robot import load_robot, robot_from

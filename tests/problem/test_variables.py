@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from expdesign.problem.path_slope import LinearRows, RowIndex
+from expdesign.problem.program import LinearRows, RowIndex
 from expdesign.problem.variables import DesignVariables
 from expdesign.trajectory import PhaseBasis
 

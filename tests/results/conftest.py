@@ -9,9 +9,14 @@ import pytest
 from constraints import limit_definitions
 from expdesign.configuration import load_run
 from expdesign.experiment import DesignResult, PredictedPrecision
-from expdesign.experiment.result import Eigenvalue, ParameterPrecision, PredictedStd
-from expdesign.experiment.search_statistics import Iteration, SearchStatistics
-from expdesign.motion.sampled import SampledMotion
+from expdesign.experiment.result import (
+    Eigenvalue,
+    Iteration,
+    ParameterPrecision,
+    PredictedStd,
+    SearchStatistics,
+)
+from expdesign.motion.executable import SampledMotion
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory, fourier_keys

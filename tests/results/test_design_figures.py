@@ -14,7 +14,7 @@ import results
 from expdesign.experiment import DesignResult
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.runfolder import RowTable
-from expdesign.solver.events import PHASE_TITLES
+from expdesign.solver.phases import PHASE_TITLES
 from expdesign.trajectory import FourierTrajectory
 from results import design_figures
 from results.figures.design import DESIGN_FIGURES, FLOOR

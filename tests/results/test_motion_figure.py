@@ -4,7 +4,7 @@ import pytest
 from constraints import limit_definitions
 from expdesign.configuration import load_run
 from expdesign.motion.executable import ExecutableMotion, Periods
-from expdesign.motion.spline import (
+from expdesign.motion.ramp import (
     MotionState,
     SplineRamp,
     end_coefficients,

@@ -6,7 +6,7 @@ import pytest
 
 from expdesign.configuration import InputError
 from expdesign.experiment import DesignResult
-from expdesign.experiment.search_statistics import Iteration
+from expdesign.experiment.result import Iteration
 from expdesign.runfolder import MissingFileError
 from results.figures.design import traces
 

@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from expdesign.recheck.certificate import recheck
 from expdesign.recheck.limit_check import LimitCheck, Recheck
 from expdesign.solver.feasibility import random_start
-from expdesign.solver.finish import KnownHum, PolishedDesign, polish, round_period
+from expdesign.solver.finish import PolishedDesign, polish
 from expdesign.solver.interior_point import Solution
 from expdesign.solver.phases import Phase, finish_phase
+from expdesign.trajectory import KnownHum, round_period
 from expdesign.workers import Monitor
 
 # --- whole controller steps -----------------------------------------------------------------------

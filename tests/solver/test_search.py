@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from expdesign.solver.events import SearchEvent
 from expdesign.solver.finish import PolishedDesign
 from expdesign.solver.jobs import GIVEN_UP, StartResult, run_start
+from expdesign.solver.phases import SearchEvent
 from expdesign.solver.search import GROUP, NoDesignError, groups, search
 from expdesign.workers import Job, Monitor, run_jobs
 
@@ -64,7 +64,7 @@ def merit(result, plan):
 
 def test_seed_and_starts(run, one_start, build, plan, monkeypatch):
     """More starts begin like fewer, and come to no less."""
-    monkeypatch.setattr("expdesign.solver.events._INTERVAL", 0.0)
+    monkeypatch.setattr("expdesign.solver.phases._INTERVAL", 0.0)
     monitor = Recorder()
     # The plan that a job uses is the one that its workshop was built with.
     assert build(design=QUICK)().seed == 0

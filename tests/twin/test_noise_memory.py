@@ -7,8 +7,7 @@ from scipy import stats
 from estimation.twin import Twin
 from estimation.twin.disturbances import NoiseSource, noise_draws
 from expdesign.configuration import load_run
-from expdesign.noise.hum import Hum
-from expdesign.noise.spectrum import Autoregressive, Band, NoiseSpectrum, Tabulated
+from expdesign.noise import Autoregressive, Band, Hum, NoiseSpectrum, Tabulated
 from tests.twin.examples import motion
 
 LEVEL = 1e-6

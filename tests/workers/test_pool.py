@@ -12,7 +12,7 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from expdesign.interruption import ENDING
-from expdesign.solver.events import SearchEvent
+from expdesign.solver.phases import SearchEvent
 from expdesign.workers import Job, Monitor, WorkerDiedError, job, run_jobs
 from expdesign.workers import local as process_module
 

@@ -7,15 +7,19 @@ products with the dense Jacobian (r, z).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from constraints.arrays import Array, Mask
 from expdesign.evaluation.compiled import compiled
 from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.robot import LimitModel
 
 
 @dataclass(frozen=True)
@@ -249,3 +253,105 @@ def row_jacobian(
                     for v in range(own):
                         row[i * own + v] += scaled * basis[k, d, v]
     return found
+
+
+class Path(Protocol):
+    """A motion as a function of its variables, evaluated at points along it."""
+
+    def states(self, variables: Array, points: Any) -> Array:
+        """Return the states (K, 18), or (K, 24) with the pose's third derivative, at points."""
+
+    def slope(self, variables: Array, points: Any) -> PathSlope:
+        """Return the derivatives of those states to the variables (z,)."""
+
+
+class Program:
+    """Minimise f(x) subject to lower ≤ x ≤ upper and row_lower ≤ g(x) ≤ row_upper, g the limits.
+
+    Attributes
+    ----------
+    cost, cost_gradient, cost_derivatives : callable
+        x (z,) → f; f and its gradient (z,); both and a positive semidefinite Hessian (z, z).
+
+    Parameters
+    ----------
+    points
+        K points of the path.
+    mask : (K, R) of bool
+        Rows of the program: limits by points.
+    width : float
+        Smoothing of dry friction, m/s.
+    bounds : ((z,), (z,))
+        Of the variables.
+    margins : (K, R), optional
+        Reduction of the natural bounds, as shares of their ranges.
+    """
+
+    cost: Callable[[Array], float]
+    cost_gradient: Callable[[Array], tuple[float, Array]]
+    cost_derivatives: Callable[[Array], tuple[float, Array, Array]]
+
+    def __init__(
+        self,
+        limits: LimitModel,
+        path: Path,
+        points: Any,
+        mask: Mask,
+        width: float,
+        bounds: tuple[Array, Array],
+        margins: Array | None = None,
+    ) -> None:
+        self._limits, self._path, self._points, self._mask = limits, path, points, mask
+        self._width = width
+        self._rows = RowIndex.of(mask, limits.scale)
+        self.row_lower, self.row_upper = (
+            np.broadcast_to(side, mask.shape)[mask] / self._rows.scale
+            for side in limits.smooth_bounds(margins)
+        )
+        self.lower, self.upper = bounds
+
+    def rows(self, x: Array) -> Array:
+        """Return the scaled limit rows."""
+        states = self._path.states(x, self._points)
+        return self._limits.smooth_values(states, self._width)[self._mask] / self._rows.scale
+
+    def linear_rows(self, x: Array) -> LinearRows:
+        """Return the scaled limit rows with their derivatives."""
+        states = self._path.states(x, self._points)
+        values, slopes = self._limits.smooth_slopes(states, self._width)
+        scaled = values[self._mask] / self._rows.scale
+        return LinearRows(scaled, self._path.slope(x, self._points), slopes, self._rows)
+
+    def excess(self, x: Array) -> float:
+        """Return the largest violation of a row, in the program's own scaling."""
+        worst = largest_excess(self.rows(x), self.row_lower, self.row_upper)
+        return worst if np.isfinite(worst) else np.inf
+
+
+def largest_excess(values: Array, lower: Array, upper: Array) -> float:
+    """Return the largest excess of values over their bounds; 0 within them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> largest_excess(np.array([0.0, 2.5]), np.zeros(2), np.array([1.0, 2.0]))
+    0.5
+    """
+    return float(np.max(np.maximum(lower - values, values - upper), initial=0.0))
+
+
+def smoothing_gap(
+    limits: LimitModel, states: Array, exact: Array, width: float, reach: int, *, periodic: bool
+) -> Array:
+    """Return the largest excess of the exact violations over the smoothed ones, (N, R).
+
+    The maximum is taken over `reach` states to either side: that covers the jumps of dry friction
+    at sign changes. It is zero for rows with a single bound.
+    """
+    smooth = limits.smooth_violations(states, width)
+    comparable = limits.two_sided & np.isfinite(exact) & np.isfinite(smooth)
+    excess = np.subtract(exact, smooth, out=np.zeros_like(exact), where=comparable)
+    mode = "wrap" if periodic else "nearest"
+    size = 2 * reach + 1
+    gap: Array = scipy.ndimage.maximum_filter1d(np.maximum(excess, 0), size, axis=0, mode=mode)
+    return gap

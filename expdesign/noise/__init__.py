@@ -1,1 +1,0 @@
-"""Noise with memory: how its variance is spread over the frequencies."""
