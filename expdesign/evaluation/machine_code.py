@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import hashlib
 import json
 import os
+import shutil
+import stat
+import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -28,7 +32,7 @@ from expdesign.evaluation.vector_code import (
     vector_code,
 )
 from expdesign.progress import report_progress
-from expdesign.runfolder.files import atomic_write
+from expdesign.runfolder.files import atomic_write, foreign_access, foreign_folder
 
 VIRTUAL_MACHINE = "casadi virtual machine"
 SWITCH = "EXPDESIGN_EVALUATOR"
@@ -253,15 +257,58 @@ def _tuples(value: Any) -> Any:
     return tuple(_tuples(one) for one in value) if isinstance(value, list) else value
 
 
+def cache_warning() -> str:
+    """Return, once, the reason why this process does not use the cache; empty without one."""
+    _folder()
+    return _refused.pop() if _refused else ""
+
+
+_refused: list[str] = []
+
+
 def _folder() -> Path:
+    """Return the folder of the cache; a temporary one where other users may write to the usual one.
+
+    Machine code runs with the rights of this user. Workers inherit the temporary folder, and it is
+    removed at the end of this process.
+    """
     given = os.environ.get(CACHE)
-    return (Path(given) if given else platformdirs.user_cache_path("expdesign")) / "kernels"
+    root = Path(given) if given else platformdirs.user_cache_path("expdesign")
+    folder = root / "kernels"
+    with suppress(OSError):
+        if not (reason := _unsafe(folder)):
+            return folder
+        own = tempfile.mkdtemp(prefix="expdesign-cache-")
+        atexit.register(_remove, own, os.getpid())
+        os.environ[CACHE] = own
+        _refused.append(
+            f"{reason}: machine code from there is not run. It is compiled again for this run; "
+            f"{CACHE} may name another folder"
+        )
+        return _folder()
+    return folder
+
+
+def _unsafe(folder: Path) -> str:
+    for place in (folder.parent, folder):
+        place.mkdir(parents=True, exist_ok=True, mode=0o700)
+    return foreign_folder(folder)
+
+
+def _remove(folder: str, process: int) -> None:
+    if os.getpid() == process:  # not in a copy of it
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _read(key: str) -> bytes | None:
     path = _folder() / key
     with suppress(OSError):
-        content = path.read_bytes()
+        handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        with os.fdopen(handle, "rb") as stream:
+            status = os.fstat(handle)
+            if not stat.S_ISREG(status.st_mode) or foreign_access(status):
+                return None
+            content = stream.read()
         digest, code = content[:32], content[32:]
         if hashlib.sha256(code).digest() == digest:
             with suppress(OSError):
@@ -274,8 +321,7 @@ def _keep(key: str, code: bytes) -> None:
     """Write machine code into the cache, with its hash; without room it is made again next time."""
     folder = _folder()
     with suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        with atomic_write(folder / key) as beside:
+        with atomic_write(folder / key, 0o600) as beside:
             beside.write_bytes(hashlib.sha256(code).digest() + code)
         used = sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime)
         taken = sum(path.stat().st_size for path in used)

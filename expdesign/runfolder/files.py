@@ -15,6 +15,7 @@ import platform
 import re
 import secrets
 import shutil
+import stat
 import tempfile
 import time
 from collections.abc import Iterator
@@ -48,10 +49,11 @@ _NAME = re.compile(
 
 
 @contextmanager
-def atomic_write(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path, mode: int = 0o666) -> Iterator[Path]:
     """Provide a temporary path in the folder of `path`; rename it to `path` on success.
 
-    Temporary files of processes that were killed are removed from the folder first.
+    Temporary files of processes that were killed are removed from the folder first. The umask
+    restricts the `mode`.
 
     Raises
     ------
@@ -67,7 +69,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
         try:
             yield temporary
             # mkstemp makes files that only the owner reads; results are ordinary files.
-            temporary.chmod(0o666 & ~_umask())
+            temporary.chmod(mode & ~_umask())
             temporary.replace(path)
         except BaseException:
             with suppress(OSError):
@@ -182,6 +184,31 @@ def check_format(path: Path, found: object, current: int) -> None:
     if isinstance(found, int) and found > current:
         raise InputError("made by a newer version of expdesign", path, key=FORMAT)
     raise InputError("made by an earlier version; run it again", path, key=FORMAT)
+
+
+def foreign_access(status: os.stat_result, *, above: bool = False) -> str:
+    """Return the reason why another user than this one and root may change a file or folder.
+
+    The rules are those of ssh for its keys. In a folder `above` the one in question the sticky bit
+    protects what belongs to this user. The reason is empty where nobody else may write.
+    """
+    if status.st_uid not in {os.geteuid(), 0}:
+        return f"belongs to the user {status.st_uid}"
+    by_others = stat.S_IWOTH if above else stat.S_IWOTH | stat.S_IWGRP
+    if status.st_mode & by_others and not (above and status.st_mode & stat.S_ISVTX):
+        return f"may be written to by others (mode {stat.S_IMODE(status.st_mode):04o})"
+    return ""
+
+
+def foreign_folder(folder: Path) -> str:
+    """Return the reason why another user may put files into a folder; empty: only this user may."""
+    place = folder.resolve()
+    if reason := foreign_access(place.stat()):
+        return f"{place} {reason}"
+    for parent in place.parents:
+        if reason := foreign_access(parent.stat(), above=True):
+            return f"{parent} {reason}"
+    return ""
 
 
 def temporary_prefix() -> str:

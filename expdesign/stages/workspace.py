@@ -13,6 +13,7 @@ import numpy as np
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
 from expdesign.configuration.identification import machine_name
 from expdesign.configuration.run import add_terms
+from expdesign.evaluation.machine_code import cache_warning
 from expdesign.progress import Listener, report_progress
 from expdesign.robot import robot_from
 from expdesign.runfolder.manifest import Manifest, file_hash
@@ -145,6 +146,11 @@ class Workspace:
     """Hash of the inputs of each stage that was begun, by name."""
     warned: list[str] = field(default_factory=list)
     """Warnings of robot and run that were reported."""
+
+    def __post_init__(self) -> None:
+        """Warn of a cache of machine code that is not used."""
+        if warning := cache_warning():
+            self.progress.warn(warning)
 
     @property
     def measurement_file(self) -> Path:

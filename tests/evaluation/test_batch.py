@@ -1,5 +1,6 @@
 """The virtual machine and machine code evaluate the same graph, to the same last bit."""
 
+import os
 import subprocess
 import sys
 from functools import partial
@@ -222,3 +223,75 @@ def test_processes_that_compile_the_same_at_once(cache):
     started = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(3)]
     assert [one.wait() for one in started] == [0, 0, 0]
     assert len(list(cache.iterdir())) == 1
+
+
+def compile_three():
+    x = ca.SX.sym("x", 3)
+    function = BatchFunction("three", [x], [], [3 * ca.sum1(x)])
+    function.compile()
+    np.testing.assert_array_equal(function(np.ones((2, 3)))[0][:, 0], [9, 9])
+
+
+OTHER_USER = 12345
+
+
+def give_away(place):
+    os.chown(place, OTHER_USER, -1)
+
+
+def let_all_write(place):
+    place.chmod(0o777)
+
+
+def let_all_write_above(folder):
+    folder.parent.chmod(0o777)
+
+
+@pytest.mark.parametrize("forge", [give_away, let_all_write, let_all_write_above])
+def test_a_cache_that_others_write_to_is_not_used(forge, cache):
+    if forge is give_away and os.geteuid() != 0:
+        pytest.skip("only root can give a file away")
+    compile_three()
+    forge(cache)
+    before = {file.name: file.stat().st_mtime_ns for file in cache.iterdir()}
+    compile_three()
+    own = machine_code._folder()
+    assert own != cache
+    assert list(own.iterdir())
+    assert own.parent.stat().st_mode & 0o777 == 0o700
+    assert {file.name: file.stat().st_mtime_ns for file in cache.iterdir()} == before
+    warning = machine_code.cache_warning()
+    assert str(cache.parent) in warning
+    assert "belongs to the user 12345" in warning or "may be written to by others" in warning
+    assert machine_code.cache_warning() == ""
+
+
+def leave(place):
+    assert place.is_file()
+
+
+@pytest.mark.parametrize("forge", [give_away, let_all_write, leave])
+def test_a_file_that_others_may_write_to_is_made_again(forge, cache):
+    compile_three()
+    (made,) = cache.iterdir()
+    content, first = made.read_bytes(), made.stat().st_ino
+    try:
+        forge(made)
+    except PermissionError:
+        pytest.skip("only root can give a file away")
+    compile_three()
+    assert (made.stat().st_ino != first) is (forge is not leave)
+    assert made.read_bytes() == content
+    assert (made.stat().st_uid, made.stat().st_mode & 0o777) == (os.geteuid(), 0o600)
+
+
+def test_a_link_or_a_pipe_in_the_cache_is_replaced(cache, tmp_path):
+    compile_three()
+    (made,) = cache.iterdir()
+    elsewhere = made.rename(tmp_path / "elsewhere")
+    for place in (lambda: made.symlink_to(elsewhere), lambda: os.mkfifo(made)):
+        made.unlink(missing_ok=True)
+        place()
+        compile_three()
+        assert made.is_file()
+        assert not made.is_symlink()
