@@ -171,7 +171,10 @@ class PhaseBasis:
         )
 
 
-_Number = Annotated[FiniteFloat, Strict()]
+_LARGEST, _SLOWEST = 1e6, 1e-6
+"""Bounds of sizes and of ω, m, rad, s: no machine is near them, and nothing overflows within."""
+
+_Number = Annotated[FiniteFloat, Strict(), Field(ge=-_LARGEST, le=_LARGEST)]
 
 
 class _Lists:
@@ -207,7 +210,7 @@ class FourierKeys:
     harmonics: Annotated[
         int, Field(ge=1, strict=True), described("1", "number n of harmonics, at least 1")
     ]
-    omega: Annotated[_Number, Field(gt=0), described("rad/s", "base frequency")]
+    omega: Annotated[_Number, Field(ge=_SLOWEST), described("rad/s", "base frequency")]
     lambda0: Annotated[
         Array, _Lists(list[_Number]), described("m, rad", "centre of the motion, six numbers")
     ]

@@ -29,6 +29,7 @@ from expdesign.configuration import (
     InputError,
     ResolvedRobot,
 )
+from expdesign.configuration.document import refuse_special
 from expdesign.robot.robot import Robot
 
 
@@ -48,6 +49,7 @@ def format_of(path: Path) -> FileFormat:
     """
     if not path.exists():
         raise InputError("there is no such file", path)
+    refuse_special(path)
     found = next((each for each in file_formats() if each.claims(path)), None)
     if found is None:
         known = ", ".join(sorted({suffix for each in file_formats() for suffix in each.extensions}))

@@ -172,8 +172,7 @@ def read_text(path: Path, largest: int, allowed: str) -> str:
     try:
         if path.is_dir():
             raise InputError("this is a folder, not a file", path)
-        if path.exists() and not path.is_file():
-            raise InputError("this is a pipe or device, not a file", path, allowed=allowed)
+        refuse_special(path, allowed)
         if path.stat().st_size > largest:
             most = f"{largest // 1024} KiB"
             raise InputError("the file is too large", path, allowed=most)
@@ -191,6 +190,12 @@ def read_text(path: Path, largest: int, allowed: str) -> str:
         line = raw[: error.start].count(b"\n") + 1
         message = f"byte 0x{raw[error.start]:02x} is not UTF-8"
         raise InputError(message, path, line, allowed=allowed) from None
+
+
+def refuse_special(path: Path, allowed: str | None = None) -> None:
+    """Refuse a pipe or a device, which may never end; a file, a folder or nothing is accepted."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise InputError("this is a pipe or device, not a file", path, allowed=allowed)
 
 
 def read_yaml(path: Path, kind: str = "YAML file", keys: Collection[str] = ()) -> Document:

@@ -120,7 +120,7 @@ def _none_if_empty(value: object) -> object:
 def _open_numbers(value: object) -> Array:
     try:
         return np.array(value, dtype=np.float64)  # None becomes NaN
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError("expected numbers in lists of equal length") from None
 
 

@@ -37,6 +37,9 @@ RUN_FILE = "run.yaml"
 LARGEST_FILE = 64 * 1024 * 1024
 """Largest number of bytes read from a file."""
 
+LARGEST_NUMBER = 1e150
+"""Largest size of a number in a file: its square is still a number."""
+
 _ABANDONED = 24 * 3600.0
 """s. A temporary file that nothing has changed for a day is removed, whatever process its name
 states: files are written in seconds."""
@@ -159,8 +162,17 @@ def read_mapping(path: Path, allowed: str = "a JSON file that expdesign wrote") 
         The file cannot be read, is too large, is not JSON, or holds something else.
     """
     text = read_text(path, LARGEST_FILE, allowed)
+
+    def mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            names = [name for name, _ in pairs]
+            twice = next(name for name in names if names.count(name) > 1)
+            raise InputError("the key occurs twice", path, key=twice)
+        return found
+
     try:
-        data = json.loads(text)
+        data = json.loads(text, object_pairs_hook=mapping)
     except json.JSONDecodeError as error:
         raise InputError(f"not JSON: {error.msg}", path, error.lineno, allowed=allowed) from error
     except (ValueError, RecursionError) as error:

@@ -24,7 +24,7 @@ from typing import Annotated, Any, ClassVar, Self, get_args, get_origin, get_typ
 
 from pydantic import ConfigDict, ValidationError
 
-from expdesign.configuration import InputError, Problem
+from expdesign.configuration import InputError, Problem, quote
 from expdesign.configuration.errors import (
     MOST_REPORTED,
     Key,
@@ -35,6 +35,7 @@ from expdesign.configuration.errors import (
 from expdesign.runfolder.fields import Column, cached_by_type, checker, described
 from expdesign.runfolder.files import (
     FORMAT,
+    LARGEST_NUMBER,
     MissingFileError,
     check_format,
     read_mapping,
@@ -291,9 +292,28 @@ def read_keys(kind: type[JsonFile], path: Path) -> Any:
     if FORMAT in data or not kind.WRITTEN_BY_HAND:
         check_format(path, data.get(FORMAT), kind.FORMAT)
     try:
-        return checker(json_type(kind)).validate_python(data)
+        keys = checker(json_type(kind)).validate_python(data)
     except ValidationError as error:
         raise InputError(_problems(path, data, error)) from error
+    wrong = [
+        Problem(f"{quote(value)} is not a number of a result", path, key=key_path(key), allowed=to)
+        for to in [f"numbers up to {LARGEST_NUMBER:g}, null for a missing one"]
+        for key, value in _numbers(data, ())
+        if not abs(value) <= LARGEST_NUMBER
+    ]
+    if wrong:
+        raise InputError(wrong[:MOST_REPORTED])
+    return keys
+
+
+def _numbers(data: object, key: Key) -> Iterator[tuple[Key, float]]:
+    """Yield the numbers in JSON data with their keys."""
+    if isinstance(data, dict | list):
+        parts = data.items() if isinstance(data, dict) else enumerate(data)
+        for name, part in parts:
+            yield from _numbers(part, (*key, name))
+    elif isinstance(data, int | float):
+        yield key, data
 
 
 def stored_values(kind: type[JsonFile], keys: Any) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from expdesign.configuration.errors import value_problem
 from expdesign.runfolder.fields import Column, checker, field_columns
 from expdesign.runfolder.files import (
     FORMAT,
+    LARGEST_NUMBER,
     MissingFileError,
     check_format,
     read_mapping,
@@ -124,6 +125,8 @@ class CsvFile(Generic[Written, Found]):
             raise InputError(f"columns are missing: {', '.join(missing)}", path)
         if some and frame.empty:
             raise InputError("the table has no rows", path, allowed="at least one")
+        for name in frame.columns:
+            _refuse_large(path, frame, name)
         return frame
 
 
@@ -285,6 +288,19 @@ def _numbers(path: Path, frame: pd.DataFrame, name: str) -> Array:
         message = f"{quote(cells.iloc[row])} is not a finite number"
         raise InputError(message, path, row + _FIRST_LINE, f"column {name}")
     return values
+
+
+def _refuse_large(path: Path, frame: pd.DataFrame, name: str) -> None:
+    """Refuse numbers whose squares are none; other cells are texts, or refused by their kind."""
+    values = pd.to_numeric(frame[name], errors="coerce").to_numpy(dtype=np.float64)
+    large = np.flatnonzero(np.abs(values) > LARGEST_NUMBER)
+    if large.size:
+        row = int(large[0])
+        raise InputError(
+            f"{quote(frame[name].iloc[row])} is not a number of a result",
+            *(path, row + _FIRST_LINE, f"column {name}"),
+            allowed=f"numbers up to {LARGEST_NUMBER:g}",
+        )
 
 
 def describe_tables(folder: Path, tables: Iterable[CsvFile[Any, Any]]) -> Path:

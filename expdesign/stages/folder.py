@@ -59,6 +59,9 @@ def refuse_unwritable(folder: Path) -> None:
     """Refuse a folder that cannot be written to, before the computation."""
     allowed = "a folder that is new, or may be written to"
     refuse_long(folder)
+    for place in (folder, *folder.parents):
+        if place.is_symlink() and not place.exists():
+            raise InputError("the link leads nowhere", place, key="--out", allowed=allowed)
     existing = next(path for path in (folder, *folder.parents) if path.exists())
     try:
         with TemporaryFile(dir=existing) as file:

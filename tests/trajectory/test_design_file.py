@@ -114,7 +114,7 @@ def test_bad_values_are_named(case, file):
     ("changes", "found", "allowed"),
     [
         ({"omega": "fast"}, "'fast'", "number"),
-        ({"omega": -1}, "-1", "above 0"),
+        ({"omega": -1}, "-1", "at least 1e-06"),
         ({"omega": float("inf")}, "inf", "finite"),
         ({"harmonics": 0}, "0", "at least 1"),
         ({"harmonics": 2.5}, "2.5", "whole number"),
