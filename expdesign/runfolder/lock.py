@@ -1,0 +1,133 @@
+"""One writer of a run folder: a lock that names its holder, and reads that notice a writer.
+
+The lock is that of the operating system (`flock`), which also works between the computers of an NFS
+share and ends with its process, however that ends. A file system without it gets a marker with the
+process instead. Both are those of the library filelock.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+from filelock import FileLock, Timeout
+
+from expdesign.configuration import ComputationError, InputError
+from expdesign.runfolder.fields import described
+from expdesign.runfolder.files import RUN_FILE
+from expdesign.runfolder.manifest import Manifest, file_hash
+from expdesign.runfolder.store import JsonFile
+
+LOCK = ".expdesign-lock"
+DESIGNS = "designs"
+"""Folder of the run folders of a sweep, which belong to its own."""
+_PATIENCE, _POLL = 1.0, 0.05
+"""s. A holder that just ends releases its lock within this time."""
+
+
+@dataclass(frozen=True)
+class Holder(JsonFile):
+    """The command that writes to a folder."""
+
+    FILE: ClassVar[str] = ".expdesign-lock.json"
+    WRITTEN_BY: ClassVar[str] = "the command that writes to the folder"
+    command: Annotated[str, described("", "name of the command")]
+    process: Annotated[int, described("1", "number of the process")]
+    computer: Annotated[str, described("", "its name")]
+    since: Annotated[str, described("", "beginning, UTC in ISO 8601")]
+
+
+@contextmanager
+def one_writer(folder: Path, command: str) -> Iterator[None]:
+    """Hold the lock of a run folder; create the folder, and remove it again if it stays empty.
+
+    The lock of a process that died is free. The run folders of a sweep's designs are locked
+    together with the sweep's own.
+
+    Raises
+    ------
+    InputError
+        Another command writes to the folder.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> place = Path(tempfile.mkdtemp())
+    >>> with one_writer(place / "run", "expdesign run"):
+    ...     Holder.read(place / "run").command
+    'expdesign run'
+    >>> list(place.iterdir())
+    []
+    """
+    sweep = folder.parent.parent
+    is_swept = folder.parent.name == DESIGNS and (sweep / RUN_FILE).is_file()
+    with ExitStack() as held:
+        for place in (sweep, folder) if is_swept else (folder,):
+            held.enter_context(_locked(place, command))
+        yield
+
+
+@contextmanager
+def _locked(folder: Path, command: str) -> Iterator[None]:
+    created = [place for place in (folder, *folder.parents) if not place.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(folder / LOCK, timeout=_PATIENCE, poll_interval=_POLL)
+    try:
+        lock.acquire()
+    except Timeout:
+        raise InputError(
+            _who_writes(folder), folder, allowed="wait until it has ended, or use another folder"
+        ) from None
+    since = datetime.now(UTC).isoformat(timespec="seconds")
+    try:
+        Holder(command, os.getpid(), platform.node(), since).write(folder)
+        yield
+    finally:
+        # Removed while it is held: whoever has opened it by now finds that and opens a new one.
+        for file in (folder / Holder.FILE, folder / LOCK):
+            with suppress(OSError):
+                file.unlink()
+        lock.release()
+        for place in created:
+            with suppress(OSError):
+                place.rmdir()
+
+
+def _who_writes(folder: Path) -> str:
+    holder = Holder.known(folder)
+    if holder is None:
+        return "another command is writing to this folder"
+    return (
+        f"`{holder.command}`, process {holder.process} on {holder.computer}, has been writing to "
+        f"this folder since {holder.since}"
+    )
+
+
+def is_empty(folder: Path) -> bool:
+    """Return whether a folder has no files but those of its lock."""
+    return not folder.is_dir() or {path.name for path in folder.iterdir()} <= {LOCK, Holder.FILE}
+
+
+@contextmanager
+def consistent_reading(*folders: Path) -> Iterator[None]:
+    """Fail if another command has changed a folder before the end of this context.
+
+    Raises
+    ------
+    ComputationError
+        A manifest is another one than at the beginning.
+    """
+    files = [folder / Manifest.FILE for folder in folders]
+    before = [file_hash(file) if file.is_file() else "" for file in files]
+    yield
+    for file, digest in zip(files, before, strict=True):
+        if digest != (file_hash(file) if file.is_file() else ""):
+            raise ComputationError(
+                f"{file.parent} was changed by another command while it was read: run it again"
+            )
