@@ -25,7 +25,7 @@ def compiled(function: _Function) -> _Function:
         made = compiler(cache=True)(function)
     except RuntimeError:  # there is no folder that it could be kept in
         return cast("_Function", compiler()(function))
-    folder = Path(made.stats.cache_path)
+    folder = Path(made.stats.cache_path or "")
     if not folder.is_relative_to(Path(inspect.getfile(function)).parent) and _is_foreign(folder):
         made = compiler()(function)
     return cast("_Function", made)
