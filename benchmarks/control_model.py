@@ -22,10 +22,8 @@ from fmpy.validation import validate_fmu
 
 import expdesign
 from constraints.arrays import Array
-from estimation.controlmodel.compiler import FLAGS, build, run_self_test
-from estimation.controlmodel.formats import FORMATS
-from estimation.controlmodel.model import ControlModel
-from estimation.controlmodel.vectors import random_states
+from estimation.controlmodel.formats import FLAGS, FORMATS, build, run_self_test
+from estimation.controlmodel.model import ControlModel, random_states
 from expdesign.mechanism.hexapod import POSE, actuator_names
 from tests.controlmodel.machines import ORIGIN, every_term
 

@@ -27,7 +27,7 @@ from estimation.identification.estimation import parameter_priors, run_estimator
 from estimation.identification.recording import prepare_experiment
 from estimation.montecarlo.result import PooledStatistics
 from estimation.twin import Twin
-from estimation.uncertainty.differences import difference_test
+from estimation.uncertainty.intervals import difference_test
 from expdesign.robot import robot_from
 
 _COVERS = (0.93, 0.97)

@@ -21,8 +21,8 @@ import numpy as np
 import pandas as pd
 
 from constraints.arrays import Array
+from estimation.feedforward.closed_loop import ForwardDynamics, Model
 from estimation.feedforward.comparison import WIDTH, compare_feedforward
-from estimation.feedforward.forward_dynamics import ForwardDynamics, Model
 from estimation.feedforward.result import FeedforwardResult
 from estimation.identification import estimate_parameters, estimation_result
 from estimation.identification.identified_model import identified_model

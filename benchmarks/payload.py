@@ -21,11 +21,11 @@ from benchmarks.studies import CLEAR_BIAS, ROOT, Row, claim_row, summary
 from constraints.arrays import Array
 from estimation.estimators import Experiment
 from estimation.estimators.joint_equations import joint_equations, reduced_information
-from estimation.estimators.payload import TEN, payload_estimate
+from estimation.estimators.result import TEN, payload_estimate
 from estimation.identification import estimate_parameters
 from estimation.identification.estimation import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
-from estimation.kinematics.fourier_fit import MotionFit
+from estimation.kinematics import MotionFit
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, fold_recording
 from estimation.twin import Twin

@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Annotated
 
-from estimation.controlmodel.functions import ModelFunction, model_functions
-from estimation.controlmodel.uncertainty import ForceUncertainty
-from estimation.controlmodel.vectors import Vectors, vectors_of
+import casadi as ca
+import numpy as np
+
+from constraints.arrays import Array
 from expdesign.configuration.identification import Identification, machine_name
-from expdesign.robot import Robot
-from expdesign.runfolder import described
+from expdesign.evaluation.batch import BatchFunction
+from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
+from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.mechanism.term import Friction, Term
+from expdesign.robot import LimitModel, Robot
+from expdesign.robot.deviation import deviations
+from expdesign.robot.deviation_slope import deviating_forces
+from expdesign.robot.limit_model import states_at_rest
+from expdesign.runfolder import ArrayTable, described, strutwise
+from expdesign.runfolder.fields import ACCELERATION_COLUMNS, POSE_COLUMNS, RATE_COLUMNS, TIME
+from expdesign.trajectory import FourierTrajectory
 
 _COUNT, _SEED = 100, 0
 """States that a format tests itself with."""
-
 DOUBLE, SINGLE = 4e-12, 1e-5
 """Deviation of a force that is allowed in double and single precision, as a share of the largest:
 1e-9 N and 2.3 mN of 230 N."""
@@ -80,3 +90,327 @@ class ControlModel:
         """Limit of the actuators' forces, N; where there is none, the largest of the vectors."""
         limit = self.robot.limit("actuator_force")
         return float(abs(self.vectors.forces).max() if limit is None else max(limit.upper))
+
+
+POSE, RATE, ACCELERATION = "pose", "rate", "acceleration"
+
+
+@dataclass(frozen=True, eq=False)
+class ModelFunction:
+    """A function of a control model."""
+
+    does: str
+    """In words."""
+    inputs: tuple[str, ...]
+    """Of pose, rate and acceleration."""
+    function: ca.Function
+    """(inputs, geometry (g), constants (c), parameters (m)) → outputs.
+
+    Forces are given as Gᵀ column by column, w, and f of Q = G⁻ᵀ w + f: solving by elimination with
+    pivots is a hundred times more exact in single precision than what CasADi writes for it. Where
+    friction depends on the load of the actuators, which is such a Q itself, its w and f come
+    before, and it is the last input.
+    """
+    loaded: bool = False
+    """Whether it depends on the load."""
+
+
+@cache
+def model_functions(terms: tuple[Term, ...]) -> Mapping[str, ModelFunction]:
+    """Return the functions of robots with these terms, by name.
+
+    Those of forces are ``forces``, ``rest`` and ``friction``; those of the struts' lengths, the
+    coordinates of the actuators, are ``lengths``, ``rates``, and ``slope``: lengths and, row by
+    row, ∂q/∂λ.
+    """
+    graph = hexapod_graph(terms, open_load=True)
+    states = {POSE: graph.pose, RATE: graph.rate, ACCELERATION: graph.acceleration}
+    machine = [graph.geometry.vector, graph.constants, graph.parameters]
+
+    def of(does: str, inputs: tuple[str, ...], outputs: list[ca.SX]) -> ModelFunction:
+        loaded = any(ca.depends_on(part, graph.load) for part in outputs)
+        given = [*(states[key] for key in inputs), *machine, *([graph.load] if loaded else [])]
+        dense = [ca.densify(value) for value in outputs]
+        function = ca.Function("model", given, dense, {"cse": True})
+        return ModelFunction(does, inputs, function, loaded)
+
+    lengths, rates = graph.kinematic["strut_length"], graph.kinematic["strut_speed"]
+    signs = (graph.signs, ca.sign(sliding_speeds(graph)))
+    zeros = ca.SX.zeros(COORDINATES)
+    still = (
+        (graph.signs, ca.SX.zeros(graph.signs.shape)),
+        (graph.rate, zeros),
+        (graph.acceleration, zeros),
+    )
+    rubbing = [
+        graph.parameters[k] if sliding else ca.SX(0)
+        for k, sliding in enumerate(bool(term.rates) for term in terms for _ in term.parameters)
+    ]
+    return {
+        "forces": of("forces of the actuators", tuple(states), _actuator_forces(graph, signs)),
+        "rest": of("forces that hold the platform still", (POSE,), _actuator_forces(graph, *still)),
+        "friction": of(
+            "the friction's share of the forces",
+            tuple(states),
+            _actuator_forces(graph, signs, (graph.parameters, ca.vertcat(*rubbing))),
+        ),
+        "lengths": of("coordinates of the actuators", (POSE,), [lengths]),
+        "rates": of("speeds of the actuators", (POSE, RATE), [rates]),
+        "slope": of(
+            "coordinates of the actuators and their slope to the pose",
+            (POSE,),
+            [lengths, ca.vec(ca.jacobian(lengths, graph.pose).T)],
+        ),
+    }
+
+
+def sliding_speeds(graph: HexapodGraph) -> ca.SX:
+    """Return the speeds (s, 1), m/s, whose signs dry friction takes: rates times their arms.
+
+    They have the signs of the rates. Written so, a file may smooth them with one width in m/s.
+    """
+    kinematic = graph.kinematic
+    parts = [
+        kinematic[rate.quantity] * (1 if rate.arm is None else kinematic[rate.arm])
+        for rate in graph.rates
+    ]
+    return ca.vertcat(ca.SX(0, 1), *parts)
+
+
+def _actuator_forces(graph: HexapodGraph, *pairs: tuple[ca.SX, ca.SX]) -> list[ca.SX]:
+    """Return Gᵀ, w and f, with values for symbols; w and f of the load before, where it counts."""
+    borne = list(graph.wrench_and_direct_forces(Friction.HELD))
+    # All at once: the signs are expressions of pose and rate.
+    symbols, values = map(list, zip(*pairs, strict=True))
+    found = ca.substitute([ca.vec(graph.transposed), *borne], symbols, values)
+    if any(ca.depends_on(part, graph.load) for part in found):
+        found[1:1] = ca.substitute(
+            borne, [graph.parameters], [graph.parameters * ca.DM(graph.loading)]
+        )
+    return found
+
+
+WRITTEN_BY = "`expdesign model`"
+_SAMPLES = 400
+"""Of one period: many to each of its harmonics."""
+
+
+@dataclass(frozen=True, eq=False)
+class ForceUncertainty:
+    """Forces along one period of a motion, and their standard deviations, (N,) and (N, 6)."""
+
+    time: Annotated[Array, TIME]
+    forces: Annotated[Array, strutwise("Q", "N", "force of the model, actuator")]
+    std: Annotated[
+        Array, strutwise("Q", "N", "standard deviation of the force, actuator", suffix="_std")
+    ]
+    std_random: Annotated[
+        Array,
+        strutwise(
+            "Q",
+            "N",
+            "its share that another recording would draw anew, actuator",
+            suffix="_std_random",
+        ),
+    ]
+
+
+UNCERTAINTY = ArrayTable("uncertainty.csv", WRITTEN_BY, ForceUncertainty)
+
+
+@dataclass(frozen=True)
+class ActuatorUncertainty:
+    """The standard deviation of one actuator's force along a motion."""
+
+    actuator: Annotated[int, described("1", "actuator")]
+    rms: Annotated[float, described("N", "root mean square of the standard deviation")]
+    largest: Annotated[float, described("N", "its largest value")]
+    rms_random: Annotated[
+        float, described("N", "root mean square of the random share, which repetition lowers")
+    ]
+    largest_force: Annotated[float, described("N", "largest absolute force on the same motion")]
+
+
+def force_uncertainty(
+    robot: Robot, known: Identification, trajectory: FourierTrajectory
+) -> ForceUncertainty:
+    """Return forces and their standard deviations along one period of a trajectory."""
+    time = np.linspace(0.0, trajectory.period, _SAMPLES, endpoint=False)
+    motion = trajectory.sample(time)
+    entries = {one.name: one for one in deviations(robot)}
+    still = np.zeros_like(motion.pose)  # the rate of the acceleration, which moves no constant
+    found = deviating_forces(
+        robot,
+        np.concatenate([*motion, still], axis=1),
+        time,
+        None,
+        robot.parameters,
+        [entries[name] for name in known.constants],
+    )
+    columns = np.concatenate([found.regressors, found.columns], axis=2)
+    random = np.array(known.covariance_random)
+    total = random + np.array(known.covariance_systematic)
+    return ForceUncertainty(
+        time, found.regressors @ robot.parameters, _std(columns, total), _std(columns, random)
+    )
+
+
+def by_actuator(found: ForceUncertainty) -> tuple[ActuatorUncertainty, ...]:
+    """Return the numbers of each actuator."""
+    rms, random = (np.sqrt(np.mean(one**2, axis=0)) for one in (found.std, found.std_random))
+    columns = (rms, np.max(found.std, axis=0), random, np.max(np.abs(found.forces), axis=0))
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return tuple(ActuatorUncertainty(j, *row) for j, row in enumerate(rows, start=1))
+
+
+def _std(columns: Array, covariance: Array) -> Array:
+    variances = np.einsum("nij,jk,nik->ni", columns, covariance, columns, optimize=True)
+    return np.sqrt(np.maximum(variances, 0.0))  # what rounding leaves below zero
+
+
+_TILT = 0.35
+"""Rotations about home that are tried, rad."""
+_SPEED, _ACCELERATION = 0.5, 5.0
+"""Of the struts where the robot does not limit them, m/s and m/s²."""
+_CLEAR = 1e-3
+"""Speeds, m/s, below which a state is not taken: in single precision the sign may be another."""
+_GIMBAL = 0.05
+"""Sine of the angle, 3°, between a strut and the first axis of its cardan joint below which a state
+is not taken: the joint locks there, and its accelerations grow without bound."""
+_MOVING = frozenset({"actuator_force", "strut_speed", "strut_acceleration"})
+_ROUNDS = 24
+
+
+@dataclass(frozen=True, eq=False)
+class Vectors:
+    """States (N, 18) with forces, lengths and speeds (N, 6) there; the first is rest at home."""
+
+    state: Annotated[Array, POSE_COLUMNS, RATE_COLUMNS, ACCELERATION_COLUMNS]
+    forces: Annotated[Array, strutwise("Q", "N", "force of the actuator")]
+    rest: Annotated[
+        Array, strutwise("Q", "N", "force that holds the platform still", suffix="_rest")
+    ]
+    friction: Annotated[
+        Array, strutwise("Q", "N", "the friction's share of the force", suffix="_friction")
+    ]
+    lengths: Annotated[Array, strutwise("q", "m", "coordinate of the actuator")]
+    rates: Annotated[Array, strutwise("dq", "m/s", "its rate")]
+
+
+VECTORS = ArrayTable("test_vectors.csv", WRITTEN_BY, Vectors)
+
+
+def vectors_of(robot: Robot, width: float, count: int, seed: int) -> Vectors:
+    """Return states within the robot's limits, and what its own graph returns there.
+
+    Parameters
+    ----------
+    robot : Robot
+    width : float
+        Of the sign of dry friction, m/s; 0: the exact one.
+    count : int
+        Of the states.
+    seed : int
+    """
+    states = random_states(robot, count, seed)
+    motion = robot.strut_motion(*np.split(states, 3, axis=1))
+    sliding = np.array([bool(term.rates) for term in robot.terms for _ in term.parameters])
+    regressors = _regressors(robot, states, width)
+    return Vectors(
+        states,
+        regressors @ robot.parameters,
+        _regressors(robot, states_at_rest(states[:, :COORDINATES]), width) @ robot.parameters,
+        regressors @ np.where(sliding, robot.parameters, 0.0),
+        motion.length,
+        motion.length_rate,
+    )
+
+
+def _regressors(robot: Robot, states: Array, width: float) -> Array:
+    loaded = robot.with_load_at(robot.parameters)
+    if width == 0:
+        return loaded.regressor(*np.split(states, 3, axis=1))
+    graph = robot.graph
+    smooth = BatchFunction(
+        "smoothed_regressor",
+        [graph.state],
+        [graph.machine, graph.width],
+        [graph.regressor_with(Friction.SMOOTH)],
+    )
+    return smooth(states, loaded.machine, np.array([width]))[0]
+
+
+def random_states(robot: Robot, count: int, seed: int) -> Array:
+    """Return states (N, 18) whose poses keep the limits, the first at rest at home.
+
+    Speeds and accelerations of the struts are up to their limits. Where dry friction changes its
+    sign nearby, or a cardan joint locks, a state is not taken.
+    """
+    rng = np.random.default_rng(seed)
+    reach, found = 1.0, [states_at_rest(robot.home[None])]
+    for _ in range(_ROUNDS):
+        made = _evaluate_states(robot, 4 * count, reach, rng)
+        found.append(made)
+        if sum(map(len, found)) >= count:
+            break
+        # Of a robot with little room: nearer to home, which keeps all limits.
+        reach *= 1.0 if len(made) > count // 4 else 0.5
+    return np.concatenate(found)[:count]
+
+
+def _evaluate_states(robot: Robot, count: int, reach: float, rng: np.random.Generator) -> Array:
+    size = robot.characteristic_length
+    room = robot.limit("position")
+    low, high = np.full((2, 3), size) * [[-1], [1]]
+    if room is not None:
+        low = np.maximum(low, np.array(room.lower) - robot.home[:3])
+        high = np.minimum(high, np.array(room.upper) - robot.home[:3])
+    low, high = np.append(low, [-_TILT] * 3), np.append(high, [_TILT] * 3)
+    pose = robot.home + reach * rng.uniform(low, high, (count, COORDINATES))
+    pose = pose[_keep_states(robot, pose)]
+    unit = np.array([1.0] * 3 + [1 / size] * 3)
+    rate, acceleration = unit * rng.normal(size=(2, len(pose), COORDINATES))
+    slope = robot.length_jacobian(pose)
+    rate *= _share(robot, "strut_speed", _SPEED, slope, rate, rng)
+    acceleration *= _share(robot, "strut_acceleration", _ACCELERATION, slope, acceleration, rng)
+    states = np.concatenate([pose, rate, acceleration], axis=1)
+    return states[_clear(robot, states)]
+
+
+def _keep_states(robot: Robot, pose: Array) -> Array:
+    model = LimitModel.of(robot)
+    values = model.values(states_at_rest(pose))
+    kept = np.ones(len(pose), dtype=bool)
+    for limit, columns in zip(model.limits, model.columns, strict=True):
+        if limit.key not in _MOVING:
+            here = values[:, columns]
+            kept &= np.all((here >= limit.lower) & (here <= limit.upper), axis=1)
+    return kept
+
+
+def _share(
+    robot: Robot,
+    key: str,
+    otherwise: float,
+    slope: Array,
+    motion: Array,
+    rng: np.random.Generator,
+) -> Array:
+    """Return factors (N, 1) that take the struts of a motion to shares of their limit."""
+    limit = robot.limit(key)
+    bound = otherwise if limit is None else float(np.min(np.abs(limit.upper)))
+    struts = np.max(np.abs(np.einsum("nij,nj->ni", slope, motion)), axis=1, keepdims=True)
+    return bound * rng.uniform(0.05, 1.0, struts.shape) / struts
+
+
+def _clear(robot: Robot, states: Array) -> Array:
+    graph = robot.graph
+    kinematic, geometry = graph.kinematic, graph.geometry
+    squares = [1 - kinematic["sin_beta"] ** 2]
+    if graph.turning:
+        axes = kinematic["rotation_matrix"] @ geometry.platform_cardan_axes
+        squares.append(1 - ca.sum1(axes * kinematic["strut_direction"]).T ** 2)
+    clear = ca.vertcat(ca.fabs(sliding_speeds(graph)) / _CLEAR, ca.vertcat(*squares) / _GIMBAL**2)
+    kernel = BatchFunction("clear", [graph.state], [geometry.vector], [ca.densify(clear)])
+    (found,) = kernel(states, robot.geometry_vector)
+    return np.all(found > 1, axis=1)

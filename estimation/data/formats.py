@@ -41,7 +41,7 @@ class FileFormat:
     """Lower case, with the dot."""
     read: Callable[[Path, DataSection], RawTable]
     """``read(path, section)``: lists the columns of the file, has
-    :func:`estimation.data.columns.pick` choose, and loads those. An `InputError` says what is
+    :func:`estimation.data.table.pick` choose, and loads those. An `InputError` says what is
     wrong; any other exception counts as a damaged file."""
     library: str | None = None
     extra: str | None = None

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import Attribution, attribute
-from estimation.diagnostics.candidate_effects import CandidateEffects
 from estimation.diagnostics.channel_assignment import assignment_findings
 from estimation.diagnostics.diagnosis_result import (
     AttributedDiagnosis,
@@ -22,11 +21,15 @@ from estimation.diagnostics.diagnosis_result import (
 )
 from estimation.diagnostics.finding import DiagnosisVerdict, Status
 from estimation.diagnostics.findings import check_motion_onset, verdict
-from estimation.diagnostics.gain_drift import gain_drift
 from estimation.diagnostics.hypotheses import list_hypotheses
 from estimation.diagnostics.hypothesis import DelayTest, HypothesisResult
 from estimation.diagnostics.joint_system import JointSystem, SolvedSystem, joint_systems
-from estimation.diagnostics.linearisation import Linearisation, Signature, linearise
+from estimation.diagnostics.linearisation import (
+    CandidateEffects,
+    Linearisation,
+    Signature,
+    linearise,
+)
 from estimation.diagnostics.noise_result import (
     Histogram,
     NoiseCovariances,
@@ -49,6 +52,7 @@ from estimation.diagnostics.residuals import (
     chi_square,
     dependence,
     force_residuals,
+    gain_drift,
     lack_of_fit,
     variance_comparison,
 )

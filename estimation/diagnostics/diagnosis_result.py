@@ -7,7 +7,6 @@ from typing import Annotated
 
 from estimation.diagnostics.attribution import Attribution, Effect
 from estimation.diagnostics.finding import DiagnosisVerdict
-from estimation.diagnostics.gain_drift import GainDriftTest
 from estimation.diagnostics.hypothesis import DelayTest, HypothesisResult
 from estimation.diagnostics.noise_result import Histogram, NoiseCovariances, Quantiles
 from estimation.diagnostics.noise_tests import Drifts, Normalities, Normality, Whitenesses
@@ -16,6 +15,7 @@ from estimation.diagnostics.residuals import (
     BinRow,
     ChiSquare,
     ForceResiduals,
+    GainDriftTest,
     LackOfFit,
     VarianceComparison,
 )

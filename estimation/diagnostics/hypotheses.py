@@ -18,15 +18,18 @@ from dataclasses import replace
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.candidate_effects import CandidateEffects
 from estimation.diagnostics.finding import Assumption
 from estimation.diagnostics.hypothesis import MODELLED, Hypothesis, Label
-from estimation.diagnostics.linearisation import Linearisation, Signature
-from estimation.diagnostics.periodic_forces import hum_hypotheses
+from estimation.diagnostics.linearisation import CandidateEffects, Linearisation, Signature
 from estimation.diagnostics.significance import HYPOTHESES
+from estimation.processing.hum import mains_frequencies
+from estimation.processing.periodic_recording import PeriodicRecording
 from expdesign.mechanism.catalogue import term_definitions
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 
+_FEWEST_PERIODS = 2
+_MULTIPLES = 3
+"""Number of multiples of the mains that are considered."""
 _DELAYS = (-3.0, -1.0, 0.1, 1.0, 3.0)
 """Delays of the tested secants, in steps of the recording; the small one is a derivative."""
 
@@ -362,3 +365,52 @@ def _all_and_each(columns: Signature) -> Signature:
         np.sum(columns.lengths, axis=2, keepdims=True),
     )
     return Signature.concatenate([whole, columns])
+
+
+def hidden_hums(record: PeriodicRecording) -> tuple[tuple[float, int], ...]:
+    """Return the mains frequencies, Hz, within one line of a multiple of the motion's frequency.
+
+    Each is returned with that multiple; all are below half of the sampling frequency. For a single
+    period none is returned, since every frequency would be.
+    """
+    if record.periods < _FEWEST_PERIODS:
+        return ()
+    base = 1 / record.period
+    found = []
+    for frequency in mains_frequencies(1 / record.step, _MULTIPLES):
+        multiple = round(frequency / base)
+        if multiple and abs(frequency - multiple * base) < base / record.periods:
+            found.append((frequency, multiple))
+    return tuple(found)
+
+
+def hum_hypotheses(effects: CandidateEffects) -> Iterator[Hypothesis]:
+    """Yield the family of hums that contrasts between periods cancel, if there are any."""
+    part, record = effects.part, effects.experiment.record
+    hidden = hidden_hums(record)
+    if not hidden:
+        return
+    columns = []
+    for _, multiple in hidden:
+        angle = multiple * record.omega * record.forces.times
+        pair = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+        each = np.einsum("tp,ij->tijp", pair, np.eye(ACTUATORS))
+        columns.append(part.cells.mean(each.reshape(len(angle), ACTUATORS, -1)))
+    width = 2 * ACTUATORS
+    yield Hypothesis(
+        kind="hum",
+        labels=tuple((f"of {frequency:g} Hz", None) for frequency, _ in hidden),
+        columns=Signature.of_forces(part, np.concatenate(columns, axis=2)),
+        places=tuple(tuple(range(k * width, (k + 1) * width)) for k in range(len(hidden))),
+        assumption=Assumption(
+            "no hum that repeats in every period",
+            "the mains hum at a multiple of the motion's frequency",
+            "earth and shield the measurement, or state the frequency in "
+            "`noise.force_spectrum.hum` of the run and design again: the motion then avoids it",
+        ),
+        noun="a hum",
+        absent="no hum of the mains at a multiple of the motion's frequency (p = {p:.2g})",
+        reason_untested="the model's columns explain it",
+        unit=lambda _: "N",
+        paired=True,
+    )

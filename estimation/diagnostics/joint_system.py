@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation, Signature
-from estimation.measurement_model.normal_equations import NormalEquations, whitened
+from estimation.measurement_model.motion import NormalEquations, whitened
 from estimation.processing import NoiseEstimate, NoiseModel
-from estimation.processing.whitening_filter import WhiteningFilter
+from estimation.processing.spectrum import WhiteningFilter
 from expdesign.information.fisher import ScaledInformation, whitening
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.noise import lines_of, multiplicity

@@ -17,14 +17,15 @@ import scipy
 from constraints.arrays import Array, Mask
 from estimation.diagnostics.finding import Assumption, Finding
 from estimation.diagnostics.findings import noise_findings
-from estimation.diagnostics.noise_density import NoiseDensity, noise_density
 from estimation.diagnostics.noise_result import (
     Histogram,
     HumComponent,
+    NoiseDensity,
     NoiseResult,
     Quantiles,
     correlation_of,
     covariance_fields,
+    noise_density,
 )
 from estimation.diagnostics.noise_tests import noise_tests
 from estimation.processing import Channels, NoiseModel, PeriodicRecording, PeriodSource

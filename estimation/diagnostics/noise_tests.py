@@ -25,8 +25,7 @@ from constraints.arrays import Array
 from estimation.diagnostics.significance import NOISE, ChannelTest, OfEach, below_level, no_numbers
 from estimation.processing import NoiseModel, PeriodicRecording
 from estimation.processing.noise import NORMAL_MEDIAN
-from estimation.processing.smoothing import contrasts
-from estimation.processing.whitening_filter import WhiteningFilter
+from estimation.processing.spectrum import WhiteningFilter, contrasts
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import OpenNumber, OpenNumbers, WholeNumbers, described, sized
 

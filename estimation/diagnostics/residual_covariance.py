@@ -25,7 +25,7 @@ from estimation.estimators.experiment import Experiment
 from estimation.estimators.linear import weighting_covariance
 from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate
-from estimation.measurement_model.normal_equations import NormalEquations
+from estimation.measurement_model.motion import NormalEquations
 from estimation.processing import NoiseEstimate, NoiseModel
 from estimation.processing.noise import ENOUGH_FREEDOM
 from estimation.processing.periodic_recording import Channels

@@ -5,8 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from constraints.arrays import Array
-from estimation.kinematics.fourier_fit import MotionFit
-from estimation.kinematics.pointwise import PointwiseMotion, expected_signs, rate_spread
+from estimation.kinematics import (
+    MotionFit,
+    PointwiseMotion,
+    expected_signs,
+    rate_spread,
+)
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.prediction import held_regressor_kernel
 from estimation.processing import NoiseModel, PeriodicRecording

@@ -26,9 +26,9 @@ from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.joint_equations import MeasuredForces, MeasuredLengths, PerturbedMachine
 from estimation.estimators.prior_estimate import PriorEstimate
-from estimation.kinematics.pointwise import signs_along
+from estimation.kinematics import signs_along
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.normal_equations import Filter
+from estimation.measurement_model.motion import Filter
 from estimation.measurement_model.prediction import chunks, force_columns, length_columns
 from estimation.processing.noise import NoiseEstimate
 from expdesign.noise import lines_of

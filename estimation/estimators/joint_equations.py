@@ -24,10 +24,9 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.priors import ParameterPriors
-from estimation.kinematics.fourier_fit import length_equations
-from estimation.kinematics.pointwise import expected_signs, signs_along
+from estimation.kinematics import expected_signs, length_equations, signs_along
 from estimation.measurement_model import HarmonicMotion, predict_lengths
-from estimation.measurement_model.normal_equations import Filter, NormalEquations, Rows
+from estimation.measurement_model.motion import Filter, NormalEquations, Rows
 from estimation.measurement_model.prediction import (
     chunks,
     deviation_lengths,

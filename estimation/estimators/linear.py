@@ -26,7 +26,7 @@ from estimation.estimators.influence import Influence, systematic_share
 from estimation.estimators.joint_equations import PerturbedMachine, force_equations
 from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate, covariance_fields
-from estimation.measurement_model.normal_equations import Filter, NormalEquations
+from estimation.measurement_model.motion import Filter, NormalEquations
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation
 

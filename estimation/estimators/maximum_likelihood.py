@@ -2,7 +2,7 @@
 
 Minimises ½(‖D δ‖² + ‖S η‖²) plus the prior's part over (p, ξ) by Levenberg–Marquardt with analytic
 derivatives of the shared graph, starting from the Gauss–Markov estimate. The friction signs are the
-expected ones along the current motion (`estimation.kinematics.pointwise`): they are updated in
+expected ones along the current motion (`estimation.kinematics`): they are updated in
 every step and constant in the derivatives.
 """
 
@@ -21,7 +21,7 @@ from estimation.estimators.joint_equations import PerturbedMachine, joint_equati
 from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate, covariance_fields
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.normal_equations import Elimination, NormalEquations
+from estimation.measurement_model.motion import Elimination, NormalEquations
 from expdesign.progress import report_progress
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation

@@ -15,10 +15,11 @@ from estimation.estimators import PerturbedMachine
 from estimation.feedforward.closed_loop import (
     Controller,
     FollowedMotion,
+    ForwardDynamics,
+    Model,
     TrackingTask,
     follow_motion,
 )
-from estimation.feedforward.forward_dynamics import ForwardDynamics, Model
 from estimation.feedforward.result import (
     MEANINGS,
     CaseName,
@@ -29,8 +30,8 @@ from estimation.feedforward.result import (
     StrutRow,
     Tracking,
 )
-from estimation.identification.estimated_machine import estimated_machine
 from estimation.identification.identified_model import IdentifiedModel
+from estimation.identification.recording import estimated_machine
 from estimation.twin.disturbances import Repeated, force_factors, noise_sources, repetition_stream
 from estimation.validation.motions import broken_limits, motion_name, motion_of_run
 from expdesign.configuration import ComputationError, RunConfiguration

@@ -15,7 +15,7 @@ from estimation.estimators import (
     SystematicUncertainty,
     covariance_ml_less_gm,
 )
-from estimation.estimators.payload import TEN
+from estimation.estimators.result import TEN
 from estimation.identification.estimation import Estimation, estimate_parameters
 from estimation.identification.estimator_result import (
     BodyResult,

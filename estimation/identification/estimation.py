@@ -22,14 +22,15 @@ from estimation.estimators import (
     maximum_likelihood,
     systematic_share,
 )
-from estimation.estimators.payload import PayloadEstimate, payload_estimate
-from estimation.identification.estimated_machine import (
+from estimation.estimators.result import PayloadEstimate, payload_estimate
+from estimation.identification.recording import (
+    PreparedRecording,
     apply_calibration,
     estimated_machine,
     linearise_at_load,
+    prepare_recording,
     with_residual_noise,
 )
-from estimation.identification.recording import PreparedRecording, prepare_recording
 from estimation.identification.term_selection import Selection
 from estimation.uncertainty.consistency import ConsistentEstimate, consistent_estimate
 from estimation.uncertainty.intervals import (

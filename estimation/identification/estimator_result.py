@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import BeforeValidator
 
 from constraints.arrays import Array
-from estimation.estimators.payload import ABOUT_CENTRE, TEN, about_centre
+from estimation.estimators.result import ABOUT_CENTRE, TEN, about_centre
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY

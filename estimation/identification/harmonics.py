@@ -27,10 +27,9 @@ from estimation.diagnostics.significance import ratio_tail
 from estimation.estimators import Experiment, ParameterPriors
 from estimation.estimators.experiment import RefinedMotion
 from estimation.estimators.joint_equations import force_equations
-from estimation.kinematics.fourier_fit import length_equations, most_harmonics
-from estimation.kinematics.pointwise import rate_spread
+from estimation.kinematics import length_equations, most_harmonics, rate_spread
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.normal_equations import NormalEquations
+from estimation.measurement_model.motion import NormalEquations
 from expdesign.information.fisher import ScaledInformation
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot import Robot

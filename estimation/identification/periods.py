@@ -13,12 +13,15 @@ from estimation.processing import PeriodicRecording, fold_recording
 from estimation.processing.period import (
     PeriodError,
     PeriodSource,
+    at_rest,
     changes_after,
+    moves_from,
+    omega_at_rest,
     omega_from_column,
     omega_from_data,
     refined_omega,
+    resolution_only,
 )
-from estimation.processing.standstill import at_rest, moves_from, omega_at_rest, resolution_only
 from expdesign.configuration import InputError, RunConfiguration
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory

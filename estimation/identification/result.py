@@ -15,7 +15,7 @@ from estimation.diagnostics.diagnosis_result import (
     RecordingTables,
 )
 from estimation.diagnostics.noise_result import CovarianceRow, NoiseCovariances, covariance_rows
-from estimation.estimators.payload import TEN
+from estimation.estimators.result import TEN
 from estimation.identification.estimator_result import (
     BudgetRow,
     ConsistentResult,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from estimation.estimators import Experiment, ParameterPriors, linear_estimate
-from estimation.identification.estimated_machine import (
+from estimation.identification.recording import (
     estimated_machine,
     linearise_at_load,
     with_residual_noise,

@@ -15,9 +15,10 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 import pandas as pd
 import scipy
+from pydantic import ConfigDict
 
 from constraints.arrays import Array
-from estimation.montecarlo.repetition import Repetition, RepetitionEstimate
+from estimation.diagnostics.noise_result import Freedom
 from estimation.uncertainty.intervals import LEVEL
 from expdesign.configuration import Problem
 from expdesign.runfolder import (
@@ -34,6 +35,37 @@ from expdesign.runfolder import (
 from expdesign.runfolder.fields import unknown_names, wrong_covariance
 
 _LOW, _HIGH = "lower end of its 95 % interval", "upper end of its 95 % interval"
+
+
+@dataclass(frozen=True, eq=False)
+class RepetitionEstimate:
+    """Estimate of one estimator in one repetition."""
+
+    values: Annotated[Numbers | None, described("SI", "(m,) estimates; null when it failed")] = None
+    std: Annotated[Numbers | None, described("SI", "(m,) as stated; null when it failed")] = None
+    widths: Annotated[
+        Numbers | None, described("1", "(m,) half widths of the 95 % intervals, in std")
+    ] = None
+    converged: Annotated[bool, described("", "the iteration ended as it should")] = False
+    iterations: Annotated[int, described("1", "number of iterations")] = 0
+    error: Annotated[str, described("", "why it failed; empty when it did not")] = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Repetition:
+    """Estimates of one repetition: a line of the journal."""
+
+    __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True)
+
+    number: Annotated[int, described("1", "from 1")]
+    harmonics: Annotated[
+        int | None, described("1", "of the motion that ML estimates; null where there is none")
+    ]
+    freedom: Annotated[
+        Freedom,
+        described("1", "degrees of freedom behind the noise covariance; null when given"),
+    ]
+    outcomes: Annotated[dict[str, RepetitionEstimate], described("", "by estimator")]
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.processing.smoothing import NoiseLines
-from estimation.processing.whitening_filter import WhiteningFilter
+from estimation.processing.spectrum import NoiseLines, WhiteningFilter
 
 NORMAL_MEDIAN = 0.6745
 """Median of |x| for a standard normal x: turns a median absolute deviation into a std."""

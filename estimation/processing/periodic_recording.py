@@ -26,10 +26,8 @@ from estimation.processing.noise import (
     series_harmonics,
     series_weights,
 )
-from estimation.processing.period import PeriodError, PeriodSource, whole_samples
-from estimation.processing.smoothing import NoiseLines
-from estimation.processing.standstill import moves_from
-from estimation.processing.whitening_filter import WhiteningFilter, estimated_filter
+from estimation.processing.period import PeriodError, PeriodSource, moves_from, whole_samples
+from estimation.processing.spectrum import NoiseLines, WhiteningFilter, estimated_filter
 from expdesign.configuration.sections.estimate import SpectrumOrigin
 
 _REPEATED = 2

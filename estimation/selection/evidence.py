@@ -17,7 +17,6 @@ from typing import Self
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.candidate_effects import CandidateEffects
 from estimation.diagnostics.joint_system import (
     ConditionalScores,
     JointSystem,
@@ -25,10 +24,10 @@ from estimation.diagnostics.joint_system import (
     RowWhitening,
     joint_systems,
 )
-from estimation.diagnostics.linearisation import Linearisation, linearise
+from estimation.diagnostics.linearisation import CandidateEffects, Linearisation, linearise
 from estimation.diagnostics.residual_covariance import empirical_noise, with_empirical_colour
 from estimation.estimators import Experiment, ParameterPriors
-from estimation.measurement_model.normal_equations import Elimination, NormalEquations
+from estimation.measurement_model.motion import Elimination, NormalEquations
 from expdesign.robot import Robot
 
 

@@ -12,7 +12,7 @@ from scipy import special
 
 from constraints.arrays import Array
 from estimation.montecarlo.result import share_interval
-from estimation.uncertainty.differences import Differences, holm
+from estimation.uncertainty.intervals import Differences, holm
 
 
 @dataclass(frozen=True)

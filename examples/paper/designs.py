@@ -19,9 +19,9 @@ import numpy as np
 import pandas as pd
 
 from constraints.arrays import Array, Mask
-from estimation.montecarlo.repetition import Workbench
+from estimation.montecarlo.study import Workbench
 from estimation.twin import Twin
-from estimation.uncertainty.differences import FAMILY_LEVEL
+from estimation.uncertainty.intervals import FAMILY_LEVEL
 from examples.paper.comparison import compare_determinants, mean_difference
 from examples.paper.setting import Claim, Setting, StudyResult, completeness_claim, run_in_processes
 from expdesign import DesignResult, Robot, design

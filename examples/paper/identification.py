@@ -23,9 +23,9 @@ from estimation.data.measurement import Measurement
 from estimation.estimators import Experiment, ParameterEstimate, covariance_ml_less_gm
 from estimation.identification import prepare_experiment, run_estimators
 from estimation.identification.estimation import parameter_priors
-from estimation.montecarlo.repetition import FAILURES
+from estimation.montecarlo.study import FAILURES
 from estimation.twin import Twin
-from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, difference_test
+from estimation.uncertainty.intervals import FAMILY_LEVEL, Differences, difference_test
 from examples.paper.setting import (
     Claim,
     Setting,

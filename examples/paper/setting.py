@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import pandas as pd
 
-from estimation.montecarlo.repetition import FAILURES
+from estimation.montecarlo.study import FAILURES
 from expdesign.configuration import ComputationError, RunConfiguration, load_run
 from expdesign.workers import Job, Monitor, run_jobs
 from results.figures.drawing import FigureDefinition

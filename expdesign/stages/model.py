@@ -10,14 +10,15 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.controlmodel import FOLDER
 from estimation.controlmodel.formats import FORMATS, ControlModelFile
-from estimation.controlmodel.model import ControlModel, Origin
-from estimation.controlmodel.uncertainty import (
+from estimation.controlmodel.model import (
     UNCERTAINTY,
+    VECTORS,
+    ControlModel,
     ForceUncertainty,
+    Origin,
     by_actuator,
     force_uncertainty,
 )
-from estimation.controlmodel.vectors import VECTORS
 from estimation.identification.result import EstimateFile
 from expdesign.configuration import InputError
 from expdesign.configuration.identification import IDENTIFIED_ROBOT as IDENTIFIED

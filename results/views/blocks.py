@@ -8,11 +8,11 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import DiagnosisVerdict, Finding, Status
-from estimation.estimators.payload import ABOUT_CENTRE, TEN, about_centre
+from estimation.estimators.result import ABOUT_CENTRE, TEN, about_centre
 from estimation.identification.estimator_result import DeviationRow, PayloadRow
 from estimation.identification.result import EstimateFile, EstimationResult
 from estimation.identification.term_selection import SAME_MOTION, UNSETTLED, without_bounds
-from estimation.uncertainty.differences import FAMILY_LEVEL, Differences, difference_test
+from estimation.uncertainty.intervals import FAMILY_LEVEL, Differences, difference_test
 from expdesign.information.identifiable import KnownCombination
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from results.figures.parameters import WORTH, selection_figure

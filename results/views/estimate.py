@@ -9,8 +9,7 @@ import numpy as np
 
 from estimation.identification.result import EstimatedRecording, EstimateFile, EstimationResult
 from estimation.twin.truth import Truth
-from estimation.uncertainty.differences import Differences
-from estimation.uncertainty.intervals import ParameterRow, with_error
+from estimation.uncertainty.intervals import Differences, ParameterRow, with_error
 from results.figures.noise import NOISE_FIGURES
 from results.figures.parameters import ESTIMATE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES

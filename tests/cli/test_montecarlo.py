@@ -10,7 +10,7 @@ import time
 import pandas as pd
 import pytest
 
-from estimation.montecarlo import repetition as one
+from estimation.montecarlo import study as one
 from estimation.montecarlo.result import StatisticsRow
 from estimation.montecarlo.study import NAME
 from estimation.processing import PeriodError

@@ -7,10 +7,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from estimation.controlmodel.compiler import FLAGS
-from estimation.controlmodel.formats import FORMATS
-from estimation.controlmodel.model import SINGLE
-from estimation.controlmodel.vectors import random_states
+from estimation.controlmodel.formats import FLAGS, FORMATS
+from estimation.controlmodel.model import SINGLE, random_states
 from expdesign.mechanism.term import Friction
 
 QUICK = (*(flag for flag in FLAGS if flag != "-O2"), "-O0")

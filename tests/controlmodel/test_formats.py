@@ -14,9 +14,8 @@ from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 
 from estimation.controlmodel import formats
-from estimation.controlmodel.compiler import FLAGS
-from estimation.controlmodel.formats import FORMATS, OUTPUTS
-from estimation.controlmodel.vectors import random_states
+from estimation.controlmodel.formats import FLAGS, FORMATS, OUTPUTS
+from estimation.controlmodel.model import random_states
 from expdesign.configuration import ComputationError
 from expdesign.mechanism.hexapod import POSE
 

@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from estimation.controlmodel.instructions import NUMPY, C, lines
+from estimation.controlmodel.rendering import NUMPY, C, lines
 from expdesign.evaluation.vector_code import LIBRARY, UnknownInstructionError
 
 X, Y = ca.SX.sym("x"), ca.SX.sym("y")

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from estimation.controlmodel.model import model_functions
-from estimation.controlmodel.vectors import random_states, vectors_of
+from estimation.controlmodel.model import model_functions, random_states, vectors_of
 from expdesign.robot import LimitModel
 
 MOVING = ("actuator_force", "strut_speed", "strut_acceleration")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from estimation.data.columns import RecordedColumn, header_column, pick
+from estimation.data.table import RecordedColumn, header_column, pick
 from expdesign.configuration import InputError
 from tests.data.recordings import CHANNELS
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimation.data.timebase import fitted_grid, gaps, stamped_time_base
+from estimation.data.measurement import fitted_grid, gaps, stamped_time_base
 
 STEPS = st.floats(1e-5, 10)
 STARTS = st.floats(-1e4, 1e4)

@@ -7,9 +7,8 @@ import time
 
 import numpy as np
 
-from estimation.data.columns import RecordedColumn
 from estimation.data.formats import FileFormat
-from estimation.data.table import RawTable
+from estimation.data.table import RawTable, RecordedColumn
 
 
 def read(path, section):

@@ -8,18 +8,16 @@ import pytest
 from scipy import stats
 
 from estimation.data.measurement import Measurement
-from estimation.diagnostics.candidate_effects import CandidateEffects
 from estimation.diagnostics.hypotheses import list_hypotheses
 from estimation.diagnostics.joint_system import joint_systems
-from estimation.diagnostics.linearisation import linearise
+from estimation.diagnostics.linearisation import CandidateEffects, linearise
 from estimation.diagnostics.residual_covariance import (
     held_out_residual_covariance,
     joint_residual_covariance,
     linear_residual_covariances,
 )
 from estimation.estimators import Experiment, ParameterPriors, linear_estimate, maximum_likelihood
-from estimation.kinematics.fourier_fit import fit_motion
-from estimation.kinematics.pointwise import pointwise_motion
+from estimation.kinematics import fit_motion, pointwise_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, fold_recording
 from expdesign.configuration.sections.estimate import EstimateSection

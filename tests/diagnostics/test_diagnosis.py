@@ -174,7 +174,7 @@ def test_pointwise_kinematics(laboratory, tmp_path):
 
 def test_motion_with_too_few_harmonics_is_noticed(laboratory):
     from estimation.estimators import Experiment
-    from estimation.kinematics.fourier_fit import fit_motion
+    from estimation.kinematics import fit_motion
     from estimation.measurement_model import HarmonicMotion
 
     record = fold_recording(laboratory.measure(1), laboratory.trajectory.omega, PeriodSource.DESIGN)

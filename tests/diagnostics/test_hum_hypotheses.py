@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.diagnostics.diagnosis import diagnose
-from estimation.diagnostics.periodic_forces import hidden_hums
+from estimation.diagnostics.hypotheses import hidden_hums
 from estimation.processing import PeriodSource, fold_recording
 from tests.diagnostics.conftest import Laboratory
 

@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.diagnostics.candidate_effects import CandidateEffects
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.hypothesis import evaluate_hypothesis
 from estimation.diagnostics.joint_system import EffectProjection
-from estimation.diagnostics.linearisation import linearise
+from estimation.diagnostics.linearisation import CandidateEffects, linearise
 from estimation.estimators import PerturbedMachine
 from estimation.estimators.experiment import Experiment, RefinedMotion
-from estimation.kinematics.fourier_fit import fit_motion
+from estimation.kinematics import fit_motion
 from estimation.processing import NoiseModel, PeriodSource
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description

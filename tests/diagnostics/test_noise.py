@@ -10,7 +10,7 @@ from estimation.diagnostics.noise_tests import drift, noise_tests, normality, wh
 from estimation.diagnostics.residual_covariance import ResidualCovariance
 from estimation.diagnostics.residuals import chi_square
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, fold_recording
-from estimation.processing.smoothing import contrasts
+from estimation.processing.spectrum import contrasts
 from estimation.twin.experiment import without_samples
 from tests.estimation.cases import measured, trajectory
 

@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 
 from estimation.diagnostics.finding import FindingOutcome
 from estimation.diagnostics.noise_analysis import hum_finding
-from estimation.diagnostics.noise_density import NoiseDensity, noise_density
+from estimation.diagnostics.noise_result import NoiseDensity, noise_density
 from estimation.processing.hum import HumSearch, find_hum
 from estimation.processing.periodic_recording import Channels
 from expdesign.configuration import load_run

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.identification.periods import UnsuitableDataError, choose_omega
-from estimation.processing.standstill import moves_from
+from estimation.processing.period import moves_from
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 
 MOTION = trajectory()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.identification.periods import clock_error
-from estimation.kinematics.fourier_fit import fit_motion
+from estimation.kinematics import fit_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import PeriodSource, fold_recording
 from tests.estimation.cases import ROBOT, measured, trajectory

@@ -19,11 +19,17 @@ from estimation.estimators import (
     maximum_likelihood,
 )
 from estimation.estimators.result import covariance_fields
-from estimation.kinematics.fourier_fit import _turned_information, fit_motion
+from estimation.kinematics import _turned_information, fit_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, fold_recording
-from estimation.processing.smoothing import NoiseLines, _neighbours, contrasts, smoothed_spectrum
-from estimation.processing.whitening_filter import estimated_filter, given_filter
+from estimation.processing.spectrum import (
+    NoiseLines,
+    _neighbours,
+    contrasts,
+    estimated_filter,
+    given_filter,
+    smoothed_spectrum,
+)
 from estimation.twin import Twin
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration.sections.estimate import EstimateSection

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from estimation.uncertainty.differences import (
+from estimation.uncertainty.intervals import (
     FAMILY_LEVEL,
     difference_test,
     holm,

@@ -5,13 +5,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from estimation import kinematics
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.finding import FindingOutcome
 from estimation.identification import estimate_parameters, estimation_result, prepare_experiment
 from estimation.identification.periods import choose_omega
-from estimation.kinematics import fourier_fit
-from estimation.kinematics.fourier_fit import MotionFitError
+from estimation.kinematics import MotionFitError
 from estimation.processing import PeriodSource
 from estimation.uncertainty.intervals import with_error
 from expdesign.configuration import InputError, load_run
@@ -454,7 +454,7 @@ def test_a_cutoff_beyond_the_sampling_is_refused():
 
 def test_a_start_from_single_samples_meets_all_phases(monkeypatch):
     """50 samples and 40 periods: every fiftieth sample has the same phase."""
-    monkeypatch.setattr(fourier_fit, "_START_POINTS", 40)
+    monkeypatch.setattr(kinematics, "_START_POINTS", 40)
     motion = trajectory(50, step=0.02)
     data = measured(motion, periods=40, step=0.02)
     result = estimate_parameters(

@@ -12,7 +12,7 @@ from estimation.estimators import (
 )
 from estimation.estimators.experiment import regressors_along
 from estimation.estimators.joint_equations import joint_equations, reduced_information
-from estimation.kinematics.fourier_fit import fit_motion
+from estimation.kinematics import fit_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.prediction import held_regressor_kernel
 from estimation.processing import NoiseModel, PeriodSource, fold_recording

@@ -9,7 +9,7 @@ import pytest
 import scipy
 from ruamel.yaml import YAML
 
-from estimation.controlmodel.uncertainty import force_uncertainty
+from estimation.controlmodel.model import force_uncertainty
 from estimation.estimators import PerturbedMachine
 from estimation.estimators.prior_estimate import PriorEstimate
 from estimation.feedforward.comparison import true_machine

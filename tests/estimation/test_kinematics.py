@@ -3,8 +3,14 @@ import pytest
 from scipy.special import erf
 
 from estimation.data.measurement import Measurement
-from estimation.kinematics.fourier_fit import MotionFitError, choose_harmonics, fit_motion
-from estimation.kinematics.pointwise import expected_signs, pointwise_motion, rate_spread
+from estimation.kinematics import (
+    MotionFitError,
+    choose_harmonics,
+    expected_signs,
+    fit_motion,
+    pointwise_motion,
+    rate_spread,
+)
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import PeriodSource, fold_recording
 from tests.estimation.cases import ROBOT, measured, trajectory

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.motion import MotionColumns
-from estimation.measurement_model.normal_equations import NormalEquations
+from estimation.measurement_model.motion import MotionColumns, NormalEquations
 
 
 @settings(max_examples=40, deadline=None)

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimation.estimators.influence import SystematicUncertainty
-from estimation.estimators.payload import TEN, about_centre, payload_estimate
 from estimation.estimators.prior_estimate import PriorEstimate, UnloadedMachine
+from estimation.estimators.result import TEN, about_centre, payload_estimate
 from estimation.identification import estimate_parameters, estimation_result
 from estimation.identification.result import EstimationResult
 from estimation.twin import Twin

@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
-from estimation.feedforward.closed_loop import Controller, TrackingTask, follow_motion
-from estimation.feedforward.forward_dynamics import ForwardDynamics, Model
+from estimation.feedforward.closed_loop import (
+    Controller,
+    ForwardDynamics,
+    Model,
+    TrackingTask,
+    follow_motion,
+)
 from expdesign.configuration import ComputationError
 from expdesign.configuration.sections.motions import FeedforwardSection
 from tests.estimation.cases import ROBOT

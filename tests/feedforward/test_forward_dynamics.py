@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from estimation.feedforward.forward_dynamics import ForwardDynamics, Model
+from estimation.feedforward.closed_loop import ForwardDynamics, Model
 from estimation.twin.disturbances import cogging_force
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description

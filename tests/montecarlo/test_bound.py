@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 
-from estimation.montecarlo.repetition import Workbench
+from estimation.montecarlo.study import Workbench
 from tests.montecarlo.examples import DESIGN, small
 
 PERIODS, SAMPLING = 8, 60

@@ -7,7 +7,7 @@ from functools import partial
 import pytest
 
 from estimation.montecarlo import run_study
-from estimation.montecarlo.repetition import Workbench
+from estimation.montecarlo.study import Workbench
 from expdesign.configuration import InputError
 from expdesign.workers import ClusterError, cluster_jobs
 from tests.montecarlo.examples import DESIGN, Watcher, repetition_rows, small

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from estimation.montecarlo.repetition import Repetition, RepetitionEstimate
+from estimation.montecarlo.result import Repetition, RepetitionEstimate
 from estimation.montecarlo.study import Journal
 
 

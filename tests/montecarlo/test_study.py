@@ -8,9 +8,9 @@ from scipy import stats
 
 from estimation.estimators import UnidentifiableError
 from estimation.identification import estimate_parameters
-from estimation.kinematics.fourier_fit import MotionFitError
-from estimation.montecarlo import repetition as one
+from estimation.kinematics import MotionFitError
 from estimation.montecarlo import run_study
+from estimation.montecarlo import study as one
 from estimation.montecarlo.result import Failure
 from estimation.montecarlo.study import study_inputs
 from estimation.twin import Twin

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimation.feedforward.forward_dynamics import ForwardDynamics, Model
+from estimation.feedforward.closed_loop import ForwardDynamics, Model
 from tests.multibody.inverse import ExactMachine
 from tests.multibody.test_forces import BODIES, GEOMETRY, ROBOT, STATES
 

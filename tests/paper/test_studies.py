@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from estimation.montecarlo.repetition import Workbench
+from estimation.montecarlo.study import Workbench
 from estimation.twin import Twin
 from examples.paper.designs import Trial, linear_covariances, rigid_body, with_exact_lengths
 from examples.paper.identification import (

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from estimation.diagnostics.diagnosis import diagnose
-from estimation.diagnostics.noise_density import noise_density
+from estimation.diagnostics.noise_result import noise_density
 from estimation.processing.periodic_recording import Channels
 from results.figures.drawing import PAGE_WIDTH, RESOLUTION, house_style, save_figures
 from results.figures.noise import NOISE_FIGURES, noise_spectrum_figure

@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from estimation.kinematics.pointwise import expected_signs
+from estimation.kinematics import expected_signs
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.prediction import deviation_forces, deviation_lengths
 from estimation.twin import Twin

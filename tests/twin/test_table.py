@@ -8,7 +8,7 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 from estimation.twin import Twin
-from estimation.twin.table_motion import TableMotion
+from estimation.twin.experiment import TableMotion
 from expdesign.configuration import InputError
 from tests.estimation.cases import PERIODS, ROBOT, run, trajectory
 from tests.export.reading import xps

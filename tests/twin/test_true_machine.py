@@ -5,8 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from estimation.montecarlo.repetition import Workbench
-from estimation.montecarlo.study import study_inputs
+from estimation.montecarlo.study import Workbench, study_inputs
 from estimation.twin import Truth, Twin
 from estimation.twin.truth import true_values
 from expdesign.configuration import InputError, load_run, resolved_yaml

@@ -17,9 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.data.columns import RecordedColumn, header_column, pick
 from estimation.data.formats import FileFormat
-from estimation.data.table import HEADER_LINE, MOST_PROBLEMS, RawTable, refuse, refuse_long
+from estimation.data.table import (
+    HEADER_LINE,
+    MOST_PROBLEMS,
+    RawTable,
+    RecordedColumn,
+    header_column,
+    pick,
+    refuse,
+    refuse_long,
+)
 from expdesign.configuration import DataSection, InputError, Problem
 
 BLOCK = 4 * 1024 * 1024

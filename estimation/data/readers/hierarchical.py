@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from scipy.io import loadmat
 
 from constraints.arrays import Array
-from estimation.data.columns import RecordedColumn, pick
 from estimation.data.formats import FileFormat
-from estimation.data.table import NUMERIC, RawTable, refuse_long
+from estimation.data.table import NUMERIC, RawTable, RecordedColumn, pick, refuse_long
 from expdesign.configuration import DataSection
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"

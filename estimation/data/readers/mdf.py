@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.data.columns import OPTIONAL, RecordedColumn, pick
 from estimation.data.formats import FileFormat
-from estimation.data.table import NUMERIC, RawTable, refuse_long
+from estimation.data.table import NUMERIC, OPTIONAL, RawTable, RecordedColumn, pick, refuse_long
 from expdesign.configuration import DataSection, InputError, Problem
 
 _MASTER = "time stamps"

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from estimation.data.columns import RecordedColumn, pick
 from estimation.data.formats import FileFormat
-from estimation.data.table import RawTable, refuse, refuse_long
+from estimation.data.table import RawTable, RecordedColumn, pick, refuse, refuse_long
 from expdesign.configuration import (
     FORCE_CHANNELS,
     LENGTH_CHANNELS,

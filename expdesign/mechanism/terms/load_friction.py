@@ -2,7 +2,7 @@
 
 The load is the frictionless force of the terms listed before this one at the parameters of
 `HexapodGraph.nominal`. The forces are not linear in all parameters together: an estimate repeats
-the computation with the load of its own result (`estimation.identification.estimated_machine`).
+the computation with the load of its own result (`estimation.identification.recording`).
 """
 
 from __future__ import annotations

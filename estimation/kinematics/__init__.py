@@ -1,1 +1,0 @@
-"""The executed motion from measured lengths: by Fourier series, or pointwise."""
