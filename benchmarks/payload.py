@@ -31,7 +31,7 @@ from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, fold_
 from estimation.twin import Twin
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration import RunConfiguration, load_run
-from expdesign.configuration.prior import identification_of
+from expdesign.configuration.consistency import identification_of
 from expdesign.experiment.setup import plan_search
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY

@@ -27,7 +27,7 @@ from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from expdesign.configuration import load_run
 from expdesign.configuration.document import Located, document_from_mapping
-from expdesign.machines.description import MachineDescription, machine_from_answers
+from expdesign.machines.importing import MachineDescription, machine_from_answers
 from expdesign.machines.writing import write_files
 from expdesign.mechanism.terms.drive_inertia import MASS
 from expdesign.robot import robot_from

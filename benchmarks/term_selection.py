@@ -27,8 +27,8 @@ from estimation.identification.term_selection import Selection
 from estimation.twin import Twin
 from estimation.validation.motions import motion_of_run
 from expdesign.configuration import RunConfiguration, load_run
+from expdesign.configuration.experiment import ValidationMotion
 from expdesign.configuration.robot import load_robot_description
-from expdesign.configuration.sections.motions import ValidationMotion
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 

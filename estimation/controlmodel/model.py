@@ -12,14 +12,13 @@ import casadi as ca
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration.identification import Identification, machine_name
+from expdesign.configuration.tolerances import Identification, machine_name
 from expdesign.evaluation.batch import BatchFunction
 from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.mechanism.term import Friction, Term
 from expdesign.robot import LimitModel, Robot
-from expdesign.robot.deviation import deviations
-from expdesign.robot.deviation_slope import deviating_forces
+from expdesign.robot.deviation import deviating_forces, deviations
 from expdesign.robot.limit_model import states_at_rest
 from expdesign.runfolder import ArrayTable, described, strutwise
 from expdesign.runfolder.fields import ACCELERATION_COLUMNS, POSE_COLUMNS, RATE_COLUMNS, TIME

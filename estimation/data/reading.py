@@ -34,8 +34,8 @@ from expdesign.configuration import (
     quote,
 )
 from expdesign.configuration.document import refuse_special
+from expdesign.configuration.estimate import CHANNEL_UNITS
 from expdesign.configuration.quantity import CURRENT, LENGTH, Quantity, quantity_of_unit
-from expdesign.configuration.sections.data import CHANNEL_UNITS
 from expdesign.robot.robot import Robot
 
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from expdesign.configuration import InputError, Problem, quote
 from expdesign.configuration.errors import nearest_name
-from expdesign.configuration.fields import MOST_SAMPLES, require_at_most
-from expdesign.configuration.sections.data import CHANNELS
+from expdesign.configuration.estimate import CHANNELS
+from expdesign.configuration.schema import MOST_SAMPLES, require_at_most
 
 OPTIONAL = frozenset({"period"})
 """Channels that a file need not have."""

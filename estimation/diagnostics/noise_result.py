@@ -16,7 +16,7 @@ from estimation.processing import Channels, NoiseModel
 from estimation.processing.hum import HumSearch, find_hum
 from estimation.processing.noise import NoiseEstimate
 from estimation.processing.spectrum import NoiseLines, smoothed_spectrum
-from expdesign.configuration.noise_spectrum import COHERENCIES, FREQUENCY, PAIRS
+from expdesign.configuration.noise import COHERENCIES, FREQUENCY, PAIRS
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import (
     Column,

@@ -35,8 +35,7 @@ from estimation.measurement_model.prediction import (
 )
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
-from expdesign.robot.deviation import Deviation, apply_deviations
-from expdesign.robot.deviation_slope import delay_of_jumps
+from expdesign.robot.deviation import Deviation, apply_deviations, delay_of_jumps
 
 
 def force_equations(

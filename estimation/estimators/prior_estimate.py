@@ -15,9 +15,9 @@ from scipy.linalg import block_diag
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError
-from expdesign.configuration.identification import Identification
-from expdesign.configuration.prior import identification_of
+from expdesign.configuration.consistency import identification_of
 from expdesign.configuration.robot import RobotDescription
+from expdesign.configuration.tolerances import Identification
 from expdesign.information.identifiable import BaseParameters
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.robot import Robot

@@ -14,8 +14,8 @@ from scipy.optimize import lsq_linear
 from constraints.arrays import Array
 from estimation.estimators.prior_estimate import PriorEstimate, UnloadedMachine
 from expdesign.configuration import ComputationError, InputError
+from expdesign.configuration.estimate import EstimateSection
 from expdesign.configuration.robot import RobotDescription
-from expdesign.configuration.sections.estimate import EstimateSection
 from expdesign.information.fisher import ScaledInformation
 from expdesign.information.identifiable import (
     BaseParameters,

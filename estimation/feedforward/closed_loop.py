@@ -23,8 +23,7 @@ from constraints.arrays import Array, Mask
 from estimation.feedforward.result import CaseName
 from estimation.twin.disturbances import quantised
 from expdesign.configuration import ComputationError
-from expdesign.configuration.sections.experiment import Cogging
-from expdesign.configuration.sections.motions import FeedforwardSection
+from expdesign.configuration.experiment import Cogging, FeedforwardSection
 from expdesign.evaluation.batch import Graph, kernel
 from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES

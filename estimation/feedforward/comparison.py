@@ -35,8 +35,8 @@ from estimation.identification.recording import estimated_machine
 from estimation.twin.disturbances import Repeated, force_factors, noise_sources, repetition_stream
 from estimation.validation.motions import broken_limits, motion_name, motion_of_run
 from expdesign.configuration import ComputationError, RunConfiguration
-from expdesign.configuration.fields import MOST_SAMPLES, require_at_most
-from expdesign.configuration.sections.experiment import Cogging
+from expdesign.configuration.experiment import Cogging
+from expdesign.configuration.schema import MOST_SAMPLES, require_at_most
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.strut import ANGLES
 from expdesign.mechanism.term import parameters_of

@@ -21,16 +21,16 @@ from estimation.identification.estimator_result import SystematicResult
 from estimation.identification.result import EstimateFile
 from estimation.uncertainty.consistency import ConsistentEstimate
 from expdesign.configuration import InputError
-from expdesign.configuration.identification import (
+from expdesign.configuration.estimate import EstimateSection
+from expdesign.configuration.robot import RobotDescription
+from expdesign.configuration.run import robot_yaml
+from expdesign.configuration.tolerances import (
     Identification,
     IdentifiedDeviation,
+    RobotTolerances,
     identified_name,
     machine_name,
 )
-from expdesign.configuration.robot import RobotDescription
-from expdesign.configuration.sections.estimate import EstimateSection
-from expdesign.configuration.tolerances import RobotTolerances
-from expdesign.configuration.writing import robot_yaml
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.deviation import (

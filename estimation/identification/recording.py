@@ -45,7 +45,7 @@ from estimation.processing.noise import ENOUGH_FREEDOM
 from estimation.processing.spectrum import NoiseLines, given_filter
 from estimation.uncertainty.intervals import correlation
 from expdesign.configuration import InputError, RunConfiguration
-from expdesign.configuration.sections.estimate import SpectrumOrigin
+from expdesign.configuration.estimate import SpectrumOrigin
 from expdesign.noise import NoiseSpectrum
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory

@@ -37,7 +37,7 @@ from estimation.identification.term_selection import Selection
 from estimation.selection.selection import SelectionRow
 from estimation.uncertainty.intervals import Combination, ParameterRow, correlation
 from expdesign.configuration import Problem
-from expdesign.configuration.identification import IDENTIFIED_ROBOT
+from expdesign.configuration.tolerances import IDENTIFIED_ROBOT
 from expdesign.information.identifiable import KnownCombination
 from expdesign.runfolder import (
     Column,

@@ -18,9 +18,9 @@ from estimation.identification.recording import (
 from estimation.selection.evidence import Evidence
 from estimation.selection.selection import Judge, SelectionRow, select
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
+from expdesign.configuration.estimate import DEFAULT_LEVEL, SelectionCriterion
 from expdesign.configuration.parameters import FurtherTerms, TermDescription
 from expdesign.configuration.run import add_terms
-from expdesign.configuration.sections.estimate import DEFAULT_LEVEL, SelectionCriterion
 from expdesign.information.identifiable import listed
 from expdesign.robot import Robot, robot_from
 from expdesign.runfolder import described

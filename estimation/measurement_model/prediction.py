@@ -16,8 +16,7 @@ from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.term import Friction, Term
 from expdesign.robot import Robot
-from expdesign.robot.deviation import Deviation
-from expdesign.robot.deviation_slope import deviating_forces, length_deviation_columns
+from expdesign.robot.deviation import Deviation, deviating_forces, length_deviation_columns
 
 _CHUNK = 2048
 

@@ -28,7 +28,7 @@ from estimation.processing.noise import (
 )
 from estimation.processing.period import PeriodError, PeriodSource, moves_from, whole_samples
 from estimation.processing.spectrum import NoiseLines, WhiteningFilter, estimated_filter
-from expdesign.configuration.sections.estimate import SpectrumOrigin
+from expdesign.configuration.estimate import SpectrumOrigin
 
 _REPEATED = 2
 

@@ -17,7 +17,7 @@ from estimation.diagnostics.joint_system import EffectFit, Places
 from estimation.diagnostics.significance import log_tail
 from estimation.selection.evidence import Evidence, InformationShare, RecordingInformation
 from expdesign.configuration import InputError
-from expdesign.configuration.sections.estimate import SelectionCriterion
+from expdesign.configuration.estimate import SelectionCriterion
 from expdesign.information.fisher import EXCITABLE, ScaledInformation
 from expdesign.runfolder import OpenNumber, described
 

@@ -18,8 +18,7 @@ from scipy.fft import next_fast_len
 
 from constraints.arrays import Array, ComplexArray, Mask
 from expdesign.configuration import InputError, Problem, RunConfiguration
-from expdesign.configuration.fields import MOST_SAMPLES
-from expdesign.configuration.sections.experiment import (
+from expdesign.configuration.experiment import (
     Cogging,
     ForceConstantError,
     HumDisturbance,
@@ -27,6 +26,7 @@ from expdesign.configuration.sections.experiment import (
     Outliers,
     TrackingError,
 )
+from expdesign.configuration.schema import MOST_SAMPLES
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.noise import Hum as SpectralHum
 from expdesign.noise import NoiseSpectrum, multiplicity, series_of

@@ -39,8 +39,8 @@ from estimation.twin.truth import (
 )
 from expdesign.configuration import InputError, ResolvedRobot, RunConfiguration
 from expdesign.configuration.bodies import payload_parameters
-from expdesign.configuration.fields import MOST_SAMPLES, require_at_most
-from expdesign.configuration.sections.experiment import ExperimentSection, Lost
+from expdesign.configuration.experiment import ExperimentSection, Lost
+from expdesign.configuration.schema import MOST_SAMPLES, require_at_most
 from expdesign.export.definition import ON_THE_EDGE
 from expdesign.export.execution import blocks
 from expdesign.export.table_file import TableFile

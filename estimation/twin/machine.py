@@ -9,14 +9,8 @@ import numpy as np
 
 from constraints.arrays import Array, Mask
 from expdesign.configuration import RunConfiguration
-from expdesign.configuration.sections.experiment import ForceConstantError
-from expdesign.mechanism.terms import (
-    gravity_compensation,
-    passive_friction,
-    payload,
-    rigid_platform,
-    struts,
-)
+from expdesign.configuration.experiment import ForceConstantError
+from expdesign.mechanism.terms import friction, platform_forces, rigid_platform, struts
 from expdesign.recheck.limit_check import Motion
 from expdesign.robot import Robot
 from expdesign.robot.deviation import (
@@ -33,9 +27,9 @@ CARRIED = frozenset(
     for term in (
         struts.TERM,
         rigid_platform.GENERAL,
-        passive_friction.TERM,
-        payload.TERM,
-        gravity_compensation.TERM,
+        friction.PASSIVE,
+        platform_forces.PAYLOAD,
+        platform_forces.COMPENSATION,
     )
 )
 """Terms of the bodies and of the passive joints: their forces pass through the elastic struts.

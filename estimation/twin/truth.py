@@ -13,7 +13,7 @@ from pydantic import ConfigDict, PlainSerializer, PlainValidator
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
-from expdesign.configuration.sections.experiment import ExperimentSection
+from expdesign.configuration.experiment import ExperimentSection
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
 from expdesign.runfolder import (

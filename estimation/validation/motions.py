@@ -9,8 +9,8 @@ from scipy.interpolate import CubicSpline
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
-from expdesign.configuration.fields import MOST_SAMPLES, require_at_most
-from expdesign.configuration.sections.motions import BenchmarkMotion
+from expdesign.configuration.experiment import BenchmarkMotion
+from expdesign.configuration.schema import MOST_SAMPLES, require_at_most
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.recheck.certificate import recheck
 from expdesign.robot import LimitModel, Robot

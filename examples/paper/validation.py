@@ -37,7 +37,7 @@ from examples.paper.setting import (
 )
 from expdesign import FourierTrajectory, InputError, Robot
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.mechanism.terms import actuator_friction
+from expdesign.mechanism.terms.friction import ACTUATOR
 from expdesign.mechanism.terms.rigid_platform import MASS
 from expdesign.robot import robot_from
 from results.figures.residuals import prediction_figure
@@ -253,7 +253,7 @@ def choose_cogging(setting: Setting, robot: Robot) -> dict[str, Any]:
 
 def choose_factors(setting: Setting, robot: Robot) -> dict[str, float]:
     """Return factors of parameters that are made wrong: platform mass, and friction."""
-    friction = (parameter.name for parameter in actuator_friction.TERM.parameters)
+    friction = (parameter.name for parameter in ACTUATOR.parameters)
     factors = {MASS: 1.2} | ({} if setting.quick else dict.fromkeys(friction, 0.5))
     values = dict(zip(robot.parameter_names, robot.parameters, strict=True))
     return {name: factor for name, factor in factors.items() if values.get(name)}

@@ -17,9 +17,9 @@ from expdesign.cli.runs import execute_stage, run_configuration
 from expdesign.cli.terminal import working
 from expdesign.configuration import ExportSection, InputError, RunConfiguration, quantity_text
 from expdesign.configuration.document import document_from_mapping
+from expdesign.configuration.export import STRUT_ONLY, export_formats
 from expdesign.configuration.quantity import SPEED
-from expdesign.configuration.section import validate
-from expdesign.configuration.sections.export import STRUT_ONLY, export_formats
+from expdesign.configuration.schema import validate
 from expdesign.export.formats import table_formats
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.stages.certification import (

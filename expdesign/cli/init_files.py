@@ -15,9 +15,8 @@ from expdesign.cli.output import messages, note, say, write_json
 from expdesign.configuration import InputError
 from expdesign.configuration.document import Located, document_from_mapping
 from expdesign.configuration.errors import Problem
-from expdesign.configuration.section import validate
-from expdesign.machines.description import MachineDescription, machine_from_answers
-from expdesign.machines.importing import read_machine
+from expdesign.configuration.schema import validate
+from expdesign.machines.importing import MachineDescription, machine_from_answers, read_machine
 from expdesign.machines.machine import MachineDraft
 from expdesign.machines.writing import WrittenFiles, write_files
 from expdesign.stages.folder import refuse_unwritable

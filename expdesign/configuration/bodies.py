@@ -11,10 +11,9 @@ from pydantic import BeforeValidator, model_serializer, model_validator
 
 from constraints.arrays import Array
 from expdesign.configuration.errors import quote, refusal
-from expdesign.configuration.fields import Point, exactly, one_of
 from expdesign.configuration.geometry import VANISHING
 from expdesign.configuration.quantity import Angle, Inertia, Mass, Positive
-from expdesign.configuration.section import Section
+from expdesign.configuration.schema import Point, Section, exactly, one_of
 from expdesign.mechanism.bodies import (
     RigidBody,
     inertia_of,

@@ -16,9 +16,8 @@ from pydantic import AfterValidator, BeforeValidator
 from constraints.arrays import Array, Mask
 from constraints.limits import attitude
 from expdesign.configuration.errors import Problem, refusal
-from expdesign.configuration.fields import one_of
 from expdesign.configuration.quantity import Angle, Length, Positive, quantity_text
-from expdesign.configuration.section import Section, ShortForm
+from expdesign.configuration.schema import Section, ShortForm, one_of
 from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS
 

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from constraints import Limit, limit_definitions
+from expdesign.configuration.design import FREQUENCY, LIMITS, is_scale
 from expdesign.configuration.document import Document
 from expdesign.configuration.errors import InputError, Key, Problem
-from expdesign.configuration.fields import LONGEST_NAME
 from expdesign.configuration.limits import LIFTED, limits_as_written
 from expdesign.configuration.quantity import NUMBER
 from expdesign.configuration.robot import ResolvedRobot
 from expdesign.configuration.run import GridPoint, RunConfiguration
-from expdesign.configuration.sections.sweep import FREQUENCY, LIMITS, is_scale
+from expdesign.configuration.schema import LONGEST_NAME
 
 SWEEP = "sweep"
 _UNSAFE = re.compile(r"[^A-Za-z0-9._-]+")

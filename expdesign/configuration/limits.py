@@ -18,8 +18,8 @@ from constraints import Limit, LimitDefinition, limit_definitions
 from constraints.arrays import Mask
 from expdesign.configuration.document import Located
 from expdesign.configuration.errors import key_path, nearest_name, quote, refusal
-from expdesign.configuration.fields import by_key, read_only
 from expdesign.configuration.quantity import SHARE, quantity_in, quantity_text
+from expdesign.configuration.schema import by_key, read_only
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES, actuator_names
 
 CHARACTERISTIC_LENGTH = "characteristic_length"

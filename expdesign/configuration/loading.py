@@ -10,7 +10,10 @@ import numpy as np
 
 from expdesign.configuration.consistency import (
     aliased_hum_warnings,
+    identification_of,
     inconsistencies,
+    payload_problems,
+    prior_machine,
     selection_warnings,
 )
 from expdesign.configuration.document import (
@@ -23,7 +26,6 @@ from expdesign.configuration.document import (
 )
 from expdesign.configuration.errors import InputError, Key, Problem
 from expdesign.configuration.grid import grid_points
-from expdesign.configuration.prior import identification_of, payload_problems, prior_machine
 from expdesign.configuration.robot import (
     ResolvedRobot,
     RobotDescription,
@@ -33,7 +35,7 @@ from expdesign.configuration.robot import (
     resolve_robot,
 )
 from expdesign.configuration.run import RUN_FORMAT, RunConfiguration, RunDescription, run_schema
-from expdesign.configuration.section import Section, offered_keys, validate
+from expdesign.configuration.schema import Section, offered_keys, validate
 from expdesign.library import robot_files, run_files
 
 S = TypeVar("S", bound=Section)

@@ -13,9 +13,8 @@ from pydantic import BeforeValidator, Field, ValidationInfo, model_serializer
 from pydantic_core import PydanticCustomError
 
 from expdesign.configuration.errors import nearest_name, quote, refusal
-from expdesign.configuration.fields import check_choice, one_of, read_entries
 from expdesign.configuration.quantity import Inertia, Length, NotNegative, Positive, quantity_in
-from expdesign.configuration.section import Section
+from expdesign.configuration.schema import Section, check_choice, one_of, read_entries
 from expdesign.mechanism.catalogue import (
     DEFAULT,
     known_parameters,

@@ -17,19 +17,7 @@ from expdesign.configuration import geometry as geo
 from expdesign.configuration.bodies import Bodies, BodyDescription, payload_parameters
 from expdesign.configuration.document import Document, Located, find_file, read_yaml
 from expdesign.configuration.errors import InputError, Problem
-from expdesign.configuration.fields import (
-    Direction,
-    FilledText,
-    Name,
-    Point,
-    Pose,
-    Text,
-    exactly,
-    one_of,
-    read_only,
-)
 from expdesign.configuration.geometry import OrRing
-from expdesign.configuration.identification import Identification
 from expdesign.configuration.limits import (
     Limits,
     default_limits,
@@ -54,8 +42,22 @@ from expdesign.configuration.plausibility import (
     rounding_errors,
 )
 from expdesign.configuration.quantity import Acceleration
-from expdesign.configuration.section import Section, offered_keys, validate
+from expdesign.configuration.schema import (
+    Direction,
+    FilledText,
+    Name,
+    Point,
+    Pose,
+    Section,
+    Text,
+    exactly,
+    offered_keys,
+    one_of,
+    read_only,
+    validate,
+)
 from expdesign.configuration.tolerances import (
+    Identification,
     RobotTolerances,
     merge_tolerances,
     oversized_tolerances,

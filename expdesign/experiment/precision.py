@@ -49,12 +49,12 @@ from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.recheck.excitable import structural_base
 from expdesign.recheck.information import Evaluator
 from expdesign.robot import Robot
-from expdesign.robot.deviation import toleranced_deviations
-from expdesign.robot.deviation_slope import (
+from expdesign.robot.deviation import (
     delay_of_jumps,
     deviating_forces,
     exact_signs,
     length_deviation_columns,
+    toleranced_deviations,
 )
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration
+from expdesign.configuration.consistency import identification_of
 from expdesign.configuration.loading import smoothing_widths
 from expdesign.configuration.noise import NOISE_FROM_DATA
-from expdesign.configuration.prior import identification_of
 from expdesign.information.criteria import criteria
 from expdesign.information.fisher import (
     PeriodicNoise,

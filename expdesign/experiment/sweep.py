@@ -14,9 +14,9 @@ import numpy as np
 from pydantic import AfterValidator
 
 from expdesign.configuration import RunConfiguration, quote
+from expdesign.configuration.design import path_units
 from expdesign.configuration.grid import resolved_cell, short_path, value_text
 from expdesign.configuration.run import GridPoint
-from expdesign.configuration.sections.sweep import path_units
 from expdesign.experiment.design import design
 from expdesign.experiment.result import DesignResult
 from expdesign.runfolder import OpenNumber, RowTable, StageResult, Table, described

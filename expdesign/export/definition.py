@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from expdesign.configuration import ExportSection
-from expdesign.configuration.sections.export import Space
+from expdesign.configuration.export import Space
 from expdesign.export.rotation import from_roll_pitch_yaw, roll_pitch_yaw
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.recheck.limit_check import Recheck

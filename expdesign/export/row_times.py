@@ -9,7 +9,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError
-from expdesign.configuration.fields import MOST_ROWS, require_at_most
+from expdesign.configuration.schema import MOST_ROWS, require_at_most
 from expdesign.export.definition import Rows, Settings, Task, in_window
 from expdesign.export.execution import (
     ExecutedTable,

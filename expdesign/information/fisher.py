@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array, ComplexArray
 from expdesign.configuration import ComputationError
-from expdesign.configuration.identification import Identification
+from expdesign.configuration.tolerances import Identification
 from expdesign.information.criteria import Criterion, Curvature, SpectralCost, spectral_cost
 from expdesign.information.identifiable import DEPENDENT, BaseParameters, listed, root_of
 from expdesign.noise import NoiseSpectrum, lines_of, multiplicity, series_of

@@ -1,6 +1,8 @@
 """Default values for everything unknown about a machine, scaled by its size.
 
 They pass `expdesign check` and carry no information about the machine: each is marked as assumed.
+The bodies are a disc for the platform, and in every strut two thin rods, the stator with its end
+at the base joint, the slider with its end at the platform joint, and a ring as heavy as the slider.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from expdesign.configuration import geometry as geo
 from expdesign.configuration.bodies import Bodies, BodyDescription
 from expdesign.configuration.document import Located, document_from_mapping
 from expdesign.configuration.errors import InputError
-from expdesign.configuration.geometry import JointRing
+from expdesign.configuration.geometry import JointRing, rms_radius
 from expdesign.configuration.limits import (
     CHARACTERISTIC_LENGTH,
     LIFTED,
@@ -27,16 +29,14 @@ from expdesign.configuration.limits import (
     shared_rows,
 )
 from expdesign.configuration.robot import EARTH_GRAVITY, RobotDescription, resolve_robot
-from expdesign.configuration.section import Section, validate
-from expdesign.machines.assumed_bodies import assumed_bodies, assumed_friction
+from expdesign.configuration.schema import Section, validate
 from expdesign.machines.machine import MachineDraft, Points, round_digits
-from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 from expdesign.mechanism.terms import rigid_platform, struts
 from expdesign.robot import LimitModel, Robot
 
 MASS = "moved_mass"
 """Key of the moved mass in `Complete.assumed`."""
-
 _BASE = JointRing(radius=0.3, half_angle=math.radians(10), pairs="1-2")
 _PLATFORM = JointRing(radius=0.15, half_angle=math.radians(10), pairs="2-3")
 _HEIGHT = 1.2
@@ -347,3 +347,84 @@ def _spread(angles: Array) -> list[float]:
 def _degrees(angle: float) -> float:
     """Round an angle up to a whole number of degrees, rad."""
     return math.radians(math.ceil(round(math.degrees(angle), 6)))
+
+
+_STATOR, _SLIDER = 0.08, 0.04
+"""Masses as shares of the moved mass."""
+_ROD = 0.6
+"""Length of a rod as a share of the strut's."""
+_SLENDER = 0.04
+"""Radius of a rod as a share of its length."""
+_THICK = 0.2
+"""Height of the disc as a share of its radius."""
+_FRICTION = 0.05
+"""Dry friction of an actuator as a share of the weight that it carries."""
+_JOINT_FRICTION = 2e-3
+"""Dry friction of a joint, N m, per N of that weight and m of the strut."""
+_DIGITS = 4
+_NOTHING = 1e-12
+
+
+def assumed_bodies(mass: float, strut: float, joints: Array) -> dict[str, BodyDescription]:
+    """Return assumed bodies: ring, stator, slider and platform.
+
+    Parameters
+    ----------
+    mass : float
+        Mass of the platform with its load, kg.
+    strut : float
+        Mean length of the struts at home, m.
+    joints : (6, 3)
+        Platform joints, platform frame, m.
+    """
+    rod = _ROD * strut
+    across, along = rod**2 / 12, (_SLENDER * rod) ** 2 / 2
+    centre = np.mean(joints, axis=0)
+    radius = rms_radius(joints - centre)
+    disc = radius**2 * np.array([1 / 4 + _THICK**2 / 12] * 2 + [1 / 2])
+    # About a diameter the ring has as much as both rods about their axis.
+    ring = (_STATOR + _SLIDER) / _SLIDER * along * np.array([1, 1, 2])
+    return {
+        "ring": _body(_SLIDER * mass, np.zeros(3), ring),
+        "stator": _body(
+            _STATOR * mass, np.array([0, 0, rod / 2]), np.array([across, across, along])
+        ),
+        "slider": _body(
+            _SLIDER * mass, np.array([0, 0, -rod / 2]), np.array([across, across, along])
+        ),
+        "platform": _body(mass, centre, disc),
+    }
+
+
+def assumed_friction(strut: float, weight: float, speed: float) -> dict[str, float]:
+    """Return the friction of joints and actuators, SI.
+
+    Parameters
+    ----------
+    strut : float
+        Mean length of the struts at home, m.
+    weight : float
+        Weight that one actuator carries, N.
+    speed : float
+        Speed at which viscous friction equals dry friction, m/s.
+    """
+    joint = _round_value(_JOINT_FRICTION * weight * strut)
+    return {
+        "r_alpha": joint,
+        "r_beta": joint,
+        **dict.fromkeys(actuator_names("r"), _round_value(_FRICTION * weight)),
+        **dict.fromkeys(actuator_names("v"), _round_value(_FRICTION * weight / speed)),
+    }
+
+
+def _body(mass: float, centre: Array, per_mass: Array) -> BodyDescription:
+    """Return a body from its inertia about its centre for 1 kg, m²."""
+    return BodyDescription(
+        mass=_round_value(mass),
+        centre=tuple(_round_value(value) for value in centre),
+        inertia=tuple(_round_value(mass * value) for value in per_mass),
+    )
+
+
+def _round_value(value: float) -> float:
+    return round_digits(value, _DIGITS) if abs(value) > _NOTHING else 0.0

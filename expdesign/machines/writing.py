@@ -18,7 +18,7 @@ from expdesign.configuration.bodies import BodyDescription
 from expdesign.configuration.geometry import JointRing
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
 from expdesign.configuration.parameters import Drive, chosen_terms, default_terms
-from expdesign.configuration.writing import yaml_lines
+from expdesign.configuration.run import yaml_lines
 from expdesign.machines.assumed import MASS, Complete, complete_machine
 from expdesign.machines.machine import MachineDraft, Points, format_flow, format_quantity
 from expdesign.mechanism.term import Parameter, parameters_of

@@ -1,4 +1,4 @@
-"""The catalogue of terms: a new term is one file in `expdesign.mechanism.terms`, or a plugin."""
+"""The catalogue of terms, from the modules of `expdesign.mechanism.terms` and of plug-ins."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def term_definitions() -> Mapping[str, Term]:
     ['struts', 'rigid_platform']
     """
     found: dict[str, Term] = {}
-    for term in sorted(declarations(Term, terms, "TERM"), key=lambda term: term.place):
+    for term in sorted(declarations(Term, terms, "TERM", "TERMS"), key=lambda term: term.place):
         if term.name in found:
             raise ValueError(f"two terms have the name '{term.name}'")
         found[term.name] = term

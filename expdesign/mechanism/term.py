@@ -1,7 +1,7 @@
 """Terms of the dynamics: blocks of the regressor A with the properties of their parameters.
 
-One file of `expdesign.mechanism.terms` declares a term: names, units, scales, bounds and columns
-of its parameters have their only home there.
+A module of `expdesign.mechanism.terms` declares a term, with names, units, scales, bounds and
+columns of its parameters.
 """
 
 from __future__ import annotations
@@ -184,7 +184,7 @@ class Term:
     """A block of the regressor; the same only as itself, as functions are."""
 
     name: str
-    """Its key in the robot file's `terms`, and the name of its file."""
+    """Its key in the robot file's `terms`."""
     meaning: str
     parameters: tuple[Parameter, ...]
     """In the order of the columns."""

@@ -1,9 +1,8 @@
 """The hexapod in numbers: kinematics, parameter-linear dynamics and limits of many states."""
 
-from expdesign.robot.forward import ForwardKinematicsError
 from expdesign.robot.limit_model import LimitModel
 from expdesign.robot.loading import load_robot, robot_from
-from expdesign.robot.robot import Robot
+from expdesign.robot.robot import ForwardKinematicsError, Robot
 
 __all__ = [
     "ForwardKinematicsError",

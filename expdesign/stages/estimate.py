@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.linalg import LinAlgError
 
-from expdesign.configuration.fields import MOST_SAMPLES, require_at_most
+from expdesign.configuration.schema import MOST_SAMPLES, require_at_most
 from expdesign.progress import track
 from expdesign.stages.stage import TABLES, Stage, run_sections
 from expdesign.stages.workspace import ESTIMATE_FILE, Outcome, StageFailed, Workspace

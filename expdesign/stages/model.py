@@ -21,8 +21,8 @@ from estimation.controlmodel.model import (
 )
 from estimation.identification.result import EstimateFile
 from expdesign.configuration import InputError
-from expdesign.configuration.identification import IDENTIFIED_ROBOT as IDENTIFIED
-from expdesign.configuration.identification import Identification
+from expdesign.configuration.tolerances import IDENTIFIED_ROBOT as IDENTIFIED
+from expdesign.configuration.tolerances import Identification
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 from expdesign.progress import report_progress
 from expdesign.robot import Robot, load_robot

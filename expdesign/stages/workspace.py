@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
-from expdesign.configuration.identification import machine_name
 from expdesign.configuration.run import add_terms
+from expdesign.configuration.tolerances import machine_name
 from expdesign.evaluation.machine_code import cache_warning
 from expdesign.progress import Listener, report_progress
 from expdesign.robot import robot_from

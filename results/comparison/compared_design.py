@@ -16,7 +16,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import ResolvedRobot
-from expdesign.configuration.noise_spectrum import ForceSpectrum
+from expdesign.configuration.noise import ForceSpectrum
 from expdesign.experiment import DesignResult
 from expdesign.information.fisher import (
     SingularInformationError,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from constraints import limit_definitions
 from estimation.controlmodel import FOLDER
 from estimation.controlmodel.formats import ControlModelFile
-from expdesign.configuration.identification import IDENTIFIED_ROBOT as IDENTIFIED
+from expdesign.configuration.tolerances import IDENTIFIED_ROBOT as IDENTIFIED
 from expdesign.experiment import DesignResult
 from expdesign.export.result import ExportedTable, ExportResult
 from expdesign.runfolder.manifest import file_hash

@@ -8,7 +8,7 @@ from expdesign.configuration import InputError
 from expdesign.configuration.document import Document, Located
 from expdesign.configuration.limits import Limits, limits_as_written, resolve_limits
 from expdesign.configuration.robot import load_robot_description
-from expdesign.configuration.section import Section, validate
+from expdesign.configuration.schema import Section, validate
 
 
 class _File(Section):

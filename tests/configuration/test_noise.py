@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from expdesign.configuration import InputError
 from expdesign.configuration.document import Document, Located
 from expdesign.configuration.noise import NoiseDescription, resolve_noise
-from expdesign.configuration.section import validate
+from expdesign.configuration.schema import validate
 
 STD = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
 RING = [[0.5 ** min(abs(i - j), 6 - abs(i - j)) for j in range(6)] for i in range(6)]

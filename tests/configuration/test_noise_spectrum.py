@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import InputError, load_run, resolved_yaml
-from expdesign.configuration.noise_spectrum import AMPLITUDES, COHERENCIES, DENSITIES
+from expdesign.configuration.noise import AMPLITUDES, COHERENCIES, DENSITIES
 from expdesign.mechanism.hexapod import ACTUATORS
 
 STD = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]

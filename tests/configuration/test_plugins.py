@@ -21,7 +21,7 @@ MODULE = '''
     from estimation.data.readers import delimited
     from expdesign.configuration import StageSection
     from expdesign.configuration.quantity import Length, Positive
-    from expdesign.configuration.sections.export import ExportSection
+    from expdesign.configuration.export import ExportSection
     from expdesign.export.formats import csv
     from expdesign.information.criteria import Criterion
     from expdesign.mechanism.term import Columns, Parameter, Term

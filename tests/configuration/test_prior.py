@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import InputError, load_run, resolved_yaml
-from expdesign.configuration.identification import IDENTIFIED_ROBOT, Identification
 from expdesign.configuration.robot import as_general, load_robot_description
-from expdesign.configuration.writing import robot_yaml
+from expdesign.configuration.run import robot_yaml
+from expdesign.configuration.tolerances import IDENTIFIED_ROBOT, Identification
 
 GENERAL = as_general(load_robot_description("palida").description)
 NAMES = tuple(GENERAL.parameters)

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from expdesign.configuration import InputError, load_run, resolved_yaml
-from expdesign.configuration.fields import LONGEST_NAME
+from expdesign.configuration.design import MOST_DESIGNS, path_units
 from expdesign.configuration.grid import resolved_cell
 from expdesign.configuration.robot import load_robot_description
-from expdesign.configuration.sections.sweep import MOST_DESIGNS, path_units
+from expdesign.configuration.schema import LONGEST_NAME
 
 
 def run(**sections):

@@ -5,7 +5,7 @@ import pytest
 
 from expdesign.configuration import load_run
 from expdesign.configuration.quantity import SHARE
-from expdesign.configuration.writing import resolved_yaml
+from expdesign.configuration.run import resolved_yaml
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import deviations, toleranced_deviations
 

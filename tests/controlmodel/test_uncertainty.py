@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.controlmodel.model import by_actuator, force_uncertainty
-from expdesign.configuration.identification import Identification
+from expdesign.configuration.tolerances import Identification
 from expdesign.robot import load_robot
 from tests.estimation.cases import trajectory
 

@@ -10,7 +10,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.io import savemat
 
-from expdesign.configuration.sections.data import FORCE_CHANNELS, LENGTH_CHANNELS
+from expdesign.configuration.estimate import FORCE_CHANNELS, LENGTH_CHANNELS
 
 ROWS = 60
 STEP = 1e-3

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import Writer
 
-from expdesign.configuration.sections.data import LENGTH_CHANNELS
+from expdesign.configuration.estimate import LENGTH_CHANNELS
 from tests.data.recordings import EPOCH, STORE, messages_of, recording, write_bag
 
 

@@ -20,7 +20,7 @@ from estimation.estimators import Experiment, ParameterPriors, linear_estimate, 
 from estimation.kinematics import fit_motion, pointwise_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, fold_recording
-from expdesign.configuration.sections.estimate import EstimateSection
+from expdesign.configuration.estimate import EstimateSection
 from expdesign.robot import load_robot
 from expdesign.trajectory import FourierTrajectory
 

@@ -10,7 +10,7 @@ from estimation.diagnostics.noise_result import NoiseDensity, noise_density
 from estimation.processing.hum import HumSearch, find_hum
 from estimation.processing.periodic_recording import Channels
 from expdesign.configuration import load_run
-from expdesign.configuration.noise_spectrum import read_spectrum_table
+from expdesign.configuration.noise import read_spectrum_table
 from expdesign.runfolder import ArrayTable
 
 STEP, PERIODS, SAMPLES = 2e-3, 8, 497

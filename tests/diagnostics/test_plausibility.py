@@ -9,7 +9,7 @@ from estimation.diagnostics.finding import FindingOutcome, Status
 from estimation.diagnostics.findings import verdict
 from estimation.diagnostics.plausibility import plausibility
 from estimation.estimators import ParameterPriors
-from expdesign.configuration.sections.estimate import EstimateSection
+from expdesign.configuration.estimate import EstimateSection
 from expdesign.library import robot_files
 from expdesign.robot import load_robot
 from tests.diagnostics.conftest import Laboratory

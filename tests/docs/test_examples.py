@@ -16,8 +16,8 @@ import expdesign
 from constraints import limit_definitions, limits
 from expdesign.cli.app import app
 from expdesign.configuration import RunDescription, load_run
+from expdesign.configuration import design as design_section
 from expdesign.configuration.robot import RobotDescription, load_robot_description
-from expdesign.configuration.sections import design as design_section
 from expdesign.information.criteria import criteria, spectral_cost
 from expdesign.robot import LimitModel, robot_from
 from expdesign.solver.phases import SearchEvent

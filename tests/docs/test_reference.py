@@ -15,31 +15,37 @@ from estimation.twin.truth import MEASUREMENT
 from expdesign.cli.app import app
 from expdesign.configuration import DataSection, ExportSection, RunDescription
 from expdesign.configuration.bodies import BodyDescription
-from expdesign.configuration.geometry import JointRing
-from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
-from expdesign.configuration.parameters import Screw
-from expdesign.configuration.quantity import quantity_of_unit, unit_symbols
-from expdesign.configuration.robot import RobotDescription
-from expdesign.configuration.run import ReportSettings
-from expdesign.configuration.sections.design import DesignSection, MotionSection, TrajectorySection
-from expdesign.configuration.sections.estimate import (
+from expdesign.configuration.design import (
+    MOST_DESIGNS,
+    DesignSection,
+    MotionSection,
+    TrajectorySection,
+    path_units,
+)
+from expdesign.configuration.estimate import (
     EstimateSection,
     MonteCarloSection,
     SelectSection,
 )
-from expdesign.configuration.sections.experiment import (
+from expdesign.configuration.experiment import (
     Cogging,
     ExperimentSection,
+    FeedforwardSection,
     ForceConstantError,
     HumDisturbance,
     Lost,
     Outliers,
     Quantisation,
     TrackingError,
+    ValidationMotion,
 )
-from expdesign.configuration.sections.export import export_formats
-from expdesign.configuration.sections.motions import FeedforwardSection, ValidationMotion
-from expdesign.configuration.sections.sweep import MOST_DESIGNS, path_units
+from expdesign.configuration.export import export_formats
+from expdesign.configuration.geometry import JointRing
+from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
+from expdesign.configuration.parameters import Screw
+from expdesign.configuration.quantity import quantity_of_unit, unit_symbols
+from expdesign.configuration.robot import RobotDescription
+from expdesign.configuration.run import ReportSettings
 from expdesign.export.formats import table_formats
 from expdesign.information.criteria import criteria
 from expdesign.library import robot_files, run_files

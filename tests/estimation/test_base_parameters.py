@@ -9,8 +9,8 @@ from estimation.identification.estimation import run_estimators
 from estimation.identification.result import EstimationResult
 from estimation.uncertainty.consistency import consistent_estimate
 from expdesign.configuration import InputError, load_run
-from expdesign.configuration.identification import IDENTIFIED_ROBOT as FILE
-from expdesign.configuration.sections.estimate import EstimateSection
+from expdesign.configuration.estimate import EstimateSection
+from expdesign.configuration.tolerances import IDENTIFIED_ROBOT as FILE
 from expdesign.robot import load_robot, robot_from
 from tests.estimation.cases import made_up, measured, trajectory
 from tests.payload import PLACE, described, with_payload

@@ -32,7 +32,7 @@ from estimation.processing.spectrum import (
 )
 from estimation.twin import Twin
 from estimation.uncertainty.intervals import interval_widths
-from expdesign.configuration.sections.estimate import EstimateSection
+from expdesign.configuration.estimate import EstimateSection
 from expdesign.noise import multiplicity
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 

@@ -12,8 +12,8 @@ from estimation.identification.estimate import consistency_text
 from estimation.identification.result import EstimationResult
 from estimation.uncertainty.consistency import consistent_estimate, least_favourable
 from expdesign.configuration import load_run
-from expdesign.configuration.identification import IDENTIFIED_ROBOT as FILE
-from expdesign.configuration.sections.estimate import EstimateSection
+from expdesign.configuration.estimate import EstimateSection
+from expdesign.configuration.tolerances import IDENTIFIED_ROBOT as FILE
 from expdesign.mechanism.nearest import Projection
 from expdesign.robot import load_robot
 from tests.estimation.cases import ROBOT, made_up, measured, run, trajectory

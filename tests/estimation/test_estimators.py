@@ -16,7 +16,7 @@ from estimation.kinematics import fit_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.prediction import held_regressor_kernel
 from estimation.processing import NoiseModel, PeriodSource, fold_recording
-from expdesign.configuration.sections.estimate import EstimateSection
+from expdesign.configuration.estimate import EstimateSection
 from tests.estimation.cases import ROBOT, measured, trajectory
 
 NOISE = ROBOT.description.noise

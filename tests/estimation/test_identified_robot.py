@@ -10,9 +10,9 @@ from estimation.estimators.priors import ParameterPriors
 from estimation.identification import estimate_parameters, estimation_result
 from estimation.identification.result import EstimationResult
 from expdesign.configuration import InputError, load_run
-from expdesign.configuration.identification import IDENTIFIED_ROBOT as FILE
-from expdesign.configuration.identification import identified_name
-from expdesign.configuration.sections.estimate import EstimateSection
+from expdesign.configuration.estimate import EstimateSection
+from expdesign.configuration.tolerances import IDENTIFIED_ROBOT as FILE
+from expdesign.configuration.tolerances import identified_name
 from expdesign.robot import load_robot
 from expdesign.robot.deviation import toleranced_deviations
 from tests.estimation.cases import measured, read_estimate, run, trajectory

@@ -16,7 +16,7 @@ from estimation.feedforward.comparison import true_machine
 from estimation.identification import estimate_parameters, estimation_result
 from estimation.identification.result import EstimationResult
 from expdesign.configuration import InputError, load_run
-from expdesign.configuration.identification import IDENTIFIED_ROBOT as FILE
+from expdesign.configuration.tolerances import IDENTIFIED_ROBOT as FILE
 from expdesign.information.identifiable import BaseParameters
 from expdesign.robot import load_robot, robot_from
 from expdesign.robot.deviation import apply_deviations, deviations

@@ -12,7 +12,7 @@ from estimation.identification.result import EstimationResult
 from estimation.validation.motions import benchmark_motion
 from estimation.validation.validate import validate
 from expdesign.configuration import InputError, load_run
-from expdesign.configuration.sections.motions import ValidationMotion
+from expdesign.configuration.experiment import ValidationMotion
 from tests.estimation.cases import ROBOT, STEP, measured, read_estimate, run, trajectory
 
 MOTION = trajectory(seed=2)

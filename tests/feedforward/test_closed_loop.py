@@ -11,7 +11,7 @@ from estimation.feedforward.closed_loop import (
     follow_motion,
 )
 from expdesign.configuration import ComputationError
-from expdesign.configuration.sections.motions import FeedforwardSection
+from expdesign.configuration.experiment import FeedforwardSection
 from tests.estimation.cases import ROBOT
 
 

@@ -11,7 +11,7 @@ from estimation.feedforward.comparison import compare_feedforward, true_machine
 from estimation.feedforward.result import FeedforwardResult
 from estimation.identification import estimate_parameters, estimation_result
 from expdesign.configuration import ComputationError, InputError, load_run
-from expdesign.configuration.noise_spectrum import DENSITIES
+from expdesign.configuration.noise import DENSITIES
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.term import parameters_of
 from expdesign.robot import robot_from

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.feedforward.closed_loop import Controller, ControllerState
-from expdesign.configuration.sections.motions import FeedforwardSection
+from expdesign.configuration.experiment import FeedforwardSection
 
 MASSES = np.array([1.0, 2.0, 4.0, 7.0, 10.0, 20.0])
 NONE = (np.full(6, -np.inf), np.full(6, np.inf))

@@ -10,8 +10,8 @@ import pytest
 from estimation.feedforward.closed_loop import ForwardDynamics, Model
 from estimation.twin.disturbances import cogging_force
 from expdesign.configuration import load_run
+from expdesign.configuration.experiment import Cogging
 from expdesign.configuration.robot import load_robot_description
-from expdesign.configuration.sections.experiment import Cogging
 from expdesign.library import robot_files
 from expdesign.mechanism.catalogue import DEFAULT
 from expdesign.robot import load_robot, robot_from

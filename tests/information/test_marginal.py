@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from expdesign.configuration.identification import Identification
+from expdesign.configuration.tolerances import Identification
 from expdesign.information.criteria import criteria
 from expdesign.information.fisher import PriorMachine
 

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from expdesign.configuration import InputError
 from expdesign.machines.importing import read_machine
-from expdesign.machines.mjcf import Attributes, rigid_body
-from expdesign.machines.xml_document import read_xml
+from expdesign.machines.mechanism_graph import read_xml
+from expdesign.machines.readers.mjcf import Attributes, rigid_body
 from expdesign.robot import load_robot
 from tests.machines import simulated as bench
 from tests.machines.machines_of import asked, lengths

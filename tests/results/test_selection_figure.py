@@ -9,7 +9,7 @@ from matplotlib.patches import Rectangle
 
 from estimation.identification.term_selection import Selection
 from estimation.selection.selection import SelectionRow
-from expdesign.configuration.sections.estimate import SelectSection
+from expdesign.configuration.estimate import SelectSection
 from results.figures.drawing import house_style
 from results.figures.parameters import selection_figure
 from results.views.blocks import selection_blocks

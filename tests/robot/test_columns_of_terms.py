@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from estimation.identification import estimate_parameters
 from estimation.twin.disturbances import cogging_force
 from expdesign.configuration import InputError, load_run
+from expdesign.configuration.experiment import Cogging
 from expdesign.configuration.robot import load_robot_description
-from expdesign.configuration.sections.experiment import Cogging
 from expdesign.mechanism.catalogue import DEFAULT, term_definitions
 from expdesign.mechanism.term import Friction
 from expdesign.robot import load_robot, robot_from

@@ -7,8 +7,7 @@ from expdesign.configuration import InputError, load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.hexapod import actuator_names
 from expdesign.robot import load_robot, robot_from
-from expdesign.robot.deviation import apply_deviations, deviations
-from expdesign.robot.deviation_slope import length_deviation_columns
+from expdesign.robot.deviation import apply_deviations, deviations, length_deviation_columns
 
 SCREW = {"screw": {"lead": "5 mm", "inertia": 6.3e-5}}
 

@@ -2,20 +2,20 @@
 
 import json
 import pickle
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 
+from constraints.plugins import declarations
 from estimation.identification import estimate_parameters
 from estimation.measurement_model.prediction import force_kernel
 from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.configuration.robot import load_robot_description
 from expdesign.evaluation.batch import BatchFunction
-from expdesign.mechanism import catalogue
+from expdesign.mechanism import terms as terms_package
 from expdesign.mechanism.catalogue import DEFAULT, known_parameters, term_definitions, terms_named
-from expdesign.mechanism.term import STRUT_SPEED, Friction, parameters_of
+from expdesign.mechanism.term import STRUT_SPEED, Friction, Term, parameters_of
 from expdesign.robot import robot_from
 from tests.estimation.cases import measured, trajectory
 
@@ -48,8 +48,9 @@ def _states(robot, count=20, seed=0):
 
 
 def test_every_term_is_declared_once():
-    folder = Path(catalogue.__file__).parent / "terms"
-    assert set(term_definitions()) == {path.stem for path in folder.glob("*.py")} - {"__init__"}
+    declared = [term.name for term in declarations(Term, terms_package, "TERM", "TERMS")]
+    assert sorted(declared) == sorted(set(declared)) == sorted(term_definitions())
+    assert len(declared) == 16
     assert len(known_parameters()) == len(parameters_of(tuple(term_definitions().values())))
 
 

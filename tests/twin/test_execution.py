@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimation.twin.disturbances import executed_motion
-from expdesign.configuration.sections.experiment import TrackingError
+from expdesign.configuration.experiment import TrackingError
 from tests.twin.examples import motion
 
 

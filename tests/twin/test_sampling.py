@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from estimation.twin.experiment import MOST_SAMPLES, SampleGrid
 from expdesign.configuration import InputError
-from expdesign.configuration.sections.experiment import ExperimentSection
+from expdesign.configuration.experiment import ExperimentSection
 
 
 def grid(period, **experiment):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from expdesign.configuration.sections.export import ExportSection
+from expdesign.configuration.export import ExportSection
 from expdesign.export.definition import Guide, Interpolation, Rows, Settings, TableFormat
 from expdesign.export.row_times import COLUMNS
 from expdesign.export.text_table import lines_after, numbers, write_lines

@@ -13,8 +13,8 @@ from pydantic import model_validator
 from constraints.arrays import Array
 from expdesign.configuration import ResolvedRobot
 from expdesign.configuration.errors import refusal
+from expdesign.configuration.export import ExportSection
 from expdesign.configuration.quantity import Length, Positive
-from expdesign.configuration.sections.export import ExportSection
 from expdesign.export.definition import (
     LENGTH_UNITS,
     Guide,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from expdesign.configuration.sections.export import STRUT_AXES, ExportSection
+from expdesign.configuration.export import STRUT_AXES, ExportSection
 from expdesign.export.definition import Guide, Interpolation, Rows, Settings, TableFormat
 from expdesign.export.text_table import lines, mark_window, numbers, uniform_rows, write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.io import loadmat, savemat
 from scipy.io.matlab import MatReadError
 
-from expdesign.configuration.sections.export import STRUT_AXES, ExportSection
+from expdesign.configuration.export import STRUT_AXES, ExportSection
 from expdesign.export.definition import (
     POSE_AXES,
     Guide,

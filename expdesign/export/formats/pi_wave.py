@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from expdesign.configuration.sections.export import ExportSection
+from expdesign.configuration.export import ExportSection
 from expdesign.export.definition import (
     POSE_AXES,
     Guide,

@@ -12,8 +12,8 @@ from pydantic import model_validator
 
 from constraints.arrays import Array
 from expdesign.configuration.errors import refusal
-from expdesign.configuration.fields import one_of
-from expdesign.configuration.sections.export import PVT_OPTIONS, ExportSection
+from expdesign.configuration.export import PVT_OPTIONS, ExportSection
+from expdesign.configuration.schema import one_of
 from expdesign.export.definition import (
     Guide,
     Interpolation,

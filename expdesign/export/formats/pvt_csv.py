@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from expdesign.configuration.sections.export import STRUT_AXES, ExportSection
+from expdesign.configuration.export import STRUT_AXES, ExportSection
 from expdesign.export.definition import (
     Guide,
     Interpolation,

@@ -21,8 +21,8 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from expdesign.configuration.errors import refusal
-from expdesign.configuration.fields import one_of
-from expdesign.configuration.sections.export import STRUT_AXES, ExportSection
+from expdesign.configuration.export import STRUT_AXES, ExportSection
+from expdesign.configuration.schema import one_of
 from expdesign.export.definition import (
     POSE_AXES,
     Guide,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from expdesign.configuration.sections.export import PVT_OPTIONS, ExportSection
+from expdesign.configuration.export import PVT_OPTIONS, ExportSection
 from expdesign.export.definition import (
     POSE_AXES,
     Guide,

@@ -17,8 +17,16 @@ from constraints.arrays import Array
 from expdesign.configuration.errors import InputError, quote
 from expdesign.machines.closed_loops import hexapod
 from expdesign.machines.machine import MachineDraft, MachineFormat
-from expdesign.machines.mechanism_graph import NOTHING, WORLD, Joint, Kind, Link, Placement
-from expdesign.machines.xml_document import Element, read_xml
+from expdesign.machines.mechanism_graph import (
+    NOTHING,
+    WORLD,
+    Element,
+    Joint,
+    Kind,
+    Link,
+    Placement,
+    read_xml,
+)
 from expdesign.mechanism.bodies import ENTRIES, RigidBody, inertia_of
 from expdesign.mechanism.strut import FIXED_AXES
 

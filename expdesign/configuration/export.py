@@ -14,11 +14,13 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, BeforeValidator, SerializeAsAny, model_validator
 
 from expdesign.configuration.errors import nearest_name, quote, refusal, require
-from expdesign.configuration.fields import (
+from expdesign.configuration.quantity import Duration, Length, Number, Positive, Share
+from expdesign.configuration.schema import (
     Distinct,
     Name,
     Offsets,
     Order,
+    Section,
     Signs,
     at_least,
     exactly,
@@ -26,14 +28,11 @@ from expdesign.configuration.fields import (
     per_strut,
     whole,
 )
-from expdesign.configuration.quantity import Duration, Length, Number, Positive, Share
-from expdesign.configuration.section import Section
 from expdesign.mechanism.hexapod import ACTUATORS
 
 Space = Literal["strut", "pose"]
 LengthUnit = Literal["m", "mm", "um", "in"]
 AngleUnit = Literal["rad", "deg"]
-
 _LARGEST_DIGITS = 15
 _ALWAYS = ("format", "file", "segment", "scale", "tolerance")
 STRUT_AXES = ("order", "sign", "offset")
@@ -41,7 +40,6 @@ STRUT_ONLY = (*STRUT_AXES, "counts_per_metre")
 """Options about actuators, for tables of struts."""
 PVT_OPTIONS = (*("space", "digits", "units", "angles", "axes", *STRUT_ONLY, "trigger"),)
 """Shared options of PVT tables."""
-
 _SCALE = require(
     lambda value: 0 < value <= 1,
     "{value:g} does not make the motion smaller and slower",

@@ -1,17 +1,21 @@
-"""Types of keys: names, choices, whole numbers, mappings and lists."""
+"""Schema of YAML files: sections as pydantic models, their validation, and types of keys."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_args
 
 import numpy as np
 from pydantic import (
     AfterValidator,
+    BaseModel,
     BeforeValidator,
+    ConfigDict,
     Discriminator,
     PlainSerializer,
     Tag,
@@ -19,12 +23,123 @@ from pydantic import (
     ValidatorFunctionWrapHandler,
     WrapValidator,
 )
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
 
 from constraints.arrays import Array
-from expdesign.configuration.errors import InputError, nearest_name, quote, refusal, require
+from expdesign.configuration.document import Document
+from expdesign.configuration.errors import (
+    MOST_REPORTED,
+    InputError,
+    Key,
+    Problem,
+    nearest_name,
+    quote,
+    refusal,
+    remaining_problems,
+    require,
+    value_problem,
+)
 from expdesign.configuration.quantity import Angle, Force, Length, Number
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES, COORDINATES
+
+
+class Section(BaseModel):
+    """A mapping of the YAML with a fixed set of keys; frozen, plain data in SI units."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
+
+
+class StageSection(Section):
+    """Section of a stage from a plug-in; the key of the run file is a class variable."""
+
+    key: ClassVar[str]
+
+
+RESOLVED = object()
+"""Mark of a key in resolved configurations only, which messages do not offer."""
+
+
+@dataclass(frozen=True)
+class ShortForm:
+    """Mark of a key with a shorter notation, a section that the key's validator converts."""
+
+    section: type[BaseModel]
+
+
+Model = TypeVar("Model", bound=BaseModel)
+_TAGS = ("[key]", "(inline)", "(name)", "(names)")
+"""Steps of pydantic's locations that are not keys of the document."""
+
+
+def validate(
+    model: type[Model], data: object, document: Document, prefix: Key = ()
+) -> tuple[Model | None, list[Problem]]:
+    """Validate the value at a key of a document against a section.
+
+    Returns
+    -------
+    instance : model or None
+        None when there are problems.
+    problems : list of Problem
+        In the order of the model's keys.
+    """
+    try:
+        return model.model_validate(data), []
+    except ValidationError as error:
+        found = error.errors(include_url=False)
+        problems = [_problem(model, one, document, prefix) for one in found[:MOST_REPORTED]]
+        return None, [*problems, *remaining_problems(len(found) - MOST_REPORTED)]
+
+
+def _problem(
+    model: type[BaseModel], details: ErrorDetails, document: Document, prefix: Key
+) -> Problem:
+    context, kind = details.get("ctx", {}), details["type"]
+    if kind == "extra_forbidden":
+        # The last step is the user's key, even one that is spelt like a tag.
+        *steps, name = details["loc"]
+        location = tuple(step for step in steps if step not in _TAGS)
+        valid = offered_keys(_model_at(model, location))
+        key, meant = (*prefix, *location, name), nearest_name(name, valid)
+        return document.problem(key, f"unknown key {quote(name)}", ", ".join(valid), meant)
+    location = tuple(step for step in details["loc"] if step not in _TAGS)
+    key = (*prefix, *location)
+    if kind == "missing":
+        return document.problem(key, f"the key '{location[-1]}' is missing")
+    if kind in ("model_type", "model_attributes_type"):
+        valid = offered_keys(_model_at(model, location))
+        message = f"{quote(details['input'])} is not a mapping"
+        return document.problem(key, message, f"the keys {', '.join(valid)}")
+    if kind == "refused":
+        key = (*key, context["key"]) if context["key"] else key
+        meant = context["nearest"]
+        meant = meant() if callable(meant) else meant
+        return document.problem(key, context["reason"], context["allowed"], meant or None)
+    return document.problem(key, *value_problem(details))
+
+
+def offered_keys(model: type[BaseModel]) -> list[str]:
+    """Return the keys that a user may write, in alphabetical order."""
+    fields = model.model_fields.items()
+    return sorted(info.alias or name for name, info in fields if RESOLVED not in info.metadata)
+
+
+def _model_at(model: type[BaseModel], location: Key) -> type[BaseModel]:
+    """Return the section at a location of the data."""
+    for step in location:
+        for name, info in model.model_fields.items():
+            if step == (info.alias or name):
+                short = (mark.section for mark in info.metadata if isinstance(mark, ShortForm))
+                model = next(chain(_sections(info.annotation), short), model)
+    return model
+
+
+def _sections(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for argument in get_args(annotation):
+        yield from _sections(argument)
+
 
 # --- texts and choices ----------------------------------------------------------------------------
 
@@ -158,7 +273,6 @@ def require_at_most(
 Count = Annotated[int, whole(1)]
 Seed = Annotated[int, whole(0, _LARGEST_WHOLE)]
 
-
 # --- mappings -------------------------------------------------------------------------------------
 
 
@@ -288,7 +402,6 @@ def _check_ascending(pair: tuple[float, float]) -> tuple[float, float]:
 Distinct = AfterValidator(_check_distinct)
 Ascending = AfterValidator(_check_ascending)
 Pair = exactly(_ENDS, "values [min, max]")
-
 Point = Annotated[tuple[Length, ...], exactly(3, "coordinates [x, y, z]")]
 Direction = Annotated[
     tuple[Number, ...],
@@ -300,7 +413,6 @@ Pose = Annotated[
     tuple[Length, Length, Length, Angle, Angle, Angle],
     exactly(COORDINATES, f"coordinates [{', '.join(COORDINATE_NAMES)}]"),
 ]
-
 
 # --- assignment of axes and channels to the struts ------------------------------------------------
 
