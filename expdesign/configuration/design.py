@@ -1,4 +1,4 @@
-"""`trajectory:`, `motion:`, `design:` and `sweep:`: motions, their optimisation, grids of designs."""
+"""`trajectory:`, `motion:`, `design:`, `sweep:`: motions, their optimisation, grids of designs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`experiment:`, `validate:` and `feedforward:`: the twin, and benchmark motions for predictions."""
+"""`experiment:`, `validate:`, `feedforward:`: the twin, and benchmark motions for predictions."""
 
 from __future__ import annotations
 
