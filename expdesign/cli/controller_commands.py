@@ -64,17 +64,25 @@ def certify(
             "exports/ contains it. A copy without exports.json is identified by its SHA-256.",
         ),
     ] = None,
+    piece: Annotated[
+        bool,
+        typer.Option(
+            "--part",
+            help="The table is a piece of a motion: it may begin and end anywhere.",
+        ),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Prove that a design, its lead-in and lead-out and its tables keep every limit at all times.
 
     For each limit it states the proved bound of the excess, the number of time cells of the proof,
     and the time that stayed open. A controller table is certified as it is read, on the path that
-    its controller makes of the rows. Exit status 1 when something is not proved.
+    its controller makes of the rows, from rest at home to rest at home. The verdict is "proved",
+    "proved in part" or "broken"; exit status 1 unless everything is proved.
     """
     from expdesign.cli import exports
 
-    exports.certify(place, design, as_json=as_json)
+    exports.certify(place, design, piece=piece, as_json=as_json)
 
 
 def model(

@@ -20,6 +20,7 @@ from expdesign.configuration.document import document_from_mapping
 from expdesign.configuration.export import STRUT_ONLY, export_formats
 from expdesign.configuration.quantity import SPEED
 from expdesign.configuration.schema import validate
+from expdesign.export.certification import PROVED
 from expdesign.export.formats import table_formats
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.stages.certification import (
@@ -28,6 +29,7 @@ from expdesign.stages.certification import (
     certified_table,
     folder_of_table,
     refuse_part_of_folder,
+    worst_verdict,
 )
 from expdesign.stages.exporting import export_one
 from expdesign.stages.folder import refuse_run_file
@@ -164,36 +166,39 @@ def _left_out(given: dict[str, Any], stated: ExportSection) -> dict[str, str]:
     return gone
 
 
-def certify(place: Path, design: Path | None, *, as_json: bool) -> None:
-    """Certify the motions of a run folder, or one controller table."""
+def certify(place: Path, design: Path | None, *, piece: bool, as_json: bool) -> None:
+    """Certify the motions of a run folder, or one controller table or a piece of one."""
     path = place.absolute()
     refuse_part_of_folder(path)
     if not path.exists():
         refuse_run_file(place)
         message = "there is no such run folder or table"
         raise InputError(message, path, allowed="expdesign certify DIR | TABLE")
-    if path.is_dir() and design is not None:
-        message = "a run folder has its design"
-        raise InputError(message, key="--design", allowed="a table, or no --design")
+    if path.is_dir() and (design is not None or piece):
+        key = "--part" if design is None else "--design"
+        message = "a run folder has its design and whole tables"
+        raise InputError(message, key=key, allowed=f"a table, or no {key}")
     folder = path
     if not path.is_dir():
         folder = folder_of_table(path) if design is None else design.absolute()
     configuration = run_configuration(folder)
     with working("certify") as terminal:
         work = Workspace(configuration, folder, terminal)
-        parts = certified_folder(work) if path.is_dir() else [certified_table(work, path)]
-    left = [_shortcoming(part) for part in parts if not part.proof.certified]
-    data = {"certified": not left, "parts": [part.as_data() for part in parts]}
+        if path.is_dir():
+            parts = certified_folder(work)
+        else:
+            parts = [certified_table(work, path, piece=piece)]
+    verdict = worst_verdict(parts)
+    data = {
+        "certified": verdict == PROVED,
+        "verdict": verdict,
+        "parts": [part.as_data() for part in parts],
+    }
     if not as_json:
-        for part in parts:
-            print_table(results(), _certificate_table(part))
-            if np.isfinite(part.proof.unproved_from):
-                say(
-                    f"The strut lengths determine the pose up to {part.proof.unproved_from:.4f} s "
-                    "only: nothing is proved for this table."
-                )
-    if left:
-        raise StageFailed("; ".join(left), data)
+        _print_certificates(parts)
+    if verdict != PROVED:
+        left = "; ".join(_shortcoming(part) for part in parts if not part.proof.certified)
+        raise StageFailed(f"{verdict}: {left}", data)
     if as_json:
         write_json({"status": 0, **data})
     else:
@@ -203,16 +208,31 @@ def certify(place: Path, design: Path | None, *, as_json: bool) -> None:
             if part.proof.sampled
         ]
         but = f", but at the rows only: {'; '.join(rows)}" if rows else ""
-        say(f"proved: every limit is kept at every instant{but}")
+        say(f"proved: every limit is kept at every instant{' of the piece' if piece else ''}{but}")
+
+
+def _print_certificates(parts: list[CertifiedPart]) -> None:
+    for part in parts:
+        if part.proof.limits:
+            print_table(results(), _certificate_table(part))
+        if np.isfinite(part.proof.unproved_from):
+            say(
+                f"The strut lengths determine the pose up to {part.proof.unproved_from:.4f} s "
+                "only: nothing is proved for this table."
+            )
+        for remark in part.proof.remarks:
+            say(f"{part.name}: {remark}")
 
 
 def _shortcoming(part: CertifiedPart) -> str:
-    broken = ", ".join(check.key for check in part.proof.broken)
-    not_proved = ", ".join(check.key for check in part.proof.open)
-    if broken:
-        also = f"; not proved: {not_proved}" if not_proved else ""
-        return f"{part.name} breaks {broken}{also}"
-    return f"{part.name} is not proved to keep {not_proved}"
+    """Return what is wrong with a part, or not proved of it, in words."""
+    proof = part.proof
+    broken = ", ".join(check.key for check in proof.broken)
+    not_proved = ", ".join(check.key for check in proof.open)
+    found = [f"breaks {broken}"] if broken else []
+    found += proof.faults
+    found += [f"not proved: {not_proved}"] if not_proved else []
+    return f"{part.name}: {'; '.join([*found, *proof.unchecked])}"
 
 
 def _certificate_table(part: CertifiedPart) -> ReportTable:

@@ -53,11 +53,14 @@ class StrutPath:
         Of the six struts, m; continuous.
     guess : callable
         Times (N,), s, → poses (N, 6) from which the poses are looked for.
+    begin : float
+        Time at which the path to be enclosed begins, s; before it the lengths lead from home.
     """
 
     robot: Robot
     lengths: PiecewisePolynomials
     guess: Callable[[Array], Array]
+    begin: float = -np.inf
 
     @cached_property
     def poses(self) -> PiecewisePolynomials:
@@ -68,12 +71,13 @@ class StrutPath:
     def known_until(self) -> float:
         """When the first cell begins whose poses could not be proved, s; ∞ where all are."""
         unknown = np.flatnonzero(~np.isfinite(self.poses.error[0, 0]))
-        return float(self.poses.times[unknown[0]]) if unknown.size else np.inf
+        return max(float(self.poses.times[unknown[0]]), self.begin) if unknown.size else np.inf
 
     @property
     def breaks(self) -> Array:
         """(K,), s: between them one polynomial holds the poses, and one the lengths."""
-        return self.poses.times
+        times = self.poses.times
+        return times[times >= self.begin]
 
     def models(self, edges: Array) -> list[TaylorModel]:
         """Return the models of pose, rate, acceleration and jerk, 24, over cells (N, 2), s.

@@ -31,6 +31,12 @@ _CELLS_OF_A_PIECE = 4
 """Further cells for each piece of the path."""
 _POINTS = 10
 """To a row, where nothing can be proved."""
+AT_HOME = 1e-5
+"""Largest distance of the first and last row from the stated pose, m and rad, beyond rounding."""
+_LEAD = 65
+"""Poses of the lines from home to the begin of a piece."""
+PROVED, IN_PART, BROKEN = "proved", "proved in part", "broken"
+"""The verdicts on a motion."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +50,12 @@ class PathCertificate:
     accelerations and forces, which are judged by second differences at the rows."""
     unproved_from: float = np.inf
     """When the first pose of the struts' lengths could not be proved, s; ∞: all were."""
+    faults: tuple[str, ...] = ()
+    """Reasons against the table as the whole motion, in words."""
+    unchecked: tuple[str, ...] = ()
+    """What the proof does not cover, in words."""
+    remarks: tuple[str, ...] = ()
+    """Differences from the export that break nothing, in words."""
 
     @property
     def broken(self) -> tuple[LimitCheck, ...]:
@@ -65,15 +77,23 @@ class PathCertificate:
 
     @property
     def certified(self) -> bool:
-        """Whether all limits that the path defines are proved to be kept, and no other broken."""
-        return not self.broken and not self.open
+        """Whether all limits that the path defines are proved to be kept, and nothing is wrong."""
+        return self.verdict == PROVED
+
+    @property
+    def verdict(self) -> str:
+        """`PROVED`, `IN_PART` if something is neither proved nor broken, or `BROKEN`."""
+        if self.broken or self.faults:
+            return BROKEN
+        return IN_PART if self.open or self.unchecked else PROVED
 
 
-def certify_table(table: ExecutedTable) -> PathCertificate:
+def certify_table(table: ExecutedTable, *, piece: bool = False) -> PathCertificate:
     """Return what is proved of every limit of the robot, and the worst moments that were found.
 
     The path is that of the rows as they are read, in real numbers, as the controller's interpolator
-    is described. On straight lines the speed of a strut is its mean over a row.
+    is described. On straight lines the speed of a strut is its mean over a row. A `piece` may begin
+    and end anywhere.
 
     Raises
     ------
@@ -85,7 +105,7 @@ def certify_table(table: ExecutedTable) -> PathCertificate:
     every = LimitModel.of(robot).limits
     undefined = [limit for limit in every if linear and _is_dynamic(limit)]
     model = LimitModel(robot, tuple(limit for limit in every if limit not in undefined))
-    motion = enclose_table(table)
+    motion = enclose_table(table, piece=piece)
     until = motion.known_until if isinstance(motion, StrutPath) else np.inf
     # Where a pose is not known nothing can be proved of what comes behind it.
     checks: list[LimitCheck] = []
@@ -99,7 +119,7 @@ def certify_table(table: ExecutedTable) -> PathCertificate:
         checks = [check for check in checks if check.key not in open_ones]
         checks += [replace(check, proved=np.inf) for check in found]
     if undefined:
-        checks += _at_rows(table, LimitModel(robot, tuple(undefined)))
+        checks += _at_rows(table, LimitModel(robot, tuple(undefined)), piece=piece)
     by_key = {check.key: check for check in checks}
     ordered = tuple(by_key[limit.key] for limit in every)
     return PathCertificate(ordered, tuple(limit.key for limit in undefined), until)
@@ -117,15 +137,19 @@ def _sample_limits(table: ExecutedTable, model: LimitModel) -> tuple[LimitCheck,
     return worst_of_each(checks)
 
 
-def _at_rows(table: ExecutedTable, model: LimitModel) -> tuple[LimitCheck, ...]:
-    """Return the worst row of each limit; second differences approximate accelerations."""
+def _at_rows(table: ExecutedTable, model: LimitModel, *, piece: bool) -> tuple[LimitCheck, ...]:
+    """Return the worst row of each limit; second differences approximate accelerations.
+
+    The ends of a piece have none.
+    """
     checks: list[LimitCheck] = []
-    for times in track("judging the table at its rows", tuple(blocks(table.rows.times))):
+    rows = table.rows.times[1:-1] if piece and len(table.rows.times) > 2 else table.rows.times  # noqa: PLR2004
+    for times in track("judging the table at its rows", tuple(blocks(rows))):
         checks += worst_sampled(model, times, model.values(np.hstack(table.smoothed(times).states)))
     return worst_of_each(checks)
 
 
-def enclose_table(table: ExecutedTable) -> EnclosedMotion:
+def enclose_table(table: ExecutedTable, *, piece: bool = False) -> EnclosedMotion:
     """Return the motion of a table between and at its rows, which are taken as they are read."""
     axes, rows = table.axes, table.rows
     linear = table.interpolation is Interpolation.LINEAR
@@ -135,11 +159,41 @@ def enclose_table(table: ExecutedTable) -> EnclosedMotion:
     path = between_rows(rows.times, rows.position, rate, acceleration)
     path = path.mapped(places, axes.factor[places], axes.zero)
     if axes.space == "strut":
+        if piece or np.any(np.abs(table.motion.sample(0.0).pose[0] - table.robot.home) > AT_HOME):
+            return _led_from_home(table, path)
         return StrutPath(table.robot, path, lambda times: table.motion.sample(times).pose)
     turns = table.turns
     if linear:
         return PoseLines(table.robot, path, turns, fixed=axes.fixed)
     return PosePath(path.moved(turns))
+
+
+def _led_from_home(table: ExecutedTable, path: PiecewisePolynomials) -> StrutPath:
+    """Return a path of struts with lines from home to its begin, which identify its poses."""
+    robot, times = table.robot, table.rows.times
+    begin = table.motion.sample(times[:1]).pose[0]
+    first = robot.forward_kinematics(table.lengths(times[:1]), begin[None, :])[0]
+    shares = np.linspace(0.0, 1.0, _LEAD)[:, None]
+    poses = robot.home + shares * (first - robot.home)
+    lengths = robot.inverse_kinematics(poses)
+    # The path begins with the lengths of its own polynomials, whose roundings are small.
+    lengths[-1] = [float(model.at(-np.ones(1))[0]) for model in path.over(times[None, :2])]
+    before = times[0] - 1 + shares[:, 0]
+    lead = between_rows(before, lengths)
+    missing = np.zeros((len(path.coefficients) - len(lead.coefficients), *lead.error.shape[1:]))
+    joined = [
+        np.concatenate([np.concatenate([ahead, missing]), own], axis=2)
+        for ahead, own in ((lead.coefficients, path.coefficients), (lead.error, path.error))
+    ]
+
+    def guess(at: Array) -> Array:
+        share = np.clip(at - before[0], 0.0, 1.0)[:, None]
+        return np.where(
+            share < 1, robot.home + share * (first - robot.home), table.motion.sample(at).pose
+        )
+
+    whole = PiecewisePolynomials(np.concatenate([before[:-1], path.times]), *joined)
+    return StrutPath(robot, whole, guess, begin=float(times[0]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from expdesign.export.execution import (
     refine_times,
 )
 from expdesign.export.row_times import SHARE, ideal_rows, whole_motion
+from expdesign.export.whole_table import find_faults
 from expdesign.progress import track
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.robot import ForwardKinematicsError
@@ -34,8 +35,6 @@ _FINEST = 1e-3
 _LAST_DIGIT = 1.01
 _DOUBLE = 1e-13
 _COMPUTED = 1e-9
-_DURATION = 1e-6
-_STEP = 1e-9
 
 
 @dataclass(frozen=True)
@@ -89,12 +88,11 @@ def read_back(path: Path, settings: Settings) -> ReadBack:
     )
     apart, failures = _row_error(rows, settings)
     found = replace(found, row_error=apart)
-    failures += _wrong_times(rows, settings)
-    failures += _wrong_trigger(rows, settings)
+    table = ExecutedTable.of(settings, rows)
+    failures += find_faults(settings, table)
     if failures:
         # Rows of another motion: what a machine would do with them is not worth computing.
         return replace(found, failures=tuple(failures))
-    table = ExecutedTable.of(settings, rows)
     try:
         found = _add_execution(found, table)
         failures += _beyond(found, table, settings)
@@ -131,38 +129,6 @@ def _row_error(rows: Rows, settings: Settings) -> tuple[float, list[str]]:
                 f"{wanted[row, column]:.9g} in the design, {share.max():.3g} {unit} apart"
             )
     return worst, failures
-
-
-def _wrong_times(rows: Rows, settings: Settings) -> list[str]:
-    steps = np.diff(rows.times)
-    end, wanted = rows.times[-1], settings.task.motion.duration
-    failures = []
-    if not wanted - _DURATION <= end <= wanted + steps.max() + _DURATION:
-        failures.append(f"the table lasts {end:.6f} s, the motion {wanted:.6f} s")
-    if settings.step is not None and np.any(np.abs(steps - settings.step) > _STEP):
-        row = int(np.argmax(np.abs(steps - settings.step)))
-        failures.append(
-            f"row {row + 2} follows after {steps[row]:.9g} s where rows are {settings.step:g} s "
-            "apart"
-        )
-    return failures
-
-
-def _wrong_trigger(rows: Rows, settings: Settings) -> list[str]:
-    """Hold when the output is switched against the measurement window, half a row apart at most."""
-    if settings.section.trigger is None:
-        return []
-    if rows.trigger is None:
-        return ["the output is not switched"]
-    half_row = float(np.diff(rows.times).max()) / 2 + _DURATION
-    return [
-        f"the output is switched {what} at {time:.6f} s, where the measurement window {ends} at "
-        f"{edge:.6f} s"
-        for what, ends, time, edge in zip(
-            ("on", "off"), ("begins", "ends"), rows.trigger, settings.window, strict=True
-        )
-        if abs(time - edge) > half_row
-    ]
 
 
 def _add_execution(found: ReadBack, table: ExecutedTable) -> ReadBack:

@@ -6,11 +6,21 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from expdesign.configuration import InputError, Problem, export_section
+from expdesign.export.certification import PathCertificate, certify_table
 from expdesign.export.definition import Settings, TableError, Task
 from expdesign.export.execution import ExecutedTable
 from expdesign.export.exporting import refuse_missing_library, resolve_settings
 from expdesign.export.result import RECORD, ExportedTable, ExportResult, result_file
+from expdesign.export.whole_table import (
+    departure,
+    find_faults,
+    piece_in_words,
+    wrong_columns,
+    wrong_companions,
+)
 from expdesign.robot import Robot
 from expdesign.runfolder import MissingFileError
 from expdesign.runfolder.manifest import file_hash
@@ -26,7 +36,8 @@ class TableFile:
 
     `settings` are those with which it was written, `digest` is the SHA-256 of the file; it is
     `changed` when that is not the one that was exported and checked. `described_in` is the file
-    that describes the table, and `exported_as` its name there.
+    that describes the table, and `exported_as` its name there; `longest_step` is the longest time
+    between two rows as exported, s.
     """
 
     path: Path
@@ -36,6 +47,7 @@ class TableFile:
     changed: bool = False
     described_in: Path | None = None
     exported_as: str = ""
+    longest_step: float = np.inf
 
     @property
     def window(self) -> tuple[float, float]:
@@ -117,7 +129,52 @@ def find_table_file(
         since = "; it was changed after it was exported" if changed else ""
         message = f"the controller would not read this table: {error}{since}"
         raise _refusal(message, path) from error
-    return replace(found, changed=changed, described_in=described.place, exported_as=described.name)
+    return replace(
+        found,
+        changed=changed,
+        described_in=described.place,
+        exported_as=described.name,
+        longest_step=entry.longest_step,
+    )
+
+
+def certify_file(file: TableFile, *, piece: bool = False) -> PathCertificate:
+    """Return the certificate of a table as a whole: its limits, ends, rows, columns and files.
+
+    Parameters
+    ----------
+    file : TableFile
+    piece : bool
+        Accept any begin, end and duration, and state them in the remarks.
+
+    Raises
+    ------
+    ForwardKinematicsError
+        The struts' lengths belong to no pose.
+    """
+    settings, table = file.settings, file.executed
+    rows = table.rows
+    faults = find_faults(settings, table, file.longest_step, piece=piece)
+    unchecked = wrong_companions(settings, rows, file.path)
+    if piece:
+        return replace(
+            certify_table(table, piece=True),
+            faults=tuple(faults),
+            unchecked=tuple(unchecked),
+            remarks=(piece_in_words(table),),
+        )
+    unchecked += wrong_columns(settings, rows)
+    off, time = departure(settings, table)
+    remarks = []
+    if off > settings.tolerance + settings.half_unit / np.min(np.abs(settings.axes.factor)):
+        text = f"its rows are up to {1e6 * off:.4g} µm from the design (at {time:.4f} s)"
+        (remarks if file.changed else unchecked).append(text)
+    return replace(
+        certify_table(table),
+        faults=tuple(faults),
+        unchecked=tuple(unchecked),
+        remarks=tuple(remarks),
+    )
 
 
 def _refusal(message: str, path: Path, allowed: str = _AGAIN) -> InputError:

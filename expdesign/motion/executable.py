@@ -36,12 +36,16 @@ WHOLE = 1e-6
 """Steps by which a duration may differ from a whole number of them."""
 _LEAST_POINTS = 2 * FIXED
 _MOST_PERIODS = 1_000_000
-_JUNCTION = 1e-9
-"""m, rad, and per s and s²: largest difference where two parts of a motion meet.
+_SHORTEST_RAMP = 1e-3
+"""s; no controller takes a shorter one for a motion."""
+_JUNCTION = (1e-9, 1e-7, 1e-5)
+"""m, m/s, m/s², and with rad: largest differences where two parts of a motion meet.
 
-For ramps of less than a second: per ramp, since a short one turns the last digits of its control
-points into more speed.
+The last digits of the control points of a ramp of a few milliseconds turn into as much speed and
+acceleration.
 """
+_SHARE = 1e-9
+"""The same as a share of the value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +198,8 @@ class RampPoints:
             raise ValueError(f"{len(points)} control points where {_LEAST_POINTS} are needed")
         if not (np.all(np.isfinite(points)) and 0 < self.duration < np.inf):
             raise ValueError("a ramp with numbers that are not finite")
+        if self.duration < _SHORTEST_RAMP:
+            raise ValueError(f"a ramp of {self.duration:g} s")
         if self.name == PERIODS:
             raise ValueError(f"a ramp with the name '{PERIODS}'")
         return SplineRamp(self.name, self.duration, points)
@@ -252,10 +258,10 @@ def _meet(ramp: SplineRamp, time: float, state: MotionState) -> bool:
         np.allclose(
             getattr(there, part),
             getattr(state, part),
-            rtol=_JUNCTION,
-            atol=_JUNCTION * max(1.0, ramp.duration**-order),
+            rtol=_SHARE,
+            atol=allowed,
         )
-        for order, part in enumerate(("pose", "rate", "acceleration"))
+        for part, allowed in zip(MotionState._fields, _JUNCTION, strict=True)
     )
 
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from expdesign.configuration import InputError
-from expdesign.export.certification import PathCertificate, certify_table
+from expdesign.export.certification import BROKEN, IN_PART, PROVED, PathCertificate
 from expdesign.export.result import FOLDER, RECORD, ExportResult
-from expdesign.export.table_file import find_table_file
+from expdesign.export.table_file import certify_file, find_table_file
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.planning import check_motion
 from expdesign.progress import progress_prefix
@@ -39,6 +39,7 @@ class CertifiedPart:
             for check in self.proof.limits
         ]
         own = {"name": self.name, "title": self.title, "certified": self.proof.certified}
+        own |= {"verdict": self.proof.verdict}
         return {**own, **asdict(self.proof), "limits": limits}
 
 
@@ -65,25 +66,37 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
         work.progress.note("no table was exported, and therefore no lead-in and lead-out planned")
         return found
     motion = _executable(record, trajectory, robot)
+    title = "the motion from rest to rest"
     if motion is None:
-        work.progress.warn(
-            f"the lead-in and lead-out in {RECORD} belong to another design: left out"
-        )
+        found.append(_left_out("motion", title, f"{RECORD} has those of another design"))
     else:
         with progress_prefix("lead-in and lead-out"):
             limits = check_motion(work.configuration, motion).limits
-        proof = PathCertificate(limits)
-        found.append(CertifiedPart("motion", "the motion from rest to rest", proof))
-    for name in record.files:
+        found.append(CertifiedPart("motion", title, PathCertificate(limits)))
+    for name, entry in record.files.items():
         if (place / name).is_file():
             found.append(certified_table(work, place / name))
         else:
-            work.progress.warn(f"{name} is in {RECORD}, but no longer in the folder")
+            missing = f"it is in {RECORD}, but no longer in the folder"
+            found.append(_left_out(name, entry.title, missing))
     return found
 
 
-def certified_table(work: Workspace, path: Path) -> CertifiedPart:
-    """Return the certificate of a table of the run folder's design, or of a copy of one."""
+def _left_out(name: str, title: str, reason: str) -> CertifiedPart:
+    return CertifiedPart(name, title, PathCertificate((), unchecked=(reason,)))
+
+
+def worst_verdict(parts: list[CertifiedPart]) -> str:
+    """Return the verdict on all parts: the worst of theirs."""
+    verdicts = {part.proof.verdict for part in parts}
+    return next(one for one in (BROKEN, IN_PART, PROVED) if one in verdicts)
+
+
+def certified_table(work: Workspace, path: Path, *, piece: bool = False) -> CertifiedPart:
+    """Return the certificate of a table of the run folder's design, or of a copy of one.
+
+    A `piece` of a table may begin and end anywhere.
+    """
     robot = robot_from(work.configuration.robot)
     exports = work.folder / FOLDER / RECORD
     table = find_table_file(path, robot, work.design().trajectory, exports)
@@ -96,7 +109,7 @@ def certified_table(work: Workspace, path: Path) -> CertifiedPart:
         work.progress.warn(f"{path.name} was changed after it was exported")
     with progress_prefix(path.name):
         try:
-            proved = certify_table(table.executed)
+            proved = certify_file(table, piece=piece)
         except (ForwardKinematicsError, np.linalg.LinAlgError) as trouble:
             raise StageFailed(f"{path.name} cannot be executed: {trouble}") from trouble
     return CertifiedPart(path.name, table.settings.form.title, proved)
