@@ -16,6 +16,7 @@ from expdesign.export.exporting import refuse_missing_library, resolve_settings
 from expdesign.export.result import RECORD, ExportedTable, ExportResult, result_file
 from expdesign.export.whole_table import (
     departure,
+    executed_settings,
     find_faults,
     piece_in_words,
     wrong_columns,
@@ -152,8 +153,8 @@ def certify_file(file: TableFile, *, piece: bool = False) -> PathCertificate:
     ForwardKinematicsError
         The struts' lengths belong to no pose.
     """
-    settings, table = file.settings, file.executed
-    rows = table.rows
+    table = file.executed
+    settings, rows = executed_settings(file.settings, table), table.rows
     faults = find_faults(settings, table, file.longest_step, piece=piece)
     unchecked = wrong_companions(settings, rows, file.path)
     if piece:

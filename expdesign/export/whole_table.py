@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from constraints.arrays import Array
 from expdesign.export.certification import AT_HOME, LIMIT_SHARE
 from expdesign.export.definition import Interpolation, Rows, Settings, TableError
 from expdesign.export.execution import ExecutedTable
-from expdesign.export.row_times import ideal_rows, whole_motion
+from expdesign.export.row_times import ideal_rows, uniform_times, whole_motion
 from expdesign.export.text_table import lines
 
 AT_REST = 1e-6
@@ -47,6 +48,7 @@ def find_faults(
     piece : bool
         Accept any begin, end and duration.
     """
+    settings = executed_settings(settings, table)
     rows = table.rows
     faults = _wrong_steps(rows, settings, longest_step) + _speed_jumps(table, settings, piece=piece)
     if piece:
@@ -59,11 +61,18 @@ def find_faults(
     ]
 
 
+def executed_settings(settings: Settings, table: ExecutedTable) -> Settings:
+    """Return the settings with the motion that the rows in memory hold."""
+    return replace(settings, task=replace(settings.task, motion=table.motion))
+
+
 def _wrong_duration(rows: Rows, settings: Settings) -> list[str]:
-    begin, end, wanted = rows.times[0], rows.times[-1], settings.task.motion.duration
-    longest = _GRID if settings.step is None else settings.step
+    motion, begin, end = settings.task.motion, rows.times[0], rows.times[-1]
+    wanted, longer = motion.duration, _GRID
+    if settings.step is not None:
+        wanted, longer = float(uniform_times(motion, settings.step)[-1]), 0.0
     late = [f"the first row is at {begin:.6f} s"] if abs(begin) > _DURATION else []
-    if not wanted - _DURATION <= end <= wanted + longest + _DURATION:
+    if not wanted - _DURATION <= end <= wanted + longer + _DURATION:
         late.append(f"the table lasts {end:.6f} s, the motion {wanted:.6f} s")
     return late
 
@@ -207,7 +216,7 @@ def _code(text: list[str]) -> Iterator[list[str]]:
 def departure(settings: Settings, table: ExecutedTable) -> tuple[float, float]:
     """Return the largest distance of a strut's length at a row from the design, m, and its time."""
     times = table.rows.times
-    design = settings.task.motion.sample(times).pose
+    design = table.motion.sample(times).pose
     off = np.abs(table.lengths(times) - settings.task.robot.inverse_kinematics(design)).max(axis=1)
     row = int(np.argmax(off))
     return float(off[row]), float(times[row])
