@@ -166,7 +166,7 @@ def certify_file(file: TableFile, *, piece: bool = False) -> PathCertificate:
         )
     unchecked += wrong_columns(settings, rows)
     off, time = departure(settings, table)
-    remarks = []
+    remarks: list[str] = []
     if off > settings.tolerance + settings.half_unit / np.min(np.abs(settings.axes.factor)):
         text = f"its rows are up to {1e6 * off:.4g} µm from the design (at {time:.4f} s)"
         (remarks if file.changed else unchecked).append(text)

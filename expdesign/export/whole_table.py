@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from expdesign.export.certification import AT_HOME, LIMIT_SHARE
@@ -144,7 +145,7 @@ def _speed_jumps(table: ExecutedTable, settings: Settings, *, piece: bool) -> li
     ]
 
 
-def _corners(times: Array, lengths: Array, *, piece: bool) -> tuple[Array, Array]:
+def _corners(times: Array, lengths: Array, *, piece: bool) -> tuple[NDArray[np.intp], Array]:
     """Return rows (K,) with a corner and the accelerations (K, 6) that they take, m/s²."""
     steps = np.diff(times)
     slopes = np.diff(lengths, axis=0) / steps[:, None]
@@ -152,7 +153,7 @@ def _corners(times: Array, lengths: Array, *, piece: bool) -> tuple[Array, Array
         rest = np.zeros((1, lengths.shape[1]))
         slopes, steps = np.vstack([rest, slopes, rest]), np.pad(steps, 1, mode="edge")
     shorter = np.minimum(steps[:-1], steps[1:])
-    rows = np.arange(len(shorter)) + (1 if piece else 0)
+    rows: NDArray[np.intp] = np.arange(len(shorter), dtype=np.intp) + (1 if piece else 0)
     return rows, np.abs(np.diff(slopes, axis=0)) / shorter[:, None]
 
 

@@ -73,12 +73,12 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
         with progress_prefix("lead-in and lead-out"):
             limits = check_motion(work.configuration, motion).limits
         found.append(CertifiedPart("motion", title, PathCertificate(limits)))
-    for name, entry in record.files.items():
+    for name, table in record.files.items():
         if (place / name).is_file():
             found.append(certified_table(work, place / name))
         else:
             missing = f"it is in {RECORD}, but no longer in the folder"
-            found.append(_left_out(name, entry.title, missing))
+            found.append(_left_out(name, table.title, missing))
     return found
 
 
