@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import os
 from collections import Counter, deque
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -60,11 +59,10 @@ from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.progress import report_progress
 from expdesign.robot import Robot, robot_from
-from expdesign.runfolder.fields import checker
-from expdesign.runfolder.files import FORMAT, check_format, errors_naming, json_values, write_text
+from expdesign.runfolder.journal import Journal
 from expdesign.runfolder.manifest import package_versions, text_hash
 from expdesign.trajectory import FourierTrajectory
-from expdesign.workers import Job, Monitor, cluster_jobs, run_jobs
+from expdesign.workers import ClusterError, Job, Monitor, cluster_jobs, run_jobs
 
 
 def run_study(
@@ -88,6 +86,7 @@ def run_study(
     journal : path, optional
         File of the finished repetitions. Repetitions of the same inputs in it are not done again.
     monitor : Monitor, optional
+        A lost cluster ends the study as a request to stop does, and is reported here.
 
     Raises
     ------
@@ -106,24 +105,29 @@ def run_study(
         bench = recipe()
         bound = bench.bound()
     wanted = configuration.run.montecarlo.repetitions
-    kept = None if journal is None else Journal(journal, study_inputs(configuration, design))
+    kept = None if journal is None else study_journal(journal, configuration, design)
     known = {} if kept is None else kept.done
     done = {number: repetition for number, repetition in known.items() if number <= wanted}
     missing = [number for number in range(1, wanted + 1) if number not in done]
-    monitor = monitor or Monitor()
-    monitor.advanced(len(done), wanted)
+    watch = monitor or Monitor()
+    watch.advanced(len(done), wanted)
     jobs = [Job(_repetition, (number,)) for number in missing]
     scheduler, workers = configuration.run.scheduler, configuration.run.workers or 1
     results = (
-        run_jobs(recipe, jobs, workers, Monitor(monitor.stop_requested))
+        run_jobs(recipe, jobs, workers, Monitor(watch.stop_requested))
         if scheduler is None or not jobs
-        else cluster_jobs(scheduler, recipe, deque(jobs), monitor.stop_requested)
+        else cluster_jobs(scheduler, recipe, deque(jobs), watch.stop_requested)
     )
-    for repetition in results:
-        if kept is not None:
-            kept.add(repetition)
-        done[repetition.number] = repetition
-        monitor.advanced(len(done), wanted)
+    try:
+        for repetition in results:
+            if kept is not None:
+                kept.add(repetition)
+            done[repetition.number] = repetition
+            watch.advanced(len(done), wanted)
+    except ClusterError as error:
+        if monitor is None or not done:
+            raise
+        monitor.report(error)
     return _result(bench, bound, tuple(done[number] for number in sorted(done)))
 
 
@@ -223,86 +227,18 @@ def study_inputs(configuration: RunConfiguration, design: FourierTrajectory) -> 
     return text_hash(sections, coefficients, sorted(package_versions().items()))
 
 
+def study_journal(
+    path: Path, configuration: RunConfiguration, design: FourierTrajectory
+) -> Journal[Repetition]:
+    """Return the journal of a study's finished repetitions."""
+    return Journal(path, study_inputs(configuration, design), Repetition, attrgetter("number"))
+
+
 def _repetition(bench: Workbench, _monitor: Monitor, number: int) -> Repetition:
     return bench.repeat(number)
 
 
-_FORMAT = 1
 NAME = "montecarlo/repetitions.jsonl"
-
-
-class Journal:
-    """Finished repetitions on disk, one line each, in the order of their ends.
-
-    The first line has a hash of the inputs. An incomplete last line, of a run that was killed, is
-    dropped, and its repetition is done again.
-
-    Parameters
-    ----------
-    path : Path
-    inputs : str
-        Hash of the inputs. A journal of other inputs counts as empty; the first repetition that is
-        added replaces it.
-
-    Attributes
-    ----------
-    done : dict of Repetition
-        By number.
-    """
-
-    def __init__(self, path: Path, inputs: str) -> None:
-        self.path = path
-        self.done: dict[int, Repetition] = {}
-        self._header = json.dumps({FORMAT: _FORMAT, "inputs": inputs}) + "\n"
-        self._inputs = inputs
-        self._valid = self._read()
-
-    def _read(self) -> int:
-        """Read the repetitions; return the size of the complete lines of this study, bytes."""
-        try:
-            lines = self.path.read_bytes().splitlines(keepends=True)
-        except FileNotFoundError:
-            return 0
-        if not lines or not self._is_of_this_study(lines[0]):
-            return 0
-        size = len(lines[0])
-        for line in lines[1:]:
-            try:
-                repetition = checker(Repetition).validate_json(line)
-            except ValueError:
-                break
-            if not line.endswith(b"\n"):
-                break
-            self.done[repetition.number] = repetition
-            size += len(line)
-        return size
-
-    def _is_of_this_study(self, line: bytes) -> bool:
-        try:
-            header = json.loads(line)
-        except ValueError:
-            return False
-        if not isinstance(header, dict) or header.get("inputs") != self._inputs:
-            return False
-        check_format(self.path, header.get(FORMAT), _FORMAT)
-        return True
-
-    def add(self, repetition: Repetition) -> None:
-        """Append a repetition; it is on disk when this returns."""
-        if not self._valid:
-            write_text(self.path, self._header)
-            self._valid = len(self._header)
-        line = (
-            json.dumps(json_values(checker(Repetition).dump_python(repetition))) + "\n"
-        ).encode()
-        with errors_naming(self.path), self.path.open("r+b") as stream:
-            stream.truncate(self._valid)
-            stream.seek(self._valid)
-            stream.write(line)
-            stream.flush()
-            os.fsync(stream.fileno())
-        self._valid += len(line)
-        self.done[repetition.number] = repetition
 
 
 NUMERICAL_FAILURES = (ComputationError, ArithmeticError, np.linalg.LinAlgError)

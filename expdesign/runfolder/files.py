@@ -18,7 +18,7 @@ import shutil
 import stat
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -117,21 +117,21 @@ def write_csv(path: Path, table: pd.DataFrame) -> None:
         table.to_csv(temporary, index=False, lineterminator="\n")
 
 
-def json_values(data: Any) -> Any:
-    """Return arrays as lists, and numbers that JSON does not have (NaN, ±inf) as None.
+def json_values(data: Any, substitute: Callable[[float], str | None] = lambda _: None) -> Any:
+    """Return arrays as lists, and substitutes for numbers that JSON does not have (NaN, ±inf).
 
     >>> import numpy as np
     >>> json_values({"rate": np.array([1.0, np.nan]), "kept": True})
     {'rate': [1.0, None], 'kept': True}
     """
     if isinstance(data, dict):
-        return {str(key): json_values(value) for key, value in data.items()}
+        return {str(key): json_values(value, substitute) for key, value in data.items()}
     if isinstance(data, list | tuple):
-        return [json_values(item) for item in data]
+        return [json_values(item, substitute) for item in data]
     if hasattr(data, "tolist"):
-        return json_values(data.tolist())
+        return json_values(data.tolist(), substitute)
     if isinstance(data, float) and not math.isfinite(data):
-        return None
+        return substitute(data)
     return data
 
 

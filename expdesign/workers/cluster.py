@@ -1,31 +1,93 @@
-"""Jobs on a Dask cluster, and the runner that uses a cluster or local processes."""
+"""Jobs on a Dask cluster, and the runner that uses a cluster or local processes.
+
+A cluster may lose workers, its scheduler or the network. Lost workers that come back, and new ones,
+get jobs again; a cluster without workers for a minute, or without its scheduler, is lost.
+"""
 
 from __future__ import annotations
 
 import itertools
+import logging
 import pickle
+import queue
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import closing
+from concurrent.futures import CancelledError
+from contextlib import closing, contextmanager, suppress
+from dataclasses import make_dataclass, replace
+from operator import attrgetter
+from pathlib import Path
 from typing import Any, NamedTuple
 
+from pydantic import ConfigDict
+
 from expdesign.configuration import ComputationError, InputError
+from expdesign.runfolder.journal import Journal
 from expdesign.workers.job import Job, Monitor
 from expdesign.workers.local import run_jobs
 
 _CONNECT_SECONDS = 20
+_RETURN_SECONDS = 60
+"""Time in which lost workers may come back."""
+_POLL_SECONDS = 1.0
 _WAITING = 2
 """Jobs under way per thread of the cluster: one is being done, one is ready."""
 
 
 class ClusterError(ComputationError):
-    """The cluster cannot be reached, or lost a worker for good."""
+    """The cluster cannot be reached, or is lost."""
+
+
+class JobJournal:
+    """Results of the named jobs of a computation that is the same whenever it is done again.
+
+    Parameters
+    ----------
+    path : Path
+    inputs : str
+        Hash of everything that the jobs depend on.
+    kind : type
+        Frozen dataclass of the results.
+    resume : bool
+        Use the results in the file; otherwise it begins anew.
+    """
+
+    def __init__(self, path: Path, inputs: str, kind: type[Any], *, resume: bool) -> None:
+        fields = [("name", str), ("result", kind)]
+        own = {"__pydantic_config__": ConfigDict(arbitrary_types_allowed=True)}
+        self._entry = make_dataclass("JobEntry", fields, namespace=own)
+        self._journal = Journal(path, inputs, self._entry, attrgetter("name"), keep=resume)
+        self._lock = threading.Lock()
+
+    @property
+    def count(self) -> int:
+        """Number of results."""
+        return len(self._journal.done)
+
+    def recall(self, job: Job) -> Job:
+        """Return the job; one that returns the result instead, if it is known."""
+        entry = self._journal.done.get(job.name)
+        return job if entry is None else replace(job, function=_recall, arguments=(job, entry))
+
+    def add(self, name: str, result: Any) -> None:
+        """Add the result of a job, if it has a name and is new."""
+        if name and name not in self._journal.done:
+            self._journal.add(self._entry(name, result))
+
+
+def _recall(_built: Any, monitor: Monitor, job: Job, entry: Any) -> Any:
+    if job.recalled is not None:
+        job.recalled(monitor, entry.result)
+    return entry.result
 
 
 class JobRunner:
     """Runs jobs in local processes or on a Dask cluster, and adds up their processor time.
+
+    When the cluster is lost the jobs that did not end count as stopped; those that run even after
+    a stop are done in this process.
 
     Parameters
     ----------
@@ -38,11 +100,15 @@ class JobRunner:
     keep_event : callable, optional
         Picklable; selects the events that a job on a cluster reports when it ends. Events of local
         jobs are all reported, at once.
+    journal : JobJournal, optional
+        Keeps the results of named jobs that no stop has cut short; known ones are not done again.
 
     Attributes
     ----------
     cpu_seconds : float
         Processor time of all jobs so far.
+    lost : ClusterError or None
+        The end of the cluster.
     """
 
     def __init__(
@@ -51,10 +117,12 @@ class JobRunner:
         workers: int,
         scheduler: str | None = None,
         keep_event: Callable[[Any], bool] = bool,
+        journal: JobJournal | None = None,
     ) -> None:
         self._build, self._workers, self._scheduler = build, workers, scheduler
-        self._keep_event = keep_event
+        self._keep_event, self._journal = keep_event, journal
         self.cpu_seconds = 0.0
+        self.lost: ClusterError | None = None
 
     def run(
         self,
@@ -76,15 +144,19 @@ class JobRunner:
         numbers = itertools.count()
 
         def timed_job(job: Job) -> Job:
-            return Job(_run_timed, (next(numbers), job, self._keep_event))
+            known = job if self._journal is None else self._journal.recall(job)
+            return replace(
+                job, function=_run_timed, arguments=(next(numbers), known, self._keep_event)
+            )
 
         def follow(done: _Done) -> Job | None:
             self.cpu_seconds += done.seconds
+            self._keep(done)
             job = then(done.result)
             return None if job is None else timed_job(job)
 
         timed = [timed_job(job) for job in jobs]
-        if self._scheduler is None:
+        if self._scheduler is None or self.lost is not None:
             work = run_jobs(
                 self._build, timed, self._workers, monitor, after_stop=after_stop, then=follow
             )
@@ -92,6 +164,10 @@ class JobRunner:
             work = self._run_on_cluster(self._scheduler, timed, monitor, follow, after_stop)
         for done in work:
             yield done.result
+
+    def _keep(self, done: _Done) -> None:
+        if self._journal is not None and not done.stopped:
+            self._journal.add(done.name, done.result)
 
     def _run_on_cluster(
         self,
@@ -105,22 +181,33 @@ class JobRunner:
             return
         found: dict[int, _Done] = {}
         waiting, following = deque(jobs), 0
+        ended = set[int]()
 
         def is_stopped() -> bool:
             return monitor.stop_requested() and not after_stop
 
-        # Closing cancels the cluster's jobs, whatever happens here.
-        with closing(cluster_jobs(scheduler, self._build, waiting, is_stopped)) as results:
-            for done in results:
-                found[done.number] = done
-                for event in done.events:  # monitors on the cluster are silent
-                    monitor.report(event)
-                while following in found:
-                    job = then(found[following])
-                    if job is not None:
-                        waiting.append(job)
-                    yield found.pop(following)
-                    following += 1
+        try:
+            # Closing cancels the cluster's jobs, whatever happens here.
+            with closing(cluster_jobs(scheduler, self._build, waiting, is_stopped)) as results:
+                for done in results:
+                    found[done.number] = done
+                    ended.add(done.number)
+                    self._keep(done)
+                    for event in done.events:  # monitors on the cluster are silent
+                        monitor.report(event)
+                    while following in found:
+                        job = then(found[following])
+                        if job is not None:
+                            waiting.append(job)
+                        yield found.pop(following)
+                        following += 1
+        except ClusterError as error:
+            self.lost = error
+            if after_stop:
+                left = [job for job in jobs if job.arguments[0] not in ended]
+                stopping = Monitor(lambda: True, monitor.report)
+                here = run_jobs(self._build, left, self._workers, stopping, after_stop=True)
+                found |= {done.number: done for done in here}
         for _, done in sorted(found.items()):  # after a stop: jobs before them were cancelled
             then(done)
             yield done
@@ -130,7 +217,10 @@ class _Done(NamedTuple):
     """Result of a job, its processor time, s, and the events that were kept."""
 
     number: int
+    name: str
     result: Any
+    stopped: bool
+    """Whether a stop may have cut it short."""
     seconds: float
     events: tuple[Any, ...]
 
@@ -146,7 +236,8 @@ def _run_timed(
         monitor.report(event)
 
     result = job.function(built, Monitor(monitor.stop_requested, report), *job.arguments)
-    return _Done(number, result, time.process_time() - began, tuple(kept))
+    stopped, seconds = monitor.stop_requested(), time.process_time() - began
+    return _Done(number, job.name, result, stopped, seconds, tuple(kept))
 
 
 def cluster_jobs(
@@ -169,61 +260,127 @@ def cluster_jobs(
     jobs : deque
         Taken from its beginning; jobs appended later are done as well.
     stop_requested : callable
-        Called after every job; True cancels the jobs under way.
+        Called every second; True cancels the jobs under way.
 
     Raises
     ------
     InputError
         Dask is not installed.
     ClusterError
-        The scheduler cannot be reached, or workers died.
+        The scheduler cannot be reached or is lost, or there are no workers.
+    Exception
+        An exception of a job.
     """
-    client_class, as_completed, killed = _library()
-    try:
-        client = client_class(address, timeout=_CONNECT_SECONDS, set_as_default=False)
-    except OSError as error:
-        raise ClusterError(f"the scheduler {address} cannot be reached: {error}") from error
-    with client:
+    client_class, killed = _library()
+    with _quiet():
         try:
-            client.wait_for_workers(1, timeout=_CONNECT_SECONDS)
-        except TimeoutError as error:
-            raise ClusterError(f"the cluster of {address} has no workers") from error
-        packed = client.scatter(pickle.dumps(build), broadcast=True, hash=False)
-
-        def submit(count: int) -> list[Any]:
-            # Not pure: another study's job with the same arguments is another task.
-            few = [jobs.popleft() for _ in range(min(count, len(jobs)))]
-            return [client.submit(_run_on_worker, packed, job, pure=False) for job in few]
-
-        most = _WAITING * sum(client.nthreads().values())
-        first = submit(most)
-        pool, under_way = as_completed(first, loop=client.loop), len(first)
+            client = client_class(address, timeout=_CONNECT_SECONDS, set_as_default=False)
+        except OSError as error:
+            raise ClusterError(f"the scheduler {address} cannot be reached: {error}") from error
         try:
-            for future in pool:
-                yield future.result()
-                if stop_requested():
-                    return
-                more = submit(most - under_way + 1)
-                under_way += len(more) - 1
-                pool.update(more)
-        except killed as error:
-            raise ClusterError(
-                "workers of the cluster died, perhaps out of memory; finished work is kept"
-            ) from error
+            yield from _results(client, address, build, jobs, stop_requested, killed)
         finally:
-            client.cancel(list(pool.futures))
+            with suppress(*_LOST, RuntimeError):
+                client.close(timeout=_POLL_SECONDS)
 
 
-def _library() -> tuple[Any, Any, type[BaseException]]:
+_LOST = (OSError, TimeoutError, CancelledError, ValueError)
+"""Errors of a connection that has ended; closed communications raise a ValueError."""
+
+
+def _results(
+    client: Any,
+    address: str,
+    build: Callable[[], Any],
+    jobs: deque[Job],
+    stop_requested: Callable[[], bool],
+    killed: type[BaseException],
+) -> Generator[Any, None, None]:
     try:
-        from distributed import Client, KilledWorker, as_completed  # noqa: PLC0415 - optional
+        client.wait_for_workers(1, timeout=_CONNECT_SECONDS)
+    except TimeoutError as error:
+        raise ClusterError(f"the cluster of {address} has no workers") from error
+    # A job of its own: the scheduler makes it again when the workers that had it are lost.
+    packed = client.submit(_unchanged, pickle.dumps(build), pure=False)
+    ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    under_way = set[Any]()
+    last_seen = time.monotonic()
+    try:
+        while jobs or under_way:
+            threads = _threads(client, address)
+            if threads:
+                last_seen = time.monotonic()
+            elif time.monotonic() - last_seen > _RETURN_SECONDS:
+                raise ClusterError(f"the cluster of {address} has lost all its workers")
+            while jobs and len(under_way) < max(1, _WAITING * threads):
+                # Not pure: another study's job with the same arguments is another task.
+                future = client.submit(_run_on_worker, packed, jobs.popleft(), pure=False)
+                under_way.add(future)
+                future.add_done_callback(ended.put)
+            with suppress(queue.Empty):
+                future = ended.get(timeout=_POLL_SECONDS)
+                try:
+                    result = future.result(timeout=_POLL_SECONDS)
+                except TimeoutError:
+                    if future.status == "error":
+                        raise  # that of the job
+                    ended.put(future)  # its worker has died since, and it is done again
+                    continue
+                except killed as error:
+                    raise ClusterError(
+                        f"workers of the cluster of {address} died, perhaps out of memory"
+                    ) from error
+                except CancelledError as error:
+                    raise ClusterError(f"the cluster of {address} was lost") from error
+                under_way.discard(future)
+                yield result
+            if stop_requested():
+                return
+    finally:
+        with suppress(*_LOST, RuntimeError):
+            if client.status == "running":
+                client.cancel([*under_way, packed])
+
+
+def _threads(client: Any, address: str) -> int:
+    """Return the number of threads of all workers."""
+    try:
+        if client.status != "running":
+            raise ClusterError(f"the connection to the scheduler {address} was lost")
+        return int(sum(client.nthreads().values()))
+    except _LOST as error:
+        raise ClusterError(f"the scheduler {address} was lost: {error}") from error
+
+
+def _unchanged(content: bytes) -> bytes:
+    return content
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence the library's own messages about lost connections: the error names the cluster."""
+    names = [n for n in logging.root.manager.loggerDict if n.split(".")[0] in {"distributed"}]
+    loggers = [logging.getLogger(name) for name in (*names, "tornado", "asyncio")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+def _library() -> tuple[Any, type[BaseException]]:
+    try:
+        from distributed import Client, KilledWorker  # noqa: PLC0415 - optional
     except ImportError as error:
         raise InputError(
             "a Dask cluster is reached with distributed, which is not installed",
             key="scheduler",
             allowed="workers: …, or after: pip install expdesign[dask]",
         ) from error
-    return Client, as_completed, KilledWorker
+    return Client, KilledWorker
 
 
 _one_at_a_time = threading.Lock()

@@ -46,6 +46,10 @@ class Job:
 
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
+    name: str = ""
+    """Name under which a journal keeps the result; empty: it is not kept."""
+    recalled: Callable[[Monitor, Any], None] | None = None
+    """Picklable; reports the result when it comes from a journal."""
 
     def run(self, recipe: bytes, monitor: Monitor) -> Any:
         """Run it with one BLAS thread; the pickled recipe builds its first argument, once."""

@@ -1,12 +1,17 @@
 """The journal: exact, whole lines only, of one study only."""
 
 import json
+from operator import attrgetter
 
 import numpy as np
 import pytest
 
 from estimation.montecarlo.result import Repetition, RepetitionEstimate
-from estimation.montecarlo.study import Journal
+from expdesign.runfolder.journal import Journal
+
+
+def journal_of(path, inputs):
+    return Journal(path, inputs, Repetition, attrgetter("number"))
 
 
 def repetition(number, freedom=720.0):
@@ -41,7 +46,7 @@ def path(tmp_path):
 
 
 def fill(path, numbers, inputs="a"):
-    journal = Journal(path, inputs)
+    journal = journal_of(path, inputs)
     for number in numbers:
         journal.add(repetition(number))
     return journal
@@ -49,21 +54,21 @@ def fill(path, numbers, inputs="a"):
 
 def test_every_digit_comes_back(path):
     fill(path, [3, 1])
-    again = Journal(path, "a")
+    again = journal_of(path, "a")
     assert set(again.done) == {1, 3}
     for number, found in again.done.items():
         same(found, repetition(number))
 
 
 def test_a_given_noise_has_no_end_of_freedom(path):
-    Journal(path, "a").add(repetition(1, np.inf))
-    assert Journal(path, "a").done[1].freedom == np.inf
+    journal_of(path, "a").add(repetition(1, np.inf))
+    assert journal_of(path, "a").done[1].freedom == np.inf
     for line in path.read_text(encoding="utf-8").splitlines():
         json.loads(line, parse_constant=pytest.fail)
 
 
 def test_nothing_is_written_before_there_is_something(path):
-    Journal(path, "a")
+    journal_of(path, "a")
     assert not path.parent.exists()
 
 
@@ -72,7 +77,7 @@ def test_a_line_that_a_crash_cut_is_done_again(path, cut):
     fill(path, [1, 2, 3])
     whole = path.read_bytes()
     path.write_bytes(whole[:-cut])
-    journal = Journal(path, "a")
+    journal = journal_of(path, "a")
     assert set(journal.done) == {1, 2}
     journal.add(repetition(3))
     assert path.read_bytes() == whole
@@ -81,15 +86,15 @@ def test_a_line_that_a_crash_cut_is_done_again(path, cut):
 def test_a_line_that_is_none_ends_what_counts(path):
     fill(path, [1, 2])
     path.write_bytes(path.read_bytes() + b'{"number": 3}\n' + b"\xff\n")
-    assert set(Journal(path, "a").done) == {1, 2}
+    assert set(journal_of(path, "a").done) == {1, 2}
 
 
 def test_a_journal_of_other_inputs_is_replaced_by_the_first_that_is_done(path):
     fill(path, [1, 2])
     before = path.read_bytes()
-    journal = Journal(path, "b")
+    journal = journal_of(path, "b")
     assert journal.done == {}
     assert path.read_bytes() == before
     journal.add(repetition(7))
-    assert set(Journal(path, "b").done) == {7}
-    assert Journal(path, "a").done == {}
+    assert set(journal_of(path, "b").done) == {7}
+    assert journal_of(path, "a").done == {}

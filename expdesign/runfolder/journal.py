@@ -1,0 +1,103 @@
+"""Journal of a long computation: its finished parts on disk, from which it continues."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Hashable
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from expdesign.runfolder.fields import checker
+from expdesign.runfolder.files import FORMAT, check_format, errors_naming, json_values, write_text
+
+Entry = TypeVar("Entry")
+
+_FORMAT = 1
+
+
+class Journal(Generic[Entry]):
+    """Finished parts of a computation, one line each, in the order of their ends.
+
+    Numbers that JSON does not have are texts: ``"inf"``. The first line has a hash of the inputs.
+    An incomplete last line, of a run that was killed, is dropped, and its part is done again.
+
+    Parameters
+    ----------
+    path : Path
+    inputs : str
+        Hash of the inputs. A journal of other inputs counts as empty; the first part that is added
+        replaces it.
+    kind : type
+        Frozen dataclass of a part.
+    key : callable
+        Returns the key of a part.
+    keep : bool
+        Use the parts in the file; otherwise the first one that is added replaces it.
+
+    Attributes
+    ----------
+    done : dict
+        The parts by key.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        inputs: str,
+        kind: type[Entry],
+        key: Callable[[Entry], Hashable],
+        *,
+        keep: bool = True,
+    ) -> None:
+        self.path = path
+        self.done: dict[Hashable, Entry] = {}
+        self._kind, self._key = kind, key
+        self._header = json.dumps({FORMAT: _FORMAT, "inputs": inputs}) + "\n"
+        self._inputs = inputs
+        self._valid = self._read() if keep else 0
+
+    def _read(self) -> int:
+        """Read the parts; return the size of the complete lines of this computation, bytes."""
+        if not self.path.is_file():
+            return 0
+        lines = self.path.read_bytes().splitlines(keepends=True)
+        if not lines or not self._has_same_inputs(lines[0]):
+            return 0
+        size = len(lines[0])
+        for line in lines[1:]:
+            try:
+                part = checker(self._kind).validate_python(json.loads(line))
+            except (ValueError, RecursionError):
+                break
+            if not line.endswith(b"\n"):
+                break
+            self.done[self._key(part)] = part
+            size += len(line)
+        return size
+
+    def _has_same_inputs(self, line: bytes) -> bool:
+        try:
+            header = json.loads(line)
+        except (ValueError, RecursionError):
+            return False
+        if not isinstance(header, dict) or header.get("inputs") != self._inputs:
+            return False
+        check_format(self.path, header.get(FORMAT), _FORMAT)
+        return True
+
+    def add(self, part: Entry) -> None:
+        """Append a part; it is on disk when this returns."""
+        if not self._valid:
+            write_text(self.path, self._header)
+            self._valid = len(self._header)
+        data = checker(self._kind).dump_python(part)
+        line = (json.dumps(json_values(data, repr)) + "\n").encode()
+        with errors_naming(self.path), self.path.open("r+b") as stream:
+            stream.truncate(self._valid)
+            stream.seek(self._valid)
+            stream.write(line)
+            stream.flush()
+            os.fsync(stream.fileno())
+        self._valid += len(line)
+        self.done[self._key(part)] = part
