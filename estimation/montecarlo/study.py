@@ -229,7 +229,7 @@ def study_inputs(configuration: RunConfiguration, design: FourierTrajectory) -> 
 
 def study_journal(
     path: Path, configuration: RunConfiguration, design: FourierTrajectory
-) -> Journal[Repetition]:
+) -> Journal[Repetition, int]:
     """Return the journal of a study's finished repetitions."""
     return Journal(path, study_inputs(configuration, design), Repetition, attrgetter("number"))
 

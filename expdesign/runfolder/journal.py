@@ -12,11 +12,12 @@ from expdesign.runfolder.fields import checker
 from expdesign.runfolder.files import FORMAT, check_format, errors_naming, json_values, write_text
 
 Entry = TypeVar("Entry")
+Key = TypeVar("Key", bound=Hashable)
 
 _FORMAT = 1
 
 
-class Journal(Generic[Entry]):
+class Journal(Generic[Entry, Key]):
     """Finished parts of a computation, one line each, in the order of their ends.
 
     Numbers that JSON does not have are texts: ``"inf"``. The first line has a hash of the inputs.
@@ -46,12 +47,12 @@ class Journal(Generic[Entry]):
         path: Path,
         inputs: str,
         kind: type[Entry],
-        key: Callable[[Entry], Hashable],
+        key: Callable[[Entry], Key],
         *,
         keep: bool = True,
     ) -> None:
         self.path = path
-        self.done: dict[Hashable, Entry] = {}
+        self.done: dict[Key, Entry] = {}
         self._kind, self._key = kind, key
         self._header = json.dumps({FORMAT: _FORMAT, "inputs": inputs}) + "\n"
         self._inputs = inputs

@@ -58,8 +58,9 @@ class JobJournal:
         fields = [("name", str), ("result", kind)]
         own = {"__pydantic_config__": ConfigDict(arbitrary_types_allowed=True)}
         self._entry = make_dataclass("JobEntry", fields, namespace=own)
-        self._journal = Journal(path, inputs, self._entry, attrgetter("name"), keep=resume)
-        self._lock = threading.Lock()
+        self._journal: Journal[Any, str] = Journal(
+            path, inputs, self._entry, attrgetter("name"), keep=resume
+        )
 
     @property
     def count(self) -> int:
