@@ -12,8 +12,10 @@ if TYPE_CHECKING:
     from expdesign.configuration import InputError, load_run
     from expdesign.experiment import DesignResult, design
     from expdesign.robot import Robot, load_robot
-    from expdesign.stages.run import RunResult, estimate, load_measurement, report, run, simulate
-    from expdesign.stages.workspace import Progress, StageFailed
+    from expdesign.stages.estimate import estimate, load_measurement
+    from expdesign.stages.experiment import simulate
+    from expdesign.stages.run import RunResult, report, run
+    from expdesign.stages.stage import Progress, StageFailed
     from expdesign.trajectory import FourierTrajectory
 
 __all__ = [
@@ -44,12 +46,14 @@ _HOMES = {
     "design": "expdesign.experiment",
     "load_robot": "expdesign.robot",
     "load_run": "expdesign.configuration",
-    "Progress": "expdesign.stages.workspace",
-    "StageFailed": "expdesign.stages.workspace",
-    **dict.fromkeys(
-        ("RunResult", "estimate", "load_measurement", "report", "run", "simulate"),
-        "expdesign.stages.run",
-    ),
+    "Progress": "expdesign.stages.stage",
+    "StageFailed": "expdesign.stages.stage",
+    "RunResult": "expdesign.stages.run",
+    "estimate": "expdesign.stages.estimate",
+    "load_measurement": "expdesign.stages.estimate",
+    "report": "expdesign.stages.run",
+    "run": "expdesign.stages.run",
+    "simulate": "expdesign.stages.experiment",
 }
 
 

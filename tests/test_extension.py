@@ -101,8 +101,8 @@ MODULES = {
 
         from expdesign.configuration import StageSection
         from expdesign.runfolder import StageResult, described
-        from expdesign.stages.stage import Stage, run_sections
-        from expdesign.stages.workspace import Outcome
+        from expdesign.stages.stage import Outcome, Stage, StageFunctions, run_sections
+        from results.views.folder import StageViews
         from results.views.view import Fact, Level, StageVerdict, StageView
 
 
@@ -124,19 +124,20 @@ MODULES = {
             file = "count.json"
             sections = run_sections("count")
 
-            def result_type(self):
-                return CountResult
+            def functions(self):
+                return StageFunctions(count_parameters, StageViews(CountResult, count_view))
 
-            def run(self, work):
-                run = work.configuration
-                number = len(run.robot.parameters) * run.run.section("count").factor
-                result = CountResult(count=number)
-                return Outcome(result=result, record=result, summary={"count": number})
 
-            def view(self, folder, *, brief=False):
-                count = folder.result(CountResult).count
-                verdict = StageVerdict("Count", Level.GOOD, "counted", "Parameters.", "count")
-                return StageView(verdict, (), (Fact("count", str(count)),))
+        def count_parameters(work):
+            run = work.configuration
+            number = len(run.robot.parameters) * run.run.section("count").factor
+            return Outcome(result=CountResult(count=number), summary={"count": number})
+
+
+        def count_view(folder):
+            count = folder.result(CountResult).count
+            verdict = StageVerdict("Count", Level.GOOD, "counted", "Parameters.", "count")
+            return StageView(verdict, (), (Fact("count", str(count)),))
     ''',
 }
 

@@ -66,8 +66,7 @@ def _run() -> int:
             stream.reconfigure(errors="backslashreplace")
     sys.stderr = _undemanding(sys.stderr)
 
-    from expdesign.cli.app import app
-    from expdesign.cli.errors import run
+    from expdesign.cli.app import app, run
 
     status = run(app, sys.argv[1:])
     try:

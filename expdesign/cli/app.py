@@ -1,22 +1,24 @@
-"""Command line: the commands in the order of their use.
+"""Command line: the commands in the order of their use, and their exit status.
 
-Each command is a function that is imported here. It imports what it computes with when it runs,
-takes `--json`, returns nothing when all is well, raises `StageFailed` (exit 1) or `InputError`
-(exit 2) otherwise, and writes results to standard output, everything else to standard error
+Each command is a function that is imported here. It imports its computation when it runs, takes
+`--json`, returns nothing after a success, raises `StageFailed` (exit 1) or `InputError` (exit 2)
+otherwise, and writes results to standard output, everything else to standard error
 (`expdesign.cli.output`).
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Sequence
+from functools import wraps
 from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand, TyperOption
 
-from expdesign.cli import controller_commands, machine_commands, run_commands
-from expdesign.cli.errors import ended_plainly
+from expdesign.cli import machine_commands, run_commands
+from expdesign.interruption import ignored
 
 app = typer.Typer(
     name="expdesign",
@@ -66,6 +68,23 @@ def _expdesign(
     """
 
 
+def _interruptible(command: Callable[..., None]) -> Callable[..., None]:
+    """Report an interruption of a command as a failure, instead of Typer's own message."""
+
+    @wraps(command)
+    def ended(*arguments: Any, **options: Any) -> None:
+        try:
+            command(*arguments, **options)
+        except KeyboardInterrupt as interruption:
+            raise InterruptedCommand from interruption
+
+    return ended
+
+
+class InterruptedCommand(Exception):  # noqa: N818 - no error but the end of a command
+    """Interruption of a command."""
+
+
 for _command in (
     machine_commands.robots,
     machine_commands.init,
@@ -76,11 +95,50 @@ for _command in (
     run_commands.noise,
     run_commands.estimate,
     run_commands.validate,
-    controller_commands.model,
-    controller_commands.export,
-    controller_commands.certify,
+    machine_commands.model,
+    machine_commands.export,
+    machine_commands.certify,
     run_commands.report,
     run_commands.compare,
     run_commands.run,
 ):
-    app.command(cls=_Command)(ended_plainly(_command))
+    app.command(cls=_Command)(_interruptible(_command))
+
+
+def run(app: typer.Typer, arguments: Sequence[str]) -> int:
+    """Run the command line with arguments, the program's name not among them; return 0, 1 or 2.
+
+    Problems are on standard error, with ``--json`` on standard output.
+    """
+    as_json = "--json" in arguments
+    try:
+        _refuse_empty_texts(arguments)
+        # Typer itself writes its messages about usage, unless they are to be JSON.
+        status = app(args=list(arguments), prog_name="expdesign", standalone_mode=not as_json)
+    except SystemExit as stop:
+        status = stop.code
+    except (Exception, KeyboardInterrupt) as error:
+        with ignored():
+            from expdesign.cli.errors import report_error  # --help needs no configuration
+
+            interrupted = isinstance(error, InterruptedCommand)
+            status = report_error(KeyboardInterrupt() if interrupted else error, as_json=as_json)
+        if status is None:
+            raise
+    if not isinstance(status, int):
+        return 0
+    return status if status in (0, 1, 2) else 1
+
+
+def _refuse_empty_texts(arguments: Sequence[str]) -> None:
+    """Refuse empty texts: no command accepts one, and as a path it would be the current folder."""
+    for before, text in zip(["", *arguments], arguments, strict=False):
+        option, sign, value = text.partition("=")
+        empty_option = option.startswith("--") and sign and not value
+        if text and not empty_option:
+            continue
+        from expdesign.configuration import InputError
+
+        key = option if empty_option else before if before.startswith("--") else ""
+        message = "the text is empty" if key else "an argument of the command is an empty text"
+        raise InputError(message, key=key)

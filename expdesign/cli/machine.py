@@ -13,8 +13,8 @@ from rich.table import Table
 
 from constraints import Limit, limit_definitions
 from constraints.arrays import Array
+from expdesign.cli.check import range_text
 from expdesign.cli.output import results, say
-from expdesign.cli.robots import range_text
 from expdesign.cli.terminal import working
 from expdesign.configuration import RunConfiguration
 from expdesign.configuration.limits import row_labels, shared_rows
@@ -23,8 +23,8 @@ from expdesign.mechanism.hexapod import ACTUATORS, POSE
 from expdesign.recheck.excitable import Excitable, excitable
 from expdesign.recheck.reach import SINGULAR, Reach, Stop, reach
 from expdesign.robot import LimitModel, Robot
-from expdesign.stages.folder import refuse_unwritable
-from expdesign.stages.workspace import short
+from expdesign.stages.execution import refuse_unwritable
+from expdesign.stages.stage import short
 from results.notation import DisplayUnit, handy_unit
 from results.render.figures import draw_machine
 

@@ -1,4 +1,4 @@
-"""Options of commands that are keys of a section; the schema reads their texts."""
+"""Arguments and options that several commands have, and options that are keys of a section."""
 
 from __future__ import annotations
 
@@ -8,6 +8,18 @@ from inspect import Parameter, signature
 from typing import Annotated, Any, NamedTuple
 
 import typer
+
+RunArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="RUN.yaml",
+        help="A run file, or the name of a run that ships.",
+        show_default=False,
+    ),
+]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Write JSON to standard output, for machines.")
+]
 
 
 class Option(NamedTuple):

@@ -4,24 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 from rich.console import Console
 from rich.text import Text
 
-RunArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="RUN.yaml",
-        help="A run file, or the name of a run that ships.",
-        show_default=False,
-    ),
-]
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="Write JSON to standard output, for machines.")
-]
-
+from expdesign.runfolder.files import json_values
 
 _PIPED_WIDTH = 200
 """Characters of a line where the output is no terminal, so that nothing is cut."""
@@ -50,8 +39,6 @@ def say(text: str) -> None:
 
 def write_json(data: Any) -> None:
     """Write data to standard output as JSON; NaN and ±inf, which JSON does not have, as null."""
-    from expdesign.runfolder.files import json_values
-
     typer.echo(json.dumps(json_values(data), indent=2))
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from expdesign.cli.output import JsonOption, RunArgument
+from expdesign.cli.options import JsonOption, RunArgument
 
 _MOST_EXPERIMENTS = 100_000
 _MOST_REPETITIONS = 400_000
@@ -200,16 +200,16 @@ def report(
     It shows every stage that the folder holds. Its main tables are also written as LaTeX into
     tables/.
     """
-    from expdesign.cli import runs
+    from expdesign.cli.runs import write_report
 
-    runs.write_report(folder, as_json)
+    write_report(folder, as_json)
 
 
 def run(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) -> None:
     """Do every stage that the run file names, in their order; finished stages are kept."""
-    from expdesign.cli import runs
+    from expdesign.cli.runs import run_all
 
-    runs.run_all(run, out, as_json)
+    run_all(run, out, as_json)
 
 
 def compare(
@@ -241,16 +241,16 @@ def compare(
     Designs: criteria in common scalings, precision, limits, effort. Estimates: parameters with
     intervals, and whether they differ. Monte-Carlo studies: achieved standard deviations.
     """
-    from expdesign.cli import runs
+    from expdesign.cli.runs import compare_folders
 
-    runs.compare_folders(folders, out, precision, quick=quick, as_json=as_json)
+    compare_folders(folders, out, precision, quick=quick, as_json=as_json)
 
 
 def _execute(stage: str, run: str, out: Path | None, as_json: bool, **options: Any) -> None:
     """Execute one stage of a run; options replace the inputs that the folder holds."""
-    from expdesign.cli import runs
+    from expdesign.cli.runs import execute_stage
 
-    runs.execute_stage(stage, run, out, as_json, **options)
+    execute_stage(stage, run, out, as_json, **options)
 
 
 def _given(path: Path | None) -> tuple[Path, ...]:

@@ -9,12 +9,10 @@ from typing import Any
 from expdesign.cli.output import note, say, write_json
 from expdesign.cli.terminal import Terminal, working
 from expdesign.configuration import InputError, RunConfiguration, load_run
-from expdesign.stages.execution import execute
-from expdesign.stages.folder import refuse_run_file, refuse_unwritable, run_folder
+from expdesign.stages.execution import execute, refuse_run_file, refuse_unwritable, run_folder
 from expdesign.stages.registry import reported_stages, stages
-from expdesign.stages.report import report_folder
-from expdesign.stages.run import run
-from expdesign.stages.workspace import Sources, StageFailed, Workspace, short
+from expdesign.stages.run import report_of, run
+from expdesign.stages.stage import Sources, StageFailed, Workspace, short
 
 
 def execute_stage(
@@ -69,7 +67,7 @@ def write_report(folder: Path, as_json: bool) -> None:
     else:
         refuse_run_file(folder)
     with working("report"):
-        outcome = report_folder(place, reported_stages())
+        outcome = report_of(place)
     if as_json:
         write_json({"status": 0, **outcome.summary})
     else:

@@ -1,81 +1,62 @@
-"""Stage that searches the optimal excitation trajectory."""
+"""Searches of excitation trajectories: one design, and designs over a grid."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
 
-from expdesign.configuration import RunConfiguration, quantity_text
+from expdesign.configuration import ComputationError, quantity_text
+from expdesign.configuration.run import GridPoint
+from expdesign.experiment import DesignResult, design
+from expdesign.experiment.sweep import (
+    FAILED,
+    INTERRUPTED,
+    NOT_BEGUN,
+    SweepResult,
+    SweptDesign,
+    design_folder,
+    design_point,
+    sweep_result,
+)
 from expdesign.information.fisher import SingularInformationError
 from expdesign.information.identifiable import listed
 from expdesign.interruption import interruptible
-from expdesign.stages.stage import TABLES, Stage, run_sections
-from expdesign.stages.workspace import Outcome, StageFailed, Workspace, short
-from expdesign.workers import Monitor
-from results.views.folder import RunFolder
-from results.views.view import StageView
-
-if TYPE_CHECKING:
-    from expdesign.experiment import DesignResult
+from expdesign.stages.execution import input_hash, is_done, save
+from expdesign.stages.stage import Outcome, Stage, StageFailed, StageFunctions, Workspace, short
+from expdesign.workers import Job, Monitor, StoppedError, run_jobs
+from results.comparison.designs import compare_designs
+from results.views.design import design_view
+from results.views.folder import StageViews
+from results.views.sweep import sweep_view
 
 _KEPT = "if a start has a result by now, the best so far is finished and saved"
 _DISCARDED = "discarded: nothing of this design is saved"
+_SWEEP_KEPT = "finished designs are kept, and of the running ones the best so far"
+_MOST_REASONS = 3
 
 
-class DesignStage(Stage):
-    """Search for the optimal excitation trajectory."""
+def run_design(work: Workspace) -> Outcome:
+    """Design; Ctrl-C keeps the best so far."""
+    progress = work.progress
+    with interruptible(progress.note, _KEPT, "discards the design", _DISCARDED) as stop:
+        with progress.search(work.configuration) as report:
+            monitor = Monitor(stop, report)
+            result = name_unexcited(lambda: design(work.configuration, monitor))
+        outcome = design_outcome(result, work)
+    return replace(outcome, asked_to_stop=stop())
 
-    name = "design"
-    does = "searches the optimal excitation trajectory"
-    file = "design.json"
-    writes = ("trajectory.csv", *TABLES)
-    sections = run_sections("trajectory", "design", experiment={"periods", "sampling", "payload"})
-    compared = "trajectory.csv"
 
-    def run(self, work: Workspace) -> Outcome:
-        """Design; Ctrl-C keeps the best so far."""
-        from expdesign.experiment import design
-
-        progress = work.progress
-        with interruptible(progress.note, _KEPT, "discards the design", _DISCARDED) as stop:
-            with progress.search(work.configuration) as report:
-                monitor = Monitor(stop, report)
-                result = name_unexcited(lambda: design(work.configuration, monitor))
-            outcome = design_outcome(result, work)
-        return replace(outcome, asked_to_stop=stop())
-
-    def result_type(self) -> type[DesignResult]:
-        """Return the type of the stored result."""
-        from expdesign.experiment import DesignResult
-
-        return DesignResult
-
-    def view(self, folder: RunFolder, *, brief: bool = False) -> StageView:
-        """Return the view of the design."""
-        from results.views.design import design_view
-
-        return design_view(folder, brief=brief)
-
-    def compare(
-        self, folders: Mapping[str, RunFolder], *, precision: float, quick: bool
-    ) -> StageView:
-        """Return the comparison of designs."""
-        from results.comparison.designs import compare_designs
-
-        return compare_designs(folders, precision, quick=quick)
-
-    def reason_left_out(self, configuration: RunConfiguration) -> str:
-        """Return the reason against a single design in a sweep."""
-        sweeps = configuration.run.sweep is not None
-        return "the sweep does it for each of its designs" if sweeps else ""
+DESIGN = StageFunctions(run_design, StageViews(DesignResult, design_view, compare_designs))
 
 
 def design_outcome(result: DesignResult, work: Workspace) -> Outcome:
     """Return the outcome of a design."""
     return Outcome(
         result=result,
-        record=result,
         summary={
             "design_status": result.status,
             "log_det_information": result.log_det_information,
@@ -122,3 +103,126 @@ def _failure(result: DesignResult, folder: str) -> str:
             "range)"
         )
     return f"the design breaks {'; '.join(parts)}. It is saved and marked in {folder}"
+
+
+def sweep_functions(stage: Stage) -> StageFunctions:
+    """Return the functions of the sweep, whose designs are results of another stage."""
+    return StageFunctions(partial(run_sweep, stage), StageViews(SweepResult, sweep_view))
+
+
+def run_sweep(stage: Stage, work: Workspace) -> Outcome:
+    """Design every point that is not done; a failed design does not end the others."""
+    progress = work.progress
+    with (
+        progress.count("designs") as advanced,
+        interruptible(progress.note, _SWEEP_KEPT, "discards the running ones") as stop,
+    ):
+        return _make_sweep(stage, work, Monitor(stop, advanced=advanced))
+
+
+def _make_sweep(stage: Stage, work: Workspace, monitor: Monitor) -> Outcome:
+    """Design every point that is not done, and write the result."""
+    configuration, stop = work.configuration, monitor.stop_requested
+    designs = list(_designs(stage, work, monitor))
+    if stop() and not any(one.made for one in designs):
+        raise StoppedError("interrupted before the first design was done")
+    result = sweep_result(configuration, designs)
+    files = result.write(work.folder)
+    files += [work.folder / one.folder / DesignResult.FILE for one in designs if one.made]
+    status, message = _end(result)
+    return Outcome(
+        result=result,
+        files=tuple(files),
+        summary={
+            "designs": len(designs),
+            "made": result.made,
+            "failed": sum(one.wrong for one in designs),
+            "interrupted": result.interrupted,
+            "points": [
+                {"values": dict(point.values), "folder": one.folder, "status": one.status}
+                for point, one in zip(configuration.grid, designs, strict=True)
+            ],
+            "warnings": list(configuration.warnings),
+        },
+        status=status,
+        message=message,
+        failure="" if status == "done" else f"{message}. {_continuation(result, work.folder)}",
+        continues=status == "incomplete",
+        asked_to_stop=stop(),
+    )
+
+
+def _designs(stage: Stage, work: Workspace, monitor: Monitor) -> Iterator[SweptDesign]:
+    """Yield the designs in the order of the grid; finished ones are read from their folders."""
+    points = work.configuration.grid
+    places = [_workspace(stage, point, work.folder) for point in points]
+    kept = [is_done(stage, place) for place in places]
+    missing = [point for point, done in zip(points, kept, strict=True) if not done]
+    jobs = [Job(_designed, (stage, point, work.folder)) for point in missing]
+    workers = work.configuration.run.workers or 1
+    made = run_jobs(_nothing, jobs, workers, Monitor(monitor.stop_requested))
+    for number, (point, place, done) in enumerate(zip(points, places, kept, strict=True), start=1):
+        end = _End("", "") if done else next(made, _End(NOT_BEGUN, "the sweep was interrupted"))
+        if end.without:
+            yield SweptDesign.missing(number, point, end.without, end.reason)
+        else:
+            yield SweptDesign.of(number, point, DesignResult.read(place.folder), end.reason)
+        monitor.advanced(number, len(points))
+
+
+def _workspace(stage: Stage, point: GridPoint, folder: Path) -> Workspace:
+    """Return the workspace of the design of a point, with the hash of its inputs."""
+    work = Workspace(point.configuration, design_folder(folder, point.name))
+    work.inputs[stage.name] = input_hash(stage, work)
+    return work
+
+
+def _nothing() -> None:
+    """Build nothing: the jobs have nothing in common."""
+
+
+class _End(NamedTuple):
+    """End of the job of a design."""
+
+    without: str
+    """Status of a point without a design; empty with one."""
+    reason: str
+
+
+def _designed(_built: None, monitor: Monitor, stage: Stage, point: GridPoint, folder: Path) -> _End:
+    """Make the design of a point and its run folder, in the process of the job."""
+    work, began = _workspace(stage, point, folder), time.perf_counter()
+    try:
+        result = name_unexcited(lambda: design_point(point.configuration, monitor))
+    except StoppedError as error:
+        return _End(INTERRUPTED, error.message)
+    except ComputationError as error:
+        return _End(FAILED, error.message)
+    outcome = design_outcome(result, work)
+    save(outcome, stage, work, began)
+    return _End("", outcome.failure)
+
+
+def _end(record: SweepResult) -> tuple[str, str]:
+    """Return the status of a sweep for the manifest, and one line about it."""
+    total, failed = record.point_count, sum(one.wrong for one in record.designs)
+    complete = sum(one.complete for one in record.designs)
+    if record.interrupted:
+        return "interrupted", f"interrupted after {complete} of {total} designs"
+    if not failed:
+        return "done", f"{total} designs"
+    reasons = [
+        f"{label}: {one.reason}"
+        for label, one in zip(record.labels, record.designs, strict=True)
+        if one.wrong
+    ]
+    more = "; …" if len(reasons) > _MOST_REASONS else ""
+    return (
+        "incomplete",
+        f"{failed} of {total} designs failed: {'; '.join(reasons[:_MOST_REASONS])}{more}",
+    )
+
+
+def _continuation(result: SweepResult, folder: Path) -> str:
+    place = f"The finished designs are in {short(folder)}"
+    return f"{place}, and the same command continues the sweep" if result.interrupted else place

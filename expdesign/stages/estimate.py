@@ -1,84 +1,100 @@
-"""Stage that estimates the parameters from recordings, and judges the estimate."""
+"""Recordings and estimates: noise, estimation, validation, and feed-forward of the model."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from dataclasses import asdict
+from os import PathLike
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 from numpy.linalg import LinAlgError
 
+from estimation import identification
+from estimation.data.measurement import Measurement
+from estimation.data.reading import measurement_of, read_measurement
+from estimation.data.table import RawTable
+from estimation.diagnostics import noise_analysis
+from estimation.diagnostics.noise_result import NoiseResult
+from estimation.feedforward.comparison import compare_feedforward
+from estimation.feedforward.result import FeedforwardResult
+from estimation.identification.identified_model import IdentifiedModel, identified_model
+from estimation.identification.periods import fold_noise_recording
+from estimation.identification.result import EstimateFile, EstimationResult
+from estimation.validation.validate import ValidationResult, validate
+from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
+from expdesign.configuration.run import add_terms
 from expdesign.configuration.schema import MOST_SAMPLES, require_at_most
-from expdesign.progress import track
-from expdesign.stages.stage import TABLES, Stage, run_sections
-from expdesign.stages.workspace import ESTIMATE_FILE, Outcome, StageFailed, Workspace
-from results.views.folder import RunFolder
-from results.views.view import StageView
+from expdesign.experiment import DesignResult
+from expdesign.progress import report_progress, track
+from expdesign.robot import robot_from
+from expdesign.stages.execution import Place
+from expdesign.stages.experiment import trajectory_of
+from expdesign.stages.stage import ESTIMATE_FILE, Outcome, StageFailed, StageFunctions, Workspace
+from expdesign.trajectory import FourierTrajectory
+from results.comparison.estimates import compare_estimates
+from results.views.estimate import estimate_view
+from results.views.folder import StageViews
+from results.views.noise import noise_view
+from results.views.validate import feedforward_view, validation_view
 
-if TYPE_CHECKING:
-    from estimation.data.measurement import Measurement
-    from estimation.identification import EstimationResult
+
+def run_noise(work: Workspace) -> Outcome:
+    """Analyse the noise of a recording."""
+    (file,) = work.data_files()
+    (trajectory,) = work.recorded_designs(1)
+    report_progress("reading the recording")
+    recording = _recording(work, file)
+    for warning in recording.warnings:
+        work.progress.warn(warning)
+    samples = fold_noise_recording(
+        work.configuration, recording, trajectory, certain=bool(work.sources.designs)
+    )
+    try:
+        result = noise_analysis.analyse_noise(samples, str(file))
+    except LinAlgError as error:
+        raise StageFailed(
+            "the noise cannot be determined from these data: a channel is constant, or the sum "
+            f"of others ({error})"
+        ) from error
+    return Outcome(
+        result=result,
+        summary={**result.as_data(), "for_the_robot_file": result.block},
+    )
 
 
-class EstimateStage(Stage):
-    """Estimate of the parameters."""
+NOISE = StageFunctions(run_noise, StageViews(NoiseResult, noise_view))
 
-    name = "estimate"
-    does = "estimates the parameters from a recording"
-    file = ESTIMATE_FILE
-    writes = ("estimates.csv", "identified-robot.yaml", *TABLES)
-    sections = run_sections("trajectory", "data", "estimate", experiment={"payload"})
-    needs = ("recording",)
-    compared = "estimates.csv"
 
-    def result_type(self) -> type[Any]:
-        """Return the type of the stored result."""
-        from estimation.identification.result import EstimationResult
+def run_estimate(work: Workspace) -> Outcome:
+    """Estimate the parameters and diagnose the estimate."""
+    configuration, files = work.configuration, work.data_files()
+    designs = work.recorded_designs(len(files))
+    recordings: list[Measurement] = []
+    for file in track("reading recordings", files):
+        recordings.append(_recording(work, file))
+        count = sum(len(recording.time) for recording in recordings)
+        require_at_most(count, MOST_SAMPLES, f"{len(recordings)} recordings", key="--data")
+    try:
+        result = identification.estimate(configuration, recordings, designs)
+    except LinAlgError as error:
+        raise StageFailed(
+            f"the parameters cannot be determined from these data: is a channel constant? ({error})"
+        ) from error
+    summary = _summary(result)
+    return Outcome(
+        result=result,
+        summary=summary,
+        message="; ".join(f"{name}: {e.status}" for name, e in result.estimators.items()),
+        warnings=result.warnings[len(configuration.warnings) :],
+        doubt="" if summary["verdict"] == "accepted" else "a diagnostic failed",
+    )
 
-        return EstimationResult
 
-    def view(self, folder: RunFolder, *, brief: bool = False) -> StageView:
-        """Return the view of the estimate."""
-        from results.views.estimate import estimate_view
-
-        del brief
-        return estimate_view(folder)
-
-    def compare(
-        self, folders: Mapping[str, RunFolder], *, precision: float, quick: bool
-    ) -> StageView:
-        """Return the comparison of estimates."""
-        from results.comparison.estimates import compare_estimates
-
-        del precision, quick
-        return compare_estimates(folders)
-
-    def run(self, work: Workspace) -> Outcome:
-        """Estimate the parameters and diagnose the estimate."""
-        from estimation import identification
-
-        configuration, files = work.configuration, work.data_files()
-        designs = work.recorded_designs(len(files))
-        recordings: list[Measurement] = []
-        for file in track("reading recordings", files):
-            recordings.append(work.recording(file))
-            count = sum(len(recording.time) for recording in recordings)
-            require_at_most(count, MOST_SAMPLES, f"{len(recordings)} recordings", key="--data")
-        try:
-            result = identification.estimate(configuration, recordings, designs)
-        except LinAlgError as error:
-            raise StageFailed(
-                "the parameters cannot be determined from these data: is a channel constant? "
-                f"({error})"
-            ) from error
-        summary = _summary(result)
-        return Outcome(
-            result=result,
-            record=result,
-            summary=summary,
-            message="; ".join(f"{name}: {e.status}" for name, e in result.estimators.items()),
-            warnings=result.warnings[len(configuration.warnings) :],
-            doubt="" if summary["verdict"] == "accepted" else "a diagnostic failed",
-        )
+ESTIMATE = StageFunctions(
+    run_estimate, StageViews(EstimationResult, estimate_view, compare_estimates)
+)
 
 
 def _summary(result: EstimationResult) -> dict[str, Any]:
@@ -100,3 +116,142 @@ def _summary(result: EstimationResult) -> dict[str, Any]:
         "seconds": result.seconds,
         "warnings": list(result.warnings),
     }
+
+
+def _recording(work: Workspace, file: Path) -> Measurement:
+    """Return a recording, simulated in this run or read from its file."""
+    section, robot = work.configuration.run.data, work.configuration.robot
+    simulated = work.made.get("experiment")
+    if file != work.measurement_file or simulated is None or simulated.recording is None:
+        return read_measurement(file, section, robot)
+    # The same table as in the file.
+    channels = simulated.recording.channels.items()
+    values = {name: column.astype(np.float64, copy=False) for name, column in channels}
+    return measurement_of(RawTable(file, values, {}, "line", 2), section, robot)
+
+
+def load_measurement(config: ConfigurationLike, file: Place | None = None) -> Measurement:
+    """Read a recording by a run's section `data`: columns, units, delay, part of the file.
+
+    Parameters
+    ----------
+    config : path, mapping or RunConfiguration
+    file : path, optional
+        File in a known format; the run's `data.file` by default.
+
+    Returns
+    -------
+    Measurement
+        Time, lengths and forces, in SI.
+
+    Raises
+    ------
+    InputError
+        The run or the file is unusable; every defect is named with column and row.
+    """
+    configuration = load_run(config)
+    section = configuration.run.data
+    place = section.file if file is None else file
+    if place is None:
+        raise InputError("no recording is given", configuration.file, key="data.file")
+    return read_measurement(place, section, configuration.robot)
+
+
+def estimate(
+    config: ConfigurationLike,
+    data: Measurement | Place | Sequence[Measurement | Place] | None = None,
+    design: DesignResult | FourierTrajectory | Place | None = None,
+) -> EstimationResult:
+    """Estimate the parameters from recordings.
+
+    Parameters
+    ----------
+    config : path, mapping or RunConfiguration
+    data : Measurement, path or sequence of them, optional
+        Recordings, combined in one estimate; the run's `data.file` by default.
+    design : DesignResult, FourierTrajectory or path, optional
+        Executed motion of all recordings; without it the period comes from the recording.
+
+    Raises
+    ------
+    InputError
+        Run, recording or design cannot be used, or do not fit.
+    ComputationError
+        No motion has the measured lengths, or the data do not determine some parameters.
+    """
+    configuration = load_run(config)
+    given = configuration.run.data.file if data is None else data
+    if given is None:
+        raise InputError("no recording is given", configuration.file, key="data.file")
+    recordings = [
+        one if isinstance(one, Measurement) else load_measurement(configuration, one)
+        for one in ([given] if isinstance(given, str | PathLike | Measurement) else given)
+    ]
+    trajectory = None if design is None else trajectory_of(design)
+    return identification.estimate(configuration, recordings, trajectory)
+
+
+def run_validation(work: Workspace) -> Outcome:
+    """Predict motions, and compare with the measured forces."""
+    configuration, saved = _identified(work)
+    result = validate(configuration, saved)
+    doubt = ""
+    if not result.accepted:
+        doubt = "a motion contradicts the model"
+        if any(each.within is False for each in result.motions):
+            doubt = "a motion is not predicted within its tolerance"
+    return Outcome(
+        result=result,
+        summary={
+            "accepted": result.accepted,
+            "motions": {each.name: each.diagnostics.verdict.summary for each in result.motions},
+            "within_tolerance": {each.name: each.within for each in result.motions},
+            "seconds": result.seconds,
+            "warnings": list(result.warnings),
+        },
+        message="accepted" if result.accepted else "doubtful",
+        warnings=result.warnings[len(configuration.warnings) :],
+        doubt=doubt,
+    )
+
+
+VALIDATION = StageFunctions(run_validation, StageViews(ValidationResult, validation_view))
+
+
+def run_feedforward(work: Workspace) -> Outcome:
+    """Compare the tracking errors with each feed-forward."""
+    configuration, saved = _identified(work)
+    designed = configuration.run.feedforward.motion == "design"
+    design = work.design().trajectory if designed else None
+    result = compare_feedforward(configuration, saved, design)
+    reduction = result.case("identified").reduction
+    return Outcome(
+        result=result,
+        summary={
+            "machine": result.machine,
+            "motion": result.motion,
+            "cases": [asdict(each) for each in result.cases],
+            "left": result.left,
+            "warnings": list(result.warnings),
+        },
+        message=f"error {reduction:.3g} times smaller with the identified model",
+        warnings=result.warnings[len(configuration.warnings) :],
+        doubt="" if reduction > 1 else "the identified model does not make the error smaller",
+    )
+
+
+FEEDFORWARD = StageFunctions(run_feedforward, StageViews(FeedforwardResult, feedforward_view))
+
+
+def _identified(work: Workspace) -> tuple[RunConfiguration, IdentifiedModel]:
+    """Return the run with the terms that the estimate added, and the estimate."""
+    place, made = work.estimate_place, work.made.get("estimate")
+    found: EstimateFile
+    if work.sources.estimate is None and made is not None and made.result is not None:
+        found = made.result
+    else:
+        found = EstimateFile.read(place)
+    added = () if found.selection is None else found.selection.added
+    configuration = add_terms(work.configuration, added)
+    path = place if place.is_file() else place / ESTIMATE_FILE
+    return configuration, identified_model(found, path, robot_from(configuration.robot))

@@ -1,18 +1,30 @@
-"""Execution of a stage, its entry in the manifest, and the files that it keeps or replaces."""
+"""Execution of a stage in its run folder: the folder's place and checks, files, the manifest."""
 
 from __future__ import annotations
 
+import errno
+import os
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from fnmatch import fnmatch
+from os import PathLike
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
-from expdesign.configuration import ComputationError, RunConfiguration, resolved_yaml
+from expdesign.configuration import (
+    ComputationError,
+    InputError,
+    RunConfiguration,
+    load_run,
+    quote,
+    resolved_yaml,
+)
 from expdesign.evaluation.machine_code import evaluator
 from expdesign.interruption import interruptible
+from expdesign.library import run_files
 from expdesign.progress import listening, report_progress
 from expdesign.runfolder.files import RUN_FILE, remove_leftovers, write_text
 from expdesign.runfolder.manifest import (
@@ -24,12 +36,12 @@ from expdesign.runfolder.manifest import (
     text_hash,
 )
 from expdesign.runfolder.tables import COLUMNS_FILE, tables_described
-from expdesign.stages.folder import refuse_unwritable
-from expdesign.stages.stage import Stage
-from expdesign.stages.workspace import Outcome, StageFailed, Workspace
+from expdesign.stages.stage import Outcome, Stage, StageFailed, Workspace, short
 from expdesign.workers import StoppedError
 from results.views.folder import RunFolder
 from results.views.view import StageView
+
+Place = str | PathLike[str]
 
 _SAVING = ("the result is saved first", "discards what is not yet saved")
 _FOLDERS = ("tables", "figures", "exports", "designs", "montecarlo", "repetitions")
@@ -58,7 +70,7 @@ def execute(stage: Stage, work: Workspace) -> Outcome:
     try:
         with work.progress.working(stage.name) as listener, listening(listener):
             report_progress("loading modules")
-            outcome = stage.run(work)
+            outcome = stage.functions().run(work)
             # Hours of computation are not lost to a Ctrl-C in the seconds of saving.
             with interruptible(work.progress.note, *_SAVING) as asked:
                 outcome = save(outcome, stage, work, began)
@@ -92,13 +104,11 @@ def save(outcome: Outcome, stage: Stage, work: Workspace, began: float) -> Outco
 
 def _write(outcome: Outcome, stage: Stage, work: Workspace) -> Outcome:
     """Write and draw the stored result, unless the stage has written files itself."""
-    if outcome.record is None:
-        return outcome
     files = outcome.files
     if not files:
         report_progress("writing the results")
-        files = tuple(outcome.record.write(work.folder))
-    view = outcome.view or view_result(stage, outcome.record, work)
+        files = tuple(outcome.result.write(work.folder))
+    view = outcome.view or view_result(stage, outcome.result, work)
     if view.drawings:
         # The library that draws takes a second to load; the result is written by now.
         from results.render.figures import draw_figures
@@ -111,8 +121,9 @@ def _write(outcome: Outcome, stage: Stage, work: Workspace) -> Outcome:
 def view_result(stage: Stage, result: Any, work: Workspace) -> StageView:
     """Return the view of a result in memory."""
     results = {type(result): result}
-    folder = RunFolder(work.folder, {stage.name: stage}, work.configuration, results=results)
-    return stage.view(folder, brief=True)
+    stages = {stage.name: stage}
+    folder = RunFolder(work.folder, stages, work.configuration, results=results, brief=True)
+    return stage.views().view(folder)
 
 
 def input_hash(stage: Stage, work: Workspace) -> str:
@@ -239,3 +250,74 @@ def clear_outdated(stage: str, work: Workspace) -> set[Path]:
         if path.parent != folder and not any(path.parent.iterdir()):
             path.parent.rmdir()
     return set()
+
+
+_ROOM = 2**20
+"""Free bytes that a stage needs at its beginning; most stages write less."""
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+_LONGEST_NAME, _LONGEST_PATH = 255, 3800
+"""Bytes of a folder's name, and of its whole path: what systems take, with room for the files."""
+
+
+def run_folder(configuration: RunConfiguration, out: Place | None) -> Path:
+    """Return the run folder: the given one, or runs/<name> in the current folder."""
+    if out is not None and not os.fspath(out):
+        raise InputError("the text is empty", key="--out", allowed="the name of a folder")
+    folder = (Path("runs") / configuration.run.name if out is None else Path(out)).absolute()
+    refuse_long(folder)
+    return folder
+
+
+def refuse_long(folder: Path) -> None:
+    """Refuse a folder with a name that is too long for the system."""
+    longest = max(len(os.fsencode(part)) for part in folder.parts)
+    if longest > _LONGEST_NAME or len(os.fsencode(folder)) > _LONGEST_PATH:
+        message = f"{quote(folder.name)}: the name is too long"
+        named = f"{_LONGEST_NAME} bytes in each name, {_LONGEST_PATH} in all"
+        raise InputError(message, key="--out", allowed=named)
+
+
+def refuse_run_file(place: Path) -> None:
+    """Refuse a run file, or the name of a run that ships, instead of a run folder."""
+    if not (place.is_file() or str(place) in run_files()):
+        return
+    try:
+        folder = run_folder(load_run(str(place) if str(place) in run_files() else place), None)
+    except InputError:
+        return  # another file: the caller refuses it
+    made = "" if folder.is_dir() else ", which does not exist yet"
+    message = f"this is a run and not its folder, {short(folder)}{made}"
+    raise InputError(message, place, allowed=f"a run folder such as {short(folder)}")
+
+
+def refuse_unwritable(folder: Path) -> None:
+    """Refuse a folder that cannot be written to, before the computation."""
+    allowed = "a folder that is new, or may be written to"
+    refuse_long(folder)
+    for place in (folder, *folder.parents):
+        if place.is_symlink() and not place.exists():
+            raise InputError("the link leads nowhere", place, key="--out", allowed=allowed)
+    existing = next(path for path in (folder, *folder.parents) if path.exists())
+    try:
+        with TemporaryFile(dir=existing) as file:
+            file.write(bytes(_ROOM))
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        if error.errno in _FULL:
+            raise OSError(error.errno, os.strerror(error.errno), str(folder)) from error
+        message = f"cannot write there: {error.strerror}"
+        raise InputError(message, folder, key="--out", allowed=allowed) from error
+
+
+def refuse_removed(folder: Path, made: Iterable[Outcome]) -> None:
+    """Fail when a folder no longer holds the results of its stages."""
+    manifest = Manifest.known(folder)
+    held = {} if manifest is None else manifest.stages
+    gone = [one.stage for one in made if (one.files or one.kept) and one.stage not in held]
+    if gone:
+        raise StageFailed(
+            f"{short(folder)} was removed or emptied during the run: the results of "
+            f"{', '.join(gone)} are lost. The same command makes them again."
+        )

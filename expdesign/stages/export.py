@@ -1,47 +1,293 @@
-"""Stage that writes controller tables of the motion."""
+"""Export of controller tables, of their descriptions, and of the motion that they hold."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from copy import copy
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
-from expdesign.stages.stage import Stage, run_sections
-from expdesign.stages.workspace import Outcome, Workspace
-from results.views.folder import RunFolder
-from results.views.view import StageView
+import numpy as np
+
+from constraints.arrays import Array
+from expdesign.configuration import ComputationError, ExportSection, InputError, RunConfiguration
+from expdesign.experiment.setup import judged_parameters
+from expdesign.export.definition import Task
+from expdesign.export.exporting import (
+    Export,
+    export_job,
+    export_table,
+    file_name,
+    refuse_missing_library,
+    refuse_unreadable_name,
+)
+from expdesign.export.readme import readme
+from expdesign.export.result import (
+    FOLDER,
+    RECORD,
+    ExportedMotion,
+    ExportedTable,
+    ExportResult,
+    exported_motion,
+    exported_table,
+    result_file,
+)
+from expdesign.motion.executable import ExecutableMotion, has_enclosure
+from expdesign.motion.planning import check_motion, executable_motion
+from expdesign.progress import forward_progress, progress_prefix, report_progress
+from expdesign.robot import robot_from
+from expdesign.runfolder.files import remove_leftovers, write_text
+from expdesign.runfolder.manifest import package_versions, text_hash
+from expdesign.stages.execution import (
+    added_to,
+    clear_outdated,
+    keep_configuration,
+    refuse_unwritable,
+    sections_text,
+    view_result,
+)
+from expdesign.stages.stage import (
+    Outcome,
+    Stage,
+    StageFunctions,
+    Workspace,
+    short,
+    trajectory_text,
+)
+from expdesign.trajectory import FourierTrajectory
+from expdesign.workers import Job, Monitor, run_jobs
+from results.views.export import export_view
+from results.views.folder import StageViews
+
+README = "README.txt"
 
 
-class ExportStage(Stage):
-    """Controller tables."""
+def run_export(work: Workspace) -> Outcome:
+    """Write every table that the run names, with README.txt and exports.json.
 
-    name = "export"
-    does = "writes controller tables of the motion"
-    file = "exports/exports.json"
-    writes = ("exports/*",)
-    sections = run_sections(
-        "trajectory",
-        "motion",
-        "export",
-        design={"parameters"},
-        experiment={"periods", "sampling", "payload"},
+    Both keep the tables of the same motion that were exported by hand.
+    """
+    configuration, target = work.configuration, work.folder / FOLDER
+    sections = configuration.run.export
+    for number, section in enumerate(sections, start=1):
+        refuse_missing_library(section, f"export[{number}]")
+        _refuse_taken_name(target / file_name(section), f"export[{number}].file")
+    task = export_task(work)
+    before = ExportResult.known(target / RECORD)
+    clear_outdated("export", work)
+    own = {file_name(section) for section in sections}
+    motion = exported_motion(task)
+    files = _described_files(before, motion, own, work)
+    places = target / RECORD, target / README
+    described = _describe(ExportResult(motion, files), *places) if files else ()
+    made, refused = [], list[Exception]()
+    for one in _exported(task, sections, target, configuration.run.workers or 1):
+        if isinstance(one, Exception):
+            refused.append(one)
+            continue
+        made.append(one)
+        # After each table: when another one fails, this one has its description, and
+        # `expdesign export` does not replace it by one with the options of an earlier run.
+        files[one.path.name] = exported_table(one)
+        described = _describe(ExportResult(motion, files), *places)
+        keep_configuration(configuration, work.folder)
+    if refused:
+        for error in refused[1:]:
+            work.progress.warn(f"failed, too: {error}")
+        raise refused[0]
+    return Outcome(
+        result=_result(motion, made),
+        files=(*(path for one in made for path in (one.path, *one.beside)), *described),
+        summary=_summary(motion, made),
     )
-    needs = ("design",)
-    shown_after = "design"
 
-    def result_type(self) -> type[Any]:
-        """Return the type of the stored result."""
-        from expdesign.export.result import ExportResult
 
-        return ExportResult
+EXPORT = StageFunctions(run_export, StageViews(ExportResult, export_view))
 
-    def view(self, folder: RunFolder, *, brief: bool = False) -> StageView:
-        """Return the view of the controller tables."""
-        from results.views.export import export_view
 
-        del brief
-        return export_view(folder)
+def _exported(
+    task: Task, sections: Sequence[ExportSection], target: Path, workers: int
+) -> Iterator[Export | InputError | ComputationError]:
+    """Yield the tables that worker processes write, in their order, or the errors instead."""
+    jobs = [
+        Job(export_job, (section, target / name, f"export[{k}]", f"{name}, table {k} of {count}"))
+        for count in [len(sections)]
+        for k, section in enumerate(sections, start=1)
+        for name in [file_name(section)]
+    ]
+    try:
+        yield from run_jobs(partial(copy, task), jobs, workers, Monitor(report=forward_progress()))
+    finally:
+        # Files of a worker that was ended while it wrote a table.
+        remove_leftovers(target)
 
-    def run(self, work: Workspace) -> Outcome:
-        """Write every table that the run names."""
-        from expdesign.stages.exporting import export_tables
 
-        return export_tables(self, work)
+def export_one(stage: Stage, section: ExportSection, work: Workspace, out: Path | None) -> Outcome:
+    """Write one table, as `expdesign export` does.
+
+    Parameters
+    ----------
+    stage : Stage
+    section : ExportSection
+    work : Workspace
+        Workspace of the run folder with the design.
+    out : Path or None
+        The file; in ``exports/`` of the run folder by default.
+    """
+    refuse_missing_library(section)
+    target = work.folder / FOLDER
+    path = target / file_name(section) if out is None else out.absolute()
+    refuse_unreadable_name(section, path, "--out")
+    in_folder = path.parent.resolve() == target.resolve()
+    if in_folder:
+        _refuse_taken_name(path, "--file" if out is None else "--out")
+    refuse_unwritable(path.parent)
+    work.warn(work.configuration.warnings_before("export"))
+    task = export_task(work)
+    with progress_prefix(path.name):
+        made = export_table(section, task, path)
+    motion, entry = exported_motion(task), {path.name: exported_table(made)}
+    if in_folder:
+        known = ExportResult.known(target / RECORD)
+        others = _described_files(known, motion, {path.name}, work)
+        places = target / RECORD, target / README
+        with added_to(work.folder, places):
+            _describe(ExportResult(motion, others | entry), *places)
+    else:
+        _describe_beside(path, ExportResult(motion, entry))
+    files = (path, *made.beside)
+    result = _result(motion, [made])
+    view = view_result(stage, result, replace(work, folder=path.parent.parent))
+    return Outcome(result=result, files=files, summary=_summary(motion, [made]), view=view)
+
+
+def _refuse_taken_name(path: Path, key: str) -> None:
+    """Refuse a table with the name of a description of the tables."""
+    if path.name.casefold() in {README.casefold(), RECORD.casefold()}:
+        message = f"{path.name} describes the tables of this folder"
+        allowed = f"another name than {README} and {RECORD}"
+        raise InputError(message, key=key, allowed=allowed)
+
+
+def export_task(work: Workspace) -> Task:
+    """Return the task of an export: the design with its lead-in and lead-out.
+
+    Those of the folder's tables are used when they were made from the same configuration, design
+    and versions.
+    """
+    configuration = work.configuration
+    run, noise = configuration.run, configuration.robot.noise
+    robot = robot_from(configuration.robot)
+    trajectory = work.design().trajectory
+    made_from = _made_from(configuration, trajectory)
+    record = work.folder / FOLDER / RECORD
+    motion = _known_motion(record, made_from, trajectory, robot.home)
+    if motion is not None and motion.periods == run.experiment.periods:
+        work.progress.note(f"the lead-in and lead-out are those of {short(record)}")
+    else:
+        report_progress("lead-in and lead-out")
+        motion = executable_motion(configuration, trajectory)
+    check = check_motion(configuration, motion) if has_enclosure(motion) else None
+    if check is not None and not check.certified:
+        left = (one for one in check.limits if not one.certified)
+        worst = max(left, key=lambda one: one.possible)
+        reason = "nothing is proved"
+        if np.isfinite(worst.proved):
+            reason = f"it may be beyond its bound by {100 * worst.proved:.2g} % of its range"
+        work.progress.warn(
+            f"the motion from rest to rest is not proved to keep {worst.title}: {reason}"
+        )
+    return Task(
+        check=check,
+        name=run.name,
+        robot=robot,
+        motion=motion,
+        controller_period=run.controller_period,
+        sampling=run.experiment.sampling,
+        parameters=judged_parameters(configuration, robot),
+        force_covariance=None if noise is None else noise.force_covariance,
+        made_from=made_from,
+    )
+
+
+def _made_from(configuration: RunConfiguration, trajectory: FourierTrajectory) -> str:
+    """Return the hash of everything that lead-in and lead-out depend on."""
+    sections = {
+        "robot": True,
+        "motion": True,
+        "trajectory": {"controller_period"},
+        "experiment": {"periods", "sampling"},
+    }
+    text, versions = sections_text(configuration, sections), sorted(package_versions().items())
+    return text_hash("executable motion", text, trajectory_text(trajectory), versions)
+
+
+def _known_motion(
+    path: Path, made_from: str, trajectory: FourierTrajectory, home: Array
+) -> ExecutableMotion | None:
+    record = ExportResult.known(path)
+    if record is None or record.motion.made_from != made_from or record.motion.ways is None:
+        return None
+    try:
+        return record.motion.ways.motion(trajectory, home)
+    except ValueError:
+        return None
+
+
+def _described_files(
+    before: ExportResult | None, motion: ExportedMotion, replaced: set[str], work: Workspace
+) -> dict[str, ExportedTable]:
+    """Return the folder's tables of this motion; warn of tables of another one.
+
+    `before` is the content of exports.json, before outdated files were removed. Tables that are
+    `replaced` now cause no warning.
+    """
+    if before is None:
+        return {}
+    folder = work.folder / FOLDER
+    present = {name: entry for name, entry in before.files.items() if (folder / name).is_file()}
+    if before.motion == motion:
+        return present
+    if others := sorted(present.keys() - replaced):
+        work.progress.warn(
+            f"not of the motion that is exported now, and no longer in {README} and {RECORD}: "
+            f"{', '.join(others)}"
+        )
+    return {}
+
+
+def _describe_beside(path: Path, record: ExportResult) -> None:
+    """Write the description of one table next to it, under names that begin with the table's.
+
+    Where the table has replaced one of another run's `exports/`, the old description is removed.
+    """
+    _describe(record, result_file(path), path.with_name(f"{path.name}.{README}"))
+    shared, guide = path.with_name(RECORD), path.with_name(README)
+    other = ExportResult.known(shared)
+    if other is not None and path.name in other.files:
+        rest = {name: entry for name, entry in other.files.items() if name != path.name}
+        if rest:
+            _describe(replace(other, files=rest), shared, guide)
+        else:
+            shared.unlink()
+            guide.unlink(missing_ok=True)
+
+
+def _describe(record: ExportResult, path: Path, guide: Path) -> tuple[Path, Path]:
+    """Write the description of tables, for programs and for people; return both paths."""
+    record.write_as(path)
+    write_text(guide, readme(record))
+    return path, guide
+
+
+def _result(motion: ExportedMotion, made: list[Export]) -> ExportResult:
+    return ExportResult(motion, {one.path.name: exported_table(one) for one in made})
+
+
+def _summary(motion: ExportedMotion, made: list[Export]) -> dict[str, Any]:
+    record = ExportResult(motion, {str(one.path): exported_table(one) for one in made})
+    data = record.as_data()
+    data["motion"].pop("ways")
+    return data

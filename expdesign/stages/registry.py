@@ -1,4 +1,4 @@
-"""Registry of the stages, those of plug-ins included, and their choice in a run."""
+"""Registry of the stages: the built-in ones, those of plug-ins, and their choice in a run."""
 
 from __future__ import annotations
 
@@ -10,18 +10,230 @@ from types import MappingProxyType
 
 from constraints.plugins import declared_classes
 from expdesign.configuration import Problem, RunConfiguration
-from expdesign.stages.design import DesignStage
-from expdesign.stages.estimate import EstimateStage
-from expdesign.stages.experiment import ExperimentStage
-from expdesign.stages.export import ExportStage
-from expdesign.stages.feedforward import FeedforwardStage
-from expdesign.stages.montecarlo import MonteCarloStage
-from expdesign.stages.noise import NoiseStage
-from expdesign.stages.report import ReportStage
-from expdesign.stages.stage import Stage
-from expdesign.stages.sweep import SweepStage
-from expdesign.stages.validate import ValidateStage
-from expdesign.stages.workspace import short
+from expdesign.stages.stage import (
+    ESTIMATE_FILE,
+    FIGURES,
+    MEASUREMENT_FILE,
+    TABLES,
+    Stage,
+    StageFunctions,
+    run_sections,
+    short,
+)
+
+
+class DesignStage(Stage):
+    """Search for the optimal excitation trajectory."""
+
+    name = "design"
+    does = "searches the optimal excitation trajectory"
+    file = "design.json"
+    writes = ("trajectory.csv", *TABLES)
+    sections = run_sections("trajectory", "design", experiment={"periods", "sampling", "payload"})
+    compared = "trajectory.csv"
+
+    def functions(self) -> StageFunctions:
+        """Return the search, the view and the comparison of designs."""
+        from expdesign.stages.design import DESIGN
+
+        return DESIGN
+
+    def reason_left_out(self, configuration: RunConfiguration) -> str:
+        """Return the reason against a single design in a sweep."""
+        sweeps = configuration.run.sweep is not None
+        return "the sweep does it for each of its designs" if sweeps else ""
+
+
+class ExperimentStage(Stage):
+    """Simulated experiment on the digital twin."""
+
+    name = "experiment"
+    does = "measures the trajectory on the digital twin"
+    file = "truth.json"
+    output = MEASUREMENT_FILE
+    writes = ("columns.json", MEASUREMENT_FILE, "repetitions/*/measurement.csv")
+    sections = run_sections("experiment")
+    needs = ("design",)
+
+    def functions(self) -> StageFunctions:
+        """Return the simulation and its view."""
+        from expdesign.stages.experiment import EXPERIMENT
+
+        return EXPERIMENT
+
+    def reason_left_out(self, configuration: RunConfiguration) -> str:
+        """Return the reason against a simulation: a measured recording, or a sweep."""
+        file = configuration.run.data.file
+        measured = "" if file is None else f"the data is measured: {short(Path(file))}"
+        return measured or super().reason_left_out(configuration)
+
+
+class NoiseStage(Stage):
+    """Noise analysis of a recording, without any model."""
+
+    name = "noise"
+    does = "analyses the noise of a recording"
+    file = "noise.json"
+    writes = ("noise.yaml", *TABLES)
+    sections = run_sections("trajectory", "data")
+    needs = ("recording",)
+
+    def functions(self) -> StageFunctions:
+        """Return the analysis and its view."""
+        from expdesign.stages.estimate import NOISE
+
+        return NOISE
+
+    def reason_left_out(self, configuration: RunConfiguration) -> str:
+        """Return no reason: a recording can be analysed in every run."""
+        del configuration
+        return ""
+
+
+class MonteCarloStage(Stage):
+    """Monte-Carlo study of the estimators."""
+
+    name = "montecarlo"
+    does = "judges the estimators on many simulated experiments"
+    file = "montecarlo.json"
+    writes = TABLES
+    sections = run_sections("experiment", "estimate", "montecarlo")
+    needs = ("design",)
+    compared = "tables/montecarlo.csv"
+
+    def functions(self) -> StageFunctions:
+        """Return the study, its view and the comparison of studies."""
+        from expdesign.stages.experiment import MONTE_CARLO
+
+        return MONTE_CARLO
+
+
+class EstimateStage(Stage):
+    """Estimate of the parameters."""
+
+    name = "estimate"
+    does = "estimates the parameters from a recording"
+    file = ESTIMATE_FILE
+    writes = ("estimates.csv", "identified-robot.yaml", *TABLES)
+    sections = run_sections("trajectory", "data", "estimate", experiment={"payload"})
+    needs = ("recording",)
+    compared = "estimates.csv"
+
+    def functions(self) -> StageFunctions:
+        """Return the estimation, its view and the comparison of estimates."""
+        from expdesign.stages.estimate import ESTIMATE
+
+        return ESTIMATE
+
+
+class ValidateStage(Stage):
+    """Validation of an estimate on other motions."""
+
+    name = "validate"
+    does = "predicts motions that were not used for the estimate"
+    file = "validation.json"
+    writes = TABLES
+    sections = run_sections("trajectory", "experiment", "data", "estimate", "validation")
+    needs = ("estimate",)
+    compared = "tables/validation.csv"
+
+    def functions(self) -> StageFunctions:
+        """Return the prediction of other motions and its view."""
+        from expdesign.stages.estimate import VALIDATION
+
+        return VALIDATION
+
+
+class FeedforwardStage(Stage):
+    """Comparison of feed-forwards on the closed loop."""
+
+    name = "feedforward"
+    does = "drives the twin with and without the forces of the identified model"
+    file = "feedforward.json"
+    writes = TABLES
+    sections = run_sections("trajectory", "experiment", "data", "estimate", "feedforward")
+    needs = ("estimate", "design")
+    compared = "tables/feedforward.csv"
+
+    def functions(self) -> StageFunctions:
+        """Return the comparison of tracking errors and its view."""
+        from expdesign.stages.estimate import FEEDFORWARD
+
+        return FEEDFORWARD
+
+    def inputs(self, configuration: RunConfiguration) -> tuple[str, ...]:
+        """Return the inputs; without the design for a motion of the run file."""
+        designed = configuration.run.feedforward.motion == "design"
+        return self.needs if designed else ("estimate",)
+
+
+class SweepStage(Stage):
+    """Designs over a grid."""
+
+    name = "sweep"
+    does = "designs at every point of a grid"
+    file = "sweep.json"
+    writes = (*TABLES, "designs/*/design.json")
+    sections = run_sections(
+        "trajectory", "design", "sweep", experiment={"periods", "sampling", "payload"}
+    )
+
+    def functions(self) -> StageFunctions:
+        """Return the search at every point and the view of the designs."""
+        from expdesign.stages.design import sweep_functions
+
+        return sweep_functions(DesignStage())
+
+    def reason_left_out(self, configuration: RunConfiguration) -> str:
+        """Return no reason: a run that names the sweep does it."""
+        del configuration
+        return ""
+
+
+class ExportStage(Stage):
+    """Controller tables."""
+
+    name = "export"
+    does = "writes controller tables of the motion"
+    file = "exports/exports.json"
+    writes = ("exports/*",)
+    sections = run_sections(
+        "trajectory",
+        "motion",
+        "export",
+        design={"parameters"},
+        experiment={"periods", "sampling", "payload"},
+    )
+    needs = ("design",)
+    shown_after = "design"
+
+    def functions(self) -> StageFunctions:
+        """Return the export of every table that the run names, and the view of the tables."""
+        from expdesign.stages.export import EXPORT
+
+        return EXPORT
+
+
+class ReportStage(Stage):
+    """One page for everything in the folder."""
+
+    name = "report"
+    does = "writes one page for everything in the folder"
+    file = "report.html"
+    writes = ("tables/*.tex", FIGURES)
+    needs = ("folder",)
+
+    def functions(self) -> StageFunctions:
+        """Return the report of a run folder."""
+        from expdesign.stages.report import REPORT
+
+        return REPORT
+
+    def reason_left_out(self, configuration: RunConfiguration) -> str:
+        """Return no reason: every run can be reported."""
+        del configuration
+        return ""
+
 
 _BUILT_IN: tuple[type[Stage], ...] = (
     DesignStage,

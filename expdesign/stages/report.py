@@ -1,4 +1,4 @@
-"""Stage that writes the report of a run folder."""
+"""Report of a run folder: one page for all its stages."""
 
 from __future__ import annotations
 
@@ -8,45 +8,28 @@ from typing import Any
 
 from expdesign.configuration import RunConfiguration
 from expdesign.stages.execution import keep_configuration
-from expdesign.stages.stage import FIGURES, Stage
-from expdesign.stages.workspace import Outcome, Workspace
-from results.views.folder import RunFolder, ViewedStage
+from expdesign.stages.stage import Outcome, StageFunctions, Workspace
+from results.render.run_report import NAME, write_report
+from results.views.folder import RunFolder, StageViews, ViewedStage
 from results.views.view import Level, StageVerdict, StageView
 
-PAGE = "report.html"
+
+def run_report(work: Workspace) -> Outcome:
+    """Write the report as the last stage of a run."""
+    if work.folder.is_dir():
+        # The report shows it, and all other stages of the run are done by now.
+        keep_configuration(work.configuration, work.folder)
+    results = [made.result for made in work.made.values() if not made.kept]
+    return report_folder(work.folder, work.stages, work.configuration, results)
 
 
-class ReportStage(Stage):
-    """One page for everything in the folder."""
+def report_view(folder: RunFolder) -> StageView:
+    """Return the view of a report: the place of its page."""
+    del folder
+    return StageView(StageVerdict("Report", Level.GOOD, "written", f"It is in {NAME}"))
 
-    name = "report"
-    does = "writes one page for everything in the folder"
-    file = PAGE
-    writes = ("tables/*.tex", FIGURES)
-    needs = ("folder",)
 
-    def result_type(self) -> type[Any]:
-        """Return the path of the page, the only result."""
-        return Path
-
-    def view(self, folder: RunFolder, *, brief: bool = False) -> StageView:
-        """Return the place of the page."""
-        del brief
-        sentence = f"All stages of {folder.configuration.run.name} in one page"
-        return StageView(StageVerdict("Report", Level.GOOD, "written", sentence))
-
-    def reason_left_out(self, configuration: RunConfiguration) -> str:
-        """Return no reason: every run can be reported."""
-        del configuration
-        return ""
-
-    def run(self, work: Workspace) -> Outcome:
-        """Write the report as the last stage of a run."""
-        if work.folder.is_dir():
-            # The report shows it, and all other stages of the run are done by now.
-            keep_configuration(work.configuration, work.folder)
-        results = [made.record for made in work.made.values() if made.record is not None]
-        return report_folder(work.folder, work.stages, work.configuration, results)
+REPORT = StageFunctions(run_report, StageViews(Path, report_view))
 
 
 def report_folder(
@@ -67,11 +50,8 @@ def report_folder(
     results : iterable
         Results in memory, which are not read from the folder.
     """
-    from results.render.run_report import write_report
-
     files = tuple(write_report(folder, stages, configuration, results))
-    page = folder / PAGE
-    verdict = StageVerdict("Report", Level.GOOD, "written", f"It is in {page.name}")
+    page = folder / NAME
     return Outcome(
         result=page,
         files=files,
@@ -80,5 +60,4 @@ def report_folder(
             "report": str(page),
             "files": [str(path.relative_to(folder)) for path in files],
         },
-        view=StageView(verdict),
     )

@@ -1,31 +1,24 @@
-"""A run: its stages in their order, finished ones kept; and single stages from Python."""
+"""A run: its stages in their order, finished ones kept."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from estimation.validation.motions import refuse_unfit_motions
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.stages.execution import (
+    Place,
     clear_leftovers,
     execute,
     input_hash,
     is_done,
     keep_configuration,
+    refuse_removed,
+    run_folder,
 )
-from expdesign.stages.folder import Place, refuse_removed, run_folder
 from expdesign.stages.registry import missing_design, named_stages, reported_stages
-from expdesign.stages.report import report_folder
-from expdesign.stages.workspace import Outcome, Progress, StageFailed, Workspace, short
-from expdesign.trajectory import FourierTrajectory, TrajectoryFile
-
-if TYPE_CHECKING:
-    from estimation.data.measurement import Measurement
-    from estimation.identification import EstimationResult
-    from expdesign.experiment import DesignResult
+from expdesign.stages.stage import Outcome, Progress, StageFailed, Workspace, short
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,106 +95,7 @@ def refuse_unfit(configuration: RunConfiguration) -> None:
     What follows from the configuration alone has been refused with it.
     """
     if configuration.run.validation:
-        from estimation.validation.motions import refuse_unfit_motions
-
         refuse_unfit_motions(configuration, configuration.robot.home)
-
-
-def simulate(
-    config: ConfigurationLike,
-    design: DesignResult | FourierTrajectory | Place,
-    repetition: int = 1,
-) -> Measurement:
-    """Measure a designed trajectory on the digital twin.
-
-    Parameters
-    ----------
-    config : path, mapping or RunConfiguration
-        Run with the robot and the section `experiment`.
-    design : DesignResult, FourierTrajectory or path
-        Executed motion: a result, a run folder or `design.json`.
-    repetition : int
-        Number of the repetition, from 1; each has different noise.
-
-    Returns
-    -------
-    Measurement
-        Time, lengths and forces, in SI.
-
-    Raises
-    ------
-    InputError
-        Run or design cannot be used, or the robot cannot make the motion.
-    """
-    from estimation.twin import Twin
-
-    return Twin.of(load_run(config), _trajectory(design)).measurement(repetition)
-
-
-def load_measurement(config: ConfigurationLike, file: Place | None = None) -> Measurement:
-    """Read a recording by a run's section `data`: columns, units, delay, part of the file.
-
-    Parameters
-    ----------
-    config : path, mapping or RunConfiguration
-    file : path, optional
-        File in a known format; the run's `data.file` by default.
-
-    Returns
-    -------
-    Measurement
-        Time, lengths and forces, in SI.
-
-    Raises
-    ------
-    InputError
-        The run or the file is unusable; every defect is named with column and row.
-    """
-    from estimation.data.reading import read_measurement
-
-    configuration = load_run(config)
-    section = configuration.run.data
-    place = section.file if file is None else file
-    if place is None:
-        raise InputError("no recording is given", configuration.file, key="data.file")
-    return read_measurement(place, section, configuration.robot)
-
-
-def estimate(
-    config: ConfigurationLike,
-    data: Measurement | Place | Sequence[Measurement | Place] | None = None,
-    design: DesignResult | FourierTrajectory | Place | None = None,
-) -> EstimationResult:
-    """Estimate the parameters from recordings.
-
-    Parameters
-    ----------
-    config : path, mapping or RunConfiguration
-    data : Measurement, path or sequence of them, optional
-        Recordings, combined in one estimate; the run's `data.file` by default.
-    design : DesignResult, FourierTrajectory or path, optional
-        Executed motion of all recordings; without it the period comes from the recording.
-
-    Raises
-    ------
-    InputError
-        Run, recording or design cannot be used, or do not fit.
-    ComputationError
-        No motion has the measured lengths, or the data do not determine some parameters.
-    """
-    from estimation import identification
-    from estimation.data.measurement import Measurement
-
-    configuration = load_run(config)
-    given = configuration.run.data.file if data is None else data
-    if given is None:
-        raise InputError("no recording is given", configuration.file, key="data.file")
-    recordings = [
-        one if isinstance(one, Measurement) else load_measurement(configuration, one)
-        for one in ([given] if isinstance(given, str | PathLike | Measurement) else given)
-    ]
-    trajectory = None if design is None else _trajectory(design)
-    return identification.estimate(configuration, recordings, trajectory)
 
 
 def report(folder: Place) -> Path:
@@ -217,13 +111,12 @@ def report(folder: Place) -> Path:
     InputError
         It is no run folder, or a file of it does not hold what it should.
     """
-    page: Path = report_folder(Path(folder).absolute(), reported_stages()).result
+    page: Path = report_of(Path(folder)).result
     return page
 
 
-def _trajectory(design: DesignResult | FourierTrajectory | Place) -> FourierTrajectory:
-    if isinstance(design, FourierTrajectory):
-        return design
-    if isinstance(design, str | PathLike):
-        return TrajectoryFile.read(Path(design).absolute()).trajectory
-    return design.trajectory
+def report_of(folder: Path) -> Outcome:
+    """Write the report of a run folder; return its page, files and summary."""
+    from expdesign.stages.report import report_folder
+
+    return report_folder(folder.absolute(), reported_stages())

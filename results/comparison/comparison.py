@@ -5,9 +5,9 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from estimation.montecarlo.result import MonteCarloResult
 from expdesign.configuration import InputError, Problem
 from expdesign.progress import track
 from expdesign.runfolder.files import write_text
@@ -16,7 +16,6 @@ from results.notation import counted
 from results.render.figures import draw_figures
 from results.render.markup import html_page, latex_table
 from results.render.run_report import NAME, page_section
-from results.views.estimate import NAMES
 from results.views.folder import RunFolder, ViewedStage
 from results.views.view import (
     Level,
@@ -104,7 +103,11 @@ def _compare(
     for name, stage in track("comparing", tuple(stages.items())):
         holding = {label: folder for label, folder in folders.items() if folder.has(name)}
         if stage.compared and holding:
-            found.append(stage.compare(holding, precision=precision, quick=quick))
+            compare = stage.views().compare
+            if compare is None:
+                found.append(compare_facts(name, holding))
+            else:
+                found.append(compare(holding, precision, quick))
     return [view for view in found if view is not None]
 
 
@@ -195,7 +198,8 @@ def _labels(paths: list[Path]) -> list[str]:
 def compare_facts(stage: str, folders: Mapping[str, RunFolder]) -> StageView | None:
     """Return verdicts and facts of a stage's views, one column per folder; None without facts."""
     views = {
-        label: folder.stages[stage].view(folder, brief=True) for label, folder in folders.items()
+        label: folder.stages[stage].views().view(replace(folder, brief=True))
+        for label, folder in folders.items()
     }
     facts = {label: {fact.name: fact.value for fact in view.facts} for label, view in views.items()}
     names = dict.fromkeys(name for own in facts.values() for name in own)
@@ -213,32 +217,3 @@ def compare_facts(stage: str, folders: Mapping[str, RunFolder]) -> StageView | N
     sentence = f"{counted(len(views), 'folder')}: verdicts and main numbers."
     verdict = StageVerdict(title, Level.NEUTRAL, "compared", sentence, f"compared_{stage}")
     return StageView(verdict, (table,))
-
-
-def compare_montecarlo(folders: Mapping[str, RunFolder]) -> StageView:
-    """Return the achieved standard deviations of Monte-Carlo studies."""
-    found = {label: folder.result(MonteCarloResult).rows for label, folder in folders.items()}
-    keys = dict.fromkeys((row.parameter, row.unit) for rows in found.values() for row in rows)
-    columns = [
-        TableColumn("parameter", kind="parameter", of=[parameter for parameter, _ in keys]),
-        TableColumn("unit", kind="text", of=[unit for _, unit in keys]),
-    ]
-    for label, rows in found.items():
-        bounds = {(row.parameter, row.unit): row.bound for row in rows}
-        columns.append(
-            TableColumn(f"bound, {label}", digits=3, of=[bounds.get(key) for key in keys])
-        )
-        for estimator in dict.fromkeys(row.estimator for row in rows):
-            own = [row for row in rows if row.estimator == estimator]
-            spread = {(row.parameter, row.unit): row.spread for row in own}
-            title = f"{NAMES.get(estimator, estimator)}, {label}"
-            columns.append(TableColumn(title, digits=3, of=[spread.get(key) for key in keys]))
-    caption = (
-        "Standard deviations that the estimators achieved in simulated experiments, and the "
-        "Cramér–Rao bound of each, SI units"
-    )
-    table = ReportTable.of("achieved", caption, columns)
-    number = counted(len(folders), "study", "studies")
-    sentence = f"{number}: achieved standard deviations and the bound."
-    title = "Monte-Carlo studies"
-    return StageView(StageVerdict(title, Level.NEUTRAL, "compared", sentence, "studies"), (table,))

@@ -32,7 +32,7 @@ from results.views.view import (
 
 
 def compare_designs(
-    folders: Mapping[str, RunFolder], precision: float, *, quick: bool = False
+    folders: Mapping[str, RunFolder], precision: float, quick: bool = False
 ) -> StageView:
     """Return the comparison of the designs of folders; a quick one without the costs of limits."""
     designs = tuple(

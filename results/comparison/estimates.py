@@ -90,7 +90,7 @@ def common_parameters(found: tuple[ComparedEstimate, ...]) -> tuple[str, ...]:
     return tuple(name for name in first if all(name in other for other in others))
 
 
-def compare_estimates(folders: Mapping[str, RunFolder]) -> StageView:
+def compare_estimates(folders: Mapping[str, RunFolder], *_: object) -> StageView:
     """Return the comparison of the best estimates of folders."""
     found = tuple(
         ComparedEstimate(label, folder, folder.result(EstimationResult))

@@ -50,9 +50,9 @@ def design_figures(
     "png", "svg" and "pdf", are those of `report.figures` of its run by default.
     """
     configuration = record.configuration
-    place = RunFolder(folder, {}, configuration, results={DesignResult: record})
+    place = RunFolder(folder, {}, configuration, results={DesignResult: record}, brief=True)
     wanted = configuration.run.report.figures if formats is None else formats
-    return draw_figures(design_view(place, brief=True), folder, wanted)
+    return draw_figures(design_view(place), folder, wanted)
 
 
 def draw_machine(

@@ -79,7 +79,7 @@ def write_report(
         run = folder.configuration.run.model_copy(update={"report": configuration.run.report})
         folder = replace(folder, configuration=replace(folder.configuration, run=run))
     formats = folder.configuration.run.report.figures
-    views = {name: stages[name].view(folder) for name in track("sections", folder.held)}
+    views = {name: stages[name].views().view(folder) for name in track("sections", folder.held)}
     report_progress("drawing missing figures")
     written = [
         file for view in views.values() for file in draw_figures(view, path, formats, missing=True)

@@ -48,10 +48,10 @@ _FIGURE_NOTES = {
 _SCALINGS = {"si": "SI units", "nominal": "nominal scaling"}
 
 
-def design_view(folder: RunFolder, *, brief: bool = False) -> StageView:
-    """Return the view of the design in a folder; a brief one computes no costs of limits."""
+def design_view(folder: RunFolder) -> StageView:
+    """Return the view of the design in a folder; that of a brief one has no costs of limits."""
     record = folder.result(DesignResult)
-    sensitivity = None if brief else design_sensitivity(record)
+    sensitivity = None if folder.brief else design_sensitivity(record)
     cost = None if sensitivity is None else costliest_fact(sensitivity)
     figures = drawings(DESIGN_FIGURES, record)
     blocks: tuple[Block, ...] = (
@@ -63,7 +63,7 @@ def design_view(folder: RunFolder, *, brief: bool = False) -> StageView:
             else []
         ),
         limits_table(record),
-        *([] if brief else _reserve(record, sensitivity)),
+        *([] if folder.brief else _reserve(record, sensitivity)),
         *_gains(sensitivity),
         *figures[:5],
         parameters_table(record),

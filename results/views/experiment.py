@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from estimation.montecarlo.result import EstimatorStatistics, MonteCarloResult
 from estimation.twin.truth import Truth
 from results.figures.studies import STUDY_FIGURES
-from results.notation import percent, readable
+from results.notation import counted, percent, readable
 from results.views.estimate import NAMES
 from results.views.folder import RunFolder
 from results.views.view import (
@@ -164,3 +164,32 @@ def _statistics_table(record: MonteCarloResult) -> ReportTable:
     )
     caption = "Every estimator and parameter against the truth"
     return ReportTable.of("montecarlo", caption, columns, record.rows, folded=True, latex=True)
+
+
+def compare_montecarlo(folders: Mapping[str, RunFolder], *_: object) -> StageView:
+    """Return the achieved standard deviations of Monte-Carlo studies."""
+    found = {label: folder.result(MonteCarloResult).rows for label, folder in folders.items()}
+    keys = dict.fromkeys((row.parameter, row.unit) for rows in found.values() for row in rows)
+    columns = [
+        TableColumn("parameter", kind="parameter", of=[parameter for parameter, _ in keys]),
+        TableColumn("unit", kind="text", of=[unit for _, unit in keys]),
+    ]
+    for label, rows in found.items():
+        bounds = {(row.parameter, row.unit): row.bound for row in rows}
+        columns.append(
+            TableColumn(f"bound, {label}", digits=3, of=[bounds.get(key) for key in keys])
+        )
+        for estimator in dict.fromkeys(row.estimator for row in rows):
+            own = [row for row in rows if row.estimator == estimator]
+            spread = {(row.parameter, row.unit): row.spread for row in own}
+            title = f"{NAMES.get(estimator, estimator)}, {label}"
+            columns.append(TableColumn(title, digits=3, of=[spread.get(key) for key in keys]))
+    caption = (
+        "Standard deviations that the estimators achieved in simulated experiments, and the "
+        "Cramér–Rao bound of each, SI units"
+    )
+    table = ReportTable.of("achieved", caption, columns)
+    number = counted(len(folders), "study", "studies")
+    sentence = f"{number}: achieved standard deviations and the bound."
+    title = "Monte-Carlo studies"
+    return StageView(StageVerdict(title, Level.NEUTRAL, "compared", sentence, "studies"), (table,))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, Self, TypeVar
@@ -10,6 +10,18 @@ from typing import Any, Protocol, Self, TypeVar
 from expdesign.configuration import InputError, RunConfiguration, load_run
 from expdesign.runfolder.manifest import Manifest, StageEntry
 from results.views.view import StageView
+
+
+@dataclass(frozen=True)
+class StageViews:
+    """Type of a stage's stored result, its view and its comparison."""
+
+    result_type: type[Any]
+    view: Callable[[RunFolder], StageView]
+    """View of a folder that holds the stage."""
+    compare: Callable[[Mapping[str, RunFolder], float, bool], StageView] | None = None
+    """Comparison of folders by their labels, with the relative standard deviation for which periods
+    are counted, and whether costs are left out that take long; None: of the views' facts."""
 
 
 class ViewedStage(Protocol):
@@ -22,13 +34,8 @@ class ViewedStage(Protocol):
     file: str
     compared: str
 
-    def view(self, folder: RunFolder, /, *, brief: bool = False) -> StageView:
-        """Return the view of a folder that holds the stage."""
-
-    def compare(
-        self, folders: Mapping[str, RunFolder], /, *, precision: float, quick: bool
-    ) -> StageView | None:
-        """Return the comparison of folders that hold the stage, by their labels."""
+    def views(self) -> StageViews:
+        """Return the type of the stored result, its view and its comparison."""
 
 
 class Readable(Protocol):
@@ -47,7 +54,7 @@ class RunFolder:
     """A run folder with the stages it may hold, in the order of their sections.
 
     The manifest is None where it is missing or unusable. Results in memory are kept by their type;
-    others are read once.
+    others are read once. Views of a brief one leave out what takes a computation.
     """
 
     path: Path
@@ -55,6 +62,7 @@ class RunFolder:
     configuration: RunConfiguration
     manifest: Manifest | None = None
     results: dict[type[Any], Any] = field(default_factory=dict)
+    brief: bool = False
 
     @classmethod
     def open(

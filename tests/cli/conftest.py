@@ -1,7 +1,6 @@
 import pytest
 
-from expdesign.cli.app import app
-from expdesign.cli.errors import run
+from expdesign.cli.app import app, run
 from tests.blank_figures import blank_figures
 
 

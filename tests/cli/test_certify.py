@@ -44,8 +44,7 @@ def write_folder(folder, size):
 @pytest.fixture(scope="module")
 def made(made_once):
     """Return a run folder with two tables, whose ways are splines that need no search."""
-    from expdesign.cli.app import app
-    from expdesign.cli.errors import run
+    from expdesign.cli.app import app, run
 
     def make(place):
         def ways(configuration, trajectory):
@@ -53,7 +52,7 @@ def made(made_once):
 
         folder = write_folder(place / "run", SMALL)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("expdesign.stages.exporting.executable_motion", ways)
+            patch.setattr("expdesign.stages.export.executable_motion", ways)
             for one in TABLES:
                 assert run(app, ["export", str(folder), "--format", one["format"], "--json"]) == 0
 

@@ -27,7 +27,7 @@ def analytic_ramps(monkeypatch):
         assert isinstance(trajectory, FourierTrajectory)
         return motion_of(task().robot, trajectory, configuration.run.experiment.periods)
 
-    monkeypatch.setattr("expdesign.stages.exporting.executable_motion", ramped)
+    monkeypatch.setattr("expdesign.stages.export.executable_motion", ramped)
 
 
 @pytest.fixture
@@ -143,7 +143,7 @@ def test_a_second_table_is_added(expdesign, folder):
 
 def test_a_table_for_the_first_run(expdesign, folder, monkeypatch):
     monkeypatch.setattr(
-        "expdesign.stages.exporting.executable_motion",
+        "expdesign.stages.export.executable_motion",
         lambda _, trajectory: spline_motion_of(task().robot, trajectory, 1),
     )
     arguments = ("export", folder, "--format", "xps-pvt", *BY_HAND)
@@ -391,7 +391,7 @@ def test_no_way_into_the_motion(expdesign, folder, monkeypatch):
     def none(_configuration, _trajectory):
         raise NoRampError("ramp in", "strut_speed", "no ramp keeps strut_speed")
 
-    monkeypatch.setattr("expdesign.stages.exporting.executable_motion", none)
+    monkeypatch.setattr("expdesign.stages.export.executable_motion", none)
     status, _, messages = expdesign("export", folder, "--format", "csv")
     assert (status, "no ramp keeps strut_speed" in messages) == (1, True)
 
@@ -544,7 +544,7 @@ def test_a_stage_that_fails_leaves_the_configuration_of_what_is_there(
     def none(_configuration, _trajectory):
         raise NoRampError("ramp in", "strut_speed", "no ramp keeps strut_speed")
 
-    monkeypatch.setattr("expdesign.stages.exporting.executable_motion", none)
+    monkeypatch.setattr("expdesign.stages.export.executable_motion", none)
     before = (folder / "run.yaml").read_bytes()
     file = measured_run(run_file(["xps-pvt"]), {"units": "mm"})
     assert expdesign("run", file, "--out", folder)[0] == 1

@@ -4,7 +4,7 @@ import sys
 import numpy as np
 import pytest
 
-from expdesign.cli import init_files
+from expdesign.cli import init
 from expdesign.cli.options import INIT_OPTIONS
 from expdesign.configuration import load_run
 from expdesign.machines.assumed import points
@@ -44,7 +44,7 @@ def answers(monkeypatch):
             return given.pop(0) if isinstance(given, list) else given
 
         monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
-        monkeypatch.setattr(init_files.typer, "prompt", prompt)
+        monkeypatch.setattr(init.typer, "prompt", prompt)
         return asked
 
     return answered

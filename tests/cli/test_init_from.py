@@ -58,7 +58,7 @@ def test_a_terminal_is_asked_only_what_the_file_does_not_say(expdesign, monkeypa
     asked = []
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     monkeypatch.setattr(
-        "expdesign.cli.init_files.typer.prompt", lambda text, *_, **__: asked.append(text) or ""
+        "expdesign.cli.init.typer.prompt", lambda text, *_, **__: asked.append(text) or ""
     )
     assert expdesign("init", "m", "--from", str(FOLDER / "mill.ini"))[0] == 0
     # Force and mass are what LinuxCNC does not know.

@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 from estimation.controlmodel.formats import ControlModelFile
 from estimation.identification import estimate_parameters, estimation_result
 from expdesign.cli.app import app
-from expdesign.cli.errors import run as command_line
+from expdesign.cli.app import run as command_line
 from expdesign.configuration import resolved_yaml
 from expdesign.robot import load_robot
 from expdesign.runfolder.manifest import Manifest, StageEntry, file_hash

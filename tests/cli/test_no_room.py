@@ -68,7 +68,7 @@ def test_a_disk_that_becomes_full(expdesign, run_file, folder):
 
 def test_a_disk_that_is_full_is_told_before_the_work(expdesign, run_file, folder, monkeypatch):
     monkeypatch.setattr(
-        "expdesign.stages.experiment.ExperimentStage.run", lambda *_: pytest.fail("it began")
+        "expdesign.stages.registry.ExperimentStage.functions", lambda _: pytest.fail("it began")
     )
     before = files(folder)
     with files_of_at_most(MEGABYTE // 2):

@@ -8,11 +8,11 @@ import sys
 import pytest
 import typer
 
-from expdesign.cli.errors import run
+from expdesign.cli.app import run
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.configuration.robot import load_robot_description
 from expdesign.library import robot_files
-from expdesign.stages.workspace import StageFailed
+from expdesign.stages.stage import StageFailed
 
 ROBOT = resolved_yaml(load_run("palida")).split("robot:\n")[1].split("\ntrajectory")[0]
 
@@ -406,7 +406,7 @@ def test_the_console_script(tmp_path):
 
 def test_help_loads_no_numerics():
     code = (
-        "import sys, expdesign.cli.app, expdesign.cli.errors\n"
+        "import sys, expdesign.cli.app\n"
         "print([name for name in ('casadi', 'numpy', 'pydantic') if name in sys.modules])"
     )
     loaded = subprocess.run(

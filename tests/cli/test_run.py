@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_run, resolved_yaml
-from expdesign.stages.workspace import Outcome
+from expdesign.stages.stage import Outcome
 
 QUICK = {"starts": 1, "search": "restarts", "max_iterations": 4}
 

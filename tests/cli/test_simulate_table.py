@@ -34,7 +34,7 @@ def searches(monkeypatch):
         found.append(configuration)
         return spline_motion_of(ROBOT, design, configuration.run.experiment.periods, 0.25)
 
-    monkeypatch.setattr("expdesign.stages.exporting.executable_motion", ramped)
+    monkeypatch.setattr("expdesign.stages.export.executable_motion", ramped)
     return found
 
 

@@ -11,7 +11,7 @@ import pytest
 
 import expdesign as package
 from expdesign.cli.app import app
-from expdesign.cli.errors import run as command
+from expdesign.cli.app import run as command
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.experiment.sweep import SweepResult
 from expdesign.runfolder.manifest import Manifest

@@ -127,7 +127,7 @@ def test_the_python_page(tiny_result, tmp_path, monkeypatch):
         return tiny_result
 
     monkeypatch.setattr(expdesign, "design", design)
-    monkeypatch.setattr("expdesign.experiment.design", lambda *_: tiny_result)
+    monkeypatch.setattr("expdesign.stages.design.design", lambda *_: tiny_result)
     monkeypatch.setattr("results.design_figures", lambda _, folder: calls.append(folder))
     monkeypatch.setattr("results.render.figures.draw_figures", lambda *_, **__: ())
     monkeypatch.chdir(tmp_path)

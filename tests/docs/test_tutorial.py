@@ -4,8 +4,7 @@ import shlex
 
 import pytest
 
-from expdesign.cli.app import app
-from expdesign.cli.errors import run
+from expdesign.cli.app import app, run
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.library import robot_files, run_files

@@ -16,9 +16,9 @@ from expdesign.experiment import DesignResult
 from expdesign.experiment.setup import plan_search
 from expdesign.information.criteria import criteria
 from expdesign.solver.phases import SearchEvent
-from expdesign.stages.design import DesignStage
 from expdesign.stages.execution import view_result
-from expdesign.stages.workspace import Workspace
+from expdesign.stages.registry import DesignStage
+from expdesign.stages.stage import Workspace
 from results.figures.design import convergence_figure
 from results.render.terminal import print_view
 

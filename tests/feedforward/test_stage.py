@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from estimation.feedforward.result import MEANINGS, FeedforwardResult
-from expdesign.cli.app import app
-from expdesign.cli.errors import run
+from expdesign.cli.app import app, run
 from expdesign.configuration import load_run
 from results.figures.drawing import house_style
 from results.figures.residuals import feedforward_figure
@@ -28,7 +27,7 @@ def folder(tiny, tiny_result, tmp_path_factory):
     sections = {"estimate": {"estimators": ["gm"]}, "feedforward": SECTION, "report": {}}
     (place / "run.yaml").write_text(json.dumps(tiny(**sections)), encoding="utf-8")
     with pytest.MonkeyPatch.context() as patched, blank_figures():
-        patched.setattr("expdesign.experiment.design", lambda *_: tiny_result)
+        patched.setattr("expdesign.stages.design.design", lambda *_: tiny_result)
         assert run(app, ["run", str(place / "run.yaml"), "--out", str(place / "out")]) == 0
     return place / "out"
 

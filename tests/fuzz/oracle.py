@@ -5,8 +5,7 @@ import io
 import json
 import warnings
 
-from expdesign.cli.app import app
-from expdesign.cli.errors import run
+from expdesign.cli.app import app, run
 from expdesign.configuration import ComputationError, InputError
 
 CANARY = "canary-7fd1c0"

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from expdesign.cli.app import app
-from expdesign.cli.errors import run
+from expdesign.cli.app import app, run
 from tests.blank_figures import blank_figures
 from tests.multibody.driven import drive
 from tests.multibody.recording import DATA, write_recording

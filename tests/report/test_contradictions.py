@@ -8,8 +8,7 @@ from estimation.identification.result import EstimationResult
 from estimation.montecarlo.result import MonteCarloResult
 from estimation.twin.truth import Truth
 from estimation.validation.validate import ValidationResult
-from expdesign.cli.app import app
-from expdesign.cli.errors import run
+from expdesign.cli.app import app, run
 from expdesign.configuration import InputError
 from expdesign.experiment import DesignResult
 

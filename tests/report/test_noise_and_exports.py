@@ -25,7 +25,7 @@ SPECTRUM = {"noise_spectrum"}
 
 def page(folder):
     place = RunFolder.open(folder, reported_stages())
-    return run_page(place, {name: place.stages[name].view(place) for name in place.held})
+    return run_page(place, {name: place.stages[name].views().view(place) for name in place.held})
 
 
 def section(folder, key):

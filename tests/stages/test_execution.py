@@ -10,8 +10,20 @@ from expdesign.configuration import load_run
 from expdesign.runfolder.manifest import Manifest, entry, file_hash
 from expdesign.stages import execution
 from expdesign.stages.execution import added_to, execute, input_hash
-from expdesign.stages.registry import stages
-from expdesign.stages.workspace import Outcome, StageFailed, Workspace
+from expdesign.stages.registry import DesignStage, stages
+from expdesign.stages.stage import Outcome, StageFailed, StageFunctions, Workspace
+from results.views.folder import StageViews
+from results.views.view import Level, StageVerdict, StageView
+
+
+class Unwritten:
+    """A result without files."""
+
+    def write(self, _folder):
+        return []
+
+
+VIEWS = StageViews(bool, lambda _: StageView(StageVerdict("", Level.GOOD, "", "")))
 
 
 def configuration(**design):
@@ -39,10 +51,12 @@ def did(name, run, folder, text="", status="done", message="", **written):
             path.write_text(content)
             files.append(path)
         failure = "" if status == "done" else "it broke"
-        return Outcome(name, folder, True, None, tuple(files), {}, status, message, failure=failure)
+        return Outcome(
+            name, folder, Unwritten(), None, tuple(files), {}, status, message, failure=failure
+        )
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(type(stages()[name]), "run", lambda _, work: perform(work))
+        patch.setattr(type(stages()[name]), "functions", lambda _: StageFunctions(perform, VIEWS))
         execute(stages()[name], Work(run, folder, text=text))
 
 
@@ -151,7 +165,7 @@ def test_a_stage_that_raises_leaves_no_entry(tmp_path, monkeypatch):
     def fail(_work):
         raise ValueError("no design")
 
-    monkeypatch.setattr("expdesign.stages.design.DesignStage.run", lambda _, work: fail(work))
+    monkeypatch.setattr(DesignStage, "functions", lambda _: StageFunctions(fail, VIEWS))
     with pytest.raises(ValueError, match="no design"):
         execute(stages()["design"], Work(configuration(), tmp_path))
     assert list(tmp_path.iterdir()) == []
@@ -162,7 +176,7 @@ def test_a_stage_that_fails_leaves_the_configuration_as_it_was(done, monkeypatch
         raise StageFailed("no motion keeps the limits")
 
     before = (done / "run.yaml").read_bytes()
-    monkeypatch.setattr("expdesign.stages.design.DesignStage.run", lambda _, work: fail(work))
+    monkeypatch.setattr(DesignStage, "functions", lambda _: StageFunctions(fail, VIEWS))
     with pytest.raises(StageFailed):
         execute(stages()["design"], Work(configuration(seed=9), done))
     assert (done / "run.yaml").read_bytes() == before

@@ -19,8 +19,8 @@ MODULE = '''
 
     from expdesign.configuration import StageSection
     from expdesign.runfolder import StageResult, described
-    from expdesign.stages.stage import Stage, run_sections
-    from expdesign.stages.workspace import Outcome
+    from expdesign.stages.stage import Outcome, Stage, StageFunctions, run_sections
+    from results.views.folder import StageViews
     from results.views.view import Fact, Level, ReportTable, StageVerdict, StageView, TableColumn
 
 
@@ -43,21 +43,23 @@ MODULE = '''
         compared = "weight.json"
         sections = run_sections("weight")
 
-        def result_type(self):
-            return WeightResult
+        def functions(self):
+            return StageFunctions(weigh, StageViews(WeightResult, weight_view))
 
-        def run(self, work):
-            mass = work.configuration.robot.parameters["p10"]
-            result = WeightResult(weight=mass * work.configuration.run.section("weight").gravity)
-            return Outcome(result=result, record=result, summary={"weight": result.weight})
 
-        def view(self, folder, *, brief=False):
-            result = folder.result(WeightResult)
-            sentence = "The platform is heavy."
-            verdict = StageVerdict("Weight", Level.GOOD, "weighed", sentence, "weight")
-            column = TableColumn("weight", "N", of="weight")
-            table = ReportTable.of("weights", "Weights", (column,), [result], screen=True)
-            return StageView(verdict, (table,), (Fact("weight", f"{result.weight:.1f} N"),))
+    def weigh(work):
+        mass = work.configuration.robot.parameters["p10"]
+        result = WeightResult(weight=mass * work.configuration.run.section("weight").gravity)
+        return Outcome(result=result, summary={"weight": result.weight})
+
+
+    def weight_view(folder):
+        result = folder.result(WeightResult)
+        sentence = "The platform is heavy."
+        verdict = StageVerdict("Weight", Level.GOOD, "weighed", sentence, "weight")
+        column = TableColumn("weight", "N", of="weight")
+        table = ReportTable.of("weights", "Weights", (column,), [result], screen=True)
+        return StageView(verdict, (table,), (Fact("weight", f"{result.weight:.1f} N"),))
 '''
 
 

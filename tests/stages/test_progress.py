@@ -1,6 +1,6 @@
 """Progress that shows nothing."""
 
-from expdesign.stages.workspace import Progress
+from expdesign.stages.stage import Progress
 
 
 def test_progress_that_shows_nothing():

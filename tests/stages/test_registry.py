@@ -12,7 +12,7 @@ from expdesign.runfolder.manifest import Manifest
 from expdesign.runfolder.store import members
 from expdesign.stages.execution import input_hash
 from expdesign.stages.registry import missing_design, reported_stages, stages
-from expdesign.stages.workspace import Workspace
+from expdesign.stages.stage import Workspace
 
 NEEDS = {"design", "recording", "estimate", "folder"}
 
@@ -54,7 +54,7 @@ STORED = ("design", "noise", "montecarlo", "estimate", "validate", "feedforward"
 @pytest.mark.parametrize("name", STORED)
 def test_a_stage_writes_what_its_result_holds(name):
     stage = stages()[name]
-    kind = stage.result_type()
+    kind = stage.views().result_type
     if issubclass(kind, StageResult):
         file, places = kind.FILE, ((each.place, each.kind) for each in members(kind) if each.place)
         tables = [table for place, found in places for table in place.tables(found, "")]

@@ -14,6 +14,8 @@ import expdesign
 from expdesign.cli.app import app
 from expdesign.experiment import DesignResult
 from expdesign.runfolder.manifest import Manifest
+from expdesign.stages.registry import DesignStage, stages
+from expdesign.stages.stage import StageFunctions
 from tests.stages.test_registry import assert_declared_files
 
 TIMES = {"manifest.json", "report.html", "estimate.json"}
@@ -37,7 +39,7 @@ class Heard(expdesign.Progress):
 @pytest.fixture
 def run_of(tiny, tiny_result, tmp_path, monkeypatch):
     """Return a maker of a run file; its design is one that was made before."""
-    monkeypatch.setattr("expdesign.experiment.design", lambda *_: tiny_result)
+    monkeypatch.setattr("expdesign.stages.design.design", lambda *_: tiny_result)
     monkeypatch.setattr("results.render.figures.draw_figures", lambda *_, **__: ())
 
     def file(**sections):
@@ -118,13 +120,14 @@ def test_no_stage_reads_what_the_run_has_just_written(run_of, tmp_path, monkeypa
 def test_a_design_of_this_run_is_reported_from_memory(run_of, tmp_path, monkeypatch):
     given = []
 
-    def write_report(_folder, _stages, _configuration, records):
-        given.extend(records)
-        return []
+    def write_report(folder, _stages, _configuration, results):
+        given.extend(results)
+        (folder / "report.html").touch()
+        return [folder / "report.html"]
 
-    monkeypatch.setattr("results.render.run_report.write_report", write_report)
+    monkeypatch.setattr("expdesign.stages.report.write_report", write_report)
     expdesign.run(run_of(report={}), out=tmp_path / "out")
-    assert any(isinstance(record, DesignResult) for record in given)
+    assert any(isinstance(result, DesignResult) for result in given)
 
 
 def test_a_warning_of_the_robot_is_told_once_in_a_folder(run_of, tmp_path):
@@ -144,7 +147,8 @@ def test_a_run_that_fails(run_of, tmp_path, monkeypatch):
     def fail(_work):
         raise expdesign.StageFailed("no motion keeps the limits")
 
-    monkeypatch.setattr("expdesign.stages.design.DesignStage.run", lambda _, work: fail(work))
+    failing = StageFunctions(fail, stages()["design"].views())
+    monkeypatch.setattr(DesignStage, "functions", lambda _: failing)
     with pytest.raises(expdesign.StageFailed, match="no motion"):
         expdesign.run(run_of(), out=tmp_path / "out")
 

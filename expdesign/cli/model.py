@@ -1,4 +1,4 @@
-"""Control model of the identified robot: written, tested where possible, and described."""
+"""Command `model`: the control model of a robot, written, tested where possible, and described."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from pydantic_core import PydanticCustomError
 
 from constraints.arrays import Array
 from estimation.controlmodel import FOLDER
@@ -20,7 +21,10 @@ from estimation.controlmodel.model import (
     force_uncertainty,
 )
 from estimation.identification.result import EstimateFile
+from expdesign.cli.output import results, write_json
+from expdesign.cli.terminal import working
 from expdesign.configuration import InputError
+from expdesign.configuration.quantity import SPEED
 from expdesign.configuration.tolerances import IDENTIFIED_ROBOT as IDENTIFIED
 from expdesign.configuration.tolerances import Identification
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
@@ -29,13 +33,40 @@ from expdesign.robot import Robot, load_robot
 from expdesign.robot.deviation import FORCE_CONSTANT, deviations, estimated_constants
 from expdesign.runfolder.files import atomic_write
 from expdesign.runfolder.manifest import Manifest, file_hash, package_versions
-from expdesign.stages.folder import refuse_unwritable
-from expdesign.stages.workspace import Outcome, Progress, short
+from expdesign.stages.execution import refuse_unwritable
+from expdesign.stages.stage import Outcome, Progress, short
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
+from results.render.terminal import print_view
+from results.views.export import control_models_view
 
 _ESTIMATE = "estimate"
 _SAME_UNIT = 1e-6
 """Share of the forces up to which the drive's newton is one."""
+
+
+def write_model(source: str, name: str, out: Path | None, width: str, *, as_json: bool) -> None:
+    """Write the control model of a run folder's estimate, or of a robot."""
+    speed = _speed(width)
+    with working("model") as terminal:
+        outcome = export_model(source, name, out, speed, terminal)
+    if as_json:
+        write_json({"status": 0, **outcome.summary})
+        return
+    view = control_models_view({short(outcome.folder): outcome.result})
+    print_view(view, results(), short(outcome.folder))
+
+
+def _speed(text: str) -> float:
+
+    allowed = 'zero and more, such as "2 mm/s"'
+    try:
+        speed = SPEED.parse(text)
+    except PydanticCustomError as error:
+        allowed = (error.context or {}).get("allowed", allowed)
+        raise InputError(error.message(), key="--smoothing", allowed=allowed) from None
+    if speed < 0:
+        raise InputError(f"{text} is negative", key="--smoothing", allowed=allowed)
+    return speed
 
 
 def export_model(

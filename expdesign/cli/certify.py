@@ -1,4 +1,4 @@
-"""Certificates of a run folder's motions: design, lead-in and lead-out, and tables."""
+"""Command `certify`: certificates of a run folder's design, lead-in and lead-out, and tables."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from expdesign.configuration import InputError
+from expdesign.cli.output import results, say, write_json
+from expdesign.cli.runs import run_configuration
+from expdesign.cli.terminal import working
+from expdesign.configuration import InputError, quantity_text
 from expdesign.export.certification import BROKEN, IN_PART, PROVED, PathCertificate
 from expdesign.export.result import FOLDER, RECORD, ExportResult
 from expdesign.export.table_file import certify_file, find_table_file
@@ -16,12 +19,108 @@ from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.planning import check_motion
 from expdesign.progress import progress_prefix
 from expdesign.recheck.certificate import recheck
+from expdesign.recheck.limit_check import LimitCheck
 from expdesign.robot import ForwardKinematicsError, LimitModel, Robot, robot_from
 from expdesign.runfolder.files import RUN_FILE
 from expdesign.runfolder.manifest import Manifest, file_hash
-from expdesign.stages.folder import refuse_run_file
-from expdesign.stages.workspace import StageFailed, Workspace, short
+from expdesign.stages.execution import refuse_run_file
+from expdesign.stages.stage import StageFailed, Workspace, short
 from expdesign.trajectory import FourierTrajectory
+from results.render.terminal import print_table
+from results.views.view import ReportTable, TableColumn
+
+
+def certify_motions(place: Path, design: Path | None, *, piece: bool, as_json: bool) -> None:
+    """Certify the motions of a run folder, or one controller table or a piece of one."""
+    path = place.absolute()
+    refuse_part_of_folder(path)
+    if not path.exists():
+        refuse_run_file(place)
+        message = "there is no such run folder or table"
+        raise InputError(message, path, allowed="expdesign certify DIR | TABLE")
+    if path.is_dir() and (design is not None or piece):
+        key = "--part" if design is None else "--design"
+        message = "a run folder has its design and whole tables"
+        raise InputError(message, key=key, allowed=f"a table, or no {key}")
+    folder = path
+    if not path.is_dir():
+        folder = folder_of_table(path) if design is None else design.absolute()
+    configuration = run_configuration(folder)
+    with working("certify") as terminal:
+        work = Workspace(configuration, folder, terminal)
+        if path.is_dir():
+            parts = certified_folder(work)
+        else:
+            parts = [certified_table(work, path, piece=piece)]
+    verdict = worst_verdict(parts)
+    data = {
+        "certified": verdict == PROVED,
+        "verdict": verdict,
+        "parts": [part.as_data() for part in parts],
+    }
+    if not as_json:
+        _print_certificates(parts)
+    if verdict != PROVED:
+        left = "; ".join(_shortcoming(part) for part in parts if not part.proof.certified)
+        raise StageFailed(f"{verdict}: {left}", data)
+    if as_json:
+        write_json({"status": 0, **data})
+    else:
+        rows = [
+            f"{', '.join(part.proof.sampled)} of {part.name}"
+            for part in parts
+            if part.proof.sampled
+        ]
+        but = f", but at the rows only: {'; '.join(rows)}" if rows else ""
+        say(f"proved: every limit is kept at every instant{' of the piece' if piece else ''}{but}")
+
+
+def _print_certificates(parts: list[CertifiedPart]) -> None:
+    for part in parts:
+        if part.proof.limits:
+            print_table(results(), _certificate_table(part))
+        if np.isfinite(part.proof.unproved_from):
+            say(
+                f"The strut lengths determine the pose up to {part.proof.unproved_from:.4f} s "
+                "only: nothing is proved for this table."
+            )
+        for remark in part.proof.remarks:
+            say(f"{part.name}: {remark}")
+
+
+def _shortcoming(part: CertifiedPart) -> str:
+    """Return what is wrong with a part, or not proved of it, in words."""
+    proof = part.proof
+    broken = ", ".join(check.key for check in proof.broken)
+    not_proved = ", ".join(check.key for check in proof.open)
+    found = [f"breaks {broken}"] if broken else []
+    found += proof.faults
+    found += [f"not proved: {not_proved}"] if not_proved else []
+    return f"{part.name}: {'; '.join([*found, *proof.unchecked])}"
+
+
+def _certificate_table(part: CertifiedPart) -> ReportTable:
+    def proof(check: LimitCheck) -> str:
+        share = f"{100 * abs(check.proved):.2g} % of the range"
+        if check.key in part.proof.sampled:
+            if check in part.proof.broken:
+                return f"{100 * check.violation:.2g} % of the range beyond at a row"
+            return "at the rows only: straight lines have none"
+        if not np.isfinite(check.proved):
+            return "nothing"
+        return f"{share} left" if check.proved <= 0 else f"{share} beyond at most"
+
+    columns = (
+        TableColumn("limit", kind="text", of="key"),
+        TableColumn("where", kind="text", of="row"),
+        TableColumn("worst", kind="text", of=lambda one: quantity_text(one.value, one.unit, 5)),
+        TableColumn("bound", kind="text", of=lambda one: quantity_text(one.bound, one.unit, 5)),
+        TableColumn("proved", kind="text", of=proof),
+        TableColumn("cells", of="cells"),
+        TableColumn("open", "s", digits=2, of=lambda one: one.open_time or None),
+    )
+    caption = f"{part.name}: {part.title}"
+    return ReportTable.of(part.name, caption, columns, part.proof.limits, screen=True)
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ from expdesign.configuration.schema import validate
 from expdesign.machines.importing import MachineDescription, machine_from_answers, read_machine
 from expdesign.machines.machine import MachineDraft
 from expdesign.machines.writing import WrittenFiles, write_files
-from expdesign.stages.folder import refuse_unwritable
-from expdesign.stages.workspace import short
+from expdesign.stages.execution import refuse_unwritable
+from expdesign.stages.stage import short
 
 _CIRCLES = ("base_radius", "base_half_angle", "platform_radius", "platform_half_angle")
 _ASKED = (
@@ -29,7 +29,7 @@ _ASKED = (
 )
 
 
-def init(
+def write_machine(
     name: str,
     out: Path | None,
     sources: Sequence[Path] | None,
