@@ -73,6 +73,24 @@ def counted(number: int, one: str, more: str = "") -> str:
     return f"{number} {one if number == 1 else more or one + 's'}"
 
 
+def range_text(row: tuple[float, float]) -> str:
+    """Return bounds as text.
+
+    Examples
+    --------
+    >>> range_text((-2.0, 2.0)), range_text((0.45, 0.95)), range_text((-np.inf, 10.0))
+    ('±2', '0.45 … 0.95', '≤ 10')
+    """
+    low, high = row
+    if np.isinf(low) and np.isinf(high):
+        return "free"
+    if np.isinf(low):
+        return f"≤ {high:.6g}"
+    if np.isinf(high):
+        return f"≥ {low:.6g}"
+    return f"±{high:.6g}" if low == -high else f"{low:.6g} … {high:.6g}"
+
+
 @dataclass(frozen=True)
 class DisplayUnit:
     """A unit on an axis: shown value = factor · SI value; no symbol for numbers without a unit."""

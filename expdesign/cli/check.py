@@ -36,6 +36,7 @@ from expdesign.robot.deviation import estimated_constants
 from expdesign.stages.execution import run_folder
 from expdesign.stages.registry import missing_design, named_stages, performed_stages
 from expdesign.stages.run import refuse_unfit
+from results.notation import range_text
 
 
 def check_run(run: str, out: Path | None, *, machine: bool, as_json: bool) -> None:
@@ -221,18 +222,6 @@ def _limit(limit: Limit) -> str:
         f"{label} {range_text(row)}" for label, row in zip(limit.labels, rows, strict=True)
     )
     return f"{definition.title} {parts}{suffix}"
-
-
-def range_text(row: tuple[float, float]) -> str:
-    """Return the bounds of a row as text: ``"±2"``, ``"0.45 … 0.95"``, ``"≤ 10"``, ``"free"``."""
-    low, high = row
-    if np.isinf(low) and np.isinf(high):
-        return "free"
-    if np.isinf(low):
-        return f"≤ {high:.6g}"
-    if np.isinf(high):
-        return f"≥ {low:.6g}"
-    return f"±{high:.6g}" if low == -high else f"{low:.6g} … {high:.6g}"
 
 
 def _as_data(robot: ResolvedRobot) -> dict[str, Any]:

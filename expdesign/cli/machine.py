@@ -13,7 +13,6 @@ from rich.table import Table
 
 from constraints import Limit, limit_definitions
 from constraints.arrays import Array
-from expdesign.cli.check import range_text
 from expdesign.cli.output import results, say
 from expdesign.cli.terminal import working
 from expdesign.configuration import RunConfiguration
@@ -25,7 +24,7 @@ from expdesign.recheck.reach import SINGULAR, Reach, Stop, reach
 from expdesign.robot import LimitModel, Robot
 from expdesign.stages.execution import refuse_unwritable
 from expdesign.stages.stage import short
-from results.notation import DisplayUnit, handy_unit
+from results.notation import DisplayUnit, handy_unit, range_text
 from results.render.figures import draw_machine
 
 _LIMIT, _FREE = "limit", range_text((-np.inf, np.inf))
