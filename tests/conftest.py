@@ -127,13 +127,13 @@ def cheaper():
 
     @contextlib.contextmanager
     def context():
-        recheck, jobs = (
+        recheck, finish = (
             importlib.import_module(f"expdesign.{name}")
-            for name in ("recheck.limit_check", "solver.jobs")
+            for name in ("recheck.limit_check", "solver.finish")
         )
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(recheck, "LEAST_POINTS", 400)
-            patch.setattr(jobs, "_FINISH_ROUNDS", 1)
+            patch.setattr(finish, "_ROUNDS", 1)
             yield
 
     return context

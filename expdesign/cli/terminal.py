@@ -19,9 +19,9 @@ from expdesign.configuration import RunConfiguration
 from expdesign.information.criteria import Criterion, criteria
 from expdesign.progress import Listener, listening
 from expdesign.recheck.limit_check import TOLERANCE
-from expdesign.solver.jobs import GIVEN_UP
 from expdesign.solver.phases import PHASE_TITLES, SearchEvent
 from expdesign.solver.search import FINISHED, REFINED, groups
+from expdesign.solver.starts import GIVEN_UP
 from expdesign.stages.stage import Outcome, Progress, short
 from results.render.terminal import print_view
 

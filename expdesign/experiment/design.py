@@ -24,7 +24,6 @@ from expdesign.experiment.precision import (
 )
 from expdesign.experiment.result import (
     DesignResult,
-    Iteration,
     PredictedStd,
     SearchStatistics,
     StartSummary,
@@ -42,8 +41,9 @@ from expdesign.progress import report_progress, track
 from expdesign.recheck.excitable import structural_base
 from expdesign.recheck.limit_check import POINTS, unlimited, unlimited_warning
 from expdesign.robot import Robot
-from expdesign.solver.jobs import SearchPlan, StartResult, status_text
+from expdesign.solver.phases import Iteration
 from expdesign.solver.search import NoDesignError, SearchResult, search
+from expdesign.solver.starts import SearchPlan, status_text
 from expdesign.trajectory import FARTHEST, FourierTrajectory, fourier_keys
 from expdesign.workers import Monitor
 
@@ -96,7 +96,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         _blame_unexcited(plan, error)
         raise
     report_progress("the precision of the design")
-    trajectory = found.polished.trajectory
+    trajectory = found.trajectory
     evaluator, samples = plan.evaluator, configuration.run.trajectory.samples
     information = evaluator.information(trajectory, samples)
     whole_information, total = experiment_information(evaluator, trajectory, configuration)
@@ -143,7 +143,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
             *imprecise(robot, predicted.experiment),
         ),
         motion=SampledMotion.of(robot, trajectory, trajectory.sample_times(round(steps))),
-        checks=found.polished.check.limits,
+        checks=found.finish.check.limits,
         parameters=tuple(parameter_precisions(robot, predicted)),
         iterations=tuple(search_iterations(found)),
         eigenvalues=tuple(scaled_eigenvalues(information, robot.scales[evaluator.columns])),
@@ -238,17 +238,9 @@ def _hum_advice(configuration: RunConfiguration, plan: SearchPlan) -> str:
 
 
 def search_statistics(search: SearchResult, criterion: str) -> SearchStatistics:
-    """Return the statistics of a search.
-
-    Parameters
-    ----------
-    search : SearchResult
-    criterion : str
-        Key of the criterion, whose values are stated in its own sign.
-    """
-    finish = search.polished.phase
-    phases = [phase for start in search.starts for phase in start.phases]
-    phases += [] if finish is None else [finish]
+    """Return the statistics of a search; values of the criterion have its own sign."""
+    finish = search.finish
+    phases = [phase for start in (*search.starts, finish) for phase in start.phases]
     evaluations: Counter[str] = Counter()
     for phase in phases:
         evaluations.update(phase.evaluations)
@@ -261,43 +253,36 @@ def search_statistics(search: SearchResult, criterion: str) -> SearchStatistics:
         cpu_seconds=search.cpu_seconds,
         best_start=search.best.index,
         finish={
-            "shrink": search.polished.shrink,
-            "record": None if finish is None else asdict(finish),
+            "shrink": finish.shrink,
+            "record": asdict(finish.phases[-1]) if finish.phases else None,
         },
-        starts=tuple(_summary(start, search, sign) for start in search.starts),
+        starts=tuple(
+            StartSummary(
+                index=start.index,
+                kind=start.kind,
+                criterion_value=sign * start.merit if start.usable else np.nan,
+                finished_value=sign * search.merits.get(start.index, np.nan),
+                iterations=start.iterations,
+                converged=start.converged,
+                status=start.status,
+                best=start is search.best,
+                seconds=start.seconds,
+                stages=tuple(asdict(phase) for phase in start.phases),
+            )
+            for start in search.starts
+        ),
         ended=search.ended,
-    )
-
-
-def _summary(start: StartResult, search: SearchResult, sign: int) -> StartSummary:
-    return StartSummary(
-        index=start.index,
-        kind=start.kind,
-        criterion_value=sign * start.merit if start.usable else np.nan,
-        finished_value=sign * search.merits.get(start.index, np.nan),
-        iterations=start.iterations,
-        converged=start.converged,
-        status=start.status,
-        best=start.index == search.best.index,
-        seconds=start.seconds,
-        stages=tuple(asdict(phase) for phase in start.phases),
     )
 
 
 def search_iterations(search: SearchResult) -> Iterator[Iteration]:
     """Yield the iterations of every start; those of the finish follow the ones of its start."""
     for start in search.starts:
-        finish = search.polished.trace if start is search.best else ()
-        further = (replace(p, iteration=start.iterations + p.iteration) for p in finish)
-        for point in (*start.trace, *further):
-            yield Iteration(
-                start=start.index,
-                kind=start.kind,
-                stage=point.phase,
-                iteration=point.iteration,
-                objective=point.objective,
-                violation=point.violation,
-            )
+        yield from start.trace
+        if start is search.best:
+            for one in search.finish.trace:
+                number = start.iterations + one.iteration
+                yield replace(one, kind=start.kind, iteration=number)
 
 
 def search_status(search: SearchResult) -> tuple[str, str]:
@@ -305,12 +290,12 @@ def search_status(search: SearchResult) -> tuple[str, str]:
 
     The status is ``"limits broken"``, ``"interrupted"``, ``"converged"`` or ``"not converged"``.
     """
-    finish = search.polished.phase
-    end = "not solved again" if finish is None else status_text(finish.status)
-    text = f"start: {search.best.status}; finish: {end}"
-    if not search.polished.check.passed:
+    best, finish = search.best, search.finish
+    end = status_text(finish.phases[-1].status) if finish.phases else "not solved again"
+    text = f"start: {best.status}; finish: {end}"
+    if not finish.check.passed:
         return "limits broken", text
     if search.interrupted:
         return "interrupted", text
-    converged = search.best.converged and (finish is None or finish.converged)
+    converged = best.converged and (finish.converged or not finish.phases)
     return "converged" if converged else "not converged", text

@@ -26,6 +26,7 @@ from expdesign.runfolder import (
     Table,
     described,
 )
+from expdesign.solver.phases import Iteration
 from expdesign.trajectory import FourierKeys, HumDistance
 
 
@@ -322,20 +323,6 @@ class StartSummary:
     seconds: Annotated[float, JSON_ONLY, described("s", "time that it took")]
     stages: Annotated[
         tuple[dict[str, Any], ...], JSON_ONLY, described("", "settings and work of each stage")
-    ]
-
-
-@dataclass(frozen=True)
-class Iteration:
-    """An iteration of the optimiser."""
-
-    start: Annotated[int, described("1", "number of the start")]
-    kind: Annotated[str, described("", "random or hop")]
-    stage: Annotated[str, described("", "blunt: rough search, sharp: refinement, hop, finish")]
-    iteration: Annotated[int, described("1", "iteration, counted over the stages")]
-    objective: Annotated[OpenNumber, described("", "smoothed criterion, as it is reported")]
-    violation: Annotated[
-        OpenNumber, described("1", "largest violation in the NLP, share of the limit's range")
     ]
 
 

@@ -24,8 +24,8 @@ from expdesign.experiment.setup import plan_search
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.recheck.limit_check import local_worst
 from expdesign.robot import LimitModel
-from expdesign.solver.jobs import SearchPlan
-from expdesign.solver.phases import finish_phase, solve_phase
+from expdesign.solver.phases import finish_phase, no_report, solve_phase
+from expdesign.solver.starts import SearchPlan
 from expdesign.trajectory import FourierTrajectory
 
 FREQUENCY = "frequency"
@@ -68,7 +68,7 @@ def limit_sensitivity(
     plan = plan_search(configuration)
     problem = plan.problem
     phase = replace(finish_phase(problem, plan.widths, plan.iterations), radius=_RADIUS)
-    x, _ = solve_phase(problem, phase, problem.variables.pack(trajectory), lambda *_: True)
+    x, _ = solve_phase(problem, phase, problem.variables.pack(trajectory), no_report)
     return _sensitivity(plan, x, _NEAR)
 
 

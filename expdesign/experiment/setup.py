@@ -22,8 +22,8 @@ from expdesign.recheck.excitable import structural_base
 from expdesign.recheck.information import Evaluator
 from expdesign.robot import Robot, robot_from
 from expdesign.solver.feasibility import InfeasibleLimitsError, random_start
-from expdesign.solver.jobs import SearchPlan
 from expdesign.solver.phases import coarse_points
+from expdesign.solver.starts import SearchPlan
 from expdesign.trajectory import FourierTrajectory, KnownHum
 
 _PROBE_ATTEMPTS = 8

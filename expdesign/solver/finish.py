@@ -8,7 +8,7 @@ are removed by the least change of the coefficients (`expdesign.solver.feasibili
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,37 +31,100 @@ from expdesign.solver.phases import (
     Phase,
     PhaseReport,
     PhaseResult,
-    TracePoint,
+    StartReporter,
+    continuation_phases,
+    finish_phase,
     last_phase,
-    report_round,
+    solve_phase,
 )
-from expdesign.trajectory import FourierTrajectory
+from expdesign.solver.starts import SearchPlan, StartResult
+from expdesign.trajectory import round_period
+from expdesign.workers import Monitor
 
+_ROUNDS = 4
+_MOST_REPETITIONS = 4
+"""Largest number of further refinements and finishes of the best motion."""
+_GAIN = 1e-4
+"""Gain per parameter, as a logarithm, that justifies another one."""
 _CHECKS = 4
 _WORTHWHILE = 2e-3
 
 
-@dataclass(frozen=True)
-class PolishedDesign:
-    """A finished trajectory with the check of its limits, and its value."""
+def polish_start(
+    plan: SearchPlan,
+    monitor: Monitor,
+    start: StartResult,
+    *,
+    proving: bool = False,
+    settled: bool = False,
+) -> StartResult:
+    """Finish the motion that a start has reached.
 
-    trajectory: FourierTrajectory
-    check: Recheck
-    shrink: float
-    """Factor by which the motion was shrunk at last; 1: not at all."""
-    merit: float = -np.inf
-    """The exact criterion, larger is better."""
-    start: int = 0
-    """Number of its start or hop."""
-    phase: PhaseResult | None = None
-    """Statistics of the solves; None without a solve."""
-    trace: tuple[TracePoint, ...] = ()
+    Most motions are only compared with others: see `proving` and `settled` of `polish`.
+    """
+    problem = plan.problem
+    reporter = StartReporter(monitor, start.index, start.kind)
+    omega = problem.variables.trajectory(start.variables).omega
+    bounds = problem.variables.omega_bounds
+    if bounds[0] < bounds[1]:
+        omega, _ = round_period(omega, bounds, plan.controller_period, plan.hum)
+    fixed = problem.with_variables(omega_bounds=(omega, omega))
+    phase = finish_phase(problem, plan.widths, plan.iterations)
+    polished = polish(
+        fixed,
+        plan.evaluator,
+        start.variables,
+        phase,
+        rounds=0 if monitor.stop_requested() else _ROUNDS,
+        report=reporter.phase_report(replace(phase, rounds=_ROUNDS), problem),
+        proving=proving,
+        settled=settled,
+    )
+    value = polished.merit if plan.evaluator.criterion.larger_is_better else -polished.merit
+    where = "" if proving else " on the fine grid"
+    status = f"every limit kept{where}" if polished.check.passed else "a limit is broken"
+    reporter.report("finished", len(reporter.trace), value, polished.check.worst, status)
+    return replace(polished, index=start.index, status=status, trace=tuple(reporter.trace))
 
-    @property
-    def rank(self) -> tuple[bool, bool, float]:
-        """Sorting key, larger is better: certified, then passed, then the others."""
-        check = self.check
-        return check.certified, check.passed, self.merit if check.passed else -check.worst
+
+def prove_design(plan: SearchPlan, monitor: Monitor, polished: StartResult) -> StartResult:
+    """Finish a motion once more, now with a proof of its limits.
+
+    If the improved motion cannot be proved, but the given one can, the given one is returned.
+    """
+    again = polished
+    if plan.hops:  # a search without hops is meant to be short
+        again = _polish_again(plan, monitor, polished)
+    proved = polish_start(plan, monitor, again, proving=True, settled=again.converged)
+    if again is not polished and not (proved.check.certified or monitor.stop_requested()):
+        before = polish_start(plan, monitor, polished, proving=True, settled=polished.converged)
+        if before.check.certified:
+            return before
+    return proved
+
+
+def _polish_again(plan: SearchPlan, monitor: Monitor, polished: StartResult) -> StartResult:
+    """Refine and finish a finished motion again, as long as it improves.
+
+    The refinement's box is larger, and it has no margins: it leaves the point where a finish got
+    stuck.
+    """
+    problem = plan.problem
+    own = finish_phase(problem, plan.widths, plan.iterations)
+    last = continuation_phases(problem, plan.widths, plan.iterations)[-1]
+    last = replace(last, name=own.name, samples=own.samples)
+    reporter = StartReporter(monitor, polished.index, polished.kind)
+    report = reporter.phase_report(last, problem)
+    for _ in range(_MOST_REPETITIONS):
+        x, _ = solve_phase(problem, last, polished.variables, report)
+        if monitor.stop_requested():
+            break
+        again = polish_start(plan, monitor, replace(polished, variables=x))
+        gain = plan.evaluator.gain(again.merit, polished.merit)
+        if not (again.check.passed and (gain > _GAIN or not polished.check.passed)):
+            break
+        polished = again
+    return polished
 
 
 def polish(
@@ -74,7 +137,7 @@ def polish(
     report: PhaseReport,
     proving: bool = True,
     settled: bool = False,
-) -> PolishedDesign:
+) -> StartResult:
     """Bring a solution within the limits between the samples as well.
 
     Parameters
@@ -123,7 +186,7 @@ def polish(
             box=(x, present.radius),
         )
         most = (1 + ipopt) * phase.iterations
-        watch = report_round(report, result, most)
+        watch = report(result, most)
         if ipopt:
             solution = solve_with_ipopt(
                 program,
@@ -170,12 +233,12 @@ def polish(
         objective=problem.cost_value(kept, phase.width, phase.level, phase.samples),
         violation=best.check.worst,
     )
-    return replace(best, phase=result)
+    return replace(best, phases=(result,), converged=result.converged)
 
 
 def _check(
     problem: DesignProblem, evaluator: Evaluator, x: Array, width: float, *, proving: bool
-) -> tuple[PolishedDesign, Array]:
+) -> tuple[StartResult, Array]:
     """Restore the limits until all are proved for every instant, or kept on the fine grid.
 
     A limit without a proof, or without one within the budget, counts with its largest value found.
@@ -193,7 +256,16 @@ def _check(
             break
         margin += 2 * check.possible
     merit = evaluator.merit(motion.trajectory, problem.cost.samples)
-    return PolishedDesign(motion.trajectory, check, motion.factor, merit), motion.before
+    checked = StartResult(
+        0,
+        "finish",
+        problem.variables.pack(motion.trajectory),
+        merit,
+        trajectory=motion.trajectory,
+        check=check,
+        shrink=motion.factor,
+    )
+    return checked, motion.before
 
 
 def _critical_rows(

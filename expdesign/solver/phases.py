@@ -8,12 +8,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 
 from constraints.arrays import Array, Mask
 from expdesign.information.criteria import Criterion, criteria
 from expdesign.problem.design_problem import DesignProblem
+from expdesign.runfolder import OpenNumber, described
 from expdesign.solver.interior_point import (
     FEASIBLE,
     RENEWED,
@@ -120,21 +122,13 @@ class PhaseResult:
         )
 
 
-@dataclass(frozen=True)
-class PhaseIteration:
-    """Number of an iteration in its phase and in its round."""
-
-    iteration: int
-    """Counted over the rounds of the phase."""
-    round: int
-    """From 1."""
-    in_round: int
-    most: int
-    """Largest number of iterations of this round."""
+PhaseReport = Callable[[PhaseResult, int], IterationReport | None]
+"""(result of the phase before a round, largest number of the round's iterations) → the report of
+its iterations; None: no report."""
 
 
-PhaseReport = Callable[[PhaseIteration, float, float], bool]
-"""(iteration, cost, violation) → whether to continue."""
+def no_report(_done: PhaseResult, _most: int) -> None:
+    """Report no iteration of a round."""
 
 
 def solve_phase(
@@ -171,7 +165,7 @@ def solve_phase(
             barrier=phase.barrier,
             renewed=phase.renewed,
             standstill=phase.standstill,
-            report=report_round(report, result, most),
+            report=report(result, most),
         )
         result = result.add(solution, int(np.count_nonzero(mask)))
         violations = problem.smooth_violations(solution.usable, grid, phase.width)
@@ -190,19 +184,6 @@ def solve_phase(
         objective=problem.cost_value(x, phase.width, phase.level, phase.samples),
         violation=float(np.max(violations, initial=-np.inf)),
     )
-
-
-def report_round(report: PhaseReport, before: PhaseResult, most: int) -> IterationReport:
-    """Return the report of a solver's iterations as those of the next round of a phase."""
-
-    def report_iteration(number: int, objective: float, violation: float, _x: Array) -> bool:
-        # Solvers report the start as well, before their first iteration.
-        place = PhaseIteration(
-            before.iterations + number, before.rounds + 1, min(number, most), most
-        )
-        return report(place, objective, violation)
-
-    return report_iteration
 
 
 def coarse_points(harmonics: int) -> int:
@@ -371,13 +352,19 @@ class SearchEvent:
 
 
 @dataclass(frozen=True)
-class TracePoint:
-    """One iteration: the objective in its reported units, and the violation."""
+class Iteration:
+    """An iteration of the optimiser."""
 
-    phase: str
-    iteration: int
-    objective: float
-    violation: float
+    start: Annotated[int, described("1", "number of the start")]
+    kind: Annotated[str, described("", "random or hop")]
+    phase: Annotated[
+        str, described("", "blunt: rough search, sharp: refinement, hop, finish", name="stage")
+    ]
+    iteration: Annotated[int, described("1", "iteration, counted over the stages")]
+    objective: Annotated[OpenNumber, described("", "smoothed criterion, as it is reported")]
+    violation: Annotated[
+        OpenNumber, described("1", "largest violation in the NLP, share of the limit's range")
+    ]
 
 
 @dataclass
@@ -386,7 +373,8 @@ class StartReporter:
 
     monitor: Monitor
     start: int
-    trace: list[TracePoint] = field(default_factory=list)
+    kind: str
+    trace: list[Iteration] = field(default_factory=list)
     began: float = field(default_factory=time.perf_counter)
     last_report: float = -np.inf
     """Time of the last report of an iteration, s."""
@@ -424,33 +412,40 @@ class StartReporter:
         if phase.criterion is not None:
             cost = problem.with_criterion(phase.criterion).cost
 
-        def report(number: PhaseIteration, value: float, violation: float) -> bool:
-            objective = cost.criterion_value(value)
-            point = TracePoint(phase.name, before + number.iteration, objective, violation)
-            if phase.criterion is None:
-                # Values of another criterion are displayed, but they are not in the trace.
-                self.trace.append(point)
-            now = time.perf_counter()
-            if now - self.last_report < _INTERVAL:
+        def round_report(done: PhaseResult, most: int) -> IterationReport:
+            def report(number: int, value: float, violation: float, _x: Array) -> bool:
+                objective = cost.criterion_value(value)
+                in_phase = done.iterations + number
+                total = before + in_phase
+                if phase.criterion is None:
+                    # Values of another criterion are displayed, but they are not in the trace.
+                    self.trace.append(
+                        Iteration(self.start, self.kind, phase.name, total, objective, violation)
+                    )
+                now = time.perf_counter()
+                if now - self.last_report >= _INTERVAL:
+                    self.last_report = now
+                    # Solvers report the start as well, before their first iteration.
+                    in_round = min(number, most)
+                    which, count = place
+                    share = min(in_phase / phase.iterations, 1.0)
+                    if phase.rounds:
+                        which, count, share = done.rounds + 1, phase.rounds, in_round / most
+                    self.monitor.report(
+                        SearchEvent(
+                            self.start,
+                            phase.name,
+                            total,
+                            objective,
+                            violation,
+                            self.seconds,
+                            place=(which, count),
+                            of_round=(in_round, most),
+                            share=(which - 1 + share) / count,
+                        )
+                    )
                 return not self.monitor.stop_requested()
-            self.last_report = now
-            which, count = place
-            done = min(number.iteration / phase.iterations, 1.0)
-            if phase.rounds:
-                which, count, done = number.round, phase.rounds, number.in_round / number.most
-            self.monitor.report(
-                SearchEvent(
-                    self.start,
-                    phase.name,
-                    point.iteration,
-                    objective,
-                    violation,
-                    self.seconds,
-                    place=(which, count),
-                    of_round=(number.in_round, number.most),
-                    share=(which - 1 + done) / count,
-                )
-            )
-            return not self.monitor.stop_requested()
 
-        return report
+            return report
+
+        return round_report

@@ -12,16 +12,15 @@ import numpy as np
 
 from expdesign.configuration import ComputationError
 from expdesign.progress import report_progress
-from expdesign.solver.finish import PolishedDesign
-from expdesign.solver.jobs import (
+from expdesign.solver.finish import polish_start, prove_design
+from expdesign.solver.phases import SearchEvent
+from expdesign.solver.starts import (
     SearchPlan,
     StartResult,
     give_up,
-    polish_start,
-    prove_design,
     run_start,
 )
-from expdesign.solver.phases import SearchEvent
+from expdesign.trajectory import FourierTrajectory
 from expdesign.workers import Job, JobRunner, Monitor, StoppedError
 
 GROUP = 48
@@ -53,9 +52,10 @@ _rank = attrgetter("rank")
 class SearchResult:
     """The best design, and the results of all starts and hops."""
 
-    polished: PolishedDesign
+    finish: StartResult
+    """The best design."""
     best: StartResult
-    """The start of the best design."""
+    """Its start."""
     starts: tuple[StartResult, ...]
     merits: dict[int, float]
     """Exact criterion of the finished motions, larger is better, by number of the start."""
@@ -66,6 +66,13 @@ class SearchResult:
     the problem and its derivatives."""
     ended: str
     """Reason for the end of the search, in words."""
+
+    @property
+    def trajectory(self) -> FourierTrajectory:
+        """The designed trajectory."""
+        if self.finish.trajectory is None:
+            raise ValueError("the best motion is not finished")
+        return self.finish.trajectory
 
 
 class NoDesignError(ComputationError):
@@ -130,9 +137,9 @@ def search(build: Callable[[], SearchPlan], plan: SearchPlan, monitor: Monitor) 
     every = sorted([*starts, *hops], key=attrgetter("index"))
     return SearchResult(
         best,
-        next(start for start in motions if start.index == best.start),
+        next(start for start in motions if start.index == best.index),
         tuple(every),
-        {polished.start: polished.merit for polished in [*tried, best]},
+        {polished.index: polished.merit for polished in [*tried, best]},
         interrupted=monitor.stop_requested(),
         seconds=time.perf_counter() - began,
         cpu_seconds=runner.cpu_seconds,
@@ -278,27 +285,25 @@ def _chance_text(hops: int) -> str:
 
 def _polish_best(
     runner: JobRunner, motions: Sequence[StartResult], monitor: Monitor
-) -> list[PolishedDesign]:
+) -> list[StartResult]:
     """Finish the best motions, and more until one keeps the limits."""
     ranked = sorted(motions, key=_rank, reverse=True)
-    tried: list[PolishedDesign] = []
+    tried: list[StartResult] = []
     for first in range(0, len(ranked), FINISHED):
         batch = ranked[first : first + FINISHED]
-        jobs = [Job(polish_start, (start.index, start.variables)) for start in batch]
+        jobs = [Job(polish_start, (start,)) for start in batch]
         tried += runner.run(jobs, monitor, after_stop=True)
         if any(polished.check.passed for polished in tried) or monitor.stop_requested():
             break
     return tried
 
 
-def _prove_best(
-    runner: JobRunner, tried: Sequence[PolishedDesign], monitor: Monitor
-) -> PolishedDesign:
+def _prove_best(runner: JobRunner, tried: Sequence[StartResult], monitor: Monitor) -> StartResult:
     """Return the best design whose limits are all proved, among the best few.
 
     If there is none, the best of those examined is returned.
     """
-    seen: list[PolishedDesign] = []
+    seen: list[StartResult] = []
     report_progress("proving the limits")
     for polished in sorted(tried, key=_rank, reverse=True)[:PROVED]:
         (proved,) = runner.run([Job(prove_design, (polished,))], monitor, after_stop=True)

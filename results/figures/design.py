@@ -17,10 +17,9 @@ from matplotlib.ticker import MaxNLocator
 
 from constraints.arrays import Array
 from expdesign.experiment import DesignResult
-from expdesign.experiment.result import Iteration
 from expdesign.information.criteria import criteria
 from expdesign.recheck.limit_check import REACHED, TOLERANCE, LimitCheck
-from expdesign.solver.phases import PHASE_TITLES
+from expdesign.solver.phases import PHASE_TITLES, Iteration
 from results.figures.drawing import (
     ALERT,
     EMPHASIS,
@@ -231,7 +230,7 @@ def traces(iterations: Sequence[Iteration]) -> tuple[Trace, ...]:
     for start, group in groupby(sorted(iterations, key=key), attrgetter("start")):
         points = tuple(group)
         numbers = np.array([(p.iteration, p.objective, p.violation) for p in points])
-        stages = tuple(point.stage for point in points)
+        stages = tuple(point.phase for point in points)
         found.append(Trace(start, points[0].kind, stages, *numbers.T))
     return tuple(found)
 

@@ -15,7 +15,7 @@ from expdesign.experiment.sensitivity import (
     sensitivity_at_design,
 )
 from expdesign.experiment.setup import plan_search
-from expdesign.solver.phases import finish_phase, solve_phase
+from expdesign.solver.phases import finish_phase, no_report, solve_phase
 from expdesign.trajectory import TrajectoryFile
 
 
@@ -69,7 +69,7 @@ def test_gains_are_those_of_solving_again_with_wider_limits(run):
     x = NEAR_AN_OPTIMUM
     costs = [np.inf, 1e9]
     while costs[-2] - costs[-1] > 1e-6:
-        x, record = solve_phase(problem, stage, x, lambda *_: True)
+        x, record = solve_phase(problem, stage, x, no_report)
         costs.append(record.objective)
     found = limit_sensitivity(run, problem.variables.trajectory(x))
     assert found.unexplained < 0.05
@@ -81,7 +81,7 @@ def test_gains_are_those_of_solving_again_with_wider_limits(run):
             limit if limit.key != key else _wider(limit, step) for limit in problem.limits.limits
         )
         wider = replace(problem, limits=replace(problem.limits, limits=limits))
-        _, record = solve_phase(wider, stage, x, lambda *_: True)
+        _, record = solve_phase(wider, stage, x, no_report)
         gain = np.expm1((costs[-1] - record.objective) * WIDER / step)
         assert gain == pytest.approx(found.gains[key], rel=0.1, abs=0.01), key
 
@@ -95,11 +95,11 @@ def test_what_a_reserve_costs_is_what_solving_again_without_it_gains(run):
     plan = plan_search(reserved)
     problem = plan.problem
     stage = replace(finish_phase(problem, plan.widths, 400), radius=None)
-    x, record = solve_phase(problem, stage, 0.95 * NEAR_AN_OPTIMUM, lambda *_: True)
+    x, record = solve_phase(problem, stage, 0.95 * NEAR_AN_OPTIMUM, no_report)
     found = limit_sensitivity(reserved, problem.variables.trajectory(x))
     limits = tuple(limit.with_reserve(0.0) for limit in problem.limits.limits)
     stated = replace(problem, limits=replace(problem.limits, limits=limits))
-    _, without = solve_phase(stated, stage, x, lambda *_: True)
+    _, without = solve_phase(stated, stage, x, no_report)
     lost = -np.expm1(without.objective - record.objective)
     assert lost > 0.02
     assert found.reserve == pytest.approx(lost, rel=0.1)

@@ -11,7 +11,6 @@ from expdesign.configuration import load_run
 from expdesign.experiment import DesignResult, PredictedPrecision
 from expdesign.experiment.result import (
     Eigenvalue,
-    Iteration,
     ParameterPrecision,
     PredictedStd,
     SearchStatistics,
@@ -19,6 +18,7 @@ from expdesign.experiment.result import (
 from expdesign.motion.executable import SampledMotion
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.robot import robot_from
+from expdesign.solver.phases import Iteration
 from expdesign.trajectory import FourierTrajectory, fourier_keys
 
 TILT = np.deg2rad(20)

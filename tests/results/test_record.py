@@ -6,8 +6,8 @@ import pytest
 
 from expdesign.configuration import InputError
 from expdesign.experiment import DesignResult
-from expdesign.experiment.result import Iteration
 from expdesign.runfolder import MissingFileError
+from expdesign.solver.phases import Iteration
 from results.figures.design import traces
 
 FILES = [

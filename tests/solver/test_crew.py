@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import expdesign
-from expdesign.solver.jobs import StartResult, run_start
 from expdesign.solver.search import search
+from expdesign.solver.starts import StartResult, run_start
 from expdesign.workers import Job, JobRunner, Monitor
 from tests.solver.test_search import QUICK, Recorder
 

@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from expdesign.recheck.certificate import recheck
 from expdesign.recheck.limit_check import LimitCheck, Recheck
 from expdesign.solver.feasibility import random_start
-from expdesign.solver.finish import PolishedDesign, polish
+from expdesign.solver.finish import polish
 from expdesign.solver.interior_point import Solution
-from expdesign.solver.phases import Phase, finish_phase
+from expdesign.solver.phases import Phase, finish_phase, no_report
+from expdesign.solver.starts import StartResult
 from expdesign.trajectory import KnownHum, round_period
 from expdesign.workers import Monitor
 
@@ -103,9 +104,8 @@ def test_the_finish_keeps_limits_and_frequency(plan, on_coarse_grid):
     phase = finish_phase(problem, plan.widths, plan.iterations)
     seen = []
 
-    def report(number, cost, violation):
-        seen.append(number.iteration)
-        return True
+    def report(done, most):
+        return lambda number, *_: seen.append(done.iterations + number) or True
 
     none = polish(fixed, plan.evaluator, x, phase, rounds=0, report=report)
     assert seen == []
@@ -116,12 +116,12 @@ def test_the_finish_keeps_limits_and_frequency(plan, on_coarse_grid):
         again = recheck(fixed.limits, finished.trajectory)
         assert again == finished.check
     assert done.check.passed
-    assert done.phase.rounds == 1
+    assert done.phases[-1].rounds == 1
     samples = problem.cost.samples
     assert plan.evaluator.merit(done.trajectory, samples) >= plan.evaluator.merit(
         none.trajectory, samples
     )
-    assert dataclasses.asdict(done.phase)["evaluations"]["grad_f"] > 0
+    assert dataclasses.asdict(done.phases[-1])["evaluations"]["grad_f"] > 0
 
 
 def test_a_limit_of_which_nothing_can_be_proved_counts_with_what_was_found(plan, on_coarse_grid):
@@ -144,7 +144,7 @@ def test_a_limit_of_which_nothing_can_be_proved_counts_with_what_was_found(plan,
             omega_bounds=(omega, omega)
         )
         none, done = (
-            polish(fixed, plan.evaluator, x, phase, rounds=rounds, report=lambda *_: True)
+            polish(fixed, plan.evaluator, x, phase, rounds=rounds, report=no_report)
             for rounds in (0, 1)
         )
         for finished in (none, done):
@@ -166,14 +166,17 @@ def test_the_finish_can_be_stopped(plan, on_coarse_grid):
     fixed = problem.with_variables(omega_bounds=(omega, omega))
     calls = []
 
-    def report(number, cost, violation):
-        calls.append(number.iteration)
-        return False
+    def report(done, most):
+        return lambda number, *_: bool(calls.append(done.iterations + number))
 
     finished = polish(fixed, plan.evaluator, x, phase, rounds=4, report=report)
     assert calls == [1]
-    assert finished.phase.status == "User_Requested_Stop"
-    assert finished.phase.rounds == 1
+    assert finished.phases[-1].status == "User_Requested_Stop"
+    assert finished.phases[-1].rounds == 1
+
+
+def finished(trajectory, check, merit, variables=None):
+    return StartResult(1, "finish", variables, merit, trajectory=trajectory, check=check)
 
 
 # --- what is proved, and kept ---------------------------------------------------------------------
@@ -201,7 +204,7 @@ class Scripted:
             self.proved.append(number)
         one = LimitCheck("k", "", "", "m", 0.0, 1.0, found, 0.0, "o")
         one = dataclasses.replace(one, proved=proved if proving else np.nan)
-        return PolishedDesign({"number": number}, Recheck((one,)), 1.0, merit), None
+        return finished({"number": number}, Recheck((one,)), merit), None
 
     def solve(self, *_, **__):
         self.solves += 1
@@ -221,7 +224,7 @@ class Scripted:
         evaluator = SimpleNamespace(gain=lambda one, other: one - other)
         phase = Phase("finish", 0.1, 0.0, 10, 10, 0.1, 0.2, 10)
         done = polish(
-            problem, evaluator, np.zeros(2), phase, rounds=rounds, report=None, settled=True
+            problem, evaluator, np.zeros(2), phase, rounds=rounds, report=no_report, settled=True
         )
         return done.trajectory["number"], done.check.certified
 
@@ -252,10 +255,15 @@ def test_nothing_is_certified_that_cannot_be(monkeypatch):
 
 def _proved_of(monkeypatch, plan, outcomes, stopped=False, unprovable=()):
     """Return which outcome is kept: `outcomes` are (merit, passed), the first one is given."""
-    module = importlib.import_module("expdesign.solver.jobs")
+    module = importlib.import_module("expdesign.solver.finish")
     motions = [plan.problem.variables.trajectory(_numbered(plan, k)) for k in range(len(outcomes))]
     made = [
-        PolishedDesign(motion, Recheck((_limit(-1e-3 if passed else 1e-2),)), 1.0, merit)
+        finished(
+            motion,
+            Recheck((_limit(-1e-3 if passed else 1e-2),)),
+            merit,
+            plan.problem.variables.pack(motion),
+        )
         for motion, (merit, passed) in zip(motions, outcomes, strict=True)
     ]
     number = iter(range(1, len(outcomes)))
@@ -264,7 +272,8 @@ def _proved_of(monkeypatch, plan, outcomes, stopped=False, unprovable=()):
         distances = [np.max(np.abs(x - plan.problem.variables.pack(one))) for one in motions]
         return int(np.argmin(distances))
 
-    def polish_start(_plan, _monitor, _index, x, *, proving=False, settled=False):
+    def polish_start(_plan, _monitor, start, *, proving=False, settled=False):
+        x = start.variables
         if proving:
             proof = -1e-4 if numbered(x) not in unprovable else np.nan
             check = Recheck((dataclasses.replace(_limit(-1e-3), proved=proof),))

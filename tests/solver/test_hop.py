@@ -3,8 +3,8 @@ import pytest
 
 from expdesign.information.criteria import criteria
 from expdesign.solver.feasibility import perturb, random_start
-from expdesign.solver.jobs import is_hopeless
 from expdesign.solver.phases import PhaseResult, continuation_phases, hop_phases
+from expdesign.solver.starts import is_hopeless
 
 WIDTH = 0.4
 

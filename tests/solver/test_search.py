@@ -9,10 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from expdesign.solver.finish import PolishedDesign
-from expdesign.solver.jobs import GIVEN_UP, StartResult, run_start
 from expdesign.solver.phases import SearchEvent
 from expdesign.solver.search import GROUP, NoDesignError, groups, search
+from expdesign.solver.starts import GIVEN_UP, StartResult, run_start
 from expdesign.workers import Job, Monitor, run_jobs
 
 QUICK = {"max_iterations": 4}
@@ -59,7 +58,7 @@ def hopped(run):
 
 
 def merit(result, plan):
-    return plan.evaluator.merit(result.polished.trajectory, plan.problem.cost.samples)
+    return plan.evaluator.merit(result.trajectory, plan.problem.cost.samples)
 
 
 def test_seed_and_starts(run, one_start, build, plan, monkeypatch):
@@ -109,7 +108,7 @@ def test_hopping_is_never_worse_than_the_starts_alone(hopped, one_start):
     assert [start.index for start in hopped.starts] == [1, 2, 3, 4]
     np.testing.assert_array_equal(hopped.starts[0].variables, one_start.starts[0].variables)
     assert hopped.best.rank >= one_start.best.rank
-    assert hopped.polished.check.passed
+    assert hopped.finish.check.passed
     assert hopped.best.index in {start.index for start in hopped.starts}
 
 
@@ -132,16 +131,16 @@ def reached(one_start, plan):
 def module(monkeypatch, one_start):
     """Return the search's module; finish and proof return the objective of a motion."""
     found = importlib.import_module("expdesign.solver.search")
-    polished = one_start.polished
+    polished = one_start.finish
 
-    def polish(_plan, _monitor, index, variables):
-        return dataclasses.replace(polished, merit=-float(variables[0]), start=index)
+    def polish(_plan, _monitor, start):
+        return dataclasses.replace(polished, merit=-float(start.variables[0]), index=start.index)
 
     monkeypatch.setattr(found, "polish_start", polish)
     monkeypatch.setattr(
         found,
         "prove_design",
-        lambda _plan, _monitor, one: dataclasses.replace(one, merit=one.start),
+        lambda _plan, _monitor, one: dataclasses.replace(one, merit=one.index),
     )
     return found
 
@@ -392,7 +391,7 @@ def test_starts_and_hops_in_other_processes_are_the_same(build):
 def test_finished_motions_that_keep_the_limits_come_first_the_others_by_their_worst():
     def candidate(merit, *, passed=True, certified=True, worst=0.0):
         check = SimpleNamespace(passed=passed, certified=passed and certified, worst=worst)
-        return PolishedDesign(None, check, 1.0, merit)
+        return StartResult(1, "finish", None, merit, check=check)
 
     ranked = [
         candidate(1.0),
@@ -406,7 +405,7 @@ def test_finished_motions_that_keep_the_limits_come_first_the_others_by_their_wo
 
 def test_what_no_smaller_motion_keeps_is_brought_within(run, monkeypatch):
     """Rates and accelerations cancel in part: a smaller motion may break what a larger keeps."""
-    from expdesign.solver import jobs as module
+    from expdesign.solver import starts as module
 
     real = module.shrink_to_limits
 
@@ -416,12 +415,12 @@ def test_what_no_smaller_motion_keeps_is_brought_within(run, monkeypatch):
     monkeypatch.setattr(module, "shrink_to_limits", broken)
     found = run(starts=1)
     assert found.best.usable
-    assert found.polished.check.passed
+    assert found.finish.check.passed
 
 
 def test_no_start_keeps_the_limits(run, monkeypatch):
     """What the starts came to is said and kept."""
-    from expdesign.solver import jobs as module
+    from expdesign.solver import starts as module
     from expdesign.solver.feasibility import RestoredMotion
 
     def hopeless(problem, *_, **__):

@@ -1,4 +1,4 @@
-"""Jobs of a search, each run as a whole in one process: starts and hops, their finish and proof."""
+"""One start or hop of a search: its phases, and the exact evaluation of the motion reached."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from constraints.arrays import Array
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.recheck.certificate import recheck
 from expdesign.recheck.information import Evaluator
+from expdesign.recheck.limit_check import Recheck
 from expdesign.solver.feasibility import (
     GRID_MARGIN,
     InfeasibleLimitsError,
@@ -21,20 +22,18 @@ from expdesign.solver.feasibility import (
     restore_limits,
     shrink_to_limits,
 )
-from expdesign.solver.finish import PolishedDesign, polish
 from expdesign.solver.interior_point import FEASIBLE
 from expdesign.solver.phases import (
+    Iteration,
     PhaseResult,
     StartReporter,
-    TracePoint,
     coarse_points,
     continuation_phases,
     fine_points,
-    finish_phase,
     hop_phases,
     solve_phase,
 )
-from expdesign.trajectory import KnownHum, round_period
+from expdesign.trajectory import FourierTrajectory, KnownHum
 from expdesign.workers import Monitor
 
 GIVEN_UP = "given up: behind what others had reached at this stage"
@@ -52,15 +51,11 @@ STATUS_TEXTS = {
     "Invalid_Number_Detected": "the model gave a value that is not a number",
 }
 
+_UNCHECKED = Recheck(())
 _FINER = 4
 """Points at which a start's limits are judged, per point at which they were imposed."""
 _BEHIND = 0.01
 """Largest cost difference to its reference with which a hop continues before its last phase."""
-_FINISH_ROUNDS = 4
-_MOST_REPETITIONS = 4
-"""Largest number of further refinements and finishes of the best motion."""
-_GAIN = 1e-4
-"""Gain per parameter, as a logarithm, that justifies another one."""
 
 
 def status_text(status: str) -> str:
@@ -104,23 +99,31 @@ class SearchPlan:
 
 @dataclass(frozen=True)
 class StartResult:
-    """State and statistics of one start or hop; without phases its beginning."""
+    """State and statistics of a start, a hop or a finish."""
 
     index: int
-    """From 1; hops continue the numbers."""
+    """From 1; hops continue the numbers. A finish has the number of its start."""
     kind: str
-    """``"random"`` or ``"hop"``."""
+    """``"random"``, ``"hop"`` or ``"finish"``."""
     variables: Array
     """(z,), scaled variables that were reached; of a hop without phases those of its origin."""
     merit: float = -np.inf
-    """The exact criterion, larger is better, of the motion shrunk until it keeps every limit at a
-    few hundred points; −inf before the end, and if there is no such motion."""
+    """The exact criterion, larger is better; −inf before the end, and without a motion that keeps
+    the limits. A start is judged by its motion shrunk until it keeps every limit at a few hundred
+    points."""
     status: str = ""
     """How it ended, in words; empty before the end."""
     converged: bool = False
+    """Whether the last solve converged."""
     phases: tuple[PhaseResult, ...] = ()
-    trace: tuple[TracePoint, ...] = ()
+    trace: tuple[Iteration, ...] = ()
     seconds: float = 0.0
+    trajectory: FourierTrajectory | None = None
+    """Motion of a finish."""
+    check: Recheck = _UNCHECKED
+    """Limits of that motion."""
+    shrink: float = 1.0
+    """Factor by which that motion was finally shrunk; 1: not at all."""
 
     @property
     def iterations(self) -> int:
@@ -129,13 +132,17 @@ class StartResult:
 
     @property
     def rank(self) -> tuple[bool, int, bool, float]:
-        """Sorting key; larger is better.
+        """Sorting key; larger is better, among starts and hops or among finishes.
 
+        Finished motions that are certified come first, then those that keep the limits.
         Among motions after as many phases, feasible ones come first, then the smoothed objective
         decides: objectives of different phases are not comparable. The criterion of a motion
         shrunk into its limits predicts the finished one less well: over 96 starts its rank
         correlation was 0.54, the objective's 0.89.
         """
+        if self.kind == "finish":
+            value = self.merit if self.check.passed else -self.check.worst
+            return self.check.certified, 0, self.check.passed, value
         if not self.phases:
             return False, 0, False, -np.inf
         last, going = self.phases[-1], not self.status or self.usable
@@ -269,88 +276,4 @@ def _why_useless(problem: DesignProblem, motion: RestoredMotion) -> str:
 def _reporter(start: StartResult, monitor: Monitor) -> StartReporter:
     """Return the reporter that continues the trace and the time of a start."""
     began = time.perf_counter() - start.seconds
-    return StartReporter(monitor, start.index, list(start.trace), began)
-
-
-def polish_start(
-    plan: SearchPlan,
-    monitor: Monitor,
-    index: int,
-    variables: Array,
-    *,
-    proving: bool = False,
-    settled: bool = False,
-) -> PolishedDesign:
-    """Finish the motion that a start has reached, at scaled variables (z,).
-
-    Most motions are only compared with others: see `proving` and `settled` of `polish`.
-    """
-    problem = plan.problem
-    reporter = StartReporter(monitor, index)
-    omega = problem.variables.trajectory(variables).omega
-    bounds = problem.variables.omega_bounds
-    if bounds[0] < bounds[1]:
-        omega, _ = round_period(omega, bounds, plan.controller_period, plan.hum)
-    fixed = problem.with_variables(omega_bounds=(omega, omega))
-    phase = finish_phase(problem, plan.widths, plan.iterations)
-    polished = polish(
-        fixed,
-        plan.evaluator,
-        variables,
-        phase,
-        rounds=0 if monitor.stop_requested() else _FINISH_ROUNDS,
-        report=reporter.phase_report(replace(phase, rounds=_FINISH_ROUNDS), problem),
-        proving=proving,
-        settled=settled,
-    )
-    value = polished.merit if plan.evaluator.criterion.larger_is_better else -polished.merit
-    where = "" if proving else " on the fine grid"
-    status = f"every limit kept{where}" if polished.check.passed else "a limit is broken"
-    iterations, worst = len(reporter.trace), polished.check.worst
-    reporter.report("finished", iterations, value, worst, status)
-    return replace(polished, start=index, trace=tuple(reporter.trace))
-
-
-def prove_design(plan: SearchPlan, monitor: Monitor, polished: PolishedDesign) -> PolishedDesign:
-    """Finish a motion once more, now with a proof of its limits.
-
-    If the improved motion cannot be proved, but the given one can, the given one is returned.
-    """
-    again = polished
-    if plan.hops:  # a search without hops is meant to be short
-        again = _polish_again(plan, monitor, polished)
-    proved = _prove(plan, monitor, again)
-    if again is not polished and not (proved.check.certified or monitor.stop_requested()):
-        before = _prove(plan, monitor, polished)
-        if before.check.certified:
-            return before
-    return proved
-
-
-def _prove(plan: SearchPlan, monitor: Monitor, polished: PolishedDesign) -> PolishedDesign:
-    variables = plan.problem.variables.pack(polished.trajectory)
-    settled = polished.phase is not None and polished.phase.converged
-    return polish_start(plan, monitor, polished.start, variables, proving=True, settled=settled)
-
-
-def _polish_again(plan: SearchPlan, monitor: Monitor, polished: PolishedDesign) -> PolishedDesign:
-    """Refine and finish a finished motion again, as long as it improves.
-
-    The refinement's box is larger, and it has no margins: it leaves the point where a finish got
-    stuck.
-    """
-    problem = plan.problem
-    own = finish_phase(problem, plan.widths, plan.iterations)
-    last = continuation_phases(problem, plan.widths, plan.iterations)[-1]
-    last = replace(last, name=own.name, samples=own.samples)
-    report = StartReporter(monitor, polished.start).phase_report(last, problem)
-    for _ in range(_MOST_REPETITIONS):
-        x, _ = solve_phase(problem, last, problem.variables.pack(polished.trajectory), report)
-        if monitor.stop_requested():
-            break
-        again = polish_start(plan, monitor, polished.start, x)
-        gain = plan.evaluator.gain(again.merit, polished.merit)
-        if not (again.check.passed and (gain > _GAIN or not polished.check.passed)):
-            break
-        polished = again
-    return polished
+    return StartReporter(monitor, start.index, start.kind, list(start.trace), began)
