@@ -1,4 +1,4 @@
-"""Functions of many samples as machine code of this processor, made once and kept in a cache."""
+"""Machine code of functions of many samples for this processor, compiled once and cached."""
 
 from __future__ import annotations
 
@@ -36,16 +36,14 @@ from expdesign.runfolder.files import atomic_write, foreign_access, foreign_fold
 
 VIRTUAL_MACHINE = "casadi virtual machine"
 SWITCH = "EXPDESIGN_EVALUATOR"
-"""Variable of the environment; ``virtual-machine`` leaves everything to CasADi."""
+"""Environment variable; ``virtual-machine`` disables machine code."""
 CACHE = "EXPDESIGN_CACHE"
-"""Variable of the environment: the folder in place of the user's own for such things."""
+"""Environment variable: the folder of the cache instead of the user's own."""
 
 _MOST = 256 * 2**20
-"""Bytes that the cache takes; what was not used for the longest time is removed."""
-_END = b"\n"
-"""Between what a function is like and its code."""
+"""Largest size of the cache, bytes; the entry that was unused for the longest time is removed."""
 _ALIGNED = 64
-"""Bytes, as LLVM's vectors are."""
+"""Alignment of LLVM's vectors, bytes."""
 
 _lock = Lock()
 
@@ -57,12 +55,11 @@ class Form:
     inputs: tuple[int, ...]
     """Elements of each."""
     varying: int
-    """How many of the inputs, the first ones, differ from sample to sample."""
+    """Number of inputs, the first ones, that differ from sample to sample."""
     shapes: tuple[tuple[int, int], ...]
     """Rows and columns of every output."""
     places: tuple[tuple[int, ...], ...]
-    """Where the nonzeros of every output stand among its elements, row after row; nothing else is
-    written."""
+    """Places of the nonzeros of every output, row by row; only these elements are written."""
 
     @property
     def sizes(self) -> list[int]:
@@ -71,16 +68,16 @@ class Form:
 
 
 class MachineCode:
-    """A function that evaluates a graph for many samples; threads may share it.
+    """A compiled function that evaluates a graph for many samples; threads may share it.
 
     Parameters
     ----------
     address : int
-        Of `vector_code`'s function.
+        Of the function of `vector_code`.
     form : Form
         Of the function.
     scratch : int
-        Numbers that it needs to work with.
+        Numbers of its working memory.
     spare : int
         Numbers that it may read and write behind each array.
     """
@@ -93,10 +90,7 @@ class MachineCode:
         self._scratch, self._sizes, self._spare = scratch, form.sizes, spare
 
     def __call__(self, varying: Sequence[Array], fixed: Sequence[Array]) -> list[Array]:
-        """Evaluate: varying inputs as (N, rows), fixed ones as (rows,); (N, elements) come back.
-
-        The sizes are not checked.
-        """
+        """Evaluate without checks: varying inputs (N, rows), fixed ones (rows,) → (N, elements)."""
         count = len(varying[0])
         inputs = [
             np.ascontiguousarray(value, dtype=np.float64)
@@ -123,38 +117,35 @@ def _addresses(arrays: Sequence[Array]) -> Any:
 
 
 def evaluator() -> str:
-    """Return what evaluates the graph for many samples, in words."""
+    """Return the evaluator of graphs for many samples, in words."""
     if not _usable():
         return VIRTUAL_MACHINE
     return f"machine code for {_host()[1]} by llvmlite {version('llvmlite')}"
 
 
-def kept_code(name: str) -> MachineCode | None:
-    """Return the machine code that is cached under a name, or None.
-
-    The name identifies everything the function is made of.
-    """
+def kept_code(key: str) -> MachineCode | None:
+    """Return the machine code that is cached under a kernel's key, or None."""
     if not _usable():
         return None
     with _lock:
-        key = _read(_digest(name))
-        content = None if key is None else _read(key.decode())
+        entry = _read(_digest(key))
+        content = None if entry is None else _read(entry.decode())
         return None if content is None else _load(content)
 
 
 def machine_code(
-    function: ca.Function, form: Form, name: str | None, *, compiling: bool
+    function: ca.Function, form: Form, key: str | None, *, compiling: bool
 ) -> MachineCode | None:
-    """Return a function's machine code, from the cache or, if asked, newly compiled.
+    """Return a function's machine code from the cache or, if asked, newly compiled.
 
-    In the cache it is known by its instructions, and then by its name as well, if it has one. None
-    where it is not in the cache, where it is not wanted or where it cannot be.
+    The cache finds it by its instructions, and by the kernel's key if there is one. None if it is
+    neither cached nor compiled, or if this processor or an instruction is not supported.
     """
     if not _usable():
         return None
-    key = _digest(f"{form} {function.serialize()}")
+    entry = _digest(f"{form} {function.serialize()}")
     with _lock:
-        content = _read(key)
+        content = _read(entry)
         if content is None:
             if not compiling:
                 return None
@@ -167,15 +158,15 @@ def machine_code(
                 return None  # RuntimeError: LLVM's own
             scratch = scratch_size(function, form.varying, lanes)
             described = json.dumps({"form": asdict(form), "scratch": scratch, "spare": lanes.count})
-            content = described.encode() + _END + code
-            _keep(key, content)
-        if name is not None:
-            _keep(_digest(name), key.encode())
+            content = described.encode() + b"\n" + code
+            _keep(entry, content)
+        if key is not None:
+            _keep(_digest(key), entry.encode())
         return _load(content)
 
 
 def _digest(what: str) -> str:
-    """Return the cache file's name for this processor and this version of the code generator."""
+    """Return a name in the cache for this processor and this version of the code generator."""
     described = f"{_emitter()} {_host()} {version('llvmlite')} {what}"
     return hashlib.sha256(described.encode()).hexdigest()
 
@@ -199,7 +190,7 @@ def _emitter() -> str:
 
 @cache
 def _llvm() -> Any:
-    # Only who evaluates much waits for it.
+    # Loaded on first use: small evaluations do without.
     import llvmlite.binding as llvm  # noqa: PLC0415
 
     llvm.initialize_native_target()
@@ -209,7 +200,7 @@ def _llvm() -> Any:
 
 @cache
 def _host() -> tuple[str, str, str]:
-    """Return system, processor and what the processor can do."""
+    """Return the system, the processor and the processor's features."""
     llvm = _llvm()
     features = llvm.get_host_cpu_features().flatten()
     return llvm.get_process_triple(), llvm.get_host_cpu_name(), features
@@ -217,7 +208,7 @@ def _host() -> tuple[str, str, str]:
 
 @cache
 def _lanes() -> Lanes:
-    """Return as many as a register holds: with more, a value takes two of the few there are."""
+    """Return the lanes of one register: with more, each value takes two of the few registers."""
     return Lanes(8 if "+avx512f" in _host()[2].split(",") else 4)
 
 
@@ -236,12 +227,12 @@ def _compile(text: str) -> bytes:
 
 
 _engines: list[Any] = []
-"""Machine code lives as long as what it was loaded with, and may be called until the end."""
+"""Engines of all loaded functions: machine code lives as long as its engine."""
 
 
 def _load(content: bytes) -> MachineCode:
-    """Load what is kept: what the function is like, as JSON, and its machine code."""
-    described, _, code = content.partition(_END)
+    """Load an entry of the cache: the function's form as JSON, and its machine code."""
+    described, _, code = content.partition(b"\n")
     known = json.loads(described)
     form = {key: _tuples(value) for key, value in known["form"].items()}
     llvm = _llvm()
@@ -300,8 +291,9 @@ def _remove(folder: str, process: int) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _read(key: str) -> bytes | None:
-    path = _folder() / key
+def _read(entry: str) -> bytes | None:
+    """Return the content of an entry whose hash is right."""
+    path = _folder() / entry
     with suppress(OSError):
         handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
         with os.fdopen(handle, "rb") as stream:
@@ -317,12 +309,12 @@ def _read(key: str) -> bytes | None:
     return None
 
 
-def _keep(key: str, code: bytes) -> None:
-    """Write machine code into the cache, with its hash; without room it is made again next time."""
+def _keep(entry: str, content: bytes) -> None:
+    """Write an entry with its hash; without room on the disk the next process compiles again."""
     folder = _folder()
     with suppress(OSError):
-        with atomic_write(folder / key, 0o600) as beside:
-            beside.write_bytes(hashlib.sha256(code).digest() + code)
+        with atomic_write(folder / entry, 0o600) as temporary:
+            temporary.write_bytes(hashlib.sha256(content).digest() + content)
         used = sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime)
         taken = sum(path.stat().st_size for path in used)
         while taken > _MOST:

@@ -24,8 +24,8 @@ from expdesign.experiment.setup import plan_search
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.recheck.limit_check import local_worst
 from expdesign.robot import LimitModel
-from expdesign.solver.phases import finish_phase, no_report, solve_phase
-from expdesign.solver.starts import SearchPlan
+from expdesign.solver.phases import finish_phase
+from expdesign.solver.starts import SearchPlan, no_report, solve_phase
 from expdesign.trajectory import FourierTrajectory
 
 FREQUENCY = "frequency"

@@ -35,9 +35,8 @@ from expdesign.solver.phases import (
     continuation_phases,
     finish_phase,
     last_phase,
-    solve_phase,
 )
-from expdesign.solver.starts import SearchPlan, StartResult
+from expdesign.solver.starts import SearchPlan, StartResult, solve_phase
 from expdesign.trajectory import round_period
 from expdesign.workers import Monitor
 

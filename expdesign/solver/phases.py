@@ -12,25 +12,21 @@ from typing import Annotated
 
 import numpy as np
 
-from constraints.arrays import Array, Mask
+from constraints.arrays import Array
 from expdesign.information.criteria import Criterion, criteria
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.runfolder import OpenNumber, described
 from expdesign.solver.interior_point import (
-    FEASIBLE,
     RENEWED,
     STANDSTILL,
     IterationReport,
     Solution,
     Standstill,
-    solve_by_interior_point,
 )
 from expdesign.workers import Monitor
 
 MOST_BLUNT_HARMONICS = 5
 """Largest number of harmonics of the first phase: with many it got stuck far from the best."""
-_ROUNDS = 5
-_FAR = 0.05
 _EVERYTHING = 10.0
 _NEAR = 0.15
 _RADIUS = 0.6
@@ -125,65 +121,6 @@ class PhaseResult:
 PhaseReport = Callable[[PhaseResult, int], IterationReport | None]
 """(result of the phase before a round, largest number of the round's iterations) → the report of
 its iterations; None: no report."""
-
-
-def no_report(_done: PhaseResult, _most: int) -> None:
-    """Report no iteration of a round."""
-
-
-def solve_phase(
-    problem: DesignProblem, phase: Phase, start: Array, report: PhaseReport
-) -> tuple[Array, PhaseResult]:
-    """Solve one phase from `start`, (z,); return the variables reached and the result.
-
-    Limits are imposed at `phase.points` points, but only rows near their bounds are in the
-    program. After each solve all rows are evaluated; omitted rows that are violated enter, and
-    the program is solved again: from the point reached, or, if that is far out, from the last
-    good one in a smaller box; each time with the remaining iterations, or a quarter of all.
-    """
-    if phase.criterion is not None:
-        problem = problem.with_criterion(phase.criterion)
-    grid = 2 * np.pi * np.arange(phase.points) / phase.points
-    violations = problem.smooth_violations(start, grid, phase.width)
-    mask: Mask = violations > -phase.near
-    x, radius = start, phase.radius
-    result = PhaseResult.start(phase)
-    while result.rounds < _ROUNDS and result.iterations < phase.iterations:
-        most = max(phase.iterations - result.iterations, phase.iterations // 4)
-        program = problem.program(
-            grid,
-            mask,
-            width=phase.width,
-            level=phase.level,
-            samples=phase.samples,
-            box=(x, radius),
-        )
-        solution = solve_by_interior_point(
-            program,
-            x,
-            most=most,
-            barrier=phase.barrier,
-            renewed=phase.renewed,
-            standstill=phase.standstill,
-            report=report(result, most),
-        )
-        result = result.add(solution, int(np.count_nonzero(mask)))
-        violations = problem.smooth_violations(solution.usable, grid, phase.width)
-        broken = (violations > FEASIBLE) & ~mask
-        far = float(np.max(violations[broken], initial=0.0)) > _FAR
-        if not far:
-            x = solution.usable
-        if not np.any(broken) or solution.status == "User_Requested_Stop":
-            break
-        mask = mask | broken | (violations > -phase.near)
-        if far:
-            radius = (phase.radius or 1.0) / 2 if radius is None else radius / 2
-    violations = problem.smooth_violations(x, grid, phase.width)
-    return x, replace(
-        result,
-        objective=problem.cost_value(x, phase.width, phase.level, phase.samples),
-        violation=float(np.max(violations, initial=-np.inf)),
-    )
 
 
 def coarse_points(harmonics: int) -> int:

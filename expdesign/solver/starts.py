@@ -8,7 +8,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from constraints.arrays import Array
+from constraints.arrays import Array, Mask
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.recheck.certificate import recheck
 from expdesign.recheck.information import Evaluator
@@ -22,16 +22,20 @@ from expdesign.solver.feasibility import (
     restore_limits,
     shrink_to_limits,
 )
-from expdesign.solver.interior_point import FEASIBLE
+from expdesign.solver.interior_point import (
+    FEASIBLE,
+    solve_by_interior_point,
+)
 from expdesign.solver.phases import (
     Iteration,
+    Phase,
+    PhaseReport,
     PhaseResult,
     StartReporter,
     coarse_points,
     continuation_phases,
     fine_points,
     hop_phases,
-    solve_phase,
 )
 from expdesign.trajectory import FourierTrajectory, KnownHum
 from expdesign.workers import Monitor
@@ -51,6 +55,8 @@ STATUS_TEXTS = {
     "Invalid_Number_Detected": "the model gave a value that is not a number",
 }
 
+_ROUNDS = 5
+_FAR = 0.05
 _UNCHECKED = Recheck(())
 _FINER = 4
 """Points at which a start's limits are judged, per point at which they were imposed."""
@@ -211,6 +217,65 @@ def run_start(
     objective = problem.cost.criterion_value(last.objective)
     reporter.report("waiting", result.iterations, objective, last.violation)
     return result
+
+
+def solve_phase(
+    problem: DesignProblem, phase: Phase, start: Array, report: PhaseReport
+) -> tuple[Array, PhaseResult]:
+    """Solve one phase from `start`, (z,); return the variables reached and the result.
+
+    Limits are imposed at `phase.points` points, but only rows near their bounds are in the
+    program. After each solve all rows are evaluated; omitted rows that are violated enter, and
+    the program is solved again: from the point reached, or, if that is far out, from the last
+    good one in a smaller box; each time with the remaining iterations, or a quarter of all.
+    """
+    if phase.criterion is not None:
+        problem = problem.with_criterion(phase.criterion)
+    grid = 2 * np.pi * np.arange(phase.points) / phase.points
+    violations = problem.smooth_violations(start, grid, phase.width)
+    mask: Mask = violations > -phase.near
+    x, radius = start, phase.radius
+    result = PhaseResult.start(phase)
+    while result.rounds < _ROUNDS and result.iterations < phase.iterations:
+        most = max(phase.iterations - result.iterations, phase.iterations // 4)
+        program = problem.program(
+            grid,
+            mask,
+            width=phase.width,
+            level=phase.level,
+            samples=phase.samples,
+            box=(x, radius),
+        )
+        solution = solve_by_interior_point(
+            program,
+            x,
+            most=most,
+            barrier=phase.barrier,
+            renewed=phase.renewed,
+            standstill=phase.standstill,
+            report=report(result, most),
+        )
+        result = result.add(solution, int(np.count_nonzero(mask)))
+        violations = problem.smooth_violations(solution.usable, grid, phase.width)
+        broken = (violations > FEASIBLE) & ~mask
+        far = float(np.max(violations[broken], initial=0.0)) > _FAR
+        if not far:
+            x = solution.usable
+        if not np.any(broken) or solution.status == "User_Requested_Stop":
+            break
+        mask = mask | broken | (violations > -phase.near)
+        if far:
+            radius = (phase.radius or 1.0) / 2 if radius is None else radius / 2
+    violations = problem.smooth_violations(x, grid, phase.width)
+    return x, replace(
+        result,
+        objective=problem.cost_value(x, phase.width, phase.level, phase.samples),
+        violation=float(np.max(violations, initial=-np.inf)),
+    )
+
+
+def no_report(_done: PhaseResult, _most: int) -> None:
+    """Report no iteration of a round."""
 
 
 def _first_motion(plan: SearchPlan, begun: StartResult, harmonics: int | None) -> Array:

@@ -11,7 +11,7 @@ import pytest
 
 from constraints import limit_definitions
 from expdesign.evaluation import machine_code
-from expdesign.evaluation.batch import BatchFunction, NamedFunction
+from expdesign.evaluation.batch import BatchFunction, Graph
 from expdesign.evaluation.block_loop import Lanes
 from expdesign.evaluation.machine_code import CACHE, SWITCH, VIRTUAL_MACHINE, evaluator
 from expdesign.mechanism.term import Friction
@@ -62,7 +62,7 @@ def everything():
     outputs = [one(x) for one in UNARY] + [two(x, y) for two in BINARY]
     outputs.append(ca.horzcat(ca.vertcat(x * p[0], 7.0, 0), ca.vertcat(p[1], y, x)))
     outputs.append(ca.SX(2, 3))
-    return BatchFunction("all", [ca.vertcat(x, y)], [p], outputs)
+    return BatchFunction(Graph("all", [ca.vertcat(x, y)], [p], outputs))
 
 
 @pytest.mark.parametrize("lanes", [2, 4, 8])
@@ -87,7 +87,7 @@ def test_small_functions_with_elements_that_are_zero(sizes, lanes, monkeypatch):
         first, last, zeros = inputs[0][0], inputs[-1], ca.SX(4, 1)
         outputs = [ca.vertcat(2 * first, ca.SX(1, 1)), ca.vertcat(zeros, first, zeros), last]
         outputs += [ca.SX(3, 3), ca.diag(ca.vertcat(first, first + 1, first**2)), ca.SX(0, 1)]
-        return BatchFunction("sparse", inputs, [], outputs)
+        return BatchFunction(Graph("sparse", inputs, [], outputs))
 
     rng = np.random.default_rng(0)
     for count in (1, 3, 8, 17):
@@ -103,7 +103,7 @@ def test_values_that_wait_for_thousands_of_instructions():
         for _ in range(6000):
             a, b = rng.integers(max(0, len(values) - 900), len(values), 2)
             values.append(ca.sin(values[a]) + values[b] * float(rng.normal()))
-        return BatchFunction("long", [x], [], [ca.vertcat(*values[::37])])
+        return BatchFunction(Graph("long", [x], [], [ca.vertcat(*values[::37])]))
 
     same(*both(long, np.random.default_rng(1).normal(size=(21, 3))))
 
@@ -119,8 +119,8 @@ def test_limits_of_a_robot(friction):
     fixed = limits._fixed() if friction is Friction.EXACT else limits._fixed(0.02)
 
     def kernel():
-        return NamedFunction(
-            partial(_kernel.__wrapped__, definitions, robot.terms, friction, slopes=False), None
+        return BatchFunction(
+            partial(_kernel.__wrapped__, definitions, robot.terms, friction, slopes=False)
         )
 
     same(*both(kernel, states, *fixed))
@@ -131,7 +131,7 @@ def test_machine_code_is_made_once_and_a_damaged_one_again(cache):
     inputs = np.arange(6.0).reshape(2, 3)
 
     def compiled(factor):
-        function = BatchFunction("one", [x], [], [ca.sum1(x) * factor])
+        function = BatchFunction(Graph("one", [x], [], [ca.sum1(x) * factor]))
         function.compile()
         return function(inputs)[0][:, 0]
 
@@ -151,21 +151,21 @@ def test_machine_code_is_made_once_and_a_damaged_one_again(cache):
 def test_without_a_place_for_machine_code(cache):
     cache.parent.write_text("a file where a folder should be")
     x = ca.SX.sym("x", 3)
-    function = BatchFunction("one", [x], [], [x * x])
+    function = BatchFunction(Graph("one", [x], [], [x * x]))
     function.compile()
     np.testing.assert_array_equal(function(np.full((2, 3), 3.0))[0], np.full((2, 3), 9.0))
 
 
 def test_only_who_evaluates_much_compiles(cache):
     x = ca.SX.sym("x", 2)
-    function = BatchFunction("one", [x], [], [ca.cos(x)])
+    function = BatchFunction(Graph("one", [x], [], [ca.cos(x)]))
     for _ in range(3):
         function(np.ones((100, 2)))
     assert not cache.exists()
     function(np.ones((5000, 2)))
     assert function.is_compiled
     # Others find it there.
-    other = BatchFunction("one", [x], [], [ca.cos(x)])
+    other = BatchFunction(Graph("one", [x], [], [ca.cos(x)]))
     other(np.ones((100, 2)))
     assert other.is_compiled
 
@@ -178,7 +178,7 @@ def test_the_virtual_machine_alone(monkeypatch):
 
 def test_a_function_that_calls_another_is_left_to_the_virtual_machine():
     x = ca.SX.sym("x")
-    function = BatchFunction("one", [x], [], [ca.erfinv(x)])
+    function = BatchFunction(Graph("one", [x], [], [ca.erfinv(x)]))
     function.compile()
     assert not function.is_compiled
     np.testing.assert_array_equal(function(np.zeros((3, 1)))[0], np.zeros((3, 1)))
@@ -188,7 +188,7 @@ def test_a_function_that_calls_another_is_left_to_the_virtual_machine():
 @pytest.mark.parametrize("count", [1, 513])
 def test_inputs_of_another_size_are_refused(count, compiled):
     x, y, p = ca.SX.sym("x", 3), ca.SX.sym("y", 2), ca.SX.sym("p", 2)
-    function = BatchFunction("some", [x, y], [p], [ca.sum1(x) * y * p])
+    function = BatchFunction(Graph("some", [x, y], [p], [ca.sum1(x) * y * p]))
     if compiled:
         function.compile()
     assert function.is_compiled == compiled
@@ -214,9 +214,9 @@ def test_inputs_of_another_size_are_refused(count, compiled):
 def test_processes_that_compile_the_same_at_once(cache):
     code = (
         "import casadi as ca, numpy as np\n"
-        "from expdesign.evaluation.batch import BatchFunction\n"
+        "from expdesign.evaluation.batch import BatchFunction, Graph\n"
         "x = ca.SX.sym('x', 2)\n"
-        "function = BatchFunction('one', [x], [], [ca.sin(x)])\n"
+        "function = BatchFunction(Graph('one', [x], [], [ca.sin(x)]))\n"
         "function.compile()\n"
         "assert np.array_equal(function(np.ones((9, 2)))[0], np.sin(np.ones((9, 2))))\n"
     )

@@ -11,7 +11,7 @@ import pytest
 
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
-from expdesign.evaluation.batch import BatchFunction
+from expdesign.evaluation.batch import BatchFunction, Graph
 from expdesign.library import robot_files
 from expdesign.mechanism.catalogue import DEFAULT
 from expdesign.robot import load_robot, robot_from
@@ -126,7 +126,7 @@ def test_entries_that_are_zero_by_structure():
     x, p = ca.SX.sym("x", 2), ca.SX.sym("p")
     sparse = ca.SX(2, 3)
     sparse[0, 2], sparse[1, 0] = x[0] * p, x[1]
-    function = BatchFunction("sparse", [x], [p], [sparse, x])
+    function = BatchFunction(Graph("sparse", [x], [p], [sparse, x]))
     matrix, column = function.at(np.array([2.0, 3.0]), np.array([5.0]))
     np.testing.assert_array_equal(matrix, [[0, 0, 10], [3, 0, 0]])
     np.testing.assert_array_equal(column, [2, 3])

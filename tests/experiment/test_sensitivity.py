@@ -15,7 +15,8 @@ from expdesign.experiment.sensitivity import (
     sensitivity_at_design,
 )
 from expdesign.experiment.setup import plan_search
-from expdesign.solver.phases import finish_phase, no_report, solve_phase
+from expdesign.solver.phases import finish_phase
+from expdesign.solver.starts import no_report, solve_phase
 from expdesign.trajectory import TrajectoryFile
 
 

@@ -12,7 +12,7 @@ from estimation.identification import estimate_parameters
 from estimation.measurement_model.prediction import force_kernel
 from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.configuration.robot import load_robot_description
-from expdesign.evaluation.batch import BatchFunction
+from expdesign.evaluation.batch import BatchFunction, Graph
 from expdesign.mechanism import terms as terms_package
 from expdesign.mechanism.catalogue import DEFAULT, known_parameters, term_definitions, terms_named
 from expdesign.mechanism.term import STRUT_SPEED, Friction, Term, parameters_of
@@ -204,7 +204,9 @@ def test_the_derivative_to_a_constant_is_there_for_its_estimation(stribeck):
     graph, p = robot.graph, np.concatenate([robot.parameters[:24], np.full(6, 5.0)])
     forces = graph.regressor_with(Friction.EXACT) @ graph.parameters
     slope = ca.jacobian(forces, graph.constants)
-    kernel = BatchFunction("slope", [graph.state], [graph.machine, graph.parameters], [slope])
+    kernel = BatchFunction(
+        Graph("slope", [graph.state], [graph.machine, graph.parameters], [slope])
+    )
     states = _states(robot)
     (found,) = kernel(np.concatenate(states, axis=1), robot.machine, p)
     ends = [stribeck(0.4 + step).actuator_forces(*states, p) for step in (1e-6, -1e-6)]

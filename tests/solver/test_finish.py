@@ -12,8 +12,8 @@ from expdesign.recheck.limit_check import LimitCheck, Recheck
 from expdesign.solver.feasibility import random_start
 from expdesign.solver.finish import polish
 from expdesign.solver.interior_point import Solution
-from expdesign.solver.phases import Phase, finish_phase, no_report
-from expdesign.solver.starts import StartResult
+from expdesign.solver.phases import Phase, finish_phase
+from expdesign.solver.starts import StartResult, no_report
 from expdesign.trajectory import KnownHum, round_period
 from expdesign.workers import Monitor
 
