@@ -13,7 +13,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration.tolerances import Identification, machine_name
-from expdesign.evaluation.batch import BatchFunction
+from expdesign.evaluation.batch import BatchFunction, Graph
 from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.mechanism.term import Friction, Term
@@ -331,10 +331,12 @@ def _regressors(robot: Robot, states: Array, width: float) -> Array:
         return loaded.regressor(*np.split(states, 3, axis=1))
     graph = robot.graph
     smooth = BatchFunction(
-        "smoothed_regressor",
-        [graph.state],
-        [graph.machine, graph.width],
-        [graph.regressor_with(Friction.SMOOTH)],
+        Graph(
+            "smoothed_regressor",
+            [graph.state],
+            [graph.machine, graph.width],
+            [graph.regressor_with(Friction.SMOOTH)],
+        )
     )
     return smooth(states, loaded.machine, np.array([width]))[0]
 
@@ -410,6 +412,6 @@ def _clear(robot: Robot, states: Array) -> Array:
         axes = kinematic["rotation_matrix"] @ geometry.platform_cardan_axes
         squares.append(1 - ca.sum1(axes * kinematic["strut_direction"]).T ** 2)
     clear = ca.vertcat(ca.fabs(sliding_speeds(graph)) / _CLEAR, ca.vertcat(*squares) / _GIMBAL**2)
-    kernel = BatchFunction("clear", [graph.state], [geometry.vector], [ca.densify(clear)])
+    kernel = BatchFunction(Graph("clear", [graph.state], [geometry.vector], [ca.densify(clear)]))
     (found,) = kernel(states, robot.geometry_vector)
     return np.all(found > 1, axis=1)

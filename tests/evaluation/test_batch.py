@@ -227,7 +227,7 @@ def test_processes_that_compile_the_same_at_once(cache):
 
 def compile_three():
     x = ca.SX.sym("x", 3)
-    function = BatchFunction("three", [x], [], [3 * ca.sum1(x)])
+    function = BatchFunction(Graph("three", [x], [], [3 * ca.sum1(x)]))
     function.compile()
     np.testing.assert_array_equal(function(np.ones((2, 3)))[0][:, 0], [9, 9])
 
