@@ -360,7 +360,7 @@ class TableMotion:
         ForwardKinematicsError
             The struts' lengths belong to no pose.
         """
-        states = self.file.executed.smoothed(self.file.window[0] + np.asarray(times)).states
+        states = self.file.smoothed(np.asarray(times, dtype=float)).states
         if self.executed is self.design:
             return states
         parts = zip(states, self.executed.sample(times), self.design.sample(times), strict=True)
@@ -382,7 +382,7 @@ def refuse_short_window(table: TableFile, periods: int, configuration_file: Path
             key="experiment.periods",
             allowed=f"at most {table.periods}, or a table with more",
         )
-    end = table.executed.rows.times[-1]
+    end = table.executed.rows.duration
     if end < table.window[1] - ON_THE_EDGE:
         raise InputError(
             f"the table ends at {end:.6f} s, inside the measurement window that lasts until "
@@ -404,7 +404,7 @@ def window_error(table: TableFile, times: Array) -> float:
     parts = []
     for part in blocks(times):
         wanted = robot.inverse_kinematics(design.sample(part).pose)
-        off = table.executed.lengths(table.window[0] + part) - wanted
+        off = table.lengths(part) - wanted
         parts.append(np.abs(off).max(axis=1))
     off = np.concatenate(parts)
     worst = int(np.argmax(np.nan_to_num(off, nan=np.inf)))

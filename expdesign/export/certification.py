@@ -120,9 +120,13 @@ def certify_table(table: ExecutedTable, *, piece: bool = False) -> PathCertifica
         checks += [replace(check, proved=np.inf) for check in found]
     if undefined:
         checks += _at_rows(table, LimitModel(robot, tuple(undefined)), piece=piece)
+    true_times = table.rows.true_times
+    checks = [replace(check, time=float(true_times(check.time))) for check in checks]
     by_key = {check.key: check for check in checks}
     ordered = tuple(by_key[limit.key] for limit in every)
-    return PathCertificate(ordered, tuple(limit.key for limit in undefined), until)
+    return PathCertificate(
+        ordered, tuple(limit.key for limit in undefined), float(true_times(until))
+    )
 
 
 def _is_dynamic(limit: Limit) -> bool:

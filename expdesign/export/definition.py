@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from constraints.arrays import Array
 from expdesign.configuration import ExportSection
@@ -32,7 +32,11 @@ class TableError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Values of a table at each of its times."""
+    """Values of a table at each of its times.
+
+    Of a table that repeats a period, only two of the periods are here: `repeated` further ones
+    follow the second, with the same values. The times are those without them.
+    """
 
     times: Array
     """(N,), s from the start of the motion."""
@@ -45,6 +49,113 @@ class Rows:
     """Further columns by name, SI, of tables that hold the whole motion."""
     trigger: tuple[float, float] | None = None
     """When the table switches an output on and off again, s; None when it switches none."""
+    repeated: int = 0
+    """Number of the periods that are left out."""
+    block: tuple[int, int] = (0, 0)
+    """The row before those that are repeated, and the last of them."""
+
+    @property
+    def period(self) -> float:
+        """Duration of a repeated period, s."""
+        first, last = self.block
+        return float(self.times[last] - self.times[first])
+
+    @property
+    def left_out(self) -> tuple[int, float]:
+        """Number of the rows that are left out, and their duration, s."""
+        first, last = self.block
+        return self.repeated * (last - first), self.repeated * self.period
+
+    @property
+    def count(self) -> int:
+        """Number of all rows of the table."""
+        return len(self.times) + self.left_out[0]
+
+    @property
+    def duration(self) -> float:
+        """Time of the last row, s."""
+        return float(self.times[-1]) + self.left_out[1]
+
+    def true_times(self, times: ArrayLike) -> Array:
+        """Return the times in the table, s, of times without the periods that are left out."""
+        given = np.asarray(times, dtype=float)
+        return np.where(given > self.times[self.block[1]], given + self.left_out[1], given)
+
+    def short_times(self, times: ArrayLike) -> Array:
+        """Return the times without the periods that are left out, s, of times in the table."""
+        given = np.asarray(times, dtype=float)
+        end = float(self.times[self.block[1]])
+        if not self.repeated:
+            return given
+        inside = end - self.period + np.mod(given - end, self.period)
+        moved = np.where(given < end + self.left_out[1], inside, given - self.left_out[1])
+        return np.where(given <= end, given, moved)
+
+    def time_of(self, number: int) -> float:
+        """Return the time in the table, s, of the row with this number, from 0."""
+        _, last = self.block
+        left_out, duration = self.left_out
+        if number <= last or number >= last + left_out:
+            index = number if number <= last else number - left_out
+            return float(self.times[index]) + (0.0 if number <= last else duration)
+        periods, place = divmod(number - last, left_out // self.repeated)
+        return float(self.times[self.block[0] + place]) + (1 + periods) * self.period
+
+    def short_window(self, window: tuple[float, float]) -> tuple[float, float]:
+        """Return a measurement window without the periods that are left out, s."""
+        first, last = window
+        return first, last - self.left_out[1]
+
+    def parts(self) -> Iterator[Rows]:
+        """Yield all rows of the table in parts; each begins with the last row of the one before.
+
+        The parts are the beginning with two periods, each further period, and the end.
+        """
+        first, last = self.block
+        if not self.repeated:
+            yield self
+            return
+        yield self._part(0, last)
+        for k in range(1, self.repeated + 1):
+            yield self._part(first, last, k * self.period)
+        yield self._part(last, len(self.times), self.left_out[1])
+
+    def _part(self, first: int, last: int, delay: float = 0.0) -> Rows:
+        """Return rows from the first to the last, delayed by a time, s."""
+        rows = slice(first, last + 1)
+        times = self.times[rows] + delay
+        columns = {name: values[rows] for name, values in self.columns.items()}
+        rate = None if self.rate is None else self.rate[rows]
+        acceleration = None if self.acceleration is None else self.acceleration[rows]
+        return Rows(times, self.position[rows], rate, acceleration, columns)
+
+    def every_time(self) -> Iterator[float]:
+        """Yield the times of all rows of the table, s."""
+        for number, part in enumerate(self.parts()):
+            yield from part.times[1 if number else 0 :].tolist()
+
+    def expanded(self) -> Rows:
+        """Return the rows with all periods."""
+        parts = list(self.parts())
+        whole = [parts[0], *(part._part(1, len(part.times)) for part in parts[1:])]  # noqa: SLF001
+
+        def joined(values: Iterable[Array | None]) -> Array | None:
+            found = [one for one in values if one is not None]
+            return np.concatenate(found) if found else None
+
+        columns = {
+            name: np.concatenate([part.columns[name] for part in whole]) for name in self.columns
+        }
+        times = np.concatenate([part.times for part in whole])
+        if "t" in columns:
+            columns["t"] = times
+        return Rows(
+            times,
+            np.concatenate([part.position for part in whole]),
+            joined(part.rate for part in whole),
+            joined(part.acceleration for part in whole),
+            columns,
+        )
 
     @property
     def velocities(self) -> Array:
@@ -92,13 +203,14 @@ def in_window(times: Array, window: tuple[float, float]) -> NDArray[np.bool_]:
     return (times >= first - ON_THE_EDGE) & (times < last - ON_THE_EDGE)
 
 
-def edge_rows(times: Array, window: tuple[float, float]) -> tuple[int, int]:
-    """Return the rows whose times (N,) are closest to the window's beginning and end, s.
+def edge_rows(rows: Rows, window: tuple[float, float]) -> tuple[int, int]:
+    """Return the numbers of the rows that are closest to the window's beginning and end, s.
 
     Both have a row behind them.
     """
-    first, last = (int(np.argmin(np.abs(times[:-1] - edge))) for edge in window)
-    return first, last
+    edges = rows.short_window(window)
+    first, last = (int(np.argmin(np.abs(rows.times[:-1] - edge))) for edge in edges)
+    return first, last + rows.left_out[0]
 
 
 def scaled_in_words(factor: float) -> str:
@@ -308,6 +420,8 @@ class TableFormat:
     may_crash: str = ""
     """Program that reads a file, ``sys.argv[1]``, as `read` does, for libraries that may end the
     process on damaged ones: what others may have changed is given to it first."""
+    repeats: bool = False
+    """Whether `write` and `read` know rows that leave out repeated periods."""
     uniform: bool = False
     """Whether all rows have one distance in time."""
     fixed_angles: bool = False
@@ -329,22 +443,24 @@ def switching(rows: Rows, settings: Settings, commands: tuple[str, str]) -> dict
     """
     if settings.section.trigger is None:
         return {}
-    return dict(zip(edge_rows(rows.times, settings.window), commands, strict=True))
+    return dict(zip(edge_rows(rows, settings.window), commands, strict=True))
 
 
-def switched_at(found: Sequence[tuple[int, bool]], times: Array) -> tuple[float, float] | None:
-    """Return when the output is on, s; None where it is never switched.
+def switched_at(found: Sequence[tuple[int, bool]], rows: Rows) -> Rows:
+    """Return the rows with the times at which the output is switched; unchanged without commands.
 
     Parameters
     ----------
     found : sequence of (int, bool)
-        The row behind which each command stands, and whether it switches the output on.
-    times : (N,)
-        Of the rows, s.
+        Number of the row before each command, and whether it switches the output on.
+    rows : Rows
     """
     if not found:
-        return None
-    rows = [row for row, _ in found]
-    if [on for _, on in found] != [True, False] or not 0 <= rows[0] < rows[1] < len(times) - 1:
+        return rows
+    numbers = [row for row, _ in found]
+    if [on for _, on in found] != [True, False] or not 0 <= numbers[0] < numbers[
+        1
+    ] < rows.count - 1:
         raise TableError("the output is not switched on once and off once, each before a move")
-    return float(times[rows[0]]), float(times[rows[1]])
+    on, off = (rows.time_of(number) for number in numbers)
+    return replace(rows, trigger=(on, off))

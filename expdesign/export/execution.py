@@ -11,6 +11,7 @@ from scipy.interpolate import PPoly
 
 from constraints.arrays import Array
 from expdesign.export.definition import Axes, Interpolation, Rows, Settings, Task
+from expdesign.export.repetition import shorten_task
 from expdesign.information.fisher import (
     SingularInformationError,
     information_matrix,
@@ -91,8 +92,9 @@ class ExecutedTable:
 
     @classmethod
     def of(cls, settings: Settings, rows: Rows) -> ExecutedTable:
-        """Return the rows of an export on their way."""
-        form, task = settings.form, settings.task
+        """Return the rows of an export on their way; of repeated periods the two in the rows."""
+        form = settings.form
+        task = shorten_task(settings.task) if rows.repeated else settings.task
         return cls(task.robot, task.motion, settings.axes, rows, form.interpolation)
 
     def between(self, times: Array) -> Executed:
@@ -189,6 +191,8 @@ def _solve(matrices: Array, vectors: Array) -> Array:
     return np.asarray(np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0], dtype=np.float64)
 
 
+_WHOLE = 1e-6
+"""Samples by which a period may differ from a whole number of them."""
 BLOCK = 20_000
 """Times that are computed at once."""
 
@@ -286,12 +290,13 @@ def information_change(table: ExecutedTable, task: Task) -> InformationChange | 
     if task.force_covariance is None:
         return None
     names, count = task.parameters, len(_measured_times(task))
+    repeats = table.rows.repeated
     try:
-        reference, before = _predicted_by_design(task)
+        reference, before = _predicted_by_design(task, repeats)
     except SingularInformationError:
         return None
     try:
-        found, after = _predict_precision(task, lambda at: table.smoothed(at).states)
+        found, after = _predict_precision(task, repeats, lambda at: table.smoothed(at).states)
     except SingularInformationError:
         return InformationChange(count, reference, -np.inf, np.inf, names[0])
     relative = after / before - 1
@@ -307,23 +312,47 @@ def _measured_times(task: Task) -> Array:
     return first + np.arange(count) / task.sampling
 
 
+def _weighted_times(task: Task, repeats: int) -> list[tuple[Array, int]]:
+    """Return times of samples, (N,), s, each with the number of its samples.
+
+    With repeated periods all times are in the first two. Between the middles of both nothing
+    depends on lead-in and lead-out: these samples count for all periods between.
+    """
+    times = _measured_times(task)
+    if not repeats:
+        return [(times, 1)]
+    begin, period = times[0], task.motion.trajectory.period
+    samples = period * task.sampling
+    count = round(samples)
+    if abs(samples - count) < _WHOLE:
+        middle = times[count // 2 : count // 2 + count]
+        return [(times[: 2 * count], 1), (middle, repeats)]
+    later = begin + period + np.mod(times - begin, period)
+    return [(np.where(times < begin + period, times, later), 1)]
+
+
 @lru_cache(maxsize=1)
-def _predicted_by_design(task: Task) -> tuple[float, Array]:
+def _predicted_by_design(task: Task, repeats: int) -> tuple[float, Array]:
     """Return `_predict_precision` of the design itself, which several tables of it share."""
-    return _predict_precision(task, task.motion.sample)
+    return _predict_precision(task, repeats, task.motion.sample)
 
 
-def _predict_precision(task: Task, sample: Callable[[Array], PoseSamples]) -> tuple[float, Array]:
+def _predict_precision(
+    task: Task,
+    repeats: int,
+    sample: Callable[[Array], PoseSamples],
+) -> tuple[float, Array]:
     """Return log det F and the predicted standard deviations of a motion."""
     if task.force_covariance is None:
         raise ValueError("nothing is known of the noise")
     every = task.robot.parameter_names
     columns = [every.index(name) for name in task.parameters]
     total = np.zeros((len(columns), len(columns)))
-    for part in track(
-        "reading back: what it tells of the parameters", tuple(blocks(_measured_times(task)))
-    ):
-        regressors = task.robot.regressor(*sample(part))
-        total += information_matrix(regressors[:, :, columns], task.force_covariance)
+    parts = [
+        (part, weight) for times, weight in _weighted_times(task, repeats) for part in blocks(times)
+    ]
+    for part, weight in track("reading back: information on the parameters", parts):
+        regressors = task.robot.regressor(*sample(part))[:, :, columns]
+        total += weight * information_matrix(regressors, task.force_covariance)
     std = np.sqrt(np.diag(parameter_covariance(total, task.parameters)))
     return log_det(total, task.parameters), std

@@ -23,7 +23,7 @@ from expdesign.export.definition import (
 )
 from expdesign.export.formats import table_formats
 from expdesign.export.read_back import ReadBack, read_back
-from expdesign.export.row_times import chosen_times, ideal_rows, whole_motion
+from expdesign.export.row_times import designed_rows
 from expdesign.export.text_table import write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES, POSE
 from expdesign.progress import listening, progress_prefix, report_progress
@@ -153,10 +153,7 @@ def export_table(
     """
     refuse_missing_library(section, place)
     settings = resolve_settings(section, task, place)
-    times = chosen_times(settings, place)
-    rows = ideal_rows(settings, times)
-    if settings.form.whole:
-        rows = replace(rows, columns=whole_motion(settings.task, times))
+    rows = designed_rows(settings, place)
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(path.parent)
     # A folder beside it: some libraries go by the file's name.
@@ -165,7 +162,7 @@ def export_table(
         TemporaryDirectory(prefix=temporary_prefix(), dir=path.parent) as folder,
     ):
         beside = Path(folder) / file_name(section)
-        report_progress(f"writing {len(times)} rows")
+        report_progress(f"writing {rows.count} rows")
         (write or settings.form.write)(beside, rows, settings)
         more = _write_beside(beside, rows, settings)
         check = read_back(beside, settings)

@@ -18,6 +18,7 @@ from expdesign.export.execution import (
     information_change,
     refine_times,
 )
+from expdesign.export.repetition import shorten
 from expdesign.export.row_times import SHARE, ideal_rows, whole_motion
 from expdesign.export.whole_table import find_faults
 from expdesign.progress import track
@@ -74,20 +75,24 @@ class ReadBack:
 
 def read_back(path: Path, settings: Settings) -> ReadBack:
     """Read a file, execute it as its controller does, and hold it against design and limits."""
+    task = settings.task
     try:
         rows = settings.form.read(path, settings)
     except TableError as error:
         return ReadBack(failures=(f"the file cannot be read: {error}",))
     steps = np.diff(rows.times)
     found = ReadBack(
-        rows=len(rows.times),
+        rows=rows.count,
         shortest_step=float(steps.min()),
         longest_step=float(steps.max()),
-        duration=float(rows.times[-1]),
+        duration=rows.duration,
         trigger=rows.trigger,
     )
-    apart, failures = _row_error(rows, settings)
+    if rows.repeated:
+        settings = shorten(settings)
+    apart, wrong_rows = _row_error(rows, settings)
     found = replace(found, row_error=apart)
+    failures = wrong_rows
     table = ExecutedTable.of(settings, rows)
     failures += find_faults(settings, table)
     if failures:
@@ -96,7 +101,7 @@ def read_back(path: Path, settings: Settings) -> ReadBack:
     try:
         found = _add_execution(found, table)
         failures += _beyond(found, table, settings)
-        found = replace(found, information=information_change(table, settings.task))
+        found = replace(found, information=information_change(table, task))
     except (ForwardKinematicsError, np.linalg.LinAlgError) as trouble:
         failures.append(f"the file cannot be executed: {trouble}")
     if found.information is not None:
@@ -144,6 +149,7 @@ def _add_execution(found: ReadBack, table: ExecutedTable) -> ReadBack:
             # Of the rows only what has no value between them: accelerations and forces.
             at_rows = deviation(table, times, table.smoothed(times), forces=True)
             worst = worst.with_worse(replace(at_rows, position=0.0, velocity=0.0))
+    worst = replace(worst, position_time=float(table.rows.true_times(worst.position_time)))
     return replace(found, points=len(grid), deviation=worst, certificate=certify_table(table))
 
 

@@ -6,13 +6,15 @@ translation with a quaternion, and twice a linear with an angular vector.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from constraints.arrays import Array
 from expdesign.export.definition import Rows, Settings, TableError
+from expdesign.export.repetition import Collected
 from expdesign.export.rotation import (
     angle_derivatives,
     angular_motion,
@@ -50,27 +52,35 @@ def message_type(settings: Settings) -> str:
     return JOINTS if settings.axes.space == "strut" else PLATFORM
 
 
-def message_of(rows: Rows, settings: Settings) -> dict[str, Any]:
-    """Return names and points of the message for rows with velocities and accelerations."""
+def joint_names(settings: Settings) -> list[str]:
+    """Return the names of the message's joints."""
+    return list(settings.axes.names) if settings.axes.space == "strut" else [PLATFORM_JOINT]
+
+
+def message_rows(rows: Rows, settings: Settings) -> Rows:
+    """Return the rows with all numbers of a point as its position, (N, 18) or (N, 19)."""
     parts: tuple[Array, ...] = (rows.position, rows.velocities, rows.accelerations)
-    strut = settings.axes.space == "strut"
-    names = settings.axes.names if strut else (PLATFORM_JOINT,)
-    if not strut:
+    if settings.axes.space == "pose":
         angles = rows.position[:, 3:]
         turned = (quaternions(angles), *angular_motion(*(part[:, 3:] for part in parts)))
         parts = tuple(
             np.concatenate([part[:, :3], turn], axis=1)
             for part, turn in zip(parts, turned, strict=True)
         )
-    shape = _POINT[message_type(settings)]
-    stamps = [divmod(int(time), NANOSECONDS) for time in np.rint(rows.times * NANOSECONDS)]
-    points = [
-        {**_nest_values(shape, iter(values)), _TIME: {"sec": sec, "nanosec": nanosec}}
-        for (sec, nanosec), values in zip(
-            stamps, np.concatenate(parts, axis=1).tolist(), strict=True
-        )
-    ]
-    return {"joint_names": list(names), "points": points}
+    cells = np.concatenate(parts, axis=1)
+    return Rows(rows.times, cells, repeated=rows.repeated, block=rows.block)
+
+
+def point_values(cells: Array, settings: Settings) -> dict[str, Any]:
+    """Return a point without its time, of its numbers (18,) or (19,)."""
+    found = _nest_values(_POINT[message_type(settings)], iter(cells.tolist()))
+    return dict(found)
+
+
+def point_time(time: float) -> dict[str, int]:
+    """Return a time, s, in a message."""
+    sec, nanosec = divmod(round(time * NANOSECONDS), NANOSECONDS)
+    return {"sec": sec, "nanosec": nanosec}
 
 
 def _nest_values(shape: Any, values: Iterator[float]) -> Any:
@@ -98,31 +108,35 @@ def _flat(shape: Any, found: Any) -> list[float]:
     ]
 
 
-def rows_of(message: Mapping[str, Any], settings: Settings) -> Rows:
-    """Return the rows of a message; raises `TableError` at a deviation from the written form."""
-    strut = settings.axes.space == "strut"
-    names = settings.axes.names if strut else (PLATFORM_JOINT,)
-    if tuple(message["joint_names"]) != names:
-        found = ", ".join(message["joint_names"])
-        raise TableError(f"the joints are {found}, not {', '.join(names)}")
+def numbers_of(blocks: Iterable[list[Any]], settings: Settings) -> Iterator[tuple[Array, Array]]:
+    """Yield times, s, and numbers of points, (N, 18) or (N, 19), in blocks.
+
+    A `TableError` names the first point that deviates from the written form.
+    """
     shape = _POINT[message_type(settings)]
-    times, cells = [], []
-    for k, point in enumerate(message["points"], start=1):
-        try:
-            *state, stamp = _values(point, (*shape, _TIME))
-            cells.append(_flat(list(shape.values()), state))
-            times.append(_nanoseconds(stamp))
-        except (KeyError, TypeError, ValueError) as error:
-            raise TableError(
-                f"point {k} is incomplete or holds a value that is not a number or out of range"
-            ) from error
-    if not cells:
-        raise TableError("the message has no points")
+    count = 0
+    for points in blocks:
+        times, cells = [], []
+        for point in points:
+            count += 1
+            try:
+                *state, stamp = _values(point, (*shape, _TIME))
+                cells.append(_flat(list(shape.values()), state))
+                times.append(_nanoseconds(stamp))
+            except (KeyError, TypeError, ValueError) as error:
+                raise TableError(
+                    f"point {count} is incomplete or holds a value that is not a number or out of "
+                    "range"
+                ) from error
+        if times:
+            yield np.array(times, dtype=np.int64) / NANOSECONDS, np.array(cells)
+
+
+def rows_of(found: Collected, settings: Settings) -> Rows:
+    """Return the rows of the numbers of a message's points."""
     # A rotation that is a quaternion makes the position one longer.
-    position, rate, acceleration = np.split(np.array(cells), [-2 * ACTUATORS, -ACTUATORS], axis=1)
-    seconds = np.array(times, dtype=np.int64) / NANOSECONDS
-    raw = Rows(seconds, position, rate, acceleration).checked()
-    return raw if strut else _with_angles(raw)
+    raw = found.rows(*np.split(found.values, [-2 * ACTUATORS, -ACTUATORS], axis=1))
+    return raw if settings.axes.space == "strut" else _with_angles(raw)
 
 
 def _with_angles(raw: Rows) -> Rows:
@@ -138,7 +152,7 @@ def _with_angles(raw: Rows) -> Rows:
             (raw.position, raw.velocities, raw.accelerations), (angles, *rates), strict=True
         )
     )
-    return Rows(raw.times, position, rate, acceleration)
+    return replace(raw, position=position, rate=rate, acceleration=acceleration)
 
 
 def _values(mapping: Any, keys: tuple[str, ...]) -> list[Any]:

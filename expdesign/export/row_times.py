@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from expdesign.export.execution import (
     deviation,
     refine_times,
 )
+from expdesign.export.repetition import repeat_rows, shorten
 from expdesign.motion.executable import ExecutableMotion, SampledMotion
 from expdesign.progress import track
 from expdesign.robot import ForwardKinematicsError, LimitModel
@@ -47,6 +49,26 @@ _ROOM = 1e-5
 _LEAST_ROOM = 2e-6
 _ROUNDING = 1e-9
 _POINTS = 10
+
+
+def designed_rows(settings: Settings, place: str = "") -> Rows:
+    """Return the rows of a table before they are rounded.
+
+    Formats that know repeated periods get two of them, with the number of the others.
+    """
+    short = shorten(settings) if settings.form.repeats else settings
+    rows = _rows_of(short, place)
+    if short.task is settings.task:
+        return rows
+    return repeat_rows(rows, settings) or _rows_of(settings, place)
+
+
+def _rows_of(settings: Settings, place: str) -> Rows:
+    times = chosen_times(settings, place)
+    rows = ideal_rows(settings, times)
+    return (
+        replace(rows, columns=whole_motion(settings.task, times)) if settings.form.whole else rows
+    )
 
 
 def ideal_rows(settings: Settings, times: Array) -> Rows:

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from constraints.arrays import Array
 from expdesign.configuration import InputError, Problem, export_section
 from expdesign.export.certification import PathCertificate, certify_table
 from expdesign.export.definition import Settings, TableError, Task
-from expdesign.export.execution import ExecutedTable
+from expdesign.export.execution import Executed, ExecutedTable
 from expdesign.export.exporting import refuse_missing_library, resolve_settings
 from expdesign.export.result import RECORD, ExportedTable, ExportResult, result_file
 from expdesign.export.whole_table import (
@@ -53,12 +54,20 @@ class TableFile:
     @property
     def window(self) -> tuple[float, float]:
         """When the measurement window begins and ends, s from the start of the table."""
-        return self.executed.motion.window
+        return self.settings.window
 
     @property
     def periods(self) -> int:
         """Periods in the measurement window."""
-        return self.executed.motion.periods
+        return self.settings.task.motion.periods
+
+    def smoothed(self, times: Array) -> Executed:
+        """Return the machine at times in the measurement window, s, as `ExecutedTable.smoothed`."""
+        return self.executed.smoothed(self.executed.rows.short_times(self.window[0] + times))
+
+    def lengths(self, times: Array) -> Array:
+        """Return the struts' lengths, (N, 6), m, at times in the measurement window, s."""
+        return self.executed.lengths(self.executed.rows.short_times(self.window[0] + times))
 
     @property
     def design(self) -> FourierTrajectory:

@@ -7,15 +7,22 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.export.definition import Rows, Settings, TableError, in_window
+from expdesign.export.definition import Rows, Settings, TableError, edge_rows, in_window
+from expdesign.export.repetition import collect
 
-LARGEST_FILE = 1 << 30
+_BLOCK = 1 << 20
+"""Bytes that are read at once; the longest line."""
+_KNOWN = 50_000
+"""Lines whose numbers are remembered: those of a period are."""
+_ROWS = 20_000
+"""Rows of a block of numbers."""
 _PLAIN = r"[-+0-9.,\s]*"
 _ORDINARY = re.compile(rf"{_PLAIN}(?:[eE][-+]?\d{{1,3}}(?!\d){_PLAIN})*")
 """Of these characters Python reads as numbers what `_NUMBER` says, however long."""
@@ -24,48 +31,97 @@ _NUMBER = re.compile(r"[+-]?(?:\d{1,30}(?:\.\d{0,30})?|\.\d{1,30})(?:[eE][+-]?\d
 
 
 def write_lines(path: Path, text: Iterable[str]) -> None:
-    """Write lines of ASCII."""
-    path.write_text("\n".join(text) + "\n", encoding="ascii")
+    """Write lines of ASCII, one by one."""
+    with path.open("w", encoding="ascii", newline="\n") as file:
+        file.writelines(f"{line}\n" for line in text)
+
+
+def every_line(
+    rows: Rows, lines_of: Callable[[Rows], Iterable[str]], *, timed: bool = False
+) -> Iterator[str]:
+    """Yield one line for every row of a table; those of a repeated period are made once.
+
+    Parameters
+    ----------
+    rows : Rows
+    lines_of : callable
+        Returns a line for each row of a part of the table. The line of the first row counts only
+        in the first part; in the others this row is the last one of the part before.
+    timed : bool
+        Whether the lines state times from the beginning of the table: each is made anew.
+    """
+    made: list[str] | None = None
+    for number, part in enumerate(rows.parts()):
+        repeated = 0 < number <= rows.repeated
+        if repeated and made is not None:
+            yield from made
+            continue
+        text: Iterable[str] = islice(lines_of(part), 1 if number else 0, None)
+        if repeated and not timed:
+            text = made = list(text)
+        yield from text
 
 
 def mark_window(
-    text: Iterable[str], times: Array, settings: Settings, comment: str
+    text: Iterable[str], rows: Rows, settings: Settings, comment: str, *, ends: bool = False
 ) -> Iterator[str]:
     """Yield the lines of rows, with comments where the measurement window begins and ends.
 
     Parameters
     ----------
     text : iterable of str
-        One line for every row, at the times (N,), s.
+        One line for every row.
+    rows : Rows
+    settings : Settings
     comment : str
         A comment of the format, with ``{}`` for its text.
+    ends : bool
+        Whether a line is the move that ends at its row: the window begins behind the line of its
+        first row. Otherwise it begins before that line.
     """
-    inside = in_window(times, settings.window)
-    edges = np.diff(inside.astype(int), prepend=0, append=0)
-    for line, before, after in zip(text, edges[:-1], edges[1:], strict=True):
-        if before > 0:
-            yield comment.format("measurement window begins")
+    edges = edge_rows(rows, settings.window)
+    if not ends:
+        inside = np.flatnonzero(in_window(rows.times, rows.short_window(settings.window)))
+        edges = (
+            (int(inside[0]) - 1, int(inside[-1]) + rows.left_out[0]) if inside.size else (-2, -2)
+        )
+    marks = dict(zip(edges, ("measurement window begins", "measurement window ends"), strict=True))
+    if -1 in marks:
+        yield comment.format(marks[-1])
+    for number, line in enumerate(text):
         yield line
-        if after < 0:
-            yield comment.format("measurement window ends")
+        if number in marks:
+            yield comment.format(marks[number])
 
 
-def lines(path: Path) -> list[str]:
-    """Return the lines of a file of ASCII."""
-    if path.stat().st_size > LARGEST_FILE:
-        raise TableError(f"the file is larger than {LARGEST_FILE >> 20} MiB")
+def lines(path: Path) -> Iterator[str]:
+    """Yield the lines of a file of ASCII."""
+    rest = b""
+    with path.open("rb") as file:
+        while block := file.read(_BLOCK):
+            *found, rest = (rest + block).splitlines(keepends=True)
+            if rest.endswith(b"\n"):
+                found, rest = [*found, rest], b""
+            if len(rest) > _BLOCK:
+                raise TableError("the file is no plain text: a line is longer than 1 MiB")
+            yield from _decode(found)
+    yield from _decode([rest] if rest else [])
+
+
+def _decode(found: Sequence[bytes]) -> Iterator[str]:
     try:
-        return path.read_bytes().decode("ascii").splitlines()
+        for line in found:
+            yield line.decode("ascii").rstrip("\r\n")
     except UnicodeDecodeError as error:
         raise TableError("the file is no plain text") from error
 
 
-def lines_after(path: Path, head: str, message: str) -> list[str]:
+def lines_after(path: Path, head: str, message: str) -> Iterator[str]:
     """Return the lines after the first one, which has to be `head`."""
-    first, *rest = lines(path) or [""]
-    if first != head:
+    found = lines(path)
+    if next(found, "") != head:
         raise TableError(f"line 1: {message}")
-    return rest
+    return found
 
 
 def number(text: str, line: int, what: str) -> float:
@@ -83,8 +139,8 @@ def numbers(
     *,
     first: int = 1,
     comment: str = "",
-) -> Array:
-    """Return the numbers of a table, (N, count), of which there has to be a row at least.
+) -> Iterator[Array]:
+    """Yield the numbers of a table in blocks of rows, (N, count); there is at least one row.
 
     Parameters
     ----------
@@ -97,18 +153,30 @@ def numbers(
     comment : str
         What a comment begins with; lines without anything else are left out. None by default.
     """
-    table = []
+    table: list[list[float]] = []
+    known: dict[str, list[float]] = {}
+    empty = True
     for k, line in enumerate(text, start=first):
         code = line.partition(comment)[0].strip() if comment else line
         if comment and not code:
             continue
-        cells = code.split(separator)
-        if len(cells) != count:
-            raise TableError(f"line {k}: {len(cells)} {what} where there are {count}")
-        table.append(_ordinary(code, cells) or _finite_numbers(cells, k, what.removesuffix("s")))
-    if not table:
+        row = known.get(code)
+        if row is None:
+            cells = code.split(separator)
+            if len(cells) != count:
+                raise TableError(f"line {k}: {len(cells)} {what} where there are {count}")
+            row = _ordinary(code, cells) or _finite_numbers(cells, k, what.removesuffix("s"))
+            if len(known) < _KNOWN:
+                known[code] = row
+        table.append(row)
+        if len(table) == _ROWS:
+            yield np.array(table)
+            empty = False
+            table.clear()
+    if table:
+        yield np.array(table)
+    elif empty:
         raise TableError("the table has no rows")
-    return np.array(table)
 
 
 def _ordinary(row: str, cells: Sequence[str]) -> list[float] | None:
@@ -123,12 +191,40 @@ def _finite_numbers(cells: Sequence[str], line: int, what: str) -> list[float]:
     return [number(cell.strip(), line, what) for cell in cells]
 
 
-def uniform_rows(positions: Array, settings: Settings) -> Rows:
-    """Return the rows of a table that states neither times nor velocities, (N, 6)."""
-    if settings.step is None:
+def uniform_rows(blocks: Iterable[Array], settings: Settings) -> Rows:
+    """Return the rows of a table that states neither times nor velocities, from blocks (N, 6)."""
+    step = settings.step
+    if step is None:
         raise ValueError("the table needs a step")
-    times = np.multiply(settings.step, range(len(positions)), dtype=np.float64)
-    return Rows(times, positions).checked()
+
+    def timed() -> Iterator[tuple[Array, Array]]:
+        first = 0
+        for block in blocks:
+            yield step * np.arange(first, first + len(block), dtype=np.float64), block
+            first += len(block)
+
+    found = collect(timed(), settings)
+    return found.rows(found.values)
+
+
+def add_times(
+    blocks: Iterable[Array], ticks_per_cell: float, ticks: int
+) -> Iterator[tuple[Array, Array]]:
+    """Yield times, s, and blocks of rows (N, K) whose first column is the time of each move.
+
+    Parameters
+    ----------
+    blocks : iterable of (N, K)
+    ticks_per_cell : float
+        Ticks of the file's clock in a unit of the column.
+    ticks : int
+        Ticks in a second. Whole ticks are added, so that rounding errors do not accumulate.
+    """
+    total = 0
+    for block in blocks:
+        counted = total + np.cumsum(np.rint(block[:, 0] * ticks_per_cell).astype(np.int64))
+        total = int(counted[-1])
+        yield counted / ticks, block
 
 
 def refuse_motion_at_end(velocities: Array, line: int) -> None:

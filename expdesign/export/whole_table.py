@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -164,11 +164,12 @@ def _wrong_trigger(rows: Rows, settings: Settings) -> list[str]:
     if rows.trigger is None:
         return ["the output is not switched"]
     half_row = float(np.diff(rows.times).max()) / 2 + _DURATION
+    edges = rows.true_times(settings.window)
     return [
         f"the output is switched {what} at {time:.6f} s, where the measurement window {ends} at "
         f"{edge:.6f} s"
         for what, ends, time, edge in zip(
-            ("on", "off"), ("begins", "ends"), rows.trigger, settings.window, strict=True
+            ("on", "off"), ("begins", "ends"), rows.trigger, edges, strict=True
         )
         if abs(time - edge) > half_row
     ]
@@ -207,7 +208,7 @@ def wrong_companions(settings: Settings, rows: Rows, path: Path) -> list[str]:
     return found
 
 
-def _code(text: list[str]) -> Iterator[list[str]]:
+def _code(text: Iterable[str]) -> Iterator[list[str]]:
     """Yield the words of each line without comments."""
     for line in text:
         if words := line.partition("#")[0].split():
@@ -220,7 +221,7 @@ def departure(settings: Settings, table: ExecutedTable) -> tuple[float, float]:
     design = table.motion.sample(times).pose
     off = np.abs(table.lengths(times) - settings.task.robot.inverse_kinematics(design)).max(axis=1)
     row = int(np.argmax(off))
-    return float(off[row]), float(times[row])
+    return float(off[row]), float(table.rows.true_times(times[row]))
 
 
 def piece_in_words(table: ExecutedTable) -> str:

@@ -156,6 +156,16 @@ class ExecutableMotion:
             phase=self.phase / factor,
         )
 
+    def with_periods(self, periods: int) -> ExecutableMotion:
+        """Return the motion with another number of periods; itself if they are not `Periods`."""
+        if periods == self.periods or not any(isinstance(s, Periods) for s in self.segments):
+            return self
+        segments = (
+            replace(segment, periods=periods) if isinstance(segment, Periods) else segment
+            for segment in self.segments
+        )
+        return replace(self, segments=tuple(segments), periods=periods)
+
     def sample(self, times: ArrayLike) -> PoseSamples:
         """Return pose, rate and acceleration at any times, s; before and after it is at rest."""
         t = np.atleast_1d(np.asarray(times, dtype=float))

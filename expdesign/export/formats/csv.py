@@ -2,33 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from expdesign.configuration.export import ExportSection
 from expdesign.export.definition import Guide, Interpolation, Rows, Settings, TableFormat
+from expdesign.export.repetition import collect
 from expdesign.export.row_times import COLUMNS
-from expdesign.export.text_table import lines_after, numbers, write_lines
+from expdesign.export.text_table import every_line, lines_after, numbers, write_lines
 from expdesign.mechanism.hexapod import actuator_names
 
 _HEADER = [f"{column.name} [{column.unit}]" for column in COLUMNS]
 
 
 def _write(path: Path, rows: Rows, _settings: Settings) -> None:
-    table = np.column_stack([rows.columns[column.name] for column in COLUMNS]).tolist()
-    write_lines(path, [",".join(_HEADER), *(",".join(map(repr, row)) for row in table)])
+    write_lines(path, chain([",".join(_HEADER)], every_line(rows, _lines, timed=True)))
 
 
-def _read(path: Path, _settings: Settings) -> Rows:
+def _lines(part: Rows) -> Iterator[str]:
+    _, *others = COLUMNS
+    table = np.column_stack([part.times, *(part.columns[column.name] for column in others)])
+    for row in table:
+        yield ",".join(map(repr, row.tolist()))
+
+
+def _read(path: Path, settings: Settings) -> Rows:
     text = lines_after(path, ",".join(_HEADER), "other columns than were written")
-    values = numbers(text, len(COLUMNS), "cells", ",", first=2)
-    record = {column.name: values[:, k] for k, column in enumerate(COLUMNS)}
+    blocks = numbers(text, len(COLUMNS), "cells", ",", first=2)
+    found = collect(((block[:, 0], block[:, 1:]) for block in blocks), settings)
+    record = {"t": found.times}
+    record |= {column.name: found.values[:, k] for k, column in enumerate(COLUMNS[1:])}
     length, rate, acceleration = (
         np.stack([record[name] for name in actuator_names(prefix)], axis=1)
         for prefix in ("q", "dq", "ddq")
     )
-    return Rows(record["t"], length, rate, acceleration, record).checked()
+    return replace(found.rows(length, rate, acceleration), columns=record).checked()
 
 
 class CsvOptions(ExportSection):
@@ -67,6 +79,7 @@ FORMAT = TableFormat(
     units="m",
     angles="rad",
     axes={"strut": actuator_names("q")},
+    repeats=True,
     uniform=True,
     whole=True,
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
@@ -26,7 +27,7 @@ from expdesign.export.definition import (
     switched_at,
     switching,
 )
-from expdesign.export.text_table import lines, mark_window, number, write_lines
+from expdesign.export.text_table import every_line, lines, mark_window, number, write_lines
 
 AXES = ("X", "Y", "Z", "A", "B", "C")
 START_FEED = 6.0
@@ -54,14 +55,18 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
         f"{_UNIT_CODES[unit]} G90 G93 G64 P{blend:.8f}",
         "(start)",
     ]
-    feeds = [START_FEED, *_feeds(rows.times)]
-    moves = (
-        f"G1 {_move(row, settings)} F{feed:.{_FEED_DIGITS}f}"
-        for row, feed in zip(rows.position, feeds, strict=True)
-    )
+
+    def lines_of(part: Rows) -> Iterator[str]:
+        feeds = [START_FEED, *_feeds(part.times)]
+        return (
+            f"G1 {_move(row, settings)} F{feed:.{_FEED_DIGITS}f}"
+            for row, feed in zip(part.position, feeds, strict=True)
+        )
+
+    moves = every_line(rows, lines_of)
     behind = switching(rows, settings, _commands(settings))
     moves = (f"{move}\n{behind[k]}" if k in behind else move for k, move in enumerate(moves))
-    write_lines(path, [*head, *mark_window(moves, rows.times, settings, "({})"), "M2"])
+    write_lines(path, chain(head, mark_window(moves, rows, settings, "({})"), ["M2"]))
 
 
 def _commands(settings: Settings) -> tuple[str, str]:
@@ -112,8 +117,8 @@ def _read(path: Path, settings: Settings) -> Rows:
     if any(feed <= 0 for feed in feeds):
         raise TableError("a feed is not positive")
     times = np.concatenate([[0.0], np.cumsum(60 / np.array(feeds[1:]))])
-    trigger = switched_at(switched, times)
-    return Rows(times, np.array(positions).reshape(-1, len(AXES)), trigger=trigger).checked()
+    rows = Rows(times, np.array(positions).reshape(-1, len(AXES))).checked()
+    return switched_at(switched, rows)
 
 
 def _words(code: str, line: int) -> list[tuple[str, str]]:

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 from expdesign.configuration.export import STRUT_AXES, ExportSection
 from expdesign.export.definition import Guide, Interpolation, Rows, Settings, TableFormat
-from expdesign.export.text_table import lines, mark_window, numbers, uniform_rows, write_lines
+from expdesign.export.text_table import (
+    every_line,
+    lines,
+    mark_window,
+    numbers,
+    uniform_rows,
+    write_lines,
+)
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 
 
@@ -15,8 +24,12 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
         f"# {settings.title}: {' '.join(settings.axes.names)} [{settings.axes.units[0]}]",
         f"# one line every {settings.step!r} s",
     ]
-    text = (" ".join(settings.numbers(row)) for row in rows.position)
-    write_lines(path, [*head, *mark_window(text, rows.times, settings, "# {}")])
+
+    def lines_of(part: Rows) -> Iterator[str]:
+        return (" ".join(settings.numbers(row)) for row in part.position)
+
+    text = mark_window(every_line(rows, lines_of), rows, settings, "# {}")
+    write_lines(path, chain(head, text))
 
 
 def _read(path: Path, settings: Settings) -> Rows:
@@ -52,5 +65,6 @@ FORMAT = TableFormat(
     clock="one row every servo cycle",
     capacity="none: rows are streamed",
     axes={"strut": actuator_names("S")},
+    repeats=True,
     uniform=True,
 )

@@ -24,6 +24,9 @@ from expdesign.export.row_times import COLUMNS
 from expdesign.mechanism.hexapod import actuator_names
 
 _AXES = 6
+_UNITS = {column.name: column.unit for column in COLUMNS}
+_EDGE = 1e-9
+"""s; largest difference of an edge of the window."""
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
@@ -35,7 +38,7 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
         "window": np.array([settings.window]),
         "title": settings.title,
         "motion": {name: values[:, None] for name, values in rows.columns.items()},
-        "units": {column.name: column.unit for column in COLUMNS},
+        "units": _UNITS,
     }
     savemat(path, data, appendmat=False, oned_as="column")
 
@@ -61,7 +64,18 @@ def _read(path: Path, settings: Settings) -> Rows:
         raise TableError(f"command is no double matrix of {_AXES + 1} columns")
     if (names, units) != (["t", *settings.axes.names], ["s", *settings.axes.units]):
         raise TableError("command_axes and command_units are others than were written")
+    windows = np.asarray(data.get("window"), dtype=float).ravel()
+    if windows.shape != (2,) or np.any(np.abs(windows - settings.window) > _EDGE):
+        raise TableError("window is another one than was written")
+    if {name: str(unit.item()) for name, unit in _fields(data.get("units"))} != _UNITS:
+        raise TableError("units are others than were written")
     return Rows(command[:, 0], command[:, 1:], columns=record).checked()
+
+
+def _fields(found: Any) -> list[tuple[str, Any]]:
+    """Return the fields of a struct; none of anything else."""
+    names = getattr(getattr(found, "dtype", None), "names", None) or ()
+    return [(name, found[0, 0][name]) for name in names]
 
 
 def _texts(cells: Any) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 from expdesign.configuration.export import ExportSection
@@ -13,11 +14,14 @@ from expdesign.export.definition import (
     Settings,
     TableFormat,
 )
-from expdesign.export.text_table import lines, numbers, uniform_rows, write_lines
+from expdesign.export.text_table import every_line, lines, numbers, uniform_rows, write_lines
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
-    write_lines(path, ("\t".join(settings.numbers(row)) for row in rows.position))
+    def lines_of(part: Rows) -> Iterator[str]:
+        return ("\t".join(settings.numbers(row)) for row in part.position)
+
+    write_lines(path, every_line(rows, lines_of))
 
 
 def _read(path: Path, settings: Settings) -> Rows:
@@ -66,5 +70,6 @@ FORMAT = TableFormat(
     capacity="points of the wave tables, by controller",
     executed="a model of the interpolation",
     axes={"pose": POSE_AXES},
+    repeats=True,
     uniform=True,
 )

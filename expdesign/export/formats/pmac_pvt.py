@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain, islice
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -21,12 +23,19 @@ from expdesign.export.definition import (
     Settings,
     TableError,
     TableFormat,
-    edge_rows,
     on_grid,
     switched_at,
     switching,
 )
-from expdesign.export.text_table import lines, number, refuse_motion_at_end, write_lines
+from expdesign.export.repetition import collect
+from expdesign.export.text_table import (
+    every_line,
+    lines,
+    mark_window,
+    number,
+    refuse_motion_at_end,
+    write_lines,
+)
 from expdesign.mechanism.hexapod import ACTUATORS
 
 LETTERS = ("X", "Y", "Z", "A", "B", "C")
@@ -36,41 +45,55 @@ LONGEST, LONGEST_OF_TA = 4095.9998, 8_388_607
 _TICKS = 4_096_000
 """Of a second: a Turbo PMAC keeps the time of a move in 1/4096 ms."""
 _PROGRAM = 10
+_NO_PROGRAM = (
+    "no program of PVT times and moves between OPEN PROG … CLEAR, ABS and CLOSE, and nothing else"
+)
+_ROWS, _KNOWN = 20_000, 50_000
+"""Rows that are read at once, and moves that are remembered."""
 _MOVE = re.compile(r"([A-Z])([^:\s]*):(\S*)")
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
-    begins, ends = edge_rows(rows.times, settings.window)
-    behind = switching(rows, settings, _commands(settings))
     axes = settings.axes
-    start = " ".join(
-        f"{a}{settings.number(v)}" for a, v in zip(axes.names, settings.start, strict=True)
-    )
+
+    def lines_of(part: Rows) -> Iterator[str]:
+        steps = np.diff(np.rint(part.times * _ticks(settings)), prepend=0)
+        pairs = zip(part.position, part.velocities, strict=True)
+        for step, (position, velocity) in zip(steps, pairs, strict=True):
+            moves = zip(
+                axes.names, settings.numbers(position), settings.numbers(velocity), strict=True
+            )
+            words = " ".join(f"{axis}{place}:{speed}" for axis, place, speed in moves)
+            yield f"PVT{_milliseconds(step, settings)}\n{words}"
+
+    behind = switching(rows, settings, _commands(settings))
+    moves = mark_window(every_line(rows, lines_of), rows, settings, "; {}", ends=True)
+    text = islice(_switched(moves, behind), 1, None)
+    write_lines(path, chain(_head(settings), [behind[0]] if 0 in behind else [], text, ["CLOSE"]))
+
+
+def _switched(moves: Iterable[str], behind: Mapping[int, str]) -> Iterator[str]:
+    """Yield the lines of the rows, comments among them, with the commands that follow a row."""
+    number = -1
+    for line in moves:
+        comment = line.startswith(";")
+        if number in behind and number > 0 and not comment:
+            yield behind[number]
+        number += not comment
+        yield line
+
+
+def _head(settings: Settings) -> list[str]:
+    axes, start = settings.axes, settings.numbers(settings.start)
     units = ", ".join(f"{a} [{u}]" for a, u in zip(axes.names, axes.units, strict=True))
-    text = [
+    places = " ".join(f"{a}{place}" for a, place in zip(axes.names, start, strict=True))
+    return [
         f"; {settings.title}: {units}",
         "; velocities per second: Isx90 = 1000",
-        f"; start: {start}",
+        f"; start: {places}",
         f"OPEN PROG {_PROGRAM} CLEAR",
         "ABS",
-        *([behind[0]] if 0 in behind else []),
     ]
-    steps = np.diff(np.rint(rows.times * _ticks(settings)))
-    for k, step in enumerate(steps, start=1):
-        text.append(f"PVT{_milliseconds(step, settings)}")
-        text.append(
-            " ".join(
-                f"{a}{settings.number(p)}:{settings.number(v)}"
-                for a, p, v in zip(axes.names, rows.position[k], rows.velocities[k], strict=True)
-            )
-        )
-        if k == begins:
-            text.append("; measurement window begins")
-        if k == ends:
-            text.append("; measurement window ends")
-        if k in behind:
-            text.append(behind[k])
-    write_lines(path, [*text, "CLOSE"])
 
 
 def _ticks(settings: Settings) -> int:
@@ -93,47 +116,98 @@ def _commands(settings: Settings) -> tuple[str, str]:
 
 
 def _read(path: Path, settings: Settings) -> Rows:
-    code = [
-        (k, bare)
-        for k, line in enumerate(lines(path), start=1)
-        if (bare := line.partition(";")[0].strip())
-    ]
-    words = [bare for _, bare in code]
-    if words[:2] != [f"OPEN PROG {_PROGRAM} CLEAR", "ABS"] or words[-1:] != ["CLOSE"]:
-        raise TableError("no program: it begins with OPEN PROG … CLEAR and ABS and ends with CLOSE")
-    moves: list[tuple[int, str]] = []
     switched: list[tuple[int, bool]] = []
-    on, off = _commands(settings)
-    for k, bare in code[2:-1]:
-        if settings.section.trigger is not None and bare in (on, off):
-            # Two lines a row, and the first row is the start; between them there is no command.
-            switched.append((len(moves) // 2 if len(moves) % 2 == 0 else -1, bare == on))
+    found = collect(_moves(path, settings, switched), settings)
+    count = len(settings.axes.names)
+    rows = found.rows(found.values[:, :count], found.values[:, count:])
+    refuse_motion_at_end(rows.velocities[-1], 2 * rows.count)
+    return switched_at(switched, rows)
+
+
+def _moves(
+    path: Path, settings: Settings, switched: list[tuple[int, bool]]
+) -> Iterator[tuple[Array, Array]]:
+    """Yield times, s, with positions and velocities, (N, 12), in blocks; the first is the start.
+
+    Rows before which an output is switched are added to `switched`.
+    """
+    read, clock = _MoveReader(settings), _ticks(settings)
+    ticks, total, number = [0], 0, 0
+    values = [[*settings.start.tolist(), *[0.0] * len(settings.axes.names)]]
+    step, ended = 0, False
+    code = _code(path, settings)
+    if [word for _, word in islice(code, 2)] != [f"OPEN PROG {_PROGRAM} CLEAR", "ABS"]:
+        raise TableError(_NO_PROGRAM)
+    on, off = _commands(settings) if settings.section.trigger is not None else ("", "")
+    for k, word in code:
+        if ended:
+            raise TableError(_NO_PROGRAM)
+        if word == "CLOSE":
+            ended = True
+        elif word in (on, off):
+            switched.append((-1 if step else number, word == on))
+        elif not step:
+            step = read.time(word, k)
         else:
-            moves.append((k, bare))
-    if not moves or len(moves) % 2:
-        raise TableError("the PVT times and the moves are not as many")
-    ticks = _ticks(settings)
-    longest = LONGEST if ticks == _TICKS else LONGEST_OF_TA
-    times, positions, rates = [0], [settings.start], [np.zeros(len(LETTERS))]
-    for (k, time), (m, move) in zip(moves[::2], moves[1::2], strict=True):
-        if not time.startswith("PVT"):
-            raise TableError(f"line {k}: '{time[:40]}' is no PVT time")
-        milliseconds = number(time.removeprefix("PVT"), k, "time")
+            total, number = total + step, number + 1
+            ticks.append(total)
+            values.append(read.move(word, k))
+            step = 0
+            if len(ticks) == _ROWS:
+                yield np.array(ticks) / clock, np.array(values)
+                ticks, values = [], []
+    if not ended or step or not number:
+        raise TableError(_NO_PROGRAM)
+    if ticks:
+        yield np.array(ticks) / clock, np.array(values)
+
+
+def _code(path: Path, settings: Settings) -> Iterator[tuple[int, str]]:
+    """Yield the lines of the program with their numbers; comments of the head have to be ours."""
+    known = _head(settings)[1:3]
+    for k, line in enumerate(lines(path), start=1):
+        bare, _, _ = line.partition(";")
+        for own in known:
+            about, _, _ = own.partition(":")
+            if line.startswith(about) and line.rstrip() != own:
+                raise TableError(f"line {k}: '{line[:60]}' where the table says '{own}'")
+        if bare.strip():
+            yield k, bare.strip()
+
+
+class _MoveReader:
+    """Reader of times and moves; those of repeated periods are read once."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._names, self._ticks = settings.axes.names, _ticks(settings)
+        self._known: dict[str, list[float]] = {}
+
+    def time(self, word: str, line: int) -> int:
+        """Return the ticks that the controller makes of the time of a move."""
+        if not word.startswith("PVT"):
+            raise TableError(f"line {line}: '{word[:40]}' is no PVT time")
+        milliseconds = number(word.removeprefix("PVT"), line, "time")
+        longest = LONGEST if self._ticks == _TICKS else LONGEST_OF_TA
         # The controller cuts what its clock cannot keep.
-        step = math.floor(milliseconds * ticks / 1000)
+        step = math.floor(milliseconds * self._ticks / 1000)
         if not (step > 0 and milliseconds <= longest):
-            raise TableError(f"line {k}: {milliseconds:g} ms is not between 0 and {longest} ms")
-        found = [_MOVE.fullmatch(word) for word in move.split()]
-        if tuple(word[1] if word else "" for word in found) != settings.axes.names:
-            raise TableError(f"line {m}: not one word for each of {' '.join(settings.axes.names)}")
-        pairs = [(word[2], word[3]) for word in found if word]
-        times.append(times[-1] + step)
-        positions.append(np.array([number(p, m, "position") for p, _ in pairs]))
-        rates.append(np.array([number(v, m, "velocity") for _, v in pairs]))
-    refuse_motion_at_end(rates[-1], moves[-1][0])
-    stamps = np.array(times) / ticks
-    trigger = switched_at(switched, stamps)
-    return Rows(stamps, np.array(positions), np.array(rates), trigger=trigger).checked()
+            raise TableError(f"line {line}: {milliseconds:g} ms is not between 0 and {longest} ms")
+        return step
+
+    def move(self, words: str, line: int) -> list[float]:
+        """Return the six positions and the six velocities of a move."""
+        if words not in self._known:
+            found = [_MOVE.fullmatch(word) for word in words.split()]
+            if tuple(word[1] if word else "" for word in found) != self._names:
+                names = " ".join(self._names)
+                raise TableError(f"line {line}: not one word for each of {names}")
+            pairs = [(word[2], word[3]) for word in found if word]
+            values = [number(place, line, "position") for place, _ in pairs]
+            values += [number(speed, line, "velocity") for _, speed in pairs]
+            if len(self._known) >= _KNOWN:
+                return values
+            self._known[words] = values
+        return self._known[words]
 
 
 _LETTERS = tuple("ABCUVWXYZ")
@@ -209,6 +283,7 @@ FORMAT = TableFormat(
     executed="a model of the clock and of the polynomials",
     digits=8,
     axes={"strut": LETTERS, "pose": LETTERS},
+    repeats=True,
     written_times=_written_times,
     guide_values=_clock_values,
     trigger=(

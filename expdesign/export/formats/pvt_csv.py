@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +18,15 @@ from expdesign.export.definition import (
     TableFormat,
     on_grid,
 )
-from expdesign.export.text_table import lines_after, numbers, refuse_motion_at_end, write_lines
+from expdesign.export.repetition import collect
+from expdesign.export.text_table import (
+    add_times,
+    every_line,
+    lines_after,
+    numbers,
+    refuse_motion_at_end,
+    write_lines,
+)
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 
 _TIME_DIGITS = 9
@@ -29,23 +39,25 @@ def _header(settings: Settings) -> str:
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
-    steps = 1e3 * np.diff(rows.times, prepend=0.0)
-    cells = np.stack([rows.position, rows.velocities], axis=2).reshape(len(steps), -1)
-    text = (
-        ",".join([f"{step:.{_TIME_DIGITS - 3}f}", *settings.numbers(row)])
-        for step, row in zip(steps, cells, strict=True)
-    )
-    write_lines(path, [_header(settings), *text])
+    def lines_of(part: Rows) -> Iterator[str]:
+        steps = 1e3 * np.diff(part.times, prepend=part.times[0])
+        cells = np.stack([part.position, part.velocities], axis=2).reshape(len(steps), -1)
+        for step, row in zip(steps, cells, strict=True):
+            yield ",".join([f"{step:.{_TIME_DIGITS - 3}f}", *settings.numbers(row)])
+
+    write_lines(path, chain([_header(settings)], every_line(rows, lines_of)))
 
 
 def _read(path: Path, settings: Settings) -> Rows:
     message = "the header does not name time, positions and velocities"
-    table = numbers(lines_after(path, _header(settings), message), _CELLS, "cells", ",", first=2)
-    if table[0, 0] != 0:
+    blocks = numbers(lines_after(path, _header(settings), message), _CELLS, "cells", ",", first=2)
+    ticks = 10**_TIME_DIGITS
+    found = collect(add_times(blocks, ticks / 1000, ticks), settings)
+    if found.values[0, 0] != 0:
         raise TableError("line 2: no start position at the time 0")
-    refuse_motion_at_end(table[-1, 2::2], len(table) + 1)
-    times = np.round(np.cumsum(table[:, 0]) / 1e3, _TIME_DIGITS)
-    return Rows(times, table[:, 1::2], table[:, 2::2]).checked()
+    rows = found.rows(found.values[:, 1::2], found.values[:, 2::2])
+    refuse_motion_at_end(rows.velocities[-1], rows.count + 1)
+    return rows
 
 
 class PvtCsvOptions(ExportSection):
@@ -92,5 +104,6 @@ FORMAT = TableFormat(
     executed="Zaber's `PvtSequence` reads it; a model of the polynomials",
     axes={"strut": actuator_names("S")},
     digits=8,
+    repeats=True,
     written_times=on_grid(10**_TIME_DIGITS),
 )

@@ -8,9 +8,10 @@ from __future__ import annotations
 import json
 import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
 from importlib import import_module
+from itertools import chain, islice, takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Literal
@@ -33,16 +34,21 @@ from expdesign.export.definition import (
     TableFormat,
     on_grid,
 )
+from expdesign.export.repetition import collect
 from expdesign.export.ros_messages import (
     FRAME,
     JOINTS,
     NANOSECONDS,
     PLATFORM,
-    message_of,
+    joint_names,
+    message_rows,
     message_type,
+    numbers_of,
+    point_time,
+    point_values,
     rows_of,
 )
-from expdesign.export.text_table import write_lines
+from expdesign.export.text_table import every_line, lines, write_lines
 from expdesign.mechanism.hexapod import actuator_names
 
 _FINER = 3
@@ -59,7 +65,11 @@ TOPICS = {
 }
 _BAG_VERSION = 9
 
-_POINTS = "\npoints:"
+_NOW = {"sec": 0, "nanosec": 0}
+_POINTS = "points:"
+NEXT_KEY = "\n  "
+_HEAD, _BLOCK = 100, 5000
+"""Most lines before the points, and points that are read at once."""
 _LINE = re.compile(r"(- |  )([a-z_]+: [-a-z_0-9., :\[\]{}]+)")
 _KEY = re.compile(r"\b(?!(?:null|true|false):)([a-z_]+): ")
 
@@ -80,18 +90,44 @@ _BAG_FAILURES = (
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
     write = _write_bag if settings.section.binary_suffix else _write_yaml
-    write(path, message_of(rows, settings), settings)
+    found = message_rows(rows, settings)
+    write(path, found.expanded() if settings.section.binary_suffix else found, settings)
 
 
 def _read(path: Path, settings: Settings) -> Rows:
-    bag = settings.section.binary_suffix
-    return rows_of(_read_bag(path, settings) if bag else _read_yaml(path), settings)
+    if settings.section.binary_suffix:
+        return _read_message(_read_bag(path, settings), settings)
+    try:
+        return rows_of(
+            collect(numbers_of(_plain_points(path, settings), settings), settings), settings
+        )
+    except _NotPlainError:
+        return _read_message(_read_yaml(path), settings)
 
 
-def _write_yaml(path: Path, message: Mapping[str, Any], settings: Settings) -> None:
+def _read_message(message: Mapping[str, Any], settings: Settings) -> Rows:
+    _check_head(message, settings)
+    return rows_of(collect(numbers_of([message["points"]], settings), settings), settings)
+
+
+def _check_head(message: Mapping[str, Any], settings: Settings) -> None:
+    """Refuse a message that the controller would read otherwise: its header and joints."""
+    names = message["joint_names"]
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise TableError("joint_names is no list of names")
+    if names != joint_names(settings):
+        wanted = ", ".join(joint_names(settings))
+        raise TableError(f"the joints are {', '.join(names)}, not {wanted}")
+    header = message["header"]
+    stamp = header.get("stamp", _NOW) if isinstance(header, dict) else None
+    if stamp != _NOW or set(header) - {"stamp"} != {"frame_id"} or header["frame_id"] != FRAME:
+        raise TableError(f"the header is not that of a message to be executed at once in {FRAME}")
+
+
+def _write_yaml(path: Path, rows: Rows, settings: Settings) -> None:
     first, last = settings.window
-    names = ", ".join(f'"{name}"' for name in message["joint_names"])
-    text = [
+    names = ", ".join(f'"{name}"' for name in joint_names(settings))
+    head = [
         f"# {message_type(settings)}: {settings.title}, m and rad",
         f"# measurement window from {first:.9f} s to {last:.9f} s",
         f"header: {{frame_id: {FRAME}}}",
@@ -99,10 +135,17 @@ def _write_yaml(path: Path, message: Mapping[str, Any], settings: Settings) -> N
         "points:",
     ]
     finer = replace(settings, digits=(settings.digits or 0) + _FINER)
-    for point in message["points"]:
-        keys = [f"{key}: {_flow(value, settings, finer)}" for key, value in point.items()]
-        text += [f"{'  ' if k else '- '}{line}" for k, line in enumerate(keys)]
-    write_lines(path, text)
+
+    def lines_of(part: Rows) -> Iterator[str]:
+        for cells in part.position:
+            values = point_values(cells, settings)
+            keys = (f"{key}: {_flow(value, settings, finer)}" for key, value in values.items())
+            yield f"- {NEXT_KEY.join(keys)}"
+
+    stamps = (_flow(point_time(time), settings, finer) for time in rows.every_time())
+    points = zip(every_line(rows, lines_of), stamps, strict=True)
+    text = (f"{point}{NEXT_KEY}time_from_start: {stamp}" for point, stamp in points)
+    write_lines(path, chain(head, text))
 
 
 def _flow(value: Any, settings: Settings, finer: Settings) -> str:
@@ -124,8 +167,7 @@ def _flow(value: Any, settings: Settings, finer: Settings) -> str:
 def _read_yaml(path: Path) -> Mapping[str, Any]:
     """Return the message of a YAML file."""
     try:
-        text = path.read_text(encoding="ascii")
-        data = _of_lines(text) or _load_yaml(text)
+        data = _load_yaml(path.read_text(encoding="ascii"))
     except RecursionError:
         raise TableError("no YAML of a message: it is nested too deeply") from None
     except _YAML_FAILURES as error:
@@ -134,9 +176,6 @@ def _read_yaml(path: Path) -> Mapping[str, Any]:
     keys = {"header", "joint_names", "points"}
     if not isinstance(data, dict) or set(data) != keys or not isinstance(data["points"], list):
         raise TableError(f"no message with {', '.join(sorted(keys))}")
-    names = data["joint_names"]
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise TableError("joint_names is no list of names")
     return data
 
 
@@ -144,24 +183,48 @@ def _load_yaml(text: str) -> Any:
     return YAML(typ="safe", pure=True).load(text)
 
 
-def _of_lines(text: str) -> dict[str, Any] | None:
-    """Return a message whose points are plain lines, as JSON reads them; None of another.
+class _NotPlainError(Exception):
+    """The file is YAML of another form than it was written in."""
+
+
+def _plain_points(path: Path, settings: Settings) -> Iterator[list[Any]]:
+    """Yield the points of a message in blocks, if they are plain lines, as JSON reads them.
 
     Of these lines JSON reads what YAML does, or nothing, and a hundred times as fast.
     """
-    head, _, body = text.partition(f"{_POINTS}\n")
-    found = [_LINE.fullmatch(line) for line in body.removesuffix("\n").split("\n")]
-    lines = [("}, {" if m[1] == "- " else ", ") + _KEY.sub(r'"\1": ', m[2]) for m in found if m]
-    if len(lines) < len(found) or not lines[0].startswith("}, {"):
-        return None
+    text = lines(path)
+    head = list(takewhile(_POINTS.__ne__, islice(text, _HEAD)))
     try:
-        points = json.loads(f"[{''.join(lines)[3:]}}}]", object_pairs_hook=_unique)
-    except ValueError:
-        return None
-    data = _load_yaml(f"{head}{_POINTS} []\n")
-    return (
-        data | {"points": points} if isinstance(data, dict) and data.get("points") == [] else None
-    )
+        data = _load_yaml("\n".join([*head, f"{_POINTS} []"]))
+        if not isinstance(data, dict) or set(data) != {"header", "joint_names", "points"}:
+            raise _NotPlainError
+        _check_head(data, settings)
+        yield from _parse_points(text)
+    except (*_YAML_FAILURES, RecursionError) as error:
+        if isinstance(error, TableError):
+            raise
+        raise _NotPlainError from error
+
+
+def _parse_points(text: Iterable[str]) -> Iterator[list[Any]]:
+    points: list[str] = []
+    for line in text:
+        found = _LINE.fullmatch(line)
+        if found is None:
+            raise _NotPlainError
+        values = _KEY.sub(r'"\1": ', found[2])
+        if found[1] == "- ":
+            if len(points) == _BLOCK:
+                yield json.loads(
+                    f"[{','.join(f'{{{point}}}' for point in points)}]", object_pairs_hook=_unique
+                )
+                points.clear()
+            points.append(values)
+        elif points:
+            points[-1] += f", {values}"
+        else:
+            raise _NotPlainError
+    yield json.loads(f"[{','.join(f'{{{point}}}' for point in points)}]", object_pairs_hook=_unique)
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -172,15 +235,18 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def _write_bag(path: Path, message: Mapping[str, Any], settings: Settings) -> None:
+def _write_bag(path: Path, rows: Rows, settings: Settings) -> None:
     """Write a bag of one file."""
     rosbag2 = import_module("rosbags.rosbag2")
     store = _store()
     kind = message_type(settings)
-    header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": FRAME}
     # No efforts are commanded; points of a platform have none.
-    points = [{"effort": [], **point} for point in message["points"]]
-    data = {"header": header, "joint_names": message["joint_names"], "points": points}
+    points = [
+        {"effort": [], **point_values(cells, settings), "time_from_start": point_time(time)}
+        for cells, time in zip(rows.position, rows.times, strict=True)
+    ]
+    header = {"stamp": _NOW, "frame_id": FRAME}
+    data = {"header": header, "joint_names": joint_names(settings), "points": points}
     built = _built(store, kind, data)
     with TemporaryDirectory(dir=path.parent) as folder:
         bag_folder = Path(folder) / "bag"
@@ -192,25 +258,27 @@ def _write_bag(path: Path, message: Mapping[str, Any], settings: Settings) -> No
 
 
 def _read_bag(path: Path, settings: Settings) -> Mapping[str, Any]:
-    """Return the only message of its type in a bag."""
+    """Return the only message of a bag."""
     highlevel = import_module("rosbags.highlevel")
     errors = import_module("rosbags.rosbag2.errors")
     kind = message_type(settings)
     try:
         with highlevel.AnyReader([path], default_typestore=_store()) as bag:
-            found = [
-                bag.deserialize(raw, connection.msgtype)
-                for connection, _, raw in bag.messages()
-                if connection.msgtype == kind and connection.topic == TOPICS[kind]
-            ]
+            found = [(connection, raw) for connection, _, raw in bag.messages()]
+            if len(found) != 1:
+                raise TableError(f"{len(found)} messages where there is one")
+            ((connection, raw),) = found
+            if (connection.msgtype, connection.topic) != (kind, TOPICS[kind]):
+                raise TableError(f"the message is not a {kind} of {TOPICS[kind]}")
+            message = _plain(bag.deserialize(raw, connection.msgtype))
+    except TableError:
+        raise
     except (highlevel.AnyReaderError, errors.ReaderError, *_BAG_FAILURES) as error:
         raise TableError(f"no bag that can be read: {error}") from error
-    if len(found) != 1:
-        raise TableError(f"{len(found)} messages {kind} where there is one")
-    message = _plain(found[0])
-    for point in message["points"]:
-        point.pop("effort", None)
-    return message
+    for number, point in enumerate(message["points"], start=1):
+        if point.pop("effort", []):
+            raise TableError(f"point {number} commands efforts")
+    return {key: message[key] for key in ("header", "joint_names", "points")}
 
 
 def _store() -> Any:
@@ -361,6 +429,7 @@ FORMAT = TableFormat(
     angles="rad",
     axes={"strut": actuator_names("strut_"), "pose": POSE_AXES},
     digits=8,
+    repeats=True,
     beside={_CLIENT: _client},
     written_times=on_grid(NANOSECONDS),
 )

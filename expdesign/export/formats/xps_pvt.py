@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +22,15 @@ from expdesign.export.definition import (
     switched_at,
     switching,
 )
-from expdesign.export.text_table import lines, numbers, refuse_motion_at_end, write_lines
+from expdesign.export.repetition import collect
+from expdesign.export.text_table import (
+    add_times,
+    every_line,
+    lines,
+    numbers,
+    refuse_motion_at_end,
+    write_lines,
+)
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 
 _TIME_DIGITS = 8
@@ -36,15 +46,18 @@ _EVENT = re.compile(
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
     if settings.digits is None:
         raise ValueError("the table needs a number of digits")
-    # Displacements are relative: those of rounded positions add up to rounded positions.
-    moved = np.diff(np.round(rows.position, settings.digits), axis=0)
-    steps = np.diff(rows.times)
-    cells = np.stack([moved, rows.velocities[1:]], axis=2).reshape(len(steps), -1)
-    text = (
-        ", ".join([f"{step:.{_TIME_DIGITS}f}", *settings.numbers(row)])
-        for step, row in zip(steps, cells, strict=True)
-    )
-    write_lines(path, text)
+    digits = settings.digits
+
+    def lines_of(part: Rows) -> Iterator[str]:
+        # Displacements are relative: those of rounded positions add up to rounded positions.
+        moved = np.diff(np.round(part.position, digits), axis=0, prepend=part.position[:1])
+        steps = np.diff(part.times, prepend=part.times[0])
+        cells = np.stack([moved, part.velocities], axis=2).reshape(len(steps), -1)
+        for step, row in zip(steps, cells, strict=True):
+            yield ", ".join([f"{step:.{_TIME_DIGITS}f}", *settings.numbers(row)])
+
+    # A line is the element that ends at its row: the start has none.
+    write_lines(path, islice(every_line(rows, lines_of), 1, None))
 
 
 def _events(rows: Rows, settings: Settings) -> list[str]:
@@ -86,13 +99,14 @@ def _read_events(path: Path, settings: Settings) -> list[tuple[int, bool]]:
 
 
 def _read(path: Path, settings: Settings) -> Rows:
-    table = numbers(lines(path), _CELLS, "cells", ",")
-    refuse_motion_at_end(table[-1, 2::2], len(table))
-    times = np.round(np.concatenate([[0.0], np.cumsum(table[:, 0])]), _TIME_DIGITS)
-    steps = np.concatenate([settings.start[None, :], table[:, 1::2]])
-    rates = np.concatenate([np.zeros((1, ACTUATORS)), table[:, 2::2]])
-    trigger = switched_at(_read_events(path, settings), times)
-    return Rows(times, np.cumsum(steps, axis=0), rates, trigger=trigger).checked()
+    start = np.zeros((1, _CELLS))
+    start[0, 1::2] = settings.start
+    blocks = chain([start], numbers(lines(path), _CELLS, "cells", ","))
+    ticks = 10**_TIME_DIGITS
+    found = collect(add_times(blocks, ticks, ticks), settings)
+    rows = found.rows(np.cumsum(found.values[:, 1::2], axis=0), found.values[:, 2::2])
+    refuse_motion_at_end(rows.velocities[-1], rows.count - 1)
+    return switched_at(_read_events(path, settings), rows)
 
 
 class XpsOptions(ExportSection):
@@ -141,6 +155,7 @@ FORMAT = TableFormat(
     capacity="8 positioners",
     digits=8,
     axes={"strut": actuator_names("S"), "pose": POSE_AXES},
+    repeats=True,
     written_times=on_grid(10**_TIME_DIGITS),
     trigger=(
         "Output {number} of GPIO1 is on from {on} s to {off} s after the start, switched by two "

@@ -1,0 +1,153 @@
+"""Tables of many periods: rows of one period are written again, and read back as two of them."""
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from expdesign.configuration import export_section
+from expdesign.export.exporting import export_table, file_name, resolve_settings
+from expdesign.export.read_back import read_back
+from expdesign.export.table_file import read_table_file
+from tests.estimation.cases import ROBOT, trajectory
+from tests.export import reading
+from tests.export.motions import spline_motion_of
+from tests.export.written import small_task
+
+PERIODS = 5
+STEP = 4e-3
+UNIFORM = {"segment": STEP, "tolerance": "1 mm"}
+COARSE = {"segment": 50e-3, "tolerance": "1 mm"}
+FORMATS = {
+    "xps-pvt": (COARSE, reading.xps, 1e3),
+    "pmac-pvt": (COARSE, reading.pmac, 1e3),
+    "pmac-pvt 1 ms": (COARSE | {"clock": "1 ms"}, reading.pmac, 1e3),
+    "pvt-csv": (COARSE, reading.zaber, 1e3),
+    "linuxcnc-strut": (UNIFORM, reading.rows_alone(STEP), 1e3),
+    "csv": (UNIFORM, reading.csv, 1.0),
+    "mat": (UNIFORM, reading.mat, 1e3),
+    "ros2": (COARSE, reading.joint_yaml, 1.0),
+    "ros2 mcap": (COARSE | {"encoding": "mcap"}, reading.joint_bag, 1.0),
+}
+
+
+def work(periods=PERIODS, samples=200):
+    motion = spline_motion_of(ROBOT, trajectory(samples), periods, 0.25)
+    return replace(small_task(), motion=motion)
+
+
+def exported(name, folder, task=None):
+    options, *_ = FORMATS[name]
+    section = export_section(format=name.split()[0], **options)
+    return export_table(section, task or work(), folder / file_name(section))
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_all_periods_are_in_the_file(name, tmp_path):
+    made = exported(name, tmp_path)
+    _, read, unit = FORMATS[name]
+    motion = work().motion
+    times, position, _ = read(made.path, unit * ROBOT.inverse_kinematics(ROBOT.home))
+    assert made.check.rows == len(times)
+    assert made.check.duration == pytest.approx(times[-1], abs=1e-9)
+    assert 0 <= times[-1] - motion.duration + 1e-6 <= STEP
+    wanted = ROBOT.inverse_kinematics(motion.sample(times).pose)
+    np.testing.assert_allclose(position / unit, wanted, rtol=0, atol=1e-8)
+    again = read_table_file(made.path, made.settings)
+    assert again.executed.rows.repeated == (PERIODS - 2 if name != "mat" else 0)
+    assert again.periods == PERIODS
+    # In the last period, on the twin.
+    late = np.linspace(0, PERIODS * trajectory().period, 400, endpoint=False)
+    wanted = ROBOT.inverse_kinematics(motion.sample(motion.window[0] + late).pose)
+    assert np.abs(again.lengths(late) - wanted).max() <= made.check.deviation.position * 1.001
+
+
+@pytest.mark.parametrize("name", ["xps-pvt", "linuxcnc-strut"])
+def test_the_check_is_that_of_the_whole_table(name, tmp_path, monkeypatch):
+    short = exported(name, tmp_path)
+    whole = replace(short.settings.form, repeats=False)
+    settings = replace(short.settings, form=whole)
+    monkeypatch.setattr("expdesign.export.repetition.PERIODS", 100)
+    long = read_back(short.path, settings)
+    assert long.passed
+    assert (long.rows, long.duration) == (short.check.rows, pytest.approx(short.check.duration))
+    assert long.points > short.check.points
+    assert long.deviation.position == pytest.approx(short.check.deviation.position, rel=1e-6)
+    for one, other in zip(long.limits, short.check.limits, strict=True):
+        assert one.violation == pytest.approx(other.violation, abs=1e-6)
+    found, other = long.information, short.check.information
+    assert found.samples == other.samples
+    assert found.log_det_design == pytest.approx(other.log_det_design, abs=1e-9)
+    # At samples where a rate is zero, its sign differs between periods.
+    assert found.log_det_change == pytest.approx(other.log_det_change, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["xps-pvt", "pmac-pvt", "linuxcnc-strut", "ros2", "csv"])
+def test_a_period_that_differs_is_seen(name, tmp_path):
+    made = exported(name, tmp_path)
+    lines = made.path.read_text().splitlines()
+    numbered = [k for k, line in enumerate(lines) if sum(c.isdigit() for c in line) > 30]
+    k = numbered[int(0.7 * len(numbered))]
+    place = lines[k].index(".", len(lines[k]) // 2) + 2
+    lines[k] = f"{lines[k][:place]}{(int(lines[k][place]) + 5) % 10}{lines[k][place + 1 :]}"
+    made.path.write_text("\n".join(lines) + "\n")
+    found = read_back(made.path, made.settings)
+    assert not found.passed
+    assert "apart" in found.failures[0]
+    fewer = [*lines[: numbered[0]], *lines[numbered[len(numbered) // 2] :]]
+    made.path.write_text("\n".join(fewer) + "\n")
+    assert not read_back(made.path, made.settings).passed
+
+
+def test_the_output_is_on_in_all_periods(tmp_path):
+    section = export_section(format="xps-pvt", trigger=2, **COARSE)
+    made = export_table(section, work(), tmp_path / "t.trj")
+    assert made.check.passed
+    np.testing.assert_allclose(made.check.trigger, work().motion.window, atol=0.03)
+    events = made.beside[0].read_text()
+    made.beside[0].write_text(events.replace("Start, ", "Start, 1", 1))
+    assert not read_back(made.path, made.settings).passed
+
+
+def test_times_of_a_pmac_do_not_drift_in_1000_periods(tmp_path):
+    """Every time cut to 1/4096 ms, the cubic between; the last period against the design."""
+    periods = 1000
+    # Its steps are no multiples of 1/4096 ms.
+    task = work(periods, samples=231)
+    section = export_section(format="pmac-pvt")
+    made = export_table(section, task, tmp_path / "t.pmc")
+    assert made.check.deviation.position < made.settings.tolerance
+    text = made.path.read_text().splitlines()
+    cut = [int(float(line[3:]) * 4096) for line in text if line.startswith("PVT")]
+    times = np.concatenate([[0], np.cumsum(cut)]) / 4096e3
+    last = slice(int(0.9985 * len(times)), int(0.9995 * len(times)))
+    home = 1e3 * ROBOT.inverse_kinematics(ROBOT.home)
+    _, position, rate = (part[last] for part in reading.pmac(made.path, home))
+    t = times[last]
+    middle = (t[1:] + t[:-1]) / 2
+    h = np.diff(t)[:, None]
+    found = (position[1:] + position[:-1]) / 2 + h * (rate[:-1] - rate[1:]) / 8
+    wanted = 1e3 * ROBOT.inverse_kinematics(task.motion.sample(middle).pose)
+    assert task.motion.window[0] < middle[0] < task.motion.window[1]
+    assert np.abs(found - wanted).max() < 1e3 * made.settings.tolerance
+    # A tenth of a microsecond, as before, adds up to far more.
+    drift = np.sum(np.floor(np.round(1e3 * np.diff(times), 4) * 4096) / 4096e3) - times[-1]
+    speed = np.abs(rate).max() / 1e3
+    assert abs(drift) * speed > 10 * made.settings.tolerance
+
+
+def test_memory_does_not_grow_with_the_periods(tmp_path):
+    settings = resolve_settings(export_section(format="linuxcnc-strut", **UNIFORM), work(2000))
+    from expdesign.export.row_times import designed_rows
+
+    rows = designed_rows(settings)
+    assert rows.count > 100_000 > 100 * len(rows.times) / 10
+    path = tmp_path / "t.txt"
+    tracemalloc.start()
+    settings.form.write(path, rows, settings)
+    again = settings.form.read(path, settings)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert again.count == rows.count
+    assert peak < 20e6
