@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration.fields import MOST_ROWS
+from expdesign.configuration.schema import MOST_ROWS
 from expdesign.export.definition import Rows, Settings, TableError, Task
 
 PERIODS = 2

@@ -165,7 +165,7 @@ def certify_file(file: TableFile, *, piece: bool = False) -> PathCertificate:
     table = file.executed
     settings, rows = executed_settings(file.settings, table), table.rows
     faults = find_faults(settings, table, file.longest_step, piece=piece)
-    unchecked = wrong_companions(settings, rows, file.path)
+    unchecked = wrong_companions(file.settings, rows, file.path)
     if piece:
         return replace(
             certify_table(table, piece=True),
