@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import scipy
@@ -13,7 +13,7 @@ from constraints.arrays import Array
 from expdesign.configuration.errors import quote, refusal
 from expdesign.configuration.geometry import VANISHING
 from expdesign.configuration.quantity import Angle, Inertia, Mass, Positive
-from expdesign.configuration.schema import Point, Section, exactly, one_of
+from expdesign.configuration.schema import Point, Section, exactly
 from expdesign.mechanism.bodies import (
     RigidBody,
     inertia_of,
@@ -50,7 +50,7 @@ class BodyDescription(Section):
     """Centre of mass, m."""
     inertia: Annotated[tuple[Inertia, ...], BeforeValidator(_read_inertia)] = _ZERO
     """Ixx, Iyy, Izz, Ixy, Ixz, Iyz, matrix entries, about axes parallel to the frame's, kg m²."""
-    about: Annotated[str, one_of(("centre", "origin"))] = "centre"
+    about: Literal["centre", "origin"] = "centre"
     """Reference point of the inertia."""
     origin: Point = (0.0, 0.0, 0.0)
     """Origin of the body's frame in the frame of its part, m."""
@@ -128,12 +128,8 @@ class Bodies(Section):
     def parameters(self, platform_joints: Array) -> dict[str, float]:
         """Return the parameters that follow from the bodies, SI.
 
-        p1 … p5 with stators or sliders, p6 … Iyz with a platform or payload.
-
-        Parameters
-        ----------
-        platform_joints : (6, 3)
-            Platform frame, m.
+        p1 … p5 with stators or sliders, p6 … Iyz with a platform or payload. The platform joints,
+        (6, 3), are in its frame, m.
         """
         found: dict[str, float] = {}
         slider = self.part("slider")
@@ -145,15 +141,7 @@ class Bodies(Section):
         return found
 
     def warnings(self, implied: Mapping[str, float], *, general: bool) -> Iterator[str]:
-        """Yield properties of the bodies that the model neglects.
-
-        Parameters
-        ----------
-        implied : mapping
-            Result of `parameters`.
-        general : bool
-            The model has the lateral moments of the platform.
-        """
+        """Yield properties of the bodies that the model neglects; `implied` is from `parameters`."""
         for name in ("ring", "stator", "slider"):
             yield from _neglected(name, self.part(name))
         if self.ring and not (self.stator or self.slider):
@@ -207,15 +195,7 @@ def payload_parameters(payload: Iterable[BodyDescription]) -> dict[str, float]:
 def bodies_in_words(
     bodies: Bodies | None, platform_joints: Array, parameters: Mapping[str, float]
 ) -> str:
-    """Describe the parameters that follow from the bodies; empty without bodies.
-
-    Parameters
-    ----------
-    platform_joints : (6, 3)
-        Platform frame, m.
-    parameters : mapping
-        Values of the robot, SI, which override those of the bodies.
-    """
+    """Describe the parameters from the bodies, which those of the robot (SI) override."""
     implied = {} if bodies is None else bodies.parameters(platform_joints)
     implied = {name: value for name, value in implied.items() if name in parameters}
     if not implied:

@@ -48,11 +48,6 @@ def prior_machine(
     """Return the identified machine for a prior of the run, inline or by its name.
 
     It has no limits, noise or tolerances, since these are not part of a prior.
-
-    Raises
-    ------
-    InputError
-        The machine is missing, is another robot, or its values have no covariance.
     """
     placed = _locate(source, key, document)
     bare = placed.value.model_copy(update={"limits": {}, "noise": None, "tolerances": None})

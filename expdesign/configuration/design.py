@@ -91,7 +91,7 @@ class MotionSection(Section):
     jerk: Annotated[Jerk, Positive] | None = None
     """Largest jerk of a strut, m/s³, by default from the limit of the struts' acceleration and the
     designed motion."""
-    phase: Annotated[Phase, one_of(Phase)] = "start"
+    phase: Phase = "start"
     """Transition between ramps and designed motion: at its t = 0, or where the ramps are
     shortest."""
 
@@ -138,13 +138,13 @@ class DesignSection(Section):
     """Number of random starts; the search continues from the best of them."""
     seed: Seed = 0
     """Seed of the random starts and hops."""
-    search: Annotated[Search, one_of(Search)] = "hopping"
+    search: Search = "hopping"
     """Random starts only, or followed by hops from the best motions."""
     hops: Annotated[int, whole(0, _MOST_SOLVES)] = 800
     """Largest number of hops; without effect on restarts."""
-    start: Annotated[Start, one_of(Start)] = "periodic"
+    start: Start = "periodic"
     """``rest``: rate and acceleration of the series are zero at t = 0."""
-    scaling: Annotated[Scaling, one_of(Scaling)] = "si"
+    scaling: Scaling = "si"
     """Scaling of the information matrix's columns, for criteria that depend on it."""
     parameters: Annotated[
         _Judged | None,

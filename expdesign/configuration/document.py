@@ -82,11 +82,6 @@ class Located(Generic[Value_co]):
 def document_from_mapping(mapping: Mapping[Any, Any]) -> Document:
     """Copy a mapping to plain data: tuples and arrays become lists, NumPy numbers Python's.
 
-    Raises
-    ------
-    InputError
-        A key is not a text, or the mapping contains itself.
-
     Examples
     --------
     >>> document_from_mapping({"home": (0.0, 1)}).data
@@ -134,22 +129,9 @@ def find_file(
     shipped: Mapping[str, Path],
     folder: Path | None = None,
 ) -> Path:
-    """Return the file for the name of a shipped robot or run, or for a path.
+    """Return the file for the name of a shipped robot or run, or for a path from a folder.
 
-    Parameters
-    ----------
-    name_or_path : str or path-like
-    kind : str
-        ``robot`` or ``run``.
-    shipped : mapping of Path
-        Files in the package by name.
-    folder : Path, optional
-        Start of relative paths, by default the current folder.
-
-    Raises
-    ------
-    InputError
-        The name is unknown. A path need not lead to a file.
+    `kind` is ``robot`` or ``run``. A path need not lead to a file.
     """
     path = absolute(name_or_path, folder)
     if not isinstance(name_or_path, str):

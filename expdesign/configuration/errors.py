@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -102,12 +103,7 @@ def remaining_problems(count: int) -> tuple[Problem, ...]:
 class ComputationError(Exception):
     """A computation fails although its input is valid: base class of all such errors.
 
-    Parameters
-    ----------
-    message : str
-        Reason and remedy.
-    details : dict, optional
-        The same for programs.
+    `details` has the message for programs.
     """
 
     def __init__(self, message: str, details: dict[str, Any] | None = None) -> None:
@@ -121,18 +117,10 @@ def refusal(
     nearest: str | Callable[[], str | None] | None = None,
     key: str = "",
 ) -> PydanticCustomError:
-    """Return the exception for a validator to raise.
+    """Return the exception for a validator to raise, with the fault and the accepted values.
 
-    Parameters
-    ----------
-    reason : str
-        Fault of the value.
-    allowed : str
-        Description of the accepted values.
-    nearest : str or callable, optional
-        Valid name with the most similar spelling, or the (slow) function that finds it.
-    key : str, optional
-        The key to change, for a validator of a whole section.
+    `nearest` is the valid name with the most similar spelling, or the (slow) function that finds
+    it; `key` is the key to change, for a validator of a whole section.
     """
     context = {"reason": reason, "allowed": allowed, "nearest": nearest or "", "key": key}
     return PydanticCustomError("refused", "{reason}", context)
@@ -143,7 +131,8 @@ def require(condition: Callable[[Any], object], reason: str, allowed: str) -> Af
 
     def check(value: Any) -> Any:
         if not condition(value):
-            raise refusal(reason.format(value=value, quoted=quote(value)), allowed)
+            shown = list(value) if isinstance(value, tuple) else value
+            raise refusal(reason.format(value=shown, quoted=quote(value)), allowed)
         return value
 
     return AfterValidator(check)
@@ -168,24 +157,32 @@ _BOUNDS = {
 }
 
 
-def value_problem(details: ErrorDetails) -> tuple[str, str | None]:
-    """Return message and allowed values for an error of pydantic."""
-    kind, value, context = details["type"], quote(details["input"]), details.get("ctx", {})
+def value_problem(details: ErrorDetails) -> tuple[str, str | None, str | None]:
+    """Return message, allowed values and nearest valid name for an error of pydantic."""
+    kind, given, context = details["type"], details["input"], details.get("ctx", {})
+    value, allowed = quote(given), None
     if kind == "refused":
-        return context["reason"], context["allowed"]
+        meant = context["nearest"]
+        meant = meant() if callable(meant) else meant
+        return context["reason"], context["allowed"], meant or None
+    if kind == "literal_error":
+        choices = re.findall(r"'([^']*)'", context["expected"])
+        return f"{value} is not a choice", " | ".join(choices), nearest_name(given, choices)
     if kind in _KINDS:
-        whole = isinstance(details["input"], float) and details["input"].is_integer()
-        allowed = "one written without point and exponent" if whole else None
-        return f"{value} is not {_KINDS[kind]}", allowed
-    if kind in _BOUNDS:
+        if kind == "string_type":
+            allowed = "text; put it in quotes"
+        elif isinstance(given, float) and given.is_integer():
+            allowed = "one written without point and exponent"
+        message = f"{value} is not {_KINDS[kind]}"
+    elif kind in _BOUNDS:
         key, words = _BOUNDS[kind]
-        return f"{value} is out of range", f"{words} {context[key]:g}"
-    if kind in ("too_short", "too_long"):
+        message, allowed = f"{value} is out of range", f"{words} {context[key]:g}"
+    elif kind in ("too_short", "too_long"):
         needed = context["min_length" if kind == "too_short" else "max_length"]
-        return f"there are {context['actual_length']} entries where {needed} are needed", None
-    if kind in ("literal_error", "enum"):
-        return f"{value} is not a valid choice", context["expected"]
-    return f"{value}: {details['msg'].removeprefix('Value error, ')}", None
+        message = f"there are {context['actual_length']} entries where {needed} are needed"
+    else:
+        message = f"{value}: {details['msg'].removeprefix('Value error, ')}"
+    return message, allowed, None
 
 
 def format_number(found: object, newest: int) -> int:

@@ -32,7 +32,6 @@ from expdesign.configuration.schema import (
     Section,
     Seed,
     Signs,
-    Text,
     at_least,
     by_key,
     one_of,
@@ -121,8 +120,8 @@ class DataSection(Section):
     """Channel (t, q1 …, Q1 …, period) → name in the file. Default: the same names."""
     units: dict[_Units, FilledText] = Field(default_factory=dict)
     """Channel, or group t, q, Q → unit in the file. Default: SI."""
-    delimiter: Annotated[Text, _ONE_CHARACTER] = ","
-    decimal: Annotated[DecimalMark, one_of(DecimalMark)] = "."
+    delimiter: Annotated[str, _ONE_CHARACTER] = ","
+    decimal: DecimalMark = "."
     force_constants: Annotated[tuple[ForceConstant, ...], per_strut("force constants")] | None = (
         None
     )
@@ -138,7 +137,7 @@ class DataSection(Section):
     end: Duration | None = None
     """End of the measurement, s: rows from then on are ignored."""
     delay: Delay = Delay()
-    time: Annotated[TimeGrid, one_of(TimeGrid)] = "uniform"
+    time: TimeGrid = "uniform"
     """Uniform time is replaced by the fitted grid, stamps are used as they are."""
     time_tolerance: Annotated[Number, _STEP_SHARE] = 0.01
     """Largest deviation from uniform time, as a share of a step."""
@@ -204,7 +203,7 @@ class SelectSection(Section):
 
     candidates: FurtherTerms
     """Terms in the notation of a robot file's `terms`."""
-    by: Annotated[SelectionCriterion, one_of(SelectionCriterion)] = "bic"
+    by: SelectionCriterion = "bic"
     """Criterion of a step: Schwarz's criterion, an F test, or held-out forces."""
     level: Annotated[Number, _LEVEL_SHARE] | None = None
     """Familywise level of the F tests, None for `DEFAULT_LEVEL` with `by: f`."""
@@ -225,9 +224,7 @@ PriorOrigin = Literal["none", "robot"]
 SystematicOrigin = Literal["budget", "estimated", "none"]
 Loss = Literal["squared", "huber"]
 Estimated = Literal["all", "base"]
-Estimators = Annotated[
-    tuple[Annotated[Estimator, one_of(Estimator)], ...], at_least(1, "estimators"), Distinct
-]
+Estimators = Annotated[tuple[Estimator, ...], at_least(1, "estimators"), Distinct]
 _LARGEST_HARMONICS = 500
 """ML's motion has a dense matrix with 12 variables per harmonic: 0.3 GB."""
 _FIXED = "a list of parameters, or parameters with their values"
@@ -282,28 +279,28 @@ class EstimateSection(Section):
     """Settings of the estimation."""
 
     estimators: Estimators = ("ls", "gm", "ml")
-    differentiation: Annotated[Differentiation, one_of(Differentiation)] = "fourier"
+    differentiation: Differentiation = "fourier"
     """Method for rates and accelerations from measured lengths."""
     harmonics: Annotated[int | None, *word_for_none("auto", whole(1, _LARGEST_HARMONICS))] = None
     """Harmonics of the kinematics; None (``auto`` in the YAML): chosen from the data."""
-    noise: Annotated[NoiseOrigin, one_of(NoiseOrigin)] = "auto"
+    noise: NoiseOrigin = "auto"
     """Covariances from the scatter between periods, or those of robot and run; ``auto`` is
     ``estimated`` where the periods have 250 degrees of freedom."""
-    spectrum: Annotated[SpectrumOrigin, one_of(SpectrumOrigin)] = "auto"
+    spectrum: SpectrumOrigin = "auto"
     """Noise model in the weights of GM and ML: ``auto`` is ``estimated`` if the scatter between
     three or more periods is significantly not white."""
-    systematic: Annotated[SystematicOrigin, one_of(SystematicOrigin)] = "budget"
+    systematic: SystematicOrigin = "budget"
     """Treatment of the robot's tolerances: their share is added to the covariance, or maximum
     likelihood estimates the deviations, too."""
-    frequency: Annotated[FrequencyOrigin, one_of(FrequencyOrigin)] = "known"
-    loss: Annotated[Loss, one_of(Loss)] = "squared"
+    frequency: FrequencyOrigin = "known"
+    loss: Loss = "squared"
     """``huber`` reduces the weight of outliers."""
     consistent: bool = False
     """`identified-robot.yaml` has the nearest physically consistent parameters instead of the
     estimate itself."""
     cutoff: Annotated[Frequency, Positive] | None = None
     """Cutoff of the Butterworth filter, Hz, by default three times the highest designed one."""
-    parameters: Annotated[Estimated, one_of(Estimated)] = "all"
+    parameters: Estimated = "all"
     """``base``: the combinations that motions within the machine's limits can excite; the other
     parameters keep the robot's values."""
     fixed: Annotated[
@@ -322,7 +319,7 @@ class EstimateSection(Section):
     ] = Field(default_factory=dict)
     """Priors of single parameters; or the identified machine without its unknown payload: a run
     folder, its identified-robot.yaml, or the machine itself."""
-    prior_from: Annotated[PriorOrigin, one_of(PriorOrigin)] = "none"
+    prior_from: PriorOrigin = "none"
     """`robot`: the robot file's `identification` is a prior, with its covariance."""
     bounds: Annotated[
         dict[str, tuple[float, float]], by_key(_read_bounds, _BOUNDS, check_parameter)

@@ -36,7 +36,6 @@ from expdesign.configuration.schema import (
     Section,
     Seed,
     at_least,
-    one_of,
     per_strut,
     whole,
     word_for_none,
@@ -247,7 +246,6 @@ ToleranceOfForce = Annotated[
     PlainSerializer(lambda found: None if found is None else found.text),
 ]
 
-Computed = Literal["circle", "line", "spline"]
 Motion = Literal["circle", "line", "spline", "file"]
 Mirror = Literal["none", "xz", "yz"]
 
@@ -255,8 +253,8 @@ Mirror = Literal["none", "xz", "yz"]
 class BenchmarkMotion(Section):
     """A motion from a few numbers."""
 
-    motion: Annotated[str, one_of(Computed)]
-    mirror: Annotated[Mirror, one_of(Mirror)] = "none"
+    motion: str
+    mirror: Mirror = "none"
     """Plane in which the motion is mirrored."""
     periods: Count = 10
     radius: Annotated[Length, Positive] = 0.15
@@ -282,7 +280,7 @@ class BenchmarkMotion(Section):
 class ValidationMotion(BenchmarkMotion):
     """One motion for the comparison of measured and predicted forces."""
 
-    motion: Annotated[Motion, one_of(Motion)]
+    motion: Motion
     file: FilledText | None = None
     """A recorded motion, relative to the run file."""
     tolerance: ToleranceOfForce = None
@@ -301,7 +299,7 @@ Followed = Literal["design", "circle", "line", "spline"]
 class FeedforwardSection(BenchmarkMotion):
     """Reference motion, and controller of every strut."""
 
-    motion: Annotated[Followed, one_of(Followed)] = "circle"
+    motion: Followed = "circle"
     periods: Count = 2
     """Number of simulated periods; the last one is judged."""
     bandwidth: Annotated[Frequency, Positive] = 10.0

@@ -73,7 +73,7 @@ class ExportSection(Section):
     file: Name | None = None
     """File name in ``exports/`` without suffix, by default the format's name; the name of a scaled
     motion ends in its scale."""
-    space: Annotated[Space, one_of(Space)] | None = None
+    space: Space | None = None
     segment: Annotated[Duration, Positive] | None = None
     """Time between two rows, s (for PVT tables the longest); by default chosen for PVT tables, and
     the controller's period for others."""
@@ -81,8 +81,8 @@ class ExportSection(Section):
     """Scale F of a table with home + F (λ(F t) − home) of the motion λ, for a first run."""
     digits: Annotated[int, whole(0, _LARGEST_DIGITS)] | None = None
     """Digits after the decimal point."""
-    units: Annotated[LengthUnit, one_of(LengthUnit)] | None = None
-    angles: Annotated[AngleUnit, one_of(AngleUnit)] | None = None
+    units: LengthUnit | None = None
+    angles: AngleUnit | None = None
     axes: Annotated[tuple[Name, ...], exactly(ACTUATORS, "names"), Distinct] | None = None
     """Names of the axes, in the controller's order."""
     order: Order | None = None
@@ -155,10 +155,6 @@ class ExportSection(Section):
 
 def export_section(**given: Any) -> ExportSection:
     """Return the validated options of one table.
-
-    Raises
-    ------
-    pydantic.ValidationError
 
     Examples
     --------

@@ -17,7 +17,7 @@ from constraints.arrays import Array, Mask
 from constraints.limits import attitude
 from expdesign.configuration.errors import Problem, refusal
 from expdesign.configuration.quantity import Angle, Length, Positive, quantity_text
-from expdesign.configuration.schema import Section, ShortForm, one_of
+from expdesign.configuration.schema import Section, ShortForm
 from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS
 
@@ -53,7 +53,7 @@ class JointRing(Section):
     """m."""
     half_angle: HalfAngle
     """Angle between a joint and the middle of its pair, seen from the centre, rad."""
-    pairs: Annotated[PairedStruts, one_of(PairedStruts)]
+    pairs: PairedStruts
     """Paired joints: 1 and 2, 3 and 4, 5 and 6; or 2 and 3, 4 and 5, 6 and 1."""
     rotation: Angle = 0.0
     """Direction in the middle of joints 1 and 2, from x towards y, rad."""
@@ -107,14 +107,9 @@ class StrutGeometry:
 
 
 def geometry_at(pose: Array, base_joints: Array, platform_joints: Array) -> StrutGeometry:
-    """Return the struts at a pose; a strut without length has no finite direction.
+    """Return the struts at a pose (6,), m and rad, for joints (6, 3), m.
 
-    Parameters
-    ----------
-    pose : (6,)
-        m and rad.
-    base_joints, platform_joints : (6, 3)
-        Base frame and platform frame, m.
+    A strut without length has no finite direction.
     """
     rotation, joints, lengths, directions, inverse_jacobian = (
         np.array(value) for value in _struts()(pose, base_joints.T, platform_joints.T)
@@ -251,14 +246,8 @@ _UPWARDS = 0.5
 def gravity_warnings(gravity: Array, struts: Array) -> list[str]:
     """Return a warning about gravity along +z of the base frame.
 
-    Gravity points along −z for a platform that hangs below its base, too.
-
-    Parameters
-    ----------
-    gravity : (3,)
-        Base frame, m/s².
-    struts : (6, 3)
-        From base to platform joints at home, base frame, m.
+    Gravity points along −z for a platform that hangs below its base, too. The struts, (6, 3), lead
+    from base to platform joints at home, base frame, m.
     """
     if gravity[2] <= _UPWARDS * float(np.linalg.norm(gravity)):
         return []

@@ -39,22 +39,8 @@ def grid_points(
 ) -> tuple[GridPoint, ...]:
     """Return the runs of a grid, the last path's values changing first.
 
-    Parameters
-    ----------
-    sweep : mapping
-        The section `sweep`.
-    robot : ResolvedRobot
-        Robot with the run's limits before the sweep, as the base of scale factors.
-    document : Document
-        The run file.
-    load : callable
-        Converts a document to a complete configuration.
-
-    Raises
-    ------
-    InputError
-        Values are invalid at their key or contradict each other; each problem is located in the
-        sweep.
+    The robot has the run's limits before the sweep, as the base of scale factors; `load` converts a
+    document to a complete configuration. Each problem of a point is located in the sweep.
     """
     paths = list(sweep)
     found: dict[Place, RunConfiguration] = {}

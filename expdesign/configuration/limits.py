@@ -115,13 +115,7 @@ def _override(
 
 
 def default_limits(home: Sequence[float]) -> dict[str, Limit]:
-    """Return the limits that apply unless a source gives others.
-
-    Parameters
-    ----------
-    home : (6,)
-        Home pose, m and rad.
-    """
+    """Return the limits that apply unless a source gives others; home pose (6,), m and rad."""
     found = {}
     for key, definition in limit_definitions().items():
         about_home, standing = definition.about_home, definition.standing

@@ -236,13 +236,7 @@ class _Spectrum(Section):
         return self.file is not None or self.table is not None
 
     def with_table(self, folder: Path) -> Self:
-        """Return the spectrum with the content of its file; a relative path starts from a folder.
-
-        Raises
-        ------
-        InputError
-            The file is missing or invalid.
-        """
+        """Return the spectrum with the content of its file, relative to a folder."""
         if self.file is None:
             return self
         table = read_spectrum_table(absolute(self.file, folder))
@@ -280,15 +274,8 @@ def resolve_spectrum(
 ) -> NoiseSpectrum | None:
     """Return the spectrum of a description with its table, None for white noise.
 
-    Parameters
-    ----------
-    covariance : (6, 6), optional
-        Covariance of one sample without the hum; by default that of the table.
-
-    Raises
-    ------
-    ValueError
-        The noise has no size, or is not possible.
+    The covariance, (6, 6), is that of one sample without the hum, by default that of the table. A
+    `ValueError` gives the reason of an impossible spectrum.
     """
     parts: tuple[SpectralPart, ...]
     if described.table is not None:
@@ -319,13 +306,7 @@ def resolve_spectrum(
 
 
 def read_spectrum_table(path: Path) -> SpectrumTable:
-    """Read a table of densities: commas between the columns, their names in the first line.
-
-    Raises
-    ------
-    InputError
-        Columns or cells are missing, or the values are not those of a spectrum.
-    """
+    """Read a table of densities: commas between the columns, their names in the first line."""
     text = read_text(path, _LARGEST_FILE, "a table with commas between the columns")
     names, *rows = [*csv.reader(io.StringIO(text))] or [[]]
     rows = [row for row in rows if row]
@@ -422,7 +403,7 @@ class ResolvedNoise:
 def resolve_noise(
     sources: Sequence[Located[NoiseDescription]], sampling: float | None = None
 ) -> tuple[NoiseDescription | None, ResolvedNoise | None, list[Problem]]:
-    """Merge the noise of robot and run.
+    """Merge the noise of robot and run: section, covariances with spectra, and problems.
 
     Parameters
     ----------
@@ -432,12 +413,6 @@ def resolve_noise(
         and a later spectrum with a size all of them.
     sampling : float, optional
         Sampling of the experiment, Hz: a hum above half of it is a problem.
-
-    Returns
-    -------
-    description, noise
-        The merged section and its covariances; None without sources or with problems.
-    problems
     """
     if not sources:
         return None, None, []

@@ -14,7 +14,7 @@ from pydantic_core import PydanticCustomError
 
 from expdesign.configuration.errors import nearest_name, quote, refusal
 from expdesign.configuration.quantity import Inertia, Length, NotNegative, Positive, quantity_in
-from expdesign.configuration.schema import Section, check_choice, one_of, read_entries
+from expdesign.configuration.schema import Section, check_choice, read_entries
 from expdesign.mechanism.catalogue import (
     DEFAULT,
     known_parameters,
@@ -36,13 +36,7 @@ ParameterName = Annotated[str, BeforeValidator(check_parameter)]
 
 
 def parse_parameter(name: str, value: object) -> float:
-    """Convert a value of the file to the parameter's SI unit.
-
-    Raises
-    ------
-    pydantic_core.PydanticCustomError
-        It is not such a quantity.
-    """
+    """Convert a value of the file to the parameter's SI unit."""
     return quantity_in(known_parameters()[name].unit).parse(value)
 
 
@@ -77,7 +71,7 @@ class Gear(Section):
 class Screw(Gear):
     """A motor on a screw or its nut."""
 
-    thread: Annotated[Thread, one_of(Thread)] = "right"
+    thread: Thread = "right"
 
     @property
     def signed_lead(self) -> float:

@@ -75,19 +75,9 @@ def physical_consistency(
     length: float,
     gravity: float,
 ) -> PhysicalConsistency:
-    """Judge parameters; those of published tables and estimates may belong to no real machine.
+    """Judge nominal parameters, SI; those of published tables and estimates may fit no machine.
 
-    Parameters
-    ----------
-    terms : tuple of Term
-    values : mapping
-        Nominal parameters, SI.
-    rounding : mapping
-        As from `rounding_errors`.
-    platform_joints : (6, 3)
-        Platform frame, m.
-    length, gravity : float
-        Characteristic length, m, and size of gravity, m/s².
+    `platform_joints` are (6, 3), platform frame, m; characteristic length in m, gravity in m/s².
     """
     found = []
     for parameter in parameters_of(terms):
@@ -195,12 +185,7 @@ def likely_unit_errors(
 ) -> list[str]:
     """Return warnings about valid numbers that are far from those of any machine.
 
-    Parameters
-    ----------
-    parameters : mapping
-        Nominal, SI.
-    longest : float
-        Length of the longest strut at home, m.
+    `longest` is the length of the longest strut at home, m.
     """
     bounds = {"rad": _TURN, "m": _LENGTHS * longest, "m/s": _SPEED}
     found = []

@@ -224,11 +224,6 @@ NotNegative = require(lambda value: value >= 0, "{value:g} is negative", "0 or m
 def quantity_in(unit: str) -> Quantity:
     """Return the quantity whose plain numbers are in a unit, ``"1"`` for a bare number.
 
-    Raises
-    ------
-    ValueError
-        The unit is unknown.
-
     Examples
     --------
     >>> quantity_in("m/s").parse("500 mm/s")

@@ -49,10 +49,8 @@ from expdesign.configuration.schema import (
     Point,
     Pose,
     Section,
-    Text,
     exactly,
     offered_keys,
-    one_of,
     read_only,
     validate,
 )
@@ -80,7 +78,7 @@ class RobotDescription(Section):
     """The content of a robot file, in SI units."""
 
     name: Name
-    description: Text = ""
+    description: str = ""
     home: Pose
     """x, y, z [m], phi, theta, psi [rad]."""
     gravity: Annotated[tuple[Acceleration, ...], exactly(3, "components [x, y, z]")] = EARTH_GRAVITY
@@ -96,7 +94,7 @@ class RobotDescription(Section):
     platform_cardan_axes: _Axes | None = None
     """(6, 3), first axes of cardan joints at the platform that turn the screws, platform frame;
     None: the screws do not turn with the platform."""
-    platform: Annotated[PlatformKind, one_of(PlatformKind)] = "symmetric"
+    platform: PlatformKind = "symmetric"
     """10 or 15 rigid-body parameters of the platform."""
     terms: Terms = Field(default_factory=default_terms)
     """Blocks of the model that is linear in the parameters."""
@@ -199,17 +197,7 @@ class ResolvedRobot:
 
 
 def load_robot_description(name_or_path: str | PathLike[str]) -> ResolvedRobot:
-    """Load a robot.
-
-    Parameters
-    ----------
-    name_or_path : str or path-like
-        The name of an included robot, or the path of a robot file.
-
-    Returns
-    -------
-    ResolvedRobot
-        Arrays in SI units, every default filled in.
+    """Load an included robot by its name, or one from a file, in SI units with every default.
 
     Raises
     ------
@@ -240,20 +228,7 @@ def resolve_robot(
     tolerances: Sequence[Located[RobotTolerances]] = (),
     sampling: float | None = None,
 ) -> ResolvedRobot:
-    """Resolve a robot together with a run's limits, noise and tolerances.
-
-    Parameters
-    ----------
-    source : Located[RobotDescription]
-    limits, noise, tolerances : sequence of Located
-        Overrides, in this order.
-    sampling : float, optional
-        Sampling of the run's experiment, Hz.
-
-    Raises
-    ------
-    InputError
-    """
+    """Resolve a robot with the limits, noise, tolerances and sampling (Hz) of a run."""
     description, document = source.value, source.document
     limits = [Located(description.limits, document, (*source.key, "limits")), *limits]
     stated, length = resolve_limits(limits, default_limits(description.home))

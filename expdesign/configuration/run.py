@@ -33,9 +33,7 @@ from expdesign.configuration.schema import (
     Name,
     Section,
     StageSection,
-    Text,
     at_least,
-    one_of,
     whole,
 )
 from expdesign.configuration.tolerances import RobotTolerances
@@ -56,11 +54,9 @@ FigureFormat = Literal["png", "svg", "pdf"]
 class ReportSettings(Section):
     """Settings of the report."""
 
-    title: Text | None = None
+    title: str | None = None
     """Heading, by default the run's name."""
-    figures: Annotated[
-        tuple[Annotated[FigureFormat, one_of(FigureFormat)], ...], at_least(1, "formats"), Distinct
-    ] = ("png", "svg")
+    figures: Annotated[tuple[FigureFormat, ...], at_least(1, "formats"), Distinct] = ("png", "svg")
 
 
 _STAGE = object()
@@ -79,7 +75,7 @@ class RunDescription(Section):
     ] = None
     """`RUN_FORMAT` in every written file; a user's file needs none."""
     name: Name
-    description: Text = ""
+    description: str = ""
     robot: RobotSource
     trajectory: TrajectorySection = TrajectorySection()
     design: Annotated[DesignSection, _STAGE] = DesignSection()

@@ -74,15 +74,7 @@ _TAGS = ("[key]", "(inline)", "(name)", "(names)")
 def validate(
     model: type[Model], data: object, document: Document, prefix: Key = ()
 ) -> tuple[Model | None, list[Problem]]:
-    """Validate the value at a key of a document against a section.
-
-    Returns
-    -------
-    instance : model or None
-        None when there are problems.
-    problems : list of Problem
-        In the order of the model's keys.
-    """
+    """Validate the value at a key of a document: a section, or None with its problems."""
     try:
         return model.model_validate(data), []
     except ValidationError as error:
@@ -94,7 +86,7 @@ def validate(
 def _problem(
     model: type[BaseModel], details: ErrorDetails, document: Document, prefix: Key
 ) -> Problem:
-    context, kind = details.get("ctx", {}), details["type"]
+    kind = details["type"]
     if kind == "extra_forbidden":
         # The last step is the user's key, even one that is spelt like a tag.
         *steps, name = details["loc"]
@@ -110,11 +102,8 @@ def _problem(
         valid = offered_keys(_model_at(model, location))
         message = f"{quote(details['input'])} is not a mapping"
         return document.problem(key, message, f"the keys {', '.join(valid)}")
-    if kind == "refused":
-        key = (*key, context["key"]) if context["key"] else key
-        meant = context["nearest"]
-        meant = meant() if callable(meant) else meant
-        return document.problem(key, context["reason"], context["allowed"], meant or None)
+    if kind == "refused" and (inner := details["ctx"]["key"]):
+        key = (*key, inner)
     return document.problem(key, *value_problem(details))
 
 
@@ -159,16 +148,9 @@ def _check_name(value: object) -> str:
     return value
 
 
-def _check_text(value: object) -> str:
-    if not isinstance(value, str):
-        raise refusal(f"{quote(value)} is not a text", "text; put it in quotes")
-    return value
-
-
 Name = Annotated[str, BeforeValidator(_check_name)]
 """A name that is also a valid folder name."""
-Text = Annotated[str, BeforeValidator(_check_text)]
-FilledText = Annotated[Text, require(str.strip, "the text is empty", "a text")]
+FilledText = Annotated[str, require(str.strip, "the text is empty", "a text")]
 
 
 def check_choice(
@@ -186,9 +168,11 @@ def check_choice(
     return check
 
 
-def one_of(choices: Any, kind: str = "choice") -> BeforeValidator:
-    """Return a validator for the texts of a `Literal`, of a tuple, or from a function."""
-    return BeforeValidator(check_choice(get_args(choices) or choices, kind))
+def one_of(
+    choices: Sequence[str] | Callable[[], Iterable[str]], kind: str = "choice"
+) -> BeforeValidator:
+    """Return a validator for the texts of a tuple, or from a function."""
+    return BeforeValidator(check_choice(choices, kind))
 
 
 def word_for_none(
@@ -318,17 +302,12 @@ def exactly(count: int, items: str) -> BeforeValidator:
     wanted = f"a list of {count} {items}"
 
     def check(value: object) -> Sequence[Any]:
-        pair = _as_pair(value) if count == _ENDS else ""
-        return _counted(_listed(value, wanted + pair), count, items, wanted)
+        text, hint = quote(value).strip("'"), ""
+        if count == _ENDS and len(text) <= _LONGEST_EXAMPLE and not isinstance(value, bool):
+            hint = f"; to fix it: [{text}, {text}]" if isinstance(value, str | int | float) else ""
+        return _counted(_listed(value, wanted + hint), count, items, wanted)
 
     return BeforeValidator(check)
-
-
-def _as_pair(value: object) -> str:
-    """Return the notation for two equal ends, where a single value is given."""
-    text = quote(value).strip("'")
-    single = isinstance(value, str | int | float) and not isinstance(value, bool)
-    return f"; to fix it: [{text}, {text}]" if single and len(text) <= _LONGEST_EXAMPLE else ""
 
 
 def _listed(value: object, wanted: str) -> Sequence[Any]:
@@ -393,14 +372,12 @@ def _check_distinct(items: tuple[Hashable, ...]) -> tuple[Hashable, ...]:
     return items
 
 
-def _check_ascending(pair: tuple[float, float]) -> tuple[float, float]:
-    if pair[0] > pair[1]:
-        raise refusal(f"min {pair[0]:g} is above max {pair[1]:g}", "[min, max] with min ≤ max")
-    return pair
-
-
 Distinct = AfterValidator(_check_distinct)
-Ascending = AfterValidator(_check_ascending)
+Ascending = require(
+    lambda pair: pair[0] <= pair[1],
+    "min {value[0]:g} is above max {value[1]:g}",
+    "[min, max] with min ≤ max",
+)
 Pair = exactly(_ENDS, "values [min, max]")
 Point = Annotated[tuple[Length, ...], exactly(3, "coordinates [x, y, z]")]
 Direction = Annotated[
@@ -417,15 +394,6 @@ Pose = Annotated[
 # --- assignment of axes and channels to the struts ------------------------------------------------
 
 
-def _check_order(value: tuple[int, ...]) -> tuple[int, ...]:
-    if sorted(value) != list(range(1, ACTUATORS + 1)):
-        raise refusal(
-            f"{list(value)} is not an order of the {ACTUATORS} struts",
-            f"the numbers 1 to {ACTUATORS}, each once: the strut on the first axis comes first",
-        )
-    return value
-
-
 def _check_sign(value: object) -> object:
     if isinstance(value, bool) or value not in (1, -1):
         raise refusal(f"{quote(value)} is not a sign", "1 or -1")
@@ -435,7 +403,11 @@ def _check_sign(value: object) -> object:
 Order = Annotated[
     tuple[Annotated[int, whole(1, ACTUATORS)], ...],
     exactly(ACTUATORS, "numbers of struts"),
-    AfterValidator(_check_order),
+    require(
+        lambda order: sorted(order) == list(range(1, ACTUATORS + 1)),
+        f"{{value}} is not an order of the {ACTUATORS} struts",
+        f"the numbers 1 to {ACTUATORS}, each once: the strut on the first axis comes first",
+    ),
 ]
 """Number of the strut on each axis."""
 Signs = Annotated[tuple[Annotated[int, BeforeValidator(_check_sign)], ...], per_strut("signs")]

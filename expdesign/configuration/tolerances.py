@@ -23,11 +23,9 @@ from expdesign.configuration.quantity import (
 from expdesign.configuration.schema import (
     LONGEST_NAME,
     Section,
-    Text,
     at_least,
     by_key,
     check_choice,
-    one_of,
     per_strut,
     read_entries,
     repeated,
@@ -69,7 +67,7 @@ def identified_name(robot: str) -> str:
 class IdentifiedDeviation(Section):
     """A quantity with a tolerance, SI."""
 
-    name: Text
+    name: str
     """As in tables/deviations.csv."""
     tolerance: Annotated[Number, NotNegative]
     value: Number
@@ -81,15 +79,15 @@ class IdentifiedDeviation(Section):
 class Identification(Section):
     """Origin of the robot's parameters, and their covariance, SI."""
 
-    run: Text
+    run: str
     """Name of the run."""
-    estimator: Text
-    verdict: Annotated[JudgedAs, one_of(JudgedAs)]
-    summary: Text = ""
+    estimator: str
+    verdict: JudgedAs
+    summary: str = ""
     """The verdict in words."""
-    parameters: Annotated[tuple[Text, ...], at_least(1, "parameters")]
+    parameters: Annotated[tuple[str, ...], at_least(1, "parameters")]
     """Order of rows and columns."""
-    constants: tuple[Text, ...] = ()
+    constants: tuple[str, ...] = ()
     """Constants of terms, estimated with the parameters: ``cogging_pitch``. Their c rows and
     columns follow those of the parameters."""
     unconstrained: tuple[Number, ...] = ()
@@ -229,13 +227,7 @@ _SIZES = {
 def oversized_tolerances(
     sources: Sequence[Located[RobotTolerances]], sizes: Mapping[str, float]
 ) -> Iterator[Problem]:
-    """Yield problems of tolerances that are not smaller than the part itself.
-
-    Parameters
-    ----------
-    sizes : mapping
-        Sizes of the parts by the key of their tolerance, m.
-    """
+    """Yield problems of tolerances that are not smaller than the part itself; sizes in m."""
     for source in sources:
         for key, size in sizes.items():
             largest = float(np.max(getattr(source.value, key) or 0.0))
@@ -251,21 +243,9 @@ def oversized_tolerances(
 def merge_tolerances(
     sources: Sequence[Located[RobotTolerances]], terms: Iterable[str]
 ) -> tuple[RobotTolerances | None, list[Problem]]:
-    """Merge the tolerances of robot and run.
+    """Merge the tolerances of robot and run; constants of terms that the robot lacks are problems.
 
-    Parameters
-    ----------
-    sources : sequence of Located[RobotTolerances]
-        Later ones override earlier ones by key, also inside `force_constant` and `terms`.
-    terms : iterable of str
-        Terms of the robot.
-
-    Returns
-    -------
-    tolerances
-        None without sources, or with problems.
-    problems
-        Constants of terms that the robot lacks.
+    Later ones override earlier ones by key, also inside `force_constant` and `terms`.
     """
     if not sources:
         return None, []

@@ -93,13 +93,7 @@ class Complete:
 
 
 def complete_machine(machine: MachineDraft) -> Complete:
-    """Fill in all unknown values.
-
-    Raises
-    ------
-    InputError
-        Only one of the two sets of joints is known, or geometry or mass cannot be used.
-    """
+    """Fill in all unknown values."""
     known, given = machine, dict(vars(machine))
     document = document_from_mapping({"limits": machine.limits})
     _, problems = validate(_Bounded, document.data, document)
@@ -368,14 +362,8 @@ _NOTHING = 1e-12
 def assumed_bodies(mass: float, strut: float, joints: Array) -> dict[str, BodyDescription]:
     """Return assumed bodies: ring, stator, slider and platform.
 
-    Parameters
-    ----------
-    mass : float
-        Mass of the platform with its load, kg.
-    strut : float
-        Mean length of the struts at home, m.
-    joints : (6, 3)
-        Platform joints, platform frame, m.
+    For a mass of the platform with its load, kg, a mean length of the struts at home, m, and
+    platform joints (6, 3), platform frame, m.
     """
     rod = _ROD * strut
     across, along = rod**2 / 12, (_SLENDER * rod) ** 2 / 2
@@ -399,14 +387,8 @@ def assumed_bodies(mass: float, strut: float, joints: Array) -> dict[str, BodyDe
 def assumed_friction(strut: float, weight: float, speed: float) -> dict[str, float]:
     """Return the friction of joints and actuators, SI.
 
-    Parameters
-    ----------
-    strut : float
-        Mean length of the struts at home, m.
-    weight : float
-        Weight that one actuator carries, N.
-    speed : float
-        Speed at which viscous friction equals dry friction, m/s.
+    For the mean length of the struts, m, the weight on one actuator, N, and the speed at which
+    viscous friction equals dry friction, m/s.
     """
     joint = _round_value(_JOINT_FRICTION * weight * strut)
     return {

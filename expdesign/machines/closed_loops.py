@@ -66,24 +66,7 @@ def hexapod(
     base: int | None,
     file: Path,
 ) -> MachineDraft:
-    """Return the hexapod that a mechanism is; struts are numbered in the order of their slides.
-
-    Parameters
-    ----------
-    name, source : str
-        Of the machine.
-    bodies, joints : sequence of Link and of Joint
-        Of the mechanism.
-    base : int, optional
-        The body that does not move; by default the one that carries the struts' first bodies.
-    file : Path
-        For messages.
-
-    Raises
-    ------
-    InputError
-        The mechanism is no hexapod with struts whose lengths change.
-    """
+    """Return the hexapod that a mechanism is; struts are numbered in the order of their slides."""
     groups = Groups(len(bodies), joints)
     slides = [joint for joint in joints if joint.kind == "slide"]
     if len(slides) != ACTUATORS:

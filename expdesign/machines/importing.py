@@ -27,7 +27,7 @@ from expdesign.configuration.quantity import (
     Speed,
     quantity_text,
 )
-from expdesign.configuration.schema import Ascending, Name, Pair, Point, Section, exactly, one_of
+from expdesign.configuration.schema import Ascending, Name, Pair, Point, Section, exactly
 from expdesign.machines import readers
 from expdesign.machines.assumed import points
 from expdesign.machines.machine import MachineDraft, MachineFormat, Points, Question
@@ -67,7 +67,7 @@ class MachineDescription(Section):
     strut_acceleration: Annotated[Acceleration, Positive] | None = None
     actuator_force: Annotated[Force, Positive] | None = None
     mass: Annotated[Mass, Positive] | None = None
-    drive: Annotated[DriveKind, one_of(DriveKind)] | None = None
+    drive: DriveKind | None = None
     lead: Annotated[Length, Positive] | None = None
     inertia: Annotated[Inertia, NotNegative] | None = None
     force_std: Annotated[Force, Positive] | None = None
@@ -77,13 +77,7 @@ class MachineDescription(Section):
 def machine_from_answers(
     answers: Located[MachineDescription], known: MachineDraft | None = None
 ) -> MachineDraft:
-    """Return the machine by the answers, completed by what is known already.
-
-    Raises
-    ------
-    InputError
-        Answers contradict each other or are incomplete.
-    """
+    """Return the machine by the answers, completed by what is known already."""
     if problems := list(_contradictions(answers)):
         raise InputError(problems)
     one = answers.value
@@ -201,21 +195,7 @@ def machine_formats() -> tuple[MachineFormat, ...]:
 
 
 def read_machine(name: str, files: Sequence[Path]) -> MachineDraft:
-    """Read one machine from files, SI units; missing values become questions.
-
-    Parameters
-    ----------
-    name : str
-        Name of the robot.
-    files : sequence of Path
-        All of one format; LinuxCNC's INI and HAL files belong together.
-
-    Raises
-    ------
-    InputError
-        A file is missing, of no known format, damaged, or describes no hexapod with struts whose
-        lengths change.
-    """
+    """Read one machine from files of one format, SI units; missing values become questions."""
     if not files:
         raise InputError("no file is named", allowed="the files that describe the machine")
     found = [_format_of(path) for path in files]

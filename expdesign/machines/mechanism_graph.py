@@ -69,14 +69,7 @@ class Element:
 
 
 def read_xml(file: Path, root: str) -> Element:
-    """Return the root element of an XML file.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, is no well-formed XML, has another root than `root`, declares a
-        document type or entities, or is nested too deeply or too large.
-    """
+    """Return the root element of an XML file, which must have the name `root`."""
     text = read_text(file, _LARGEST, "XML in UTF-8")
     builder = _Builder(file)
     try:
@@ -284,15 +277,7 @@ def moved_bodies(
     platform: tuple[int, Placement],
     questions: list[Question],
 ) -> Bodies | None:
-    """Return the bodies, those of a strut as the mean of all; None where none is stated in full.
-
-    Parameters
-    ----------
-    platform : group and its frame
-        Of the platform.
-    questions : list of Question
-        To which is added what the struts do not have in common.
-    """
+    """Return the bodies, those of a strut as the mean of all; None where none is stated in full."""
     parts: dict[str, tuple[BodyDescription, ...]] = {}
     found = [_of_strut(links, groups, strut) for strut in struts]
     known = [one for one in found if one is not None]

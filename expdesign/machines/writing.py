@@ -49,18 +49,8 @@ def file_names(name: str) -> tuple[str, str]:
 def write_files(machine: MachineDraft, folder: Path) -> WrittenFiles:
     """Write robot file and run file of a machine; both pass `expdesign check`.
 
-    Parameters
-    ----------
-    machine : MachineDraft
-        The known values. Unknown ones get a documented default and a comment that asks for them.
-    folder : Path
-        Made where it is missing.
-
-    Raises
-    ------
-    InputError
-        If one of the files is there already, or what is known does not fit together: with the
-        keys of the robot file.
+    Unknown values get a documented default and a comment that asks to check it. Existing files are
+    refused.
     """
     places = [folder / name for name in file_names(machine.name)]
     for place in places:

@@ -131,13 +131,7 @@ class Projection:
         return float(np.linalg.norm(np.linalg.solve(self.factor[self.free], told)))
 
     def of(self, values: Array) -> Nearest:
-        """Return the nearest parameters; those given, bit by bit, when bodies have them.
-
-        Raises
-        ------
-        NoBodiesError
-            Whatever the free parameters are.
-        """
+        """Return the nearest parameters; those given, bit by bit, when bodies have them."""
         bodies = self.among.bodies(values)
         if bodies is not None:
             return Nearest(values, 0.0, 0.0, bodies, ())

@@ -36,13 +36,7 @@ def states_at_rest(poses: Array) -> Array:
 def limited_quantities(
     graph: HexapodGraph, definitions: tuple[LimitDefinition, ...], friction: Friction
 ) -> tuple[ca.SX, Mapping[str, ca.SX]]:
-    """Return the state, (18, 1) or (24, 1), and what the limits read of the graph.
-
-    Raises
-    ------
-    ValueError
-        A limit needs what the mechanism has not.
-    """
+    """Return the state, (18, 1) or (24, 1), and what the limits read of the graph."""
     state, quantities = graph.state, dict(graph.quantities(friction))
     if any(JERK in definition.requires for definition in definitions):
         third = ca.SX.sym("pose_jerk", COORDINATES)

@@ -331,7 +331,9 @@ def _problems(path: Path, data: object, error: ValidationError) -> Iterator[Prob
         missing = details["type"] == "missing"
         key = _key_in(data, details["loc"][:-1] if missing else details["loc"])
         key += details["loc"][-1:] if missing else ()
-        message, allowed = ("the key is missing", None) if missing else value_problem(details)
+        message, allowed, _ = (
+            ("the key is missing", None, None) if missing else value_problem(details)
+        )
         # Of the alternatives that one value may be, the last is the widest.
         found[key] = Problem(message, path, key=key_path(key), allowed=allowed)
     yield from found.values()

@@ -168,7 +168,7 @@ class RowTable(CsvFile[Iterable[Row], tuple[Row, ...]], Generic[Row]):
             details = error.errors(include_url=False)[0]
             number, *place = details["loc"]
             column = self.names[attributes.index(str(place[0]))] if place else ""
-            message, allowed = value_problem(details)
+            message, allowed, _ = value_problem(details)
             line = int(number) + _FIRST_LINE
             raise InputError(
                 message, folder / self.file, line, f"column {column}", allowed

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain, islice
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import model_validator
@@ -15,7 +15,6 @@ from pydantic import model_validator
 from constraints.arrays import Array
 from expdesign.configuration.errors import refusal
 from expdesign.configuration.export import PVT_OPTIONS, ExportSection
-from expdesign.configuration.schema import one_of
 from expdesign.export.definition import (
     Guide,
     Interpolation,
@@ -222,7 +221,7 @@ class PmacOptions(ExportSection):
     outputs = (0, 8191)
     """M-variable."""
 
-    clock: Annotated[Clock, one_of(Clock)] | None = None
+    clock: Clock | None = None
     """Resolution of the controller's row times; 1 ms for a PMAC that is no Turbo or has I42 = 1."""
 
     @model_validator(mode="after")

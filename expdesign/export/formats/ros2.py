@@ -14,7 +14,7 @@ from importlib import import_module
 from itertools import chain, islice, takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import model_validator
@@ -23,7 +23,6 @@ from ruamel.yaml.error import YAMLError
 
 from expdesign.configuration.errors import refusal
 from expdesign.configuration.export import STRUT_AXES, ExportSection
-from expdesign.configuration.schema import one_of
 from expdesign.export.definition import (
     POSE_AXES,
     Guide,
@@ -322,7 +321,7 @@ class Ros2Options(ExportSection):
     spaces = ("strut", "pose")
     shared = ("space", "digits", "axes", *STRUT_AXES)
 
-    encoding: Annotated[Encoding, one_of(Encoding)] | None = None
+    encoding: Encoding | None = None
 
     @model_validator(mode="after")
     def _check_digits(self) -> Ros2Options:

@@ -383,17 +383,7 @@ _ALONG_Z = ("capsule", "cylinder")
 def rigid_body(
     element: Element, place: Placement, attributes: Attributes, inherited: str | None
 ) -> RigidBody | None:
-    """Return a body in the world; None where its mass follows from shapes that are not known.
-
-    Parameters
-    ----------
-    element : Element
-        Of the body.
-    place : Placement
-        Of the body in the world.
-    inherited : str or None
-        Class of defaults.
-    """
+    """Return a body in the world; None where its mass follows from shapes that are not known."""
     inertial = element.first("inertial")
     if inertial is not None:
         own = _inertial(inertial, attributes)
