@@ -21,14 +21,14 @@ from expdesign.configuration import (
 )
 from expdesign.configuration.bodies import bodies_in_words
 from expdesign.configuration.grid import value_text
-from expdesign.configuration.noise import NOISE_FROM_DATA
-from expdesign.configuration.open_rows import (
+from expdesign.configuration.limits import (
     defaults_in_words,
     held_in_words,
     open_in_words,
     open_rows,
     reserve_in_words,
 )
+from expdesign.configuration.noise import NOISE_FROM_DATA
 from expdesign.configuration.robot import load_robot_description
 from expdesign.library import robot_files
 from expdesign.robot import Robot, robot_from

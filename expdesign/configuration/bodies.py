@@ -141,7 +141,7 @@ class Bodies(Section):
         return found
 
     def warnings(self, implied: Mapping[str, float], *, general: bool) -> Iterator[str]:
-        """Yield properties of the bodies that the model neglects; `implied` is from `parameters`."""
+        """Yield properties of the bodies that the model neglects; `implied`: see `parameters`."""
         for name in ("ring", "stator", "slider"):
             yield from _neglected(name, self.part(name))
         if self.ring and not (self.stator or self.slider):

@@ -12,7 +12,7 @@ import numpy as np
 from constraints import Limit, limit_definitions
 from constraints.arrays import Array, Mask
 from expdesign.configuration import quantity_text
-from expdesign.configuration.open_rows import named_rows, open_in_words, open_rows
+from expdesign.configuration.limits import named_rows, open_in_words, open_rows
 from expdesign.robot import LimitModel, Robot
 from expdesign.runfolder import OpenNumber, described
 from expdesign.trajectory import PoseSamples
@@ -310,7 +310,7 @@ def unlimited(robot: Robot, motion: Motion, times: Array) -> tuple[Unlimited, ..
     s, should be a fine grid: nothing is evaluated between them.
     """
     found: list[Unlimited] = []
-    open_ones = open_rows(robot.description)
+    open_ones = open_rows(robot.description.limits, robot.description.shared_joint_pairs)
     limits = tuple(Limit.boundless(one.definition, one.labels) for one in open_ones)
     model = LimitModel(robot, limits)
     values, at_home = model.values(states_at(motion, times)), model.at_home()

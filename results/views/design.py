@@ -8,7 +8,7 @@ import numpy as np
 
 from constraints import limit_definitions
 from expdesign.configuration import InputError
-from expdesign.configuration.open_rows import held_in_words
+from expdesign.configuration.limits import held_in_words
 from expdesign.experiment import DesignResult
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity, sensitivity_at_design
 from expdesign.experiment.setup import plan_search
@@ -108,7 +108,10 @@ def limits_table(record: DesignResult) -> ReportTable:
         caption += f"; negative where {open_time:.3g} s are not proved"
     if kept:
         caption += "; the bounds are the stated ones less the reserve"
-    held = [f". {text[:1].upper()}{text[1:]}" for text in held_in_words(record.configuration.robot)]
+    held = [
+        f". {text[:1].upper()}{text[1:]}"
+        for text in held_in_words(record.configuration.robot.limits)
+    ]
     return ReportTable.of(
         "limits", f"{caption}{''.join(held)}", columns, record.checks, screen=True, latex=True
     )

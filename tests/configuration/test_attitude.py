@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import InputError, load_run, resolved_yaml
-from expdesign.configuration.open_rows import defaults_in_words, held_in_words, open_rows
+from expdesign.configuration.limits import defaults_in_words, held_in_words, open_rows
 from expdesign.library import robot_files
 from expdesign.robot import robot_from
 
@@ -112,7 +112,7 @@ def test_robots_that_ship_have_tighter_limits():
     for name in robot_files():
         robot = load_run({"name": "n", "robot": name}).robot
         assert KEY not in robot.limits
-        (said,) = held_in_words(robot)
+        (said,) = held_in_words(robot.limits)
         assert "limits.tilt" in said or "limits.rotation" in said
 
 
@@ -135,7 +135,7 @@ def test_robots_that_ship_have_tighter_limits():
 def test_it_stands_unless_another_limit_is_tighter(of, tmp_path, limits, found):
     made = of(FREE | limits)
     assert bounds(made) == found
-    assert (held_in_words(made.robot) != ()) == (found is None)
+    assert (held_in_words(made.robot.limits) != ()) == (found is None)
     file = tmp_path / "run.yaml"
     file.write_text(resolved_yaml(made), encoding="utf-8")
     again = load_run(file)
@@ -158,8 +158,8 @@ def test_it_is_neither_lifted_nor_too_wide(refused, bound):
 
 def test_it_is_no_limit_that_is_left_open(of):
     made = of()
-    assert KEY not in {one.definition.key for one in open_rows(made.robot)}
-    (said,) = defaults_in_words(made.robot)
+    assert KEY not in {one.definition.key for one in open_rows(made.robot.limits, ())}
+    (said,) = defaults_in_words(made.robot.limits)
     assert f"limits.{KEY}" in said
 
 

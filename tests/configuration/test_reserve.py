@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import InputError, load_run, resolved_yaml
-from expdesign.configuration.open_rows import reserve_in_words
+from expdesign.configuration.limits import reserve_in_words
 from expdesign.robot import robot_from
 from expdesign.stages.execution import sections_text
 
@@ -55,7 +55,7 @@ def test_without_a_reserve_nothing_changes(nothing):
         np.testing.assert_array_equal(limit.upper, plain.robot.limits[key].upper)
     whole = {"name": True, "robot": True}
     assert sections_text(found, whole) == sections_text(plain, whole)
-    assert reserve_in_words(found.robot) == ""
+    assert reserve_in_words(found.robot.limits) == ""
 
 
 @pytest.mark.parametrize(
@@ -126,5 +126,5 @@ def test_how_fast_is_slow_does_not_depend_on_it():
 
 
 def test_it_is_said_in_words():
-    assert "7 % of every limit" in reserve_in_words(_run("7 %").robot)
-    assert "7 % of tilt" in reserve_in_words(_run({"tilt": "7 %"}).robot)
+    assert "7 % of every limit" in reserve_in_words(_run("7 %").robot.limits)
+    assert "7 % of tilt" in reserve_in_words(_run({"tilt": "7 %"}).robot.limits)

@@ -7,13 +7,17 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from expdesign.configuration import load_run
-from expdesign.configuration.open_rows import open_in_words, open_rows
+from expdesign.configuration.limits import open_in_words, open_rows
 from expdesign.recheck.limit_check import unlimited, unlimited_warning
 from expdesign.robot import load_robot, robot_from
 from expdesign.trajectory import FourierTrajectory
 
 PALIDA = load_robot("palida")
 POSES = 8
+
+
+def _open(robot):
+    return open_rows(robot.limits, robot.shared_joint_pairs)
 
 
 def robot_of(name="palida", drop=(), **limits):
@@ -36,13 +40,13 @@ def found_in(robot, motion, points=400):
 
 
 def test_limits_that_are_not_set_are_named():
-    left = open_rows(PALIDA.description)
+    left = _open(PALIDA.description)
     assert [str(one) for one in left] == ["platform_joint_angle", "rotation (phi, theta, psi)"]
     some = robot_of(rotation={"phi": ["-20 deg", "20 deg"]}, platform_joint_angle="40 deg")
-    assert [str(one) for one in open_rows(some.description)] == ["rotation (theta, psi)"]
+    assert [str(one) for one in _open(some.description)] == ["rotation (theta, psi)"]
     whole = {name: ["-20 deg", "20 deg"] for name in ("phi", "theta", "psi")}
     every = robot_of(rotation=whole, platform_joint_angle="40 deg")
-    assert open_rows(every.description) == ()
+    assert _open(every.description) == ()
     assert open_in_words(()) == ""
     assert found_in(every, turning(every, 0.1)) == {}
     assert unlimited_warning(()) == ""
@@ -53,7 +57,7 @@ def test_rotations_are_told_from_home():
     rotations = {row: one.value for (key, row), one in found.items() if key == "rotation"}
     assert rotations == pytest.approx({"phi": 0.1, "theta": 0.0, "psi": 0.3}, abs=1e-4)
     text = unlimited_warning(list(found.values()))
-    assert text.startswith(open_in_words(open_rows(PALIDA.description)))
+    assert text.startswith(open_in_words(_open(PALIDA.description)))
     # In the unit in which angles are read, to three digits.
     assert f"psi {np.degrees(0.3):.3g} deg from home" in text
 
