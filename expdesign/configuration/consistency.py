@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from constraints.arrays import Array
 from expdesign.configuration.document import Document, Located, absolute, find_file
 from expdesign.configuration.errors import InputError, Key, Problem, nearest_name
 from expdesign.configuration.noise import aliasing_of
@@ -29,7 +28,7 @@ from expdesign.mechanism.terms import rigid_platform
 _ALLOWED = "the run folder of an estimate of this machine, or its identified-robot.yaml"
 _ALIKE = 1e-9
 """Difference of coordinates within rounding errors, m."""
-_GEOMETRY_ROUNDING = 1e-9
+_CORRELATION_ROUNDING = 1e-9
 """Size of a negative eigenvalue of a correlation matrix within rounding errors."""
 _DYNAMIC = ("gravity", "base_joints", "platform_joints", "alpha_axes", "platform_cardan_axes")
 """Properties of a robot, in addition to terms and drive, that its parameters refer to."""
@@ -94,18 +93,14 @@ def _differences(machine: ResolvedRobot, robot: ResolvedRobot) -> Iterator[tuple
     if machine.drive != robot.drive:
         yield "its drive is not that of the run's robot", "the same drive"
     for name in _DYNAMIC:
-        if not _equal(getattr(machine, name), getattr(robot, name)):
+        one, other = getattr(machine, name), getattr(robot, name)
+        missing = one is None or other is None
+        if one is not other if missing else not np.allclose(one, other, rtol=0, atol=_ALIKE):
             yield (
                 f"its {name} are not those of the run's robot: the parameters belong to another "
                 "geometry",
                 "the same geometry: `robot:` may be the identified-robot.yaml itself",
             )
-
-
-def _equal(one: Array | None, other: Array | None) -> bool:
-    if one is None or other is None:
-        return one is other
-    return bool(np.allclose(one, other, rtol=0, atol=_ALIKE))
 
 
 def _covariance_faults(
@@ -123,12 +118,14 @@ def _covariance_faults(
     variance = np.diag(covariance)
     scale = np.sqrt(np.where(variance > 0, variance, 1.0))
     correlation = covariance / np.multiply.outer(scale, scale)
-    if np.any(variance < 0) or not np.allclose(correlation, correlation.T, atol=_GEOMETRY_ROUNDING):
+    if np.any(variance < 0) or not np.allclose(
+        correlation, correlation.T, atol=_CORRELATION_ROUNDING
+    ):
         yield (
             "identification.covariance_random is not symmetric, or has a negative variance",
-            ("a covariance"),
+            "a covariance",
         )
-    elif np.linalg.eigvalsh(correlation)[0] < -_GEOMETRY_ROUNDING:
+    elif np.linalg.eigvalsh(correlation)[0] < -_CORRELATION_ROUNDING:
         yield "identification.covariance_random has negative eigenvalues", "a covariance"
 
 
@@ -165,30 +162,18 @@ def inconsistencies(
     run: RunDescription, robot: ResolvedRobot, document: Document
 ) -> Iterator[Problem]:
     """Yield the contradictions inside a run, and between it and its robot."""
-    yield from _oversized(run, document)
     yield from _unknown_parameters(run, robot, document)
-    yield from _impossible_designs(run, document)
-    yield from _narrow_spectra(run, robot, document)
-    yield from _long_delay(run, document)
-    yield from _impossible_estimates(run, robot, document)
-    yield from _impossible_selections(run, robot, document)
-    yield from _impossible_payloads(run, robot, document)
-    yield from _impossible_control(run, robot, document)
-
-
-def _oversized(run: RunDescription, document: Document) -> Iterator[Problem]:
-    """Yield sizes that no computer's memory holds, for the shortest motion of the family."""
-    longest, shortest = (1 / frequency for frequency in run.trajectory.frequency)
-    samples = run.experiment.periods * shortest * run.experiment.sampling
-    if samples > MOST_SAMPLES:
-        key = "periods" if shortest * run.experiment.sampling <= MOST_SAMPLES else "sampling"
-        message = f"{samples:.4g} samples of one recording are too many"
-        yield document.problem(("experiment", key), message, f"{MOST_SAMPLES} at most")
-    if (steps := longest / run.controller_period) > MOST_ROWS:
-        key = "sampling" if run.trajectory.controller_period is None else "controller_period"
-        section = "experiment" if key == "sampling" else "trajectory"
-        message = f"{steps:.4g} controller steps in one period are too many"
-        yield document.problem((section, key), message, f"{MOST_ROWS} at most")
+    for check in (
+        _oversized,
+        _impossible_designs,
+        _narrow_spectra,
+        _impossible_estimates,
+        _impossible_selections,
+        _impossible_payloads,
+        _impossible_control,
+    ):
+        for key, message, allowed in check(run, robot):
+            yield document.problem(key, message, allowed)
 
 
 def _unknown_parameters(
@@ -216,17 +201,42 @@ def _unknown_parameters(
                 )
 
 
-def _impossible_designs(run: RunDescription, document: Document) -> Iterator[Problem]:
+_Fault = tuple[Key, str, str]
+"""Key, what is wrong, and what is allowed."""
+
+
+def _oversized(run: RunDescription, _: ResolvedRobot) -> Iterator[_Fault]:
+    """Yield sizes that no computer's memory holds, for the shortest motion of the family."""
+    longest, shortest = (1 / frequency for frequency in run.trajectory.frequency)
+    samples = run.experiment.periods * shortest * run.experiment.sampling
+    if samples > MOST_SAMPLES:
+        key = "periods" if shortest * run.experiment.sampling <= MOST_SAMPLES else "sampling"
+        message = f"{samples:.4g} samples of one recording are too many"
+        yield (("experiment", key), message, f"{MOST_SAMPLES} at most")
+    if (steps := longest / run.controller_period) > MOST_ROWS:
+        key = "sampling" if run.trajectory.controller_period is None else "controller_period"
+        section = "experiment" if key == "sampling" else "trajectory"
+        message = f"{steps:.4g} controller steps in one period are too many"
+        yield ((section, key), message, f"{MOST_ROWS} at most")
+
+
+def _impossible_designs(run: RunDescription, _: ResolvedRobot) -> Iterator[_Fault]:
     if run.design.start == "rest" and run.trajectory.harmonics < _LEAST_HARMONICS_AT_REST:
-        yield document.problem(
+        yield (
             ("design", "start"),
             "a series of one harmonic that starts at rest never moves",
             f"periodic, or trajectory.harmonics of at least {_LEAST_HARMONICS_AT_REST}",
         )
-    step = run.controller_period
+    step, delay = run.controller_period, run.experiment.delay
     low, high = run.trajectory.frequency
+    if abs(delay) > 1 / low:
+        yield (
+            ("experiment", "delay"),
+            f"a delay of {delay:g} s is longer than any period, at most {1 / low:g} s",
+            'a delay of the measurement, such as "1 ms"',
+        )
     if step > 1 / (2 * high):
-        yield document.problem(
+        yield (
             ("experiment", "sampling"),
             f"a sampling of {1 / step:g} Hz is too slow for motions of {1 / high:g} s",
             f"at least {2 * high:g} Hz, or a trajectory.controller_period",
@@ -237,7 +247,7 @@ def _impossible_designs(run: RunDescription, document: Document) -> Iterator[Pro
     fewest = math.ceil(1 / (high * step) * (1 - _ROUNDING))
     most = math.floor(1 / (low * step) * (1 + _ROUNDING))
     if low < high and fewest > most:
-        yield document.problem(
+        yield (
             ("trajectory", "frequency"),
             f"no period between {1 / high:g} and {1 / low:g} s is a whole number of "
             f"controller steps of {step:g} s",
@@ -245,14 +255,12 @@ def _impossible_designs(run: RunDescription, document: Document) -> Iterator[Pro
         )
 
 
-def _narrow_spectra(
-    run: RunDescription, robot: ResolvedRobot, document: Document
-) -> Iterator[Problem]:
+def _narrow_spectra(run: RunDescription, robot: ResolvedRobot) -> Iterator[_Fault]:
     """Yield spectra of the noise that end below half of the sampling."""
     for kind in ("force", "length"):
         spectrum = getattr(robot.noise, f"{kind}_spectrum", None)
         if spectrum is not None and not spectrum.covers(run.experiment.sampling):
-            yield document.problem(
+            yield (
                 ("experiment", "sampling"),
                 f"a sampling of {run.experiment.sampling:g} Hz, but noise.{kind}_spectrum was "
                 f"measured at {spectrum.highest:g} Hz",
@@ -260,30 +268,18 @@ def _narrow_spectra(
             )
 
 
-def _long_delay(run: RunDescription, document: Document) -> Iterator[Problem]:
-    delay, longest = run.experiment.delay, 1 / run.trajectory.frequency[0]
-    if abs(delay) > longest:
-        yield document.problem(
-            ("experiment", "delay"),
-            f"a delay of {delay:g} s is longer than any period, at most {longest:g} s",
-            'a delay of the measurement, such as "1 ms"',
-        )
-
-
-def _impossible_estimates(
-    run: RunDescription, robot: ResolvedRobot, document: Document
-) -> Iterator[Problem]:
+def _impossible_estimates(run: RunDescription, robot: ResolvedRobot) -> Iterator[_Fault]:
     estimate = run.estimate
     if estimate.systematic == "estimated":
         key = ("estimate", "systematic")
         if robot.tolerances is None or not robot.tolerances.inexact:
-            yield document.problem(
+            yield (
                 key,
                 "there is nothing to estimate: neither the robot nor the run states a tolerance",
                 "budget or none; or `tolerances` in the robot file or the run",
             )
         if "ml" not in estimate.estimators:
-            yield document.problem(
+            yield (
                 key,
                 "only maximum likelihood estimates deviations within tolerances, and "
                 "estimate.estimators has no ml",
@@ -291,7 +287,7 @@ def _impossible_estimates(
             )
     named = ", ".join(robot.estimated_constants)
     if named and estimate.differentiation != "fourier":
-        yield document.problem(
+        yield (
             ("estimate", "differentiation"),
             f"the robot {robot.name} has {named} estimated, which requires a motion with Fourier "
             f"coefficients; '{estimate.differentiation}' differentiation has none",
@@ -299,9 +295,7 @@ def _impossible_estimates(
         )
 
 
-def _impossible_selections(
-    run: RunDescription, robot: ResolvedRobot, document: Document
-) -> Iterator[Problem]:
+def _impossible_selections(run: RunDescription, robot: ResolvedRobot) -> Iterator[_Fault]:
     """Yield candidates that the robot has already, and priors without the candidates."""
     if run.estimate.select is None:
         return
@@ -312,20 +306,20 @@ def _impossible_selections(
     for place, candidate in enumerate(candidates):
         partner = candidate.definition.beside
         if candidate.name in present:
-            yield document.problem(
+            yield (
                 (*key, place),
                 f"the robot {robot.name} has the term '{candidate.name}' already",
                 f"terms that it lacks: {others}",
             )
         if partner and partner not in (*present, *(one.name for one in candidates[:place])):
-            yield document.problem(
+            yield (
                 (*key, place),
                 f"the term '{candidate.name}' takes the constants of '{partner}'",
                 f"{partner} among the robot's terms, or listed before {candidate.name}",
             )
         estimated = any(constant.estimate for constant in candidate.constants.values())
         if estimated and run.estimate.differentiation != "fourier":
-            yield document.problem(
+            yield (
                 (*key, place),
                 f"a constant of '{candidate.name}' is estimated, which requires a motion with "
                 f"Fourier coefficients; '{run.estimate.differentiation}' differentiation has none",
@@ -336,41 +330,37 @@ def _impossible_selections(
         "prior": not isinstance(run.estimate.prior, dict),
     }
     for name in (name for name, given in earlier.items() if given):
-        yield document.problem(
+        yield (
             ("estimate", name),
             "the prior is an earlier estimate without the candidates of estimate.select",
             "none, or no estimate.select",
         )
 
 
-def _impossible_payloads(
-    run: RunDescription, robot: ResolvedRobot, document: Document
-) -> Iterator[Problem]:
+def _impossible_payloads(run: RunDescription, robot: ResolvedRobot) -> Iterator[_Fault]:
     if not run.experiment.payload:
         return
     if robot.platform == "symmetric":
-        yield document.problem(
+        yield (
             ("experiment", "payload"),
             f"the robot {robot.name} has a symmetric platform, and a payload has ten parameters",
             "platform: general in the robot file",
         )
     if run.estimate.prior_from != "none":
-        yield document.problem(
+        yield (
             ("estimate", "prior_from"),
             "the robot's identification is not a prior of a machine with a payload",
             "none, and for the payload `estimate.prior` with the run folder of the identification",
         )
 
 
-def _impossible_control(
-    run: RunDescription, robot: ResolvedRobot, document: Document
-) -> Iterator[Problem]:
+def _impossible_control(run: RunDescription, robot: ResolvedRobot) -> Iterator[_Fault]:
     """Yield obstacles to a simulation of the closed loop."""
     if "feedforward" not in run.stages:
         return
     sampling, bandwidth = 1 / run.controller_period, run.feedforward.bandwidth
     if sampling < _SAMPLES_PER_SWING * bandwidth * (1 - _ROUNDING):
-        yield document.problem(
+        yield (
             ("feedforward", "bandwidth"),
             f"a controller that samples at {sampling:g} Hz cannot have a bandwidth of "
             f"{bandwidth:g} Hz",
@@ -379,14 +369,14 @@ def _impossible_control(
         )
     spectrum = None if robot.noise is None else robot.noise.length_spectrum
     if spectrum is not None and not spectrum.covers(sampling):
-        yield document.problem(
+        yield (
             ("trajectory", "controller_period"),
             f"a controller that samples at {sampling:g} Hz, but noise.length_spectrum was measured "
             f"at {spectrum.highest:g} Hz",
             f"{1 / spectrum.highest:g} s or more, or a run without `feedforward:`",
         )
     if any(run.experiment.compliance) and run.data.file is None:
-        yield document.problem(
+        yield (
             ("experiment", "compliance"),
             "the forward dynamics of feedforward has rigid struts",
             "no compliance in a run with `feedforward:`",
