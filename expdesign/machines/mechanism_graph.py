@@ -24,7 +24,6 @@ from expdesign.mechanism.bodies import ENTRIES, RigidBody, together
 
 _LARGEST = 4 * 1024 * 1024
 _DEEPEST = 100
-_MOST_ELEMENTS = 100_000
 
 
 @dataclass
@@ -40,7 +39,7 @@ class Element:
 
     @property
     def label(self) -> str:
-        """The element as a message names it: ``joint 'leg1'``."""
+        """Tag and name for messages: ``<joint name='leg1'>``."""
         name = self.attributes.get("name")
         return f"<{self.tag}>" if name is None else f"<{self.tag} name={quote(name)}>"
 
@@ -53,7 +52,7 @@ class Element:
         return next(iter(self.all(tag)), None)
 
     def refusal(self, message: str, allowed: str | None = None) -> InputError:
-        """Return the error that says what is wrong with the element."""
+        """Return an error of the element."""
         return InputError(message, self.file, self.line, self.label, allowed)
 
     def numbers(self, text: str, what: str, *counts: int) -> Array:
@@ -71,54 +70,37 @@ class Element:
 def read_xml(file: Path, root: str) -> Element:
     """Return the root element of an XML file, which must have the name `root`."""
     text = read_text(file, _LARGEST, "XML in UTF-8")
-    builder = _Builder(file)
+    top = Element("", {}, file, 0)
+    unclosed, parser = [top], expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        if len(unclosed) > _DEEPEST:
+            raise InputError("the elements are nested too deeply", file, parser.CurrentLineNumber)
+        element = Element(tag, attributes, file, parser.CurrentLineNumber)
+        unclosed[-1].children.append(element)
+        unclosed.append(element)
+
+    def add_text(text: str) -> None:
+        unclosed[-1].text += text
+
+    def refuse_declaration(*_declared: object) -> None:
+        message, line = "the file declares a document type or entities", parser.CurrentLineNumber
+        raise InputError(message, file, line, allowed="XML without <!DOCTYPE …>")
+
+    parser.buffer_text = True
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _tag: unclosed.pop()
+    parser.CharacterDataHandler = add_text
+    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse_declaration
     try:
-        builder.parser.Parse(text.encode(), True)
+        parser.Parse(text.encode(), True)
     except expat.ExpatError as error:
         message = f"not valid XML: {expat.errors.messages[error.code]}"
         raise InputError(message, file, error.lineno) from None
-    found = builder.top.children[0]
+    found = top.children[0]
     if found.tag != root:
         raise InputError(f"the file holds <{found.tag}>", file, found.line, allowed=f"<{root}>")
     return found
-
-
-class _Builder:
-    """The tree of elements that are open, and those that are complete."""
-
-    def __init__(self, file: Path) -> None:
-        self.file = file
-        self.top = Element("", {}, file, 0)
-        self.open = [self.top]
-        self.count = 0
-        self.parser = expat.ParserCreate()
-        self.parser.buffer_text = True
-        self.parser.StartElementHandler = self._start
-        self.parser.EndElementHandler = self._end
-        self.parser.CharacterDataHandler = self._text
-        self.parser.StartDoctypeDeclHandler = self._refuse_declaration
-        self.parser.EntityDeclHandler = self._refuse_declaration
-
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        line = self.parser.CurrentLineNumber
-        self.count += 1
-        if len(self.open) > _DEEPEST or self.count > _MOST_ELEMENTS:
-            message = "the elements are nested too deeply or too many"
-            raise InputError(message, self.file, line)
-        element = Element(tag, attributes, self.file, line)
-        self.open[-1].children.append(element)
-        self.open.append(element)
-
-    def _end(self, _tag: str) -> None:
-        self.open.pop()
-
-    def _text(self, text: str) -> None:
-        self.open[-1].text += text
-
-    def _refuse_declaration(self, *_declared: object) -> None:
-        message = "the file declares a document type or entities"
-        line = self.parser.CurrentLineNumber
-        raise InputError(message, self.file, line, allowed="XML without <!DOCTYPE …>")
 
 
 Kind = Literal["fixed", "rotation", "slide", "free"]
@@ -142,7 +124,7 @@ class Placement:
         return (point - self.origin) @ self.rotation
 
     def then(self, inner: Placement) -> Placement:
-        """Return where a frame is that is placed in this one."""
+        """Return the placement of a frame that is given in this one."""
         return Placement(self.rotation @ inner.rotation, self.point(inner.origin))
 
 
@@ -170,20 +152,20 @@ class Joint:
 
     kind: Kind
     bodies: tuple[int, int]
-    """The first of them carries the second where there is such an order."""
+    """In a tree the first one carries the second."""
     points: tuple[Array, Array]
-    """Where the joint is: a point of the first and one of the second body, in the world, (3,), m.
-    They differ where the model is written with a loop that is not closed."""
+    """Location of the joint on the first and on the second body, in the world, (3,), m. They differ
+    where a loop of the model is open."""
     axes: Array
-    """(n, 3), unit vectors in the world: of a slide, one; of a rotation those it turns about, in
-    the order from the first body to the second; none: about any."""
+    """(n, 3), unit vectors in the world: one for a slide, those of a rotation in the order from the
+    first body to the second; none: any axis."""
     source: Element
     travel: tuple[float, float] | None = None
-    """Of a slide: its ends from where it stands, m; the second body moves along the axis."""
+    """Range of a slide from the model's pose, m; the second body moves along the axis."""
     force: float | None = None
-    """Of a slide: the largest, N."""
+    """Largest force of a slide, N."""
     speed: float | None = None
-    """Of a slide: the largest, m/s."""
+    """Largest speed of a slide, m/s."""
 
 
 class Groups:
@@ -205,20 +187,20 @@ class Groups:
 
 @dataclass(frozen=True)
 class PathStep:
-    """A joint on a path from one group to another, and the way it is gone through."""
+    """A joint on a path from one group to another."""
 
     joint: Joint
     forward: bool
-    """From its first body to its second."""
+    """True from its first body to its second."""
 
     @property
     def near(self) -> Array:
-        """The joint's point on the body that the path comes from."""
+        """Point of the joint on the earlier body of the path, world, (3,), m."""
         return self.joint.points[0 if self.forward else 1]
 
     @property
     def far(self) -> Array:
-        """The joint's point on the body that the path goes to."""
+        """Point of the joint on the later body."""
         return self.joint.points[1 if self.forward else 0]
 
 
@@ -235,7 +217,7 @@ class Rotations:
             self.edges.setdefault(second, []).append((first, PathStep(joint, False)))
 
     def paths(self, start: int) -> dict[int, tuple[PathStep, ...]]:
-        """Return the shortest paths from a group to every one that is reached, itself included."""
+        """Return the shortest paths from a group to every connected one, itself included."""
         found: dict[int, tuple[PathStep, ...]] = {start: ()}
         waiting = [start]
         for node in waiting:
@@ -308,18 +290,16 @@ def _of_strut(
     second = second / np.linalg.norm(second)
     of_strut = np.stack([np.cross(second, strut.along), second, strut.along])
     of_ring = np.stack([strut.first_axis, second, np.cross(strut.first_axis, second)])
-    found = [
-        None if (body := _group(links, groups, members)) is None else body.placed(axes, -axes @ at)
-        for members, axes, at in (
-            (strut.rings, of_ring, strut.foot),
-            ((strut.stator,), of_strut, strut.foot),
-            (strut.sliders, of_strut, strut.head),
-        )
-    ]
-    ring, stator, slider = found
-    if ring is None or stator is None or slider is None:
-        return None
-    return ring, stator, slider
+    found = []
+    for members, axes, at in (
+        (strut.rings, of_ring, strut.foot),
+        ((strut.stator,), of_strut, strut.foot),
+        (strut.sliders, of_strut, strut.head),
+    ):
+        if (body := _group(links, groups, members)) is None:
+            return None
+        found.append(body.placed(axes, -axes @ at))
+    return found[0], found[1], found[2]
 
 
 def _group(links: Sequence[Link], groups: Groups, members: Iterable[int]) -> RigidBody | None:
@@ -335,7 +315,7 @@ def _mean(bodies: Sequence[RigidBody]) -> RigidBody:
 
 
 def _apart(bodies: Sequence[RigidBody]) -> float:
-    """Return how much bodies differ from their mean, as a share of its mass and extent."""
+    """Return the largest deviation from the mean body, as a share of its mass and extent."""
     mean = _mean(bodies)
     if mean.mass == 0:
         return 0.0

@@ -5,7 +5,7 @@ Bodies stand where the model is written (qpos0). Source: MuJoCo's XML reference.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -49,26 +49,21 @@ def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
     model.drive()
     source = f"MuJoCo model {quote(root.attributes.get('model', ''))}, {files[0].name}"
     machine = hexapod(name, source, model.bodies, model.joints, 0, files[0])
-    gravity = _gravity(root)
+    gravity: tuple[float, ...] = EARTH_GRAVITY
+    for option in root.all("option"):
+        if (given := option.attributes.get("gravity")) is not None:
+            gravity = tuple(float(value) for value in option.numbers(given, "gravity", 3))
     if not np.any(gravity):
         text = "The model has no gravity; the machine's is taken as 9.81 m/s² along -z."
         return replace(machine, questions=(*machine.questions, Question("gravity", text)))
     return machine if gravity == EARTH_GRAVITY else replace(machine, gravity=gravity)
 
 
-def _gravity(root: Element) -> tuple[float, ...]:
-    gravity: tuple[float, ...] = EARTH_GRAVITY
-    for option in root.all("option"):
-        if (text := option.attributes.get("gravity")) is not None:
-            gravity = tuple(float(value) for value in option.numbers(text, "gravity", 3))
-    return gravity
-
-
 class _Model:
     """Bodies and joints, collected from the tree."""
 
     def __init__(self, root: Element) -> None:
-        _refuse_what_is_not_followed(root)
+        _refuse_references(root)
         self.root = root
         self.attributes = Attributes.of(root)
         self.bodies: list[Link] = [Link("world", WORLD, 0.0, NOTHING)]
@@ -105,11 +100,9 @@ class _Model:
             raise element.refusal("two bodies have this name", "names that differ")
         given = element.all("joint", "freejoint")
         joints = [self._joint(joint, place, inherited) for joint in given]
+        free = any(joint.kind == "free" for joint in joints)
         if sorted(joint.kind for joint in joints) == _PLACING and parent == 0:
-            joints = []
-            free = True
-        else:
-            free = any(joint.kind == "free" for joint in joints)
+            joints, free = [], True
         # Several joints of a body are a chain of bodies without mass, at the same place.
         carrier = parent
         for k, joint in enumerate(joints[:-1]):
@@ -184,8 +177,7 @@ class _Model:
             given = self.attributes.given(element)
             if given.get("active", "true") == "false":
                 continue
-            ends = self._ends(element, given)
-            (first, point), (second, other) = ends
+            (first, point), (second, other) = self._ends(element, given)
             if element.tag == "weld":
                 self._add_fixed(element, first, second, point)
             else:
@@ -238,23 +230,17 @@ def _largest(element: Element, given: dict[str, str], key: str) -> float | None:
     return float(min(-low, high)) if low < 0 < high else None
 
 
-def _refuse_what_is_not_followed(root: Element) -> None:
-    waiting = [root]
-    while waiting:
-        element = waiting.pop()
-        for child in element.children:
-            if child.tag in _NOT_FOLLOWED:
-                message = f"<{child.tag}> is not followed"
-                allowed = "the whole model in one file, as MuJoCo saves it (mj_saveLastXML)"
-                raise child.refusal(message, allowed)
-        waiting += element.children
+def _refuse_references(element: Element) -> None:
+    """Refuse elements that stand for further ones, such as those of other files."""
+    for child in element.children:
+        if child.tag in _NOT_FOLLOWED:
+            message = f"<{child.tag}> is not followed"
+            allowed = "the whole model in one file, as MuJoCo saves it (mj_saveLastXML)"
+            raise child.refusal(message, allowed)
+        _refuse_references(child)
 
 
-def _claims(_path: Path) -> bool:
-    return True
-
-
-FORMAT = MachineFormat("a MuJoCo model (MJCF)", (".xml", ".mjcf"), _claims, _read)
+FORMAT = MachineFormat("a MuJoCo model (MJCF)", (".xml", ".mjcf"), lambda _path: True, _read)
 
 
 _MAIN = "main"
@@ -275,7 +261,7 @@ class Attributes:
 
     @classmethod
     def of(cls, root: Element) -> Attributes:
-        """Read what the top elements of a model say."""
+        """Read the compiler's settings and the default classes of a model."""
         found = cls()
         for compiler in root.all("compiler"):
             given = compiler.attributes
@@ -338,27 +324,20 @@ class Attributes:
             return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
         if key == "axisangle":
             values = element.numbers(text, key, 4)
-            vector = self.angle(float(values[3])) * _unit(element, values[:3], key)
-            return Rotation.from_rotvec(vector).as_matrix()
+            angle = float(np.radians(values[3]) if self.degrees else values[3])
+            return Rotation.from_rotvec(angle * _unit(element, values[:3], key)).as_matrix()
         if key == "euler":
-            return self._of_euler(element.numbers(text, key, 3))
+            rotation = Rotation.identity()
+            for letter, value in zip(self.order, element.numbers(text, key, 3), strict=True):
+                one = Rotation.from_euler(letter.lower(), value, self.degrees)
+                rotation = rotation * one if letter.islower() else one * rotation
+            return rotation.as_matrix()
         if key == "xyaxes":
             values = element.numbers(text, key, 6)
             x = _unit(element, values[:3], key)
             y = _unit(element, values[3:] - x * (x @ values[3:]), key)
             return np.column_stack([x, y, np.cross(x, y)])
         return turned_to(_unit(element, element.numbers(text, key, 3), key))
-
-    def angle(self, value: float) -> float:
-        """Return an angle of the model in rad."""
-        return float(np.radians(value)) if self.degrees else value
-
-    def _of_euler(self, values: Array) -> Array:
-        rotation = Rotation.identity()
-        for letter, value in zip(self.order, values, strict=True):
-            one = Rotation.from_euler(letter.lower(), value, self.degrees)
-            rotation = rotation * one if letter.islower() else one * rotation
-        return rotation.as_matrix()
 
 
 def _unit(element: Element, vector: Array, what: str) -> Array:
@@ -378,6 +357,8 @@ def turned_to(z: Array) -> Array:
 
 
 _ALONG_Z = ("capsule", "cylinder")
+_SIZES = {"sphere": 1, "box": 3, "ellipsoid": 3, "cylinder": 2, "capsule": 2}
+"""Number of sizes of a shape."""
 
 
 def rigid_body(
@@ -410,7 +391,7 @@ def _inertial(inertial: Element, attributes: Attributes) -> RigidBody | None:
 def geoms(
     element: Element, place: Placement, attributes: Attributes
 ) -> Iterator[tuple[Element, Placement]]:
-    """Yield the geoms of a body, those in its frames too, with where these stand."""
+    """Yield the geoms of a body and of its frames, with the placement of their frame."""
     for geom in element.all("geom"):
         yield geom, place
     for frame in element.all("frame"):
@@ -436,49 +417,28 @@ def _geom(
             return None
         place = Placement(turned_to(along / length), ends.mean(axis=0))
         size = np.array([*size[:1], length / 2])
-    if kind not in _SHAPES or len(size) < _SHAPES[kind][0]:
+    if (moments := _moments(kind, size)) is None:
         return None
     whole = within.then(place)
-    matrix = mass * np.diag(_SHAPES[kind][1](size))
-    return RigidBody.of(mass, np.zeros(3), matrix).placed(whole.rotation, whole.origin)
+    body = RigidBody.of(mass, np.zeros(3), mass * np.diag(moments))
+    return body.placed(whole.rotation, whole.origin)
 
 
-def _sphere(size: Array) -> list[float]:
-    return [float(0.4 * size[0] ** 2)] * 3
-
-
-def _box(size: Array) -> list[float]:
+def _moments(kind: str, size: Array) -> list[float] | None:
+    """Return the moments of inertia of a shape about its centre for 1 kg, m²; None if unknown."""
+    if kind not in _SIZES or len(size) < _SIZES[kind]:
+        return None
     squares = np.square(size)
-    return [float(v) / 3 for v in np.sum(squares) - squares]
-
-
-def _ellipsoid(size: Array) -> list[float]:
-    squares = np.square(size)
-    return [float(v) / 5 for v in np.sum(squares) - squares]
-
-
-def _cylinder(size: Array) -> list[float]:
+    if kind == "sphere":
+        return [float(0.4 * size[0] ** 2)] * 3
+    if kind in ("box", "ellipsoid"):
+        return [float(v) / (3 if kind == "box" else 5) for v in np.sum(squares) - squares]
     radius, half = size[:2]
-    across = float(radius**2 / 4 + half**2 / 3)
-    return [across, across, float(radius**2 / 2)]
-
-
-def _capsule(size: Array) -> list[float]:
-    """Moments of a cylinder with two half spheres, masses in proportion to volumes."""
-    radius, half = size[:2]
-    ends = 2 * radius / (2 * radius + 3 * half)
-    ball = 0.4 * radius**2
-    away = half**2 + 0.75 * half * radius
-    middle = _cylinder(size)
-    across = float(ends * (ball + away) + (1 - ends) * middle[0])
-    return [across, across, float(ends * ball + (1 - ends) * middle[2])]
-
-
-_SHAPES: Mapping[str, tuple[int, Callable[[Array], list[float]]]] = {
-    "sphere": (1, _sphere),
-    "box": (3, _box),
-    "ellipsoid": (3, _ellipsoid),
-    "cylinder": (2, _cylinder),
-    "capsule": (2, _capsule),
-}
-"""Of a shape: how many sizes it has, and its moments of inertia about its centre for 1 kg, m²."""
+    across, along = float(radius**2 / 4 + half**2 / 3), float(radius**2 / 2)
+    if kind == "capsule":  # a cylinder with two half spheres, masses in proportion to volumes
+        ends = 2 * radius / (2 * radius + 3 * half)
+        ball = 0.4 * radius**2
+        away = half**2 + 0.75 * half * radius
+        across = float(ends * (ball + away) + (1 - ends) * across)
+        along = float(ends * ball + (1 - ends) * along)
+    return [across, across, along]

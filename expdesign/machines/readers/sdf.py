@@ -243,8 +243,4 @@ def _rigid(link: Element, place: Placement) -> RigidBody | None:
     return body.placed(within.rotation, within.origin)
 
 
-def _claims(_path: Path) -> bool:
-    return True
-
-
-FORMAT = MachineFormat("an SDF model", (".sdf", ".world"), _claims, _read)
+FORMAT = MachineFormat("an SDF model", (".sdf", ".world"), lambda _path: True, _read)
