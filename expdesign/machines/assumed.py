@@ -8,7 +8,7 @@ at the base joint, the slider with its end at the platform joint, and a ring as 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -101,9 +101,11 @@ def complete_machine(machine: MachineDraft) -> Complete:
         raise InputError(problems)
     machine = _with_geometry(machine)
     base, platform = points(machine.base_joints), points(machine.platform_joints)
-    home = geo.geometry_at(np.array(machine.home), base, platform)
-    lengths = home.lengths
-    general = _general(machine, platform)
+    lengths = geo.geometry_at(np.array(machine.home), base, platform).lengths
+    if machine.bodies is None or not {"platform", "payload"} & set(_parts(machine)):
+        general = bool(geo.asymmetric_sums(platform))
+    else:
+        general = bool(machine.bodies.lateral(machine.bodies.parameters(platform)))
     mass, limits = machine.moved_mass, dict(machine.limits)
     if mass is None:
         mass = _mass(machine, lengths, limits, general)
@@ -128,7 +130,10 @@ def complete_machine(machine: MachineDraft) -> Complete:
     assumed = {key for key in keys if given[key] is None}
     assumed |= open_limits | set(machine.parameters) - set(given["parameters"])
     assumed |= {f"bodies.{part}" for part in _parts(machine) if part not in _parts(known)}
-    return Complete(machine, frozenset(assumed), general, lengths, _frequency(limits, lengths))
+    amplitude = _stroke(limits, float(np.mean(lengths))) / 4
+    fastest = round_digits(_size(limits, "strut_speed") / (2 * math.pi * amplitude), 1)
+    frequency = (round_digits(fastest / _SLOWEST, 2), fastest)
+    return Complete(machine, frozenset(assumed), general, lengths, frequency)
 
 
 def points(joints: JointRing | Points | None) -> Array:
@@ -176,27 +181,10 @@ def _size(limits: Mapping[str, Any], key: str) -> float:
     return float(np.min(np.maximum(np.abs(bounds.lower), np.abs(bounds.upper))))
 
 
-def _frequency(limits: Mapping[str, Any], lengths: Array) -> tuple[float, float]:
-    amplitude = _stroke(limits, float(np.mean(lengths))) / 4
-    fastest = round_digits(_size(limits, "strut_speed") / (2 * math.pi * amplitude), 1)
-    return round_digits(fastest / _SLOWEST, 2), fastest
-
-
-def _weight(mass: float, machine: MachineDraft) -> float:
-    return mass * float(np.linalg.norm(machine.gravity or EARTH_GRAVITY)) / ACTUATORS or mass
-
-
 def _parts(machine: MachineDraft) -> dict[str, tuple[BodyDescription, ...]]:
     """Return the bodies of a machine by part; empty parts are left out."""
     given = {} if machine.bodies is None else dict(machine.bodies)
     return {part: bodies for part, bodies in given.items() if bodies}
-
-
-def _general(machine: MachineDraft, platform: Array) -> bool:
-    """Return whether the platform needs its lateral moments."""
-    if machine.bodies is None or not {"platform", "payload"} & set(_parts(machine)):
-        return bool(geo.asymmetric_sums(platform))
-    return bool(machine.bodies.lateral(machine.bodies.parameters(platform)))
 
 
 def _with_dynamics(
@@ -212,33 +200,33 @@ def _with_dynamics(
         parts |= {part: (assumed[part],) for part in ("ring", "stator", "slider")}
     if not {"platform", "payload"} & set(parts) and not given >= _PLATFORM_BODY:
         parts["platform"] = (assumed["platform"],)
+    weight = mass * float(np.linalg.norm(machine.gravity or EARTH_GRAVITY)) / ACTUATORS or mass
     return replace(
         machine,
         bodies=Bodies(**parts) if parts else None,
-        parameters=assumed_friction(strut, _weight(mass, machine), speed)
-        | dict(machine.parameters),
+        parameters=assumed_friction(strut, weight, speed) | dict(machine.parameters),
     )
 
 
 def _robot(machine: MachineDraft, general: bool) -> Robot:
     """Return the machine as a robot without limits."""
-    kind = "general" if general else "symmetric"
     mapping = {
         "name": machine.name,
         "home": machine.home,
         "gravity": machine.gravity or EARTH_GRAVITY,
         "base_joints": points(machine.base_joints),
         "platform_joints": points(machine.platform_joints),
-        "platform": kind,
-        "parameters": dict(machine.parameters),
+        "platform": "general" if general else "symmetric",
+        "parameters": {
+            name: value
+            for name, value in machine.parameters.items()
+            if general or name not in rigid_platform.LATERAL
+        },
         "limits": {CHARACTERISTIC_LENGTH: _length(machine), "rotation": LIFTED},
     }
     for key in ("alpha_axes", "platform_joint_axes", "platform_cardan_axes", "drive", "bodies"):
         if getattr(machine, key) is not None:
             mapping[key] = getattr(machine, key)
-    if not general:
-        spare = rigid_platform.LATERAL
-        mapping["parameters"] = {k: v for k, v in machine.parameters.items() if k not in spare}
     document = document_from_mapping(mapping)
     description, problems = validate(RobotDescription, document.data, document)
     if description is None:
@@ -281,8 +269,8 @@ def _limits(given: Mapping[str, Any], values: Mapping[str, Array], robot: Robot)
     lengths = values["strut_length"]
     strut = float(np.mean(lengths))
     stroke = _stroke(given, strut)
-    centre = values["position"]
-    ways, turns = (limit_definitions()[key].components for key in ("position", "rotation"))
+    travel = round_digits(_POSITION * stroke, 2)
+    directions, turns = (limit_definitions()[key].components for key in ("position", "rotation"))
     found: dict[str, Any] = {
         "strut_length": [
             round_digits(float(np.min(lengths)) - stroke / 2, 3),
@@ -290,7 +278,10 @@ def _limits(given: Mapping[str, Any], values: Mapping[str, Array], robot: Robot)
         ],
         "strut_speed": round_digits(_SPEED * stroke, 1),
         "strut_acceleration": round_digits(_ACCELERATION * stroke, 1),
-        "position": _about(ways, centre, round_digits(_POSITION * stroke, 2)),
+        "position": {
+            name: [round_digits(value - travel), round_digits(value + travel)]
+            for name, value in zip(directions, values["position"].tolist(), strict=True)
+        },
         "rotation": {
             name: [-_degrees(_ROTATION - angle), _degrees(angle + _ROTATION)]
             for name, angle in zip(turns, values["rotation"].tolist(), strict=True)
@@ -304,7 +295,10 @@ def _limits(given: Mapping[str, Any], values: Mapping[str, Array], robot: Robot)
     }
     force = _FORCE * float(np.max(np.abs(values["actuator_force"])))
     found["actuator_force"] = round_digits(force, 2) if force > 0 else 1.0
-    clearance = _CLEARANCE * _gap(values["strut_clearance"], robot)
+    shared = shared_rows(
+        limit_definitions()["strut_clearance"], robot.description.shared_joint_pairs
+    )
+    clearance = _CLEARANCE * float(np.min(values["strut_clearance"][~shared]))
     if clearance > 0:
         found["strut_clearance"] = round_digits(clearance, 1)
     return found
@@ -318,19 +312,6 @@ def _merge(assumed: Mapping[str, Any], given: Mapping[str, Any]) -> tuple[dict[s
             merged[key] = {**assumed[key], **value}
             found |= {f"{key}.{name}" for name in assumed[key] if name not in value}
     return merged, found
-
-
-def _gap(distances: Array, robot: Robot) -> float:
-    """Return the smallest distance between struts without a common joint, m."""
-    clearance = limit_definitions()["strut_clearance"]
-    return float(np.min(distances[~shared_rows(clearance, robot.description.shared_joint_pairs)]))
-
-
-def _about(names: Sequence[str], middle: Array, travel: float) -> dict[str, list[float]]:
-    pairs = zip(names, middle.tolist(), strict=True)
-    return {
-        name: [round_digits(value - travel), round_digits(value + travel)] for name, value in pairs
-    }
 
 
 def _spread(angles: Array) -> list[float]:
@@ -372,14 +353,11 @@ def assumed_bodies(mass: float, strut: float, joints: Array) -> dict[str, BodyDe
     disc = radius**2 * np.array([1 / 4 + _THICK**2 / 12] * 2 + [1 / 2])
     # About a diameter the ring has as much as both rods about their axis.
     ring = (_STATOR + _SLIDER) / _SLIDER * along * np.array([1, 1, 2])
+    half, thin = np.array([0, 0, rod / 2]), np.array([across, across, along])
     return {
         "ring": _body(_SLIDER * mass, np.zeros(3), ring),
-        "stator": _body(
-            _STATOR * mass, np.array([0, 0, rod / 2]), np.array([across, across, along])
-        ),
-        "slider": _body(
-            _SLIDER * mass, np.array([0, 0, -rod / 2]), np.array([across, across, along])
-        ),
+        "stator": _body(_STATOR * mass, half, thin),
+        "slider": _body(_SLIDER * mass, -half, thin),
         "platform": _body(mass, centre, disc),
     }
 

@@ -11,11 +11,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from constraints.plugins import declarations
-from expdesign.configuration import geometry as geo
 from expdesign.configuration.document import Located
 from expdesign.configuration.errors import InputError, Problem
 from expdesign.configuration.geometry import HalfAngle, JointRing, PairedStruts, geometry_at
-from expdesign.configuration.parameters import DIRECT, Drive, Gear, Screw
+from expdesign.configuration.parameters import DIRECT, Drive
 from expdesign.configuration.quantity import (
     Acceleration,
     Force,
@@ -82,14 +81,12 @@ def machine_from_answers(
         raise InputError(problems)
     one = answers.value
     known = replace(known or MachineDraft(one.name), name=one.name)
-    home = known.home
-    if one.home_height is not None:
-        home = (0.0, 0.0, one.home_height, 0.0, 0.0, 0.0)
+    height = one.home_height
     machine = replace(
         known,
         base_joints=_joints(one, "base") or known.base_joints,
         platform_joints=_joints(one, "platform") or known.platform_joints,
-        home=home,
+        home=known.home if height is None else (0.0, 0.0, height, 0.0, 0.0, 0.0),
         moved_mass=known.moved_mass if one.mass is None else one.mass,
         drive=_drive(one) or known.drive,
         force_std=known.force_std if one.force_std is None else (one.force_std,) * ACTUATORS,
@@ -108,9 +105,8 @@ def machine_from_answers(
         questions.append(Question("limits.strut_length", _HOME_IN_THE_MIDDLE))
     if one.drive in ("screw", "gear") and one.lead is None:
         questions.append(Question("drive", _LEAD % one.drive))
-    elif machine.drive is not None and (geared := machine.drive.geared) is not None:
-        unknown = geared.inertia is None
-        questions += [Question("drive", INERTIA)] if unknown else []
+    elif machine.drive and machine.drive.geared and machine.drive.geared.inertia is None:
+        questions.append(Question("drive", INERTIA))
     return replace(machine, limits=limits, questions=tuple(questions))
 
 
@@ -162,9 +158,7 @@ def _drive(one: MachineDescription) -> Drive | None:
         return DIRECT
     if one.lead is None or one.drive is None:
         return None
-    if one.drive == "gear":
-        return Drive(gear=Gear(lead=one.lead, inertia=one.inertia))
-    return Drive(screw=Screw(lead=one.lead, inertia=one.inertia))
+    return Drive.model_validate({one.drive: {"lead": one.lead, "inertia": one.inertia}})
 
 
 def _about_home(
@@ -175,7 +169,7 @@ def _about_home(
         message = "a stroke needs the joints and the height of home"
         raise InputError(answers.problem(("stroke",), message, "strut_length, or these with it"))
     base, platform = points(machine.base_joints), points(machine.platform_joints)
-    lengths = geo.geometry_at(np.array(machine.home), base, platform).lengths
+    lengths = geometry_at(np.array(machine.home), base, platform).lengths
     low, high = float(np.min(lengths)) - stroke / 2, float(np.max(lengths)) + stroke / 2
     if low <= 0:
         message = f"the struts have {quantity_text(float(np.min(lengths)), 'm', 4)} at home"
@@ -244,9 +238,8 @@ def drop_contradicting_ranges(machine: MachineDraft) -> MachineDraft:
         return machine
     limits, questions = dict(machine.limits), list(machine.questions)
     if "strut_length" in limits:
-        lengths = geometry_at(
-            np.array(machine.home), points(machine.base_joints), points(machine.platform_joints)
-        ).lengths
+        base, platform = points(machine.base_joints), points(machine.platform_joints)
+        lengths = geometry_at(np.array(machine.home), base, platform).lengths
         _check_lengths(limits, lengths.tolist(), questions)
     home = dict(zip(COORDINATE_NAMES, machine.home, strict=True))
     for key in ("position", "rotation"):
@@ -266,6 +259,7 @@ def drop_contradicting_ranges(machine: MachineDraft) -> MachineDraft:
 
 
 def _check_lengths(limits: dict[str, Any], home: list[float], questions: list[Question]) -> None:
+    """Widen the range of lengths to home within the rounding; else ask for it."""
     given = limits["strut_length"]
     pairs = [given] * len(home) if np.ndim(given) == 1 else list(given)
     if all(low <= length <= high for (low, high), length in zip(pairs, home, strict=True)):

@@ -25,9 +25,10 @@ from expdesign.mechanism.term import Parameter, parameters_of
 from expdesign.robot import robot_from
 from expdesign.runfolder.files import write_text
 
-_ANGLES = 3
+_HOME_UNITS = ("m", "m", "m", "rad", "rad", "rad")
 _WIDTH = 100
 _LATEX = ((r"\\sum", "Σ"), (r"\\,", " "), (r"[${}]", ""))
+"""Marks of formulas and their replacements in comments."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def write_files(machine: MachineDraft, folder: Path) -> WrittenFiles:
             raise InputError(replace(p, file=None, line=None) for p in error.problems) from None
     for place, text in zip(places, texts, strict=True):
         write_text(place, text)
-    names = _parameter_names(complete)
+    names = _parameters(complete)
     assumed = complete.assumed - {MASS, CHARACTERISTIC_LENGTH}
     keys = {"parameters" if key in names else key for key in assumed}
     keys = {"bodies" if key.startswith("bodies.") else key for key in keys}
@@ -80,23 +81,19 @@ def write_files(machine: MachineDraft, folder: Path) -> WrittenFiles:
 def robot_file(complete: Complete) -> str:
     """Return the text of the robot file."""
     machine, assumed = complete.machine, set(complete.assumed)
-    units = {key: definition.unit for key, definition in limit_definitions().items()}
-    titles = {key: definition.title for key, definition in limit_definitions().items()}
-    units[CHARACTERISTIC_LENGTH] = "m"
-    titles[CHARACTERISTIC_LENGTH] = "scales rotations in condition numbers"
-    if machine.drive is None:
-        assumed.add("drive")
-    if machine.alpha_axes is None:
-        assumed.add("alpha_axes")
-    if not assumed.isdisjoint(_parameter_names(complete)):
+    limits = {key: (one.unit, one.title) for key, one in limit_definitions().items()}
+    limits[CHARACTERISTIC_LENGTH] = ("m", "scales rotations in condition numbers")
+    assumed |= {key for key in ("drive", "alpha_axes") if getattr(machine, key) is None}
+    if not assumed.isdisjoint(_parameters(complete)):
         assumed.add("parameters")
     keys = {key.partition(".")[0] for key in assumed}
     asked = {key: [QUESTIONS[key]] for key in keys if QUESTIONS.get(key)}
     for question in machine.questions:
-        asked.setdefault(question.key.removeprefix("limits.").removeprefix("noise."), []).append(
-            question.text
-        )
+        key = question.key.removeprefix("limits.").removeprefix("noise.")
+        asked.setdefault(key, []).append(question.text)
     shown: set[str] = set()
+    lengths = complete.lengths
+    ends = [quantity_text(1e3 * float(end), "mm", 4) for end in (min(lengths), max(lengths))]
 
     def questions(key: str, indent: int = 0) -> str:
         shown.add(key)
@@ -113,8 +110,8 @@ def robot_file(complete: Complete) -> str:
             flow=format_flow,
             general=complete.general,
             description="".join(yaml_lines("description", machine.source, 0)),
-            home=_home(machine),
-            lengths=_lengths(complete),
+            home=f"[{', '.join(map(format_quantity, machine.home or (), _HOME_UNITS))}]",
+            lengths=ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}",
             joints=partial(_joints, complete),
             directions=lambda key: _rows(key, getattr(machine, key), "1"),
             drive=_drive(machine.drive),
@@ -124,10 +121,10 @@ def robot_file(complete: Complete) -> str:
             limits=[
                 {
                     "key": key,
-                    "value": format_flow(machine.limits[key], units[key]),
-                    "title": titles[key] + _assumed_part(key, complete),
+                    "value": format_flow(machine.limits[key], unit),
+                    "title": title + _assumed_part(key, complete),
                 }
-                for key in titles
+                for key, (unit, title) in limits.items()
                 if key in machine.limits
             ],
         )
@@ -163,15 +160,11 @@ def _environment() -> Environment:
     )
 
 
-def _line(text: str) -> str:
-    """Return a text as one line of a comment, without control characters."""
-    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
-
-
 def _question(text: str, indent: int) -> str:
-    margin = " " * indent
-    lines = textwrap.wrap(_line(text), _WIDTH - indent - 4, break_on_hyphens=False)
-    return "".join(f"{margin}# ? {line}\n" for line in lines)
+    """Return a text as lines of a comment, without control characters."""
+    line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
+    lines = textwrap.wrap(line, _WIDTH - indent - 4, break_on_hyphens=False)
+    return "".join(f"{' ' * indent}# ? {line}\n" for line in lines)
 
 
 def _assumed_part(key: str, complete: Complete) -> str:
@@ -181,24 +174,6 @@ def _assumed_part(key: str, complete: Complete) -> str:
     prefix = f"{key}."
     parts = [one.removeprefix(prefix) for one in complete.assumed if one.startswith(prefix)]
     return f"; {', '.join(sorted(parts))} assumed" if parts else ""
-
-
-def _home(machine: MachineDraft) -> str:
-    pose = machine.home or ()
-    place, angles = pose[:_ANGLES], pose[_ANGLES:]
-    texts = [
-        *(format_quantity(v, "m") for v in place),
-        *(format_quantity(a, "rad") for a in angles),
-    ]
-    return f"[{', '.join(texts)}]"
-
-
-def _lengths(complete: Complete) -> str:
-    ends = [
-        quantity_text(1e3 * float(end), "mm", 4)
-        for end in (min(complete.lengths), max(complete.lengths))
-    ]
-    return ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
 
 
 def _drive(drive: Drive | None) -> str:
@@ -237,13 +212,9 @@ def _rows(key: str, rows: Points, unit: str, *, assumed: bool = False) -> str:
     return "\n".join([f"{key}:{mark}", *(f"  - {format_flow(tuple(row), unit)}" for row in rows)])
 
 
-def _parameters(complete: Complete) -> tuple[Parameter, ...]:
+def _parameters(complete: Complete) -> dict[str, Parameter]:
     terms = chosen_terms(default_terms(), "general" if complete.general else "symmetric")
-    return parameters_of(terms)
-
-
-def _parameter_names(complete: Complete) -> tuple[str, ...]:
-    return tuple(parameter.name for parameter in _parameters(complete))
+    return {parameter.name: parameter for parameter in parameters_of(terms)}
 
 
 def _body_lines(complete: Complete) -> Iterator[str]:
@@ -270,21 +241,17 @@ def _body(body: BodyDescription) -> str:
 def _parameter_lines(complete: Complete) -> Iterator[str]:
     """Yield a line for each parameter; a common meaning is written once."""
     last = ""
-    for one in _parameters(complete):
+    for one in _parameters(complete).values():
         if one.name not in complete.machine.parameters:
             continue
         value = format_quantity(complete.machine.parameters[one.name], "1")
-        meaning = "" if one.meaning == last else f": {_plain(one.meaning)}"
+        plain = one.meaning
+        for pattern, text in _LATEX:
+            plain = re.sub(pattern, text, plain)
+        meaning = "" if one.meaning == last else f": {plain}"
         last = one.meaning
         mark = "; assumed" if one.name in complete.assumed else ""
         yield f"{one.name}: {value} # {one.unit}{meaning}{mark}"
-
-
-def _plain(meaning: str) -> str:
-    """Return a parameter's meaning without the marks of its formula."""
-    for pattern, text in _LATEX:
-        meaning = re.sub(pattern, text, meaning)
-    return meaning
 
 
 INERTIA = "Which inertia have motor, coupling and screw about their axis, inertia: 6.3e-5 [kg m^2]?"
