@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import count
 from typing import NamedTuple
 
 import casadi as ca
@@ -50,11 +49,11 @@ class Deviation:
     place: int
     """Among all entries of the robot, from 0."""
     lower: float = -np.inf
-    """What θ is never below: of a constant that only makes sense above zero."""
+    """Smallest value of θ, finite for a constant that must be positive."""
 
     @property
     def of_the_machine(self) -> bool:
-        """True for what moves the model itself, false for errors of the measurement."""
+        """True for deviations of the model itself, false for errors of the measurement."""
         return self.group not in _MEASURED
 
 
@@ -71,25 +70,23 @@ def deviations(robot: Robot) -> tuple[Deviation, ...]:
     large), ``force_constant_1`` … (one of them is), ``delay`` (s: forces lag behind the lengths),
     ``clock`` (a share: stamps run fast).
     """
-    places = count()
+    entries = _entries(robot, robot.description.tolerances or RobotTolerances())
     return tuple(
-        Deviation(name, group, unit, float(std or 0.0), next(places))
-        for name, group, unit, std in _entries(
-            robot, robot.description.tolerances or RobotTolerances()
-        )
+        Deviation(name, group, unit, float(std or 0.0), place)
+        for place, (name, group, unit, std) in enumerate(entries)
     )
 
 
 def toleranced_deviations(robot: Robot) -> tuple[Deviation, ...]:
-    """Return the entries of θ that have a tolerance: none where everything is exact."""
+    """Return the entries of θ with a tolerance."""
     return tuple(each for each in deviations(robot) if each.std > 0)
 
 
 def estimated_constants(robot: Robot) -> tuple[Deviation, ...]:
-    """Return the constants of terms that the robot file says to estimate.
+    """Return the constants of terms that the robot file marks for estimation.
 
-    Their standard deviation is their tolerance, and endless without one: nothing is known of them
-    but where the search begins. A constant that is positive stays above a tenth of that.
+    Their standard deviation is their tolerance, infinite without one: only the start of the search
+    is known. A positive constant stays above a tenth of its start.
     """
     about = robot.description
     flagged = {f"terms.{name}" for name in about.estimated_constants}
@@ -109,16 +106,11 @@ def estimated_constants(robot: Robot) -> tuple[Deviation, ...]:
 
 
 def _entries(robot: Robot, given: RobotTolerances) -> Iterator[tuple[str, str, str, float | None]]:
-    for group, values in (
-        ("base_joints", given.base_joints),
-        ("platform_joints", given.platform_joints),
-    ):
-        std = np.zeros((ACTUATORS, len(_AXES))) if values is None else np.array(values)
-        for name, row in zip(actuator_names(f"{group[:-1]}_"), std.tolist(), strict=True):
-            yield from (
-                (f"{name}_{axis}", group, "m", value)
-                for axis, value in zip(_AXES, row, strict=True)
-            )
+    for group in ("base_joints", "platform_joints"):
+        std = getattr(given, group) or ((0.0,) * len(_AXES),) * ACTUATORS
+        for name, row in zip(actuator_names(f"{group[:-1]}_"), std, strict=True):
+            for axis, value in zip(_AXES, row, strict=True):
+                yield f"{name}_{axis}", group, "m", value
     for name in ("gravity_1", "gravity_2"):
         yield name, "gravity", "rad", given.gravity
     for term in robot.terms:
@@ -138,13 +130,12 @@ def _numbered_entries(
     name: str, group: str, unit: str, values: Sequence[float] | None
 ) -> Iterator[tuple[str, str, str, float]]:
     std = [0.0] * ACTUATORS if values is None else values
-    yield from (
-        (n, group, unit, value) for n, value in zip(actuator_names(f"{name}_"), std, strict=True)
-    )
+    for one, value in zip(actuator_names(f"{name}_"), std, strict=True):
+        yield one, group, unit, value
 
 
 def tilt_axes(gravity: Array) -> Array:
-    """Return the two axes about which gravity's direction is turned, (2, 3), unit vectors.
+    """Return the two axes of rotation of gravity's direction, (2, 3), unit vectors.
 
     They are across it, in the base frame: x and y for a base that lies level. Zeros without
     gravity.
@@ -163,15 +154,8 @@ def tilt_axes(gravity: Array) -> Array:
 def apply_deviations(robot: Robot, chosen: Sequence[Deviation], values: Array) -> Robot:
     """Return the robot whose joints, gravity and constants deviate by θ.
 
-    Errors of the measurement among the entries do not change the robot. Its cardan axes keep
-    their directions.
-
-    Parameters
-    ----------
-    chosen : sequence of Deviation
-        Of this robot.
-    values : (t,)
-        θ of these, SI.
+    `values` is θ of the chosen deviations, (t,), SI. Errors of the measurement among them do not
+    change the robot. Its cardan axes keep their directions.
     """
     about = robot.description
     theta = np.zeros(len(deviations(robot)))
@@ -197,21 +181,17 @@ def apply_deviations(robot: Robot, chosen: Sequence[Deviation], values: Array) -
 def as_in_a_file(robot: ResolvedRobot) -> RobotDescription:
     """Return the robot file's description of a robot with deviations."""
     constants = iter(robot.constants)
-    terms = tuple(
-        term.model_copy(
-            update={
-                "constants": {
-                    name: constant.model_copy(update={"value": next(constants)})
-                    for name, constant in term.constants.items()
-                }
-            }
-        )
-        for term in robot.description.terms
-    )
+    terms = []
+    for term in robot.description.terms:
+        values = {
+            name: constant.model_copy(update={"value": next(constants)})
+            for name, constant in term.constants.items()
+        }
+        terms.append(term.model_copy(update={"constants": values}))
     names = ("base_joints", "platform_joints")
     joints = {name: tuple(map(tuple, getattr(robot, name).tolist())) for name in names}
     gravity = tuple(robot.gravity.tolist())
-    return robot.description.model_copy(update=joints | {"gravity": gravity, "terms": terms})
+    return robot.description.model_copy(update=joints | {"gravity": gravity, "terms": tuple(terms)})
 
 
 _STATE = 3 * COORDINATES
@@ -248,10 +228,8 @@ def _jump_kernel(terms: tuple[Term, ...]) -> Graph:
     """State (18) → ∂(A p)/∂signs (6, s), the rates of dry friction (s) and their rates (s)."""
     graph = hexapod_graph(terms)
     force = graph.regressor_with(Friction.HELD) @ graph.parameters
-    moving, changing = (
-        ca.vertcat(graph.pose, graph.rate),
-        ca.vertcat(graph.rate, graph.acceleration),
-    )
+    moving = ca.vertcat(graph.pose, graph.rate)
+    changing = ca.vertcat(graph.rate, graph.acceleration)
     outputs = [
         ca.densify(ca.jacobian(force, graph.signs)),
         ca.densify(graph.sliding),
@@ -275,18 +253,11 @@ def exact_signs(robot: Robot, state: Array) -> Array:
 def delay_of_jumps(
     robot: Robot, state: Array, signs: Array, parameters: Array, step: float
 ) -> Array:
-    """Return what dry friction adds to the column of a delay, (S, 6), N/s, where it jumps.
+    """Return the share of the jumps of dry friction in the column of a delay, (S, 6), N/s.
 
-    A delay moves every reversal: next to it the friction has the other sign for that time. Each
-    jump is spread over one step between the samples, s, which is right on the average over where
-    the samples happen to be.
-
-    Parameters
-    ----------
-    state : (S, 24)
-        As of `deviating_forces`.
-    signs : (S, s)
-        In which the forces are linear, or nearly.
+    A delay moves every reversal: close to it the friction has the other sign for that time. Each
+    jump is spread over one step between the samples, s, which is right on average over the
+    positions of the samples. States are (S, 24), signs (S, s).
     """
     if not signs.shape[1]:
         return np.zeros((len(state), ACTUATORS))
@@ -297,21 +268,14 @@ def delay_of_jumps(
 
 
 class DeviatingForces(NamedTuple):
-    """Forces of a motion, and what moves them.
-
-    Attributes
-    ----------
-    regressors : (S, 6, m)
-        A with the friction signs given.
-    state_slope : (S, 6, 18)
-        ∂(A p)/∂(λ, λ̇, λ̈).
-    columns : (S, 6, t)
-        Z_f = ∂(measured forces)/∂θ, in N per SI unit of each entry.
-    """
+    """Forces of a motion with their derivatives."""
 
     regressors: Array
+    """(S, 6, m), A with the given signs of friction."""
     state_slope: Array
+    """(S, 6, 18), ∂(A p)/∂(λ, λ̇, λ̈)."""
     columns: Array
+    """(S, 6, t), Z_f = ∂(measured forces)/∂θ, N per SI unit of each entry."""
 
 
 def deviating_forces(
@@ -324,7 +288,7 @@ def deviating_forces(
     *,
     own_clock: bool = False,
 ) -> DeviatingForces:
-    """Return the forces of a motion and how deviations of the machine move what is measured.
+    """Return the forces of a motion and their derivatives to deviations of the machine.
 
     The motion of the platform, the parameters and the signs of friction are held.
 
@@ -336,13 +300,9 @@ def deviating_forces(
         Stamps, s.
     signs : (S, s) or None
         Of the rates that the terms use; None: the exact ones of this motion.
-    parameters : (m,)
-        SI.
-    chosen : sequence of Deviation
-        The columns wanted, of this robot.
     own_clock : bool
-        The motion's frequency was taken from the recording itself, in its own clock. Else it is
-        that of the controller, which is right, and stamps run away from it.
+        True if the motion's frequency comes from the recording itself, in its own clock; else it
+        is that of the controller, and the stamps deviate from it.
     """
     kernel = _force_kernel(robot.terms, Friction.EXACT if signs is None else Friction.HELD)
     varying = [state[:, :_STATE], *([] if signs is None else [signs])]
@@ -354,13 +314,7 @@ def deviating_forces(
     rate = np.einsum("sji,si->sj", by_state, state[:, COORDINATES:])
     if own_clock:
         # A clock that runs fast makes rates look too small, and accelerations twice as much.
-        faster = np.concatenate(
-            [
-                order * state[:, order * COORDINATES : (order + 1) * COORDINATES]
-                for order in (0, 1, 2)
-            ],
-            axis=1,
-        )
+        faster = np.repeat([0, 1, 2], COORDINATES) * state[:, :_STATE]
         clock = np.einsum("sji,si->sj", by_state, faster)
     else:
         clock = -times[:, None] * rate
@@ -391,21 +345,17 @@ def length_deviation_columns(
     """
     kernel = _length_kernel(kinematic_terms(robot.terms))
     rate, by_joints = kernel(state[:, :_STATE], robot.geometry_vector)
-    samples = (len(state), ACTUATORS)
+    samples, about = (len(state), ACTUATORS), robot.description
+    others = len(tilt_axes(about.gravity)) + len(about.constants)
     clock = np.zeros(samples) if own_clock else -times[:, None] * rate
     blocks = [
         by_joints,
-        np.zeros((*samples, _other_entries(robot))),
+        np.zeros((*samples, others)),
         np.broadcast_to(np.eye(ACTUATORS), (*samples, ACTUATORS)),
         np.zeros((*samples, 1 + ACTUATORS + 1)),
         clock[:, :, None],
     ]
     return _pick_columns(blocks, chosen)
-
-
-def _other_entries(robot: Robot) -> int:
-    """Return how many entries of gravity and of the terms there are."""
-    return len(tilt_axes(robot.description.gravity)) + len(robot.description.constants)
 
 
 def _pick_columns(blocks: Sequence[Array], chosen: Sequence[Deviation]) -> Array:

@@ -72,15 +72,15 @@ def _force_kernel(terms: tuple[Term, ...]) -> Graph:
 
 @dataclass(frozen=True)
 class Robot:
-    """A 6-UPS hexapod: what its file says, evaluated by the graph that all share."""
+    """A 6-UPS hexapod: the numbers of its file, evaluated by the shared graph."""
 
     description: ResolvedRobot
-    """Everything that its file says, in SI units."""
+    """Content of its file, in SI units."""
     load_parameters: tuple[float, ...] | None = None
-    """(m,) where its terms take the load of the actuators from; None: the nominal ones."""
+    """(m,) parameters of the load of the actuators; None: the nominal ones."""
 
     def __repr__(self) -> str:
-        """Name, kind of platform, and what is limited; `description` has everything."""
+        """Name, kind of platform, and limits."""
         limits = ", ".join(self.description.limits) or "none"
         return (
             f"Robot({self.name!r}, {self.description.platform} platform, "
@@ -121,7 +121,7 @@ class Robot:
 
     @cached_property
     def scales(self) -> Array:
-        """(m,) what counts as one of every parameter, SI (`expdesign.mechanism.term.scales_of`)."""
+        """(m,) scales of the parameters, SI (`expdesign.mechanism.term.scales_of`)."""
         return scales_of(
             parameters_of(self.terms),
             self.parameters,
@@ -132,7 +132,7 @@ class Robot:
 
     @cached_property
     def realisable(self) -> Realisable:
-        """The parameters that some set of bodies has."""
+        """The physically consistent parameters."""
         joints = self.description.platform_joints
         return Realisable.of(parameters_of(self.terms), self.scales, joints)
 
@@ -170,14 +170,14 @@ class Robot:
 
     @cached_property
     def machine(self) -> Array:
-        """(g + c + m,) geometry, constants, parameters of the load: input of all that has terms."""
+        """(g + c + m,) geometry, constants, parameters of the load: input of kernels with terms."""
         load = self.parameters if self.load_parameters is None else self.load_parameters
         return np.concatenate([self.geometry_vector, self.description.constants, load])
 
     def with_load_at(self, parameters: ArrayLike) -> Robot:
-        """Return the robot whose terms take the load of the actuators at these parameters, (m,).
+        """Return the robot with the load of the actuators at given parameters, (m,).
 
-        The robot itself where no term depends on the load.
+        It is the robot itself if no term depends on the load.
         """
         if not self.graph.loaded:
             return self
@@ -186,28 +186,20 @@ class Robot:
 
     @property
     def limits(self) -> tuple[Limit, ...]:
-        """The limits that its file (and the run's) gives, in the order of the catalogue."""
+        """The limits of robot and run, in the order of the catalogue."""
         return tuple(self.description.limits.values())
 
     def limit(self, key: str) -> Limit | None:
-        """Return a limit by its key, None where nothing is limited."""
+        """Return a limit by its key, None without one."""
         return self.description.limits.get(key)
 
     def inverse_kinematics(self, pose: ArrayLike) -> Array:
         """Return strut lengths, m: (6,) or (N, 6) like the pose (m, rad)."""
-        one = _one_instant(pose)
-        if one is not None:
-            return self._lengths.at(one, self.geometry_vector)[0]
-        rows, _ = _rows("pose", pose)
-        return self.lengths_and_jacobian(rows)[0]
+        return _evaluate(self._lengths, (self.geometry_vector,), pose)[0]
 
     def length_jacobian(self, pose: ArrayLike) -> Array:
         """Return ∂q/∂λ, (6, 6) or (N, 6, 6), of the strut lengths to the pose."""
-        one = _one_instant(pose)
-        if one is not None:
-            return self._lengths.at(one, self.geometry_vector)[1]
-        rows, _ = _rows("pose", pose)
-        return self.lengths_and_jacobian(rows)[1]
+        return _evaluate(self._lengths, (self.geometry_vector,), pose)[1]
 
     def lengths_and_jacobian(self, poses: Array) -> tuple[Array, Array]:
         """Return strut lengths (N, 6), m, and ∂q/∂λ (N, 6, 6) at poses (N, 6)."""
@@ -231,19 +223,13 @@ class Robot:
     ) -> StrutMotion:
         """Return the motion of all struts at λ, λ̇, λ̈, (6,) or (N, 6) each: m, rad, s."""
         kernel = _motion_kernel(self._kinematic_terms)
-        one = _one_instant(pose, rate, acceleration)
-        if one is not None:
-            return StrutMotion(*kernel.at(one, self.geometry_vector))
-        state = _states(pose, rate, acceleration)
-        return StrutMotion(*kernel(state, self.geometry_vector))
+        state = pose, rate, acceleration
+        return StrutMotion(*_evaluate(kernel, (self.geometry_vector,), *state))
 
     def regressor(self, pose: ArrayLike, rate: ArrayLike, acceleration: ArrayLike) -> Array:
         """Return A of Q = A p with the exact signs of dry friction: (6, m) or (N, 6, m)."""
-        one = _one_instant(pose, rate, acceleration)
-        if one is not None:
-            return _regressor_kernel(self.terms).at(one, self.machine)[0]
-        state = _states(pose, rate, acceleration)
-        return _regressor_kernel(self.terms)(state, self.machine)[0]
+        state = pose, rate, acceleration
+        return _evaluate(_regressor_kernel(self.terms), (self.machine,), *state)[0]
 
     def actuator_forces(
         self,
@@ -281,23 +267,24 @@ def _rows(name: str, value: ArrayLike) -> tuple[Array, bool]:
 
 
 def _one_instant(*parts: ArrayLike) -> Array | None:
-    """Return vectors of (6,) behind each other; None where one has another shape."""
+    """Return vectors of (6,) behind each other; None if one has another shape."""
     vectors = [np.asarray(part, dtype=np.float64) for part in parts]
-    for vector in vectors:
-        if vector.shape != (ACTUATORS,):
-            return None
-    return np.concatenate(vectors)
+    return np.concatenate(vectors) if all(v.shape == (ACTUATORS,) for v in vectors) else None
 
 
-def _states(*parts: ArrayLike) -> Array:
+def _evaluate(kernel: BatchFunction, fixed: tuple[Array, ...], *parts: ArrayLike) -> list[Array]:
+    """Return the outputs of a kernel at one state of parts (6,), or at N states of (N, 6)."""
+    one = _one_instant(*parts)
+    if one is not None:
+        return kernel.at(one, *fixed)
     names = ("pose", "rate", "acceleration")
-    rows = [_rows(name, part)[0] for name, part in zip(names, parts, strict=True)]
-    count = max(len(array) for array in rows)
-    for name, array in zip(names, rows, strict=True):
+    rows = {name: _rows(name, part)[0] for name, part in zip(names, parts, strict=False)}
+    count = max(len(array) for array in rows.values())
+    for name, array in rows.items():
         if len(array) not in (1, count):
             raise ValueError(f"{name}: has {len(array)} rows, the others have {count}")
-    stacked = [np.broadcast_to(array, (count, ACTUATORS)) for array in rows]
-    return np.concatenate(stacked, axis=1)
+    stacked = [np.broadcast_to(array, (count, ACTUATORS)) for array in rows.values()]
+    return kernel(np.concatenate(stacked, axis=1), *fixed)
 
 
 LengthsAndJacobian = Callable[[Array], tuple[Array, Array]]
@@ -310,7 +297,7 @@ _HALVINGS = 30
 
 
 class ForwardKinematicsError(ArithmeticError):
-    """No pose was found that has the strut lengths asked for, in the rows `samples`."""
+    """The strut lengths in the rows `samples` belong to no pose that was found."""
 
     def __init__(self, samples: tuple[int, ...], residual: float) -> None:
         self.samples = samples
@@ -324,24 +311,14 @@ class ForwardKinematicsError(ArithmeticError):
 def solve_pose(function: LengthsAndJacobian, lengths: Array, guess: Array) -> Array:
     """Return the poses (N, 6) of the lengths (N, 6) on the guess's assembly branch.
 
-    Damped Newton from the guess; the rows that do not converge are taken again along the
-    straight line from the guess's lengths to theirs, in small steps, which keeps to the branch
-    of the guess.
-
-    Parameters
-    ----------
-    function : callable
-        Poses (N, 6) → lengths (N, 6) and their Jacobian to the pose (N, 6, 6); m, rad.
-
-    Raises
-    ------
-    ForwardKinematicsError
-        Some rows have no solution that can be reached.
+    Damped Newton from the guess; rows that do not converge are solved again in small steps along
+    the straight line from the guess's lengths to theirs, which keeps to the branch of the guess.
+    The function maps poses (N, 6) to lengths (N, 6) and their Jacobian (N, 6, 6); m, rad. Rows
+    without a solution raise `ForwardKinematicsError`.
     """
     poses, residual = _newton(function, lengths, guess)
     bound = TOLERANCE * np.max(np.abs(lengths), axis=1)
-    # Newton may also jump to another way to assemble the machine: far from the guess, it is
-    # checked by walking there.
+    # Newton may also jump to another assembly branch: far solutions are checked in small steps.
     far = np.max(np.abs(poses[:, 3:] - guess[:, 3:]), axis=1) > np.pi / 4
     again = np.flatnonzero((residual > bound) | far)
     if again.size:
