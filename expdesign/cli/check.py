@@ -50,8 +50,10 @@ def check_run(run: str, out: Path | None, *, machine: bool, as_json: bool) -> No
     pairs = [(i + 1, j + 1) for i, j in configuration.robot.shared_joint_pairs]
     done = [stage.name for stage in performed_stages(configuration)]
     warnings = list(configuration.warnings)
-    open_limits, defaults = open_rows(configuration.robot), defaults_in_words(configuration.robot)
-    held, reserve = held_in_words(configuration.robot), reserve_in_words(configuration.robot)
+    limits = configuration.robot.limits
+    open_limits = open_rows(limits, configuration.robot.shared_joint_pairs)
+    defaults, held = defaults_in_words(limits), held_in_words(limits)
+    reserve = reserve_in_words(limits)
     if open_limits:
         warnings.append(f"{open_in_words(open_limits)}: a design may go there as far as it gets")
     warnings += _noise_not_stated(configuration.robot)
