@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any, TypeVar
 
@@ -24,7 +25,7 @@ from expdesign.configuration.document import (
     find_file,
     read_yaml,
 )
-from expdesign.configuration.errors import InputError, Key, Problem
+from expdesign.configuration.errors import InputError, Problem
 from expdesign.configuration.grid import grid_points
 from expdesign.configuration.robot import (
     ResolvedRobot,
@@ -48,7 +49,7 @@ _ROBOT_KEY = "base_joints"
 
 
 def load_run(source: ConfigurationLike) -> RunConfiguration:
-    """Load a run with its robot.
+    """Load a run with its robot, in SI units with every default.
 
     Parameters
     ----------
@@ -56,12 +57,6 @@ def load_run(source: ConfigurationLike) -> RunConfiguration:
         The name of an included run, the path of a run file, or the content of such a file.
         Relative paths in a mapping start from the current folder. A configuration is returned
         unchanged.
-
-    Returns
-    -------
-    RunConfiguration
-        Every default filled in, SI units, the robot with the run's limits, noise and
-        tolerances.
 
     Raises
     ------
@@ -100,138 +95,133 @@ def _run_of(robot: str) -> str:
 
 def _load(document: Document) -> RunConfiguration:
     run, problems = validate(run_schema(), document.data, document)
+    reading = _Reading(document, problems)
     # An invalid run does not hide the problems of its robot.
     named = document.data.get("robot") if run is None else run.robot
-    source = _find_robot(named, ("robot",), document, problems)
-    robot = None if source is None else _resolve(source, run, document, problems)
+    source = reading.find_robot(named, "robot")
+    robot = None if source is None else reading.resolve(source, run)
     if run is None or source is None or robot is None:
         raise InputError(problems)
-    truth = _true_machine(run, source, document, problems)
+    truth = reading.true_machine(run, source)
     problems += inconsistencies(run, robot, document)
-    priors = _priors(run, robot, document, problems)
+    priors = reading.priors(run, robot)
     if problems:
         raise InputError(problems)
+    differing = () if truth is None else truth.warnings
+    twin_warnings = (
+        *aliased_hum_warnings(run),
+        *(f"experiment.truth: {text}" for text in differing if text not in robot.warnings),
+    )
+    prior_warnings = (
+        f"{section}.prior: {text}"
+        for section, machine in priors.items()
+        for text in identification_of(machine).warnings
+    )
+    own = (*robot.warnings, *prior_warnings, *_noise_warnings(run, robot), *selection_warnings(run))
     payload = run.experiment.payload
-    twin_warnings = (*aliased_hum_warnings(run), *_truth_warnings(truth, robot))
     return RunConfiguration(
         run=_complete(run, robot, truth, document, priors),
         robot=add_payload(robot, payload),
         file=document.file,
-        warnings=(
-            *robot.warnings,
-            *_prior_warnings(priors),
-            *_noise_warnings(run, robot),
-            *selection_warnings(run),
-            *twin_warnings,
-        ),
+        warnings=(*own, *twin_warnings),
         twin_warnings=twin_warnings,
         truth=None if truth is None else add_payload(truth, payload),
         grid=() if run.sweep is None else grid_points(run.sweep, robot, document, _load),
     )
 
 
-def _find_robot(
-    named: object, key: Key, document: Document, problems: list[Problem]
-) -> Located[RobotDescription] | None:
-    """Return the robot at a key of the run, inline or by its name; add its problems."""
-    if isinstance(named, RobotDescription):
-        return Located(named, document, key)
-    if not isinstance(named, str) or not named.strip():
-        return None
-    path = None
-    try:
-        path = find_file(named, "robot", robot_files(), document.folder)
-        return read_robot(path)
-    except InputError as error:
-        if path is not None and path.is_file():
-            problems += error.problems
-        else:  # the fault is at the key with its name
-            file = "" if path is None else f"{path}: "
-            problems += (
-                document.problem(key, f"{file}{p.message}", p.allowed, p.nearest)
-                for p in error.problems
-            )
-        return None
+@dataclass(frozen=True)
+class _Reading:
+    """Robots of a run file, and the problems found so far; each method adds its own."""
 
+    document: Document
+    problems: list[Problem]
 
-def _resolve(
-    source: Located[RobotDescription],
-    run: RunDescription | None,
-    document: Document,
-    problems: list[Problem],
-) -> ResolvedRobot | None:
-    """Return the robot with the run's limits, noise and tolerances; add its problems."""
-    try:
-        if run is None:
-            return resolve_robot(source)
-        return resolve_robot(
-            source,
-            [Located(run.limits, document, ("limits",))],
-            _located(run.noise, document, "noise"),
-            _located(run.tolerances, document, "tolerances"),
-            run.experiment.sampling,
-        )
-    except InputError as error:
-        problems += error.problems
-        return None
-
-
-def _located(value: S | None, document: Document, *key: str | int) -> list[Located[S]]:
-    return [] if value is None else [Located(value, document, key)]
-
-
-def _true_machine(
-    run: RunDescription,
-    robot: Located[RobotDescription],
-    document: Document,
-    problems: list[Problem],
-) -> ResolvedRobot | None:
-    """Return the true machine of the twin; add its problems.
-
-    Its noise is its own with the robot's as default, and the run's overrides both by key.
-    """
-    if run.experiment.truth is None:
-        return None
-    source = _find_robot(run.experiment.truth, ("experiment", "truth"), document, problems)
-    if source is None:
-        return None
-    noise = [
-        place
-        for one in (robot, source)
-        for place in _located(one.value.noise, one.document, *one.key, "noise")
-    ]
-    bare = source.value.model_copy(update={"noise": None})
-    if run.experiment.payload:
-        bare = as_general(bare)
-    noise += _located(run.noise, document, "noise")
-    try:
-        place = Located(bare, source.document, source.key)
-        return resolve_robot(place, noise=noise, sampling=run.experiment.sampling)
-    except InputError as error:
-        problems += error.problems
-        return None
-
-
-def _priors(
-    run: RunDescription, robot: ResolvedRobot, document: Document, problems: list[Problem]
-) -> dict[str, RobotDescription]:
-    """Return the identified machines among the run's priors, by section; add their problems."""
-    found: dict[str, RobotDescription] = {}
-    for section in ("design", "estimate"):
-        source, key = getattr(run, section).prior, (section, "prior")
-        if source is None or isinstance(source, dict):
-            continue  # none, or priors of single parameters
+    def find_robot(self, named: object, *key: str) -> Located[RobotDescription] | None:
+        """Return the robot at a key of the run, inline or by its name."""
+        if isinstance(named, RobotDescription):
+            return Located(named, self.document, key)
+        if not isinstance(named, str) or not named.strip():
+            return None
+        path = None
         try:
-            found[section] = prior_machine(source, key, robot, document)
+            path = find_file(named, "robot", robot_files(), self.document.folder)
+            return read_robot(path)
         except InputError as error:
-            problems += error.problems
-    if "estimate" in found:
-        key = ("estimate", "prior")
-        problems += payload_problems(found["estimate"], robot, key, document)
-    return found
+            if path is not None and path.is_file():
+                self.problems.extend(error.problems)
+                return None
+            file = "" if path is None else f"{path}: "
+            for one in error.problems:  # the fault is at the key with its name
+                message = f"{file}{one.message}"
+                self.problems.append(self.document.problem(key, message, one.allowed, one.nearest))
+            return None
 
+    def resolve(
+        self, source: Located[RobotDescription], run: RunDescription | None
+    ) -> ResolvedRobot | None:
+        """Return the robot with the run's limits, noise and tolerances."""
+        try:
+            if run is None:
+                return resolve_robot(source)
+            return resolve_robot(
+                source,
+                [Located(run.limits, self.document, ("limits",))],
+                self._located(run.noise, "noise"),
+                self._located(run.tolerances, "tolerances"),
+                run.experiment.sampling,
+            )
+        except InputError as error:
+            self.problems.extend(error.problems)
+            return None
 
-# --- warnings -------------------------------------------------------------------------------------
+    def _located(self, value: S | None, key: str) -> list[Located[S]]:
+        return [] if value is None else [Located(value, self.document, (key,))]
+
+    def true_machine(
+        self, run: RunDescription, robot: Located[RobotDescription]
+    ) -> ResolvedRobot | None:
+        """Return the true machine of the twin.
+
+        Its noise is its own with the robot's as default, and the run's overrides both by key.
+        """
+        source = self.find_robot(run.experiment.truth, "experiment", "truth")
+        if source is None:
+            return None
+        noise = [
+            Located(one.value.noise, one.document, (*one.key, "noise"))
+            for one in (robot, source)
+            if one.value.noise is not None
+        ]
+        bare = source.value.model_copy(update={"noise": None})
+        if run.experiment.payload:
+            bare = as_general(bare)
+        try:
+            return resolve_robot(
+                replace(source, value=bare),
+                noise=[*noise, *self._located(run.noise, "noise")],
+                sampling=run.experiment.sampling,
+            )
+        except InputError as error:
+            self.problems.extend(error.problems)
+            return None
+
+    def priors(self, run: RunDescription, robot: ResolvedRobot) -> dict[str, RobotDescription]:
+        """Return the identified machines among the run's priors, by section."""
+        found: dict[str, RobotDescription] = {}
+        for section in ("design", "estimate"):
+            source, key = getattr(run, section).prior, (section, "prior")
+            if source is None or isinstance(source, dict):
+                continue  # none, or priors of single parameters
+            try:
+                found[section] = prior_machine(source, key, robot, self.document)
+            except InputError as error:
+                self.problems.extend(error.problems)
+        if "estimate" in found:
+            key = ("estimate", "prior")
+            self.problems.extend(payload_problems(found["estimate"], robot, key, self.document))
+        return found
+
 
 _NOISE_USERS = ("design", "experiment", "montecarlo")
 
@@ -245,20 +235,6 @@ def _noise_warnings(run: RunDescription, robot: ResolvedRobot) -> list[str]:
         f"no noise of the forces is given (`noise` in robot or run), and {' and '.join(users)} "
         f"{need} it"
     ]
-
-
-def _prior_warnings(priors: Mapping[str, RobotDescription]) -> list[str]:
-    return [
-        f"{section}.prior: {text}"
-        for section, machine in priors.items()
-        for text in identification_of(machine).warnings
-    ]
-
-
-def _truth_warnings(truth: ResolvedRobot | None, robot: ResolvedRobot) -> list[str]:
-    """Return the true machine's warnings that the robot does not have."""
-    found = () if truth is None else truth.warnings
-    return [f"experiment.truth: {text}" for text in found if text not in robot.warnings]
 
 
 # --- defaults that follow from other sections -----------------------------------------------------
@@ -275,10 +251,9 @@ def _complete(
     priors: Mapping[str, RobotDescription],
 ) -> RunDescription:
     """Fill in values that follow from other sections, and the robots themselves."""
-    design, estimate = (
-        section.model_copy(update={"prior": priors[key]}) if key in priors else section
-        for key, section in (("design", run.design), ("estimate", run.estimate))
-    )
+
+    def with_prior(name: str, section: S) -> S:
+        return section.model_copy(update={"prior": priors[name]}) if name in priors else section
 
     def with_absolute_file(section: S) -> S:
         if (file := getattr(section, "file", None)) is None:
@@ -286,6 +261,7 @@ def _complete(
         return section.model_copy(update={"file": str(absolute(file, document.folder))})
 
     machine = None if truth is None else truth.description
+    design = with_prior("design", run.design)
     complete = run.model_copy(
         update={
             "format": RUN_FORMAT,
@@ -295,7 +271,7 @@ def _complete(
             "tolerances": None,
             "trajectory": _fill(run.trajectory, controller_period=run.experiment.step),
             "design": _fill(design, smoothing=smoothing_widths(robot)),
-            "estimate": estimate,
+            "estimate": with_prior("estimate", run.estimate),
             "experiment": run.experiment.model_copy(update={"truth": machine}),
             "data": with_absolute_file(run.data),
             "validation": tuple(map(with_absolute_file, run.validation)),
