@@ -25,7 +25,7 @@ from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from expdesign.configuration import RunConfiguration
 from expdesign.configuration.robot import load_robot_description
-from expdesign.mechanism.catalogue import DEFAULT
+from expdesign.mechanism.terms import DEFAULT
 from expdesign.robot import robot_from
 
 TITLE = "Estimated constants of terms"

@@ -24,8 +24,8 @@ from estimation.diagnostics.linearisation import CandidateEffects, Linearisation
 from estimation.diagnostics.significance import HYPOTHESES
 from estimation.processing.hum import mains_frequencies
 from estimation.processing.periodic_recording import PeriodicRecording
-from expdesign.mechanism.catalogue import term_definitions
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
+from expdesign.mechanism.terms import term_definitions
 
 _FEWEST_PERIODS = 2
 _MULTIPLES = 3

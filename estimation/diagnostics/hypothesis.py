@@ -19,7 +19,7 @@ from estimation.diagnostics.finding import Assumption
 from estimation.diagnostics.joint_system import ConditionalScores, Places
 from estimation.diagnostics.linearisation import Signature
 from estimation.diagnostics.significance import HYPOTHESES, Strut, log_tail
-from expdesign.mechanism.catalogue import parameter_unit
+from expdesign.mechanism.terms import parameter_unit
 from expdesign.runfolder import OpenNumber, OpenNumbers, described
 
 Label = tuple[str, int | None]

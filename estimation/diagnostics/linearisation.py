@@ -35,9 +35,9 @@ from estimation.measurement_model.prediction import (
     force_kernel,
 )
 from estimation.processing import NoiseEstimate, NoiseModel
-from expdesign.mechanism.catalogue import term_definitions
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term, parameters_of
+from expdesign.mechanism.terms import term_definitions
 from expdesign.robot import Robot
 from expdesign.robot.deviation import (
     Deviation,

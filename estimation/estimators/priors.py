@@ -25,7 +25,7 @@ from expdesign.information.identifiable import (
     listed,
     root_of_inverse,
 )
-from expdesign.mechanism.catalogue import known_parameters
+from expdesign.mechanism.terms import known_parameters
 from expdesign.recheck.excitable import structural_base
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation, estimated_constants

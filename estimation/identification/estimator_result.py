@@ -15,7 +15,7 @@ from pydantic import BeforeValidator
 from constraints.arrays import Array
 from estimation.estimators.result import ABOUT_CENTRE, TEN, about_centre
 from estimation.uncertainty.intervals import interval_widths
-from expdesign.mechanism.catalogue import parameter_unit
+from expdesign.mechanism.terms import parameter_unit
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.runfolder import Numbers, OpenNumber, OpenNumbers, described
 

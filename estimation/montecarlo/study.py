@@ -55,8 +55,8 @@ from estimation.twin.disturbances import NoiseSource
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration import ComputationError, ConfigurationLike, RunConfiguration, load_run
 from expdesign.information.identifiable import IDENTIFIABLE
-from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.terms import parameter_unit
 from expdesign.progress import report_progress
 from expdesign.robot import Robot, robot_from
 from expdesign.runfolder.journal import Journal

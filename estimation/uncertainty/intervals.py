@@ -13,7 +13,7 @@ from pydantic import model_serializer
 from constraints.arrays import Array
 from estimation.estimators import ParameterEstimate, ParameterPriors
 from expdesign.information.identifiable import IDENTIFIABLE
-from expdesign.mechanism.catalogue import parameter_unit
+from expdesign.mechanism.terms import parameter_unit
 from expdesign.robot import Robot
 from expdesign.runfolder import MAY_BE_EMPTY, OpenNumber, described
 

@@ -27,9 +27,8 @@ from examples.paper.setting import Claim, Setting, StudyResult, completeness_cla
 from expdesign import DesignResult, Robot, design
 from expdesign.configuration import RunConfiguration
 from expdesign.information.fisher import PeriodicNoise
-from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.mechanism.terms import rigid_platform, struts
+from expdesign.mechanism.terms import parameter_unit, rigid_platform, struts
 from expdesign.robot import robot_from
 from expdesign.workers import Job, Monitor
 

@@ -36,7 +36,7 @@ from examples.paper.setting import (
 )
 from expdesign import FourierTrajectory
 from expdesign.information.identifiable import IDENTIFIABLE
-from expdesign.mechanism.catalogue import parameter_unit
+from expdesign.mechanism.terms import parameter_unit
 from expdesign.robot import robot_from
 
 ESTIMATORS = ("ls", "gm", "ml")

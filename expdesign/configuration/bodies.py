@@ -21,8 +21,8 @@ from expdesign.mechanism.bodies import (
     strut_parameters,
     together,
 )
-from expdesign.mechanism.catalogue import known_parameters
 from expdesign.mechanism.strut import ANGLES
+from expdesign.mechanism.terms import known_parameters
 from expdesign.mechanism.terms.rigid_platform import LATERAL, MASS
 
 _DIAGONAL, _WHOLE = 3, 6

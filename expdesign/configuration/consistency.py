@@ -22,8 +22,7 @@ from expdesign.configuration.run import RunDescription
 from expdesign.configuration.schema import MOST_ROWS, MOST_SAMPLES
 from expdesign.configuration.tolerances import IDENTIFIED_ROBOT, Identification, machine_name
 from expdesign.library import robot_files
-from expdesign.mechanism.catalogue import term_definitions
-from expdesign.mechanism.terms import rigid_platform
+from expdesign.mechanism.terms import rigid_platform, term_definitions
 
 _ALLOWED = "the run folder of an estimate of this machine, or its identified-robot.yaml"
 _ALIKE = 1e-9

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
@@ -77,36 +77,22 @@ class Delay(Section):
     lengths: Duration = 0.0
 
 
-class OrderOfChannels(Section):
-    """Separate orders of the channels for lengths and forces."""
-
-    q: Order | None = None
-    Q: Order | None = None
+LengthValue = TypeVar("LengthValue")
+ForceValue = TypeVar("ForceValue")
 
 
-class SignsOfChannels(Section):
-    """Separate signs of the channels for lengths and forces."""
+class ByChannel(Section, Generic[LengthValue, ForceValue]):
+    """Separate values for the channels of lengths and of forces."""
 
-    q: Signs | None = None
-    Q: Signs | None = None
-
-
-class OffsetsOfChannels(Section):
-    """Lengths, m, and forces, N, of the struts at readings of zero."""
-
-    q: Offsets | None = None
-    Q: ForceOffsets | None = None
-
-
-def _both_or_each(value: object) -> str:
-    return "(inline)" if isinstance(value, dict | Section) else "(name)"
+    q: LengthValue | None = None
+    Q: ForceValue | None = None
 
 
 _Both = TypeVar("_Both")
 _Each = TypeVar("_Each")
 _BothOrEach = Annotated[
     Annotated[_Both, Tag("(name)")] | Annotated[_Each, Tag("(inline)")],
-    Discriminator(_both_or_each),
+    Discriminator(lambda v: "(inline)" if isinstance(v, dict | Section) else "(name)"),
 ]
 """One value for lengths and forces, or separate ones."""
 
@@ -126,11 +112,11 @@ class DataSection(Section):
         None
     )
     """Force per ampere of the actuators, N/A, for files that hold currents."""
-    order: _BothOrEach[Order, OrderOfChannels] | None = None
+    order: _BothOrEach[Order, ByChannel[Order, Order]] | None = None
     """Number of the strut on each channel."""
-    sign: _BothOrEach[Signs, SignsOfChannels] | None = None
+    sign: _BothOrEach[Signs, ByChannel[Signs, Signs]] | None = None
     """Signs by the struts' numbers: length or force = sign · channel + offset."""
-    offset: _BothOrEach[Offsets, OffsetsOfChannels] | None = None
+    offset: _BothOrEach[Offsets, ByChannel[Offsets, ForceOffsets]] | None = None
     """Lengths of the struts at readings of zero, m; forces, N, in a mapping with the key Q."""
     start: Duration | None = None
     """Time of the trigger, s: earlier rows are ignored."""
@@ -181,13 +167,13 @@ class DataSection(Section):
     @property
     def length_offsets(self) -> tuple[float, ...] | Literal["home"]:
         """Lengths of the struts at readings of zero, m; ``"home"``: their lengths at home."""
-        found = self.offset.q if isinstance(self.offset, OffsetsOfChannels) else self.offset
+        found = self.offset.q if isinstance(self.offset, ByChannel) else self.offset
         return found or (0.0,) * ACTUATORS
 
     @property
     def force_offsets(self) -> tuple[float, ...]:
         """Forces of the struts at readings of zero, N."""
-        found = self.offset.Q if isinstance(self.offset, OffsetsOfChannels) else None
+        found = self.offset.Q if isinstance(self.offset, ByChannel) else None
         return found or (0.0,) * ACTUATORS
 
 

@@ -11,7 +11,7 @@ import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Generic, Self, TypeVar
 
 import numpy as np
 from pydantic import BeforeValidator, model_validator
@@ -96,10 +96,9 @@ class SpectrumTable(Section):
         steps = np.diff(self.frequency)
         if np.any(steps <= 0):
             row = int(np.argmax(steps <= 0)) + 1
-            reason = (
-                f"row {row + 1}: {self.frequency[row]:g} Hz follows {self.frequency[row - 1]:g}"
-            )
-            raise refusal(f"{reason} Hz", "increasing frequencies", key=FREQUENCY)
+            before, after = self.frequency[row - 1 : row + 1]
+            reason = f"row {row + 1}: {after:g} Hz follows {before:g} Hz"
+            raise refusal(reason, "increasing frequencies", key=FREQUENCY)
         for key in ("density", "amplitude", "coherency"):
             values = getattr(self, key)
             if values is not None and len(values) != len(self.frequency):
@@ -140,20 +139,16 @@ def _coherency(rows: tuple[tuple[float, ...], ...]) -> Any:
     return matrix
 
 
-class ForceHum(Section):
-    """A hum in the forces."""
+Amplitudes = TypeVar("Amplitudes")
+_ForceAmplitudes = Annotated[tuple[Annotated[Force, NotNegative], ...], per_strut("amplitudes")]
+_LengthAmplitudes = Annotated[tuple[Annotated[Length, NotNegative], ...], per_strut("amplitudes")]
+
+
+class HumLine(Section, Generic[Amplitudes]):
+    """A hum at one frequency, with amplitudes in N or m."""
 
     frequency: Annotated[Frequency, Positive]
-    amplitude: Annotated[tuple[Annotated[Force, NotNegative], ...], per_strut("amplitudes")]
-    """N."""
-
-
-class LengthHum(Section):
-    """A hum in the lengths."""
-
-    frequency: Annotated[Frequency, Positive]
-    amplitude: Annotated[tuple[Annotated[Length, NotNegative], ...], per_strut("amplitudes")]
-    """m."""
+    amplitude: Amplitudes
 
 
 class NoiseBand(Section):
@@ -203,7 +198,9 @@ def _read_lines(value: object) -> object:
     return [value] if isinstance(value, dict) else value
 
 
-class _Spectrum(Section):
+class SpectrumDescription(Section, Generic[Amplitudes]):
+    """The spectrum of the noise of forces or lengths."""
+
     ar: Annotated[tuple[tuple[float, ...], ...] | None, BeforeValidator(_read_coefficients)] = None
     """Autoregressive coefficients of every actuator, at the experiment's sampling."""
     file: FilledText | None = None
@@ -212,6 +209,8 @@ class _Spectrum(Section):
     """Content of such a file."""
     band: Annotated[tuple[NoiseBand, ...], BeforeValidator(_read_lines)] = ()
     """Bands with a share of the noise."""
+    hum: Annotated[tuple[HumLine[Amplitudes], ...], BeforeValidator(_read_lines)] = ()
+    """Additional lines."""
 
     @model_validator(mode="after")
     def _check_bands(self) -> Self:
@@ -243,18 +242,8 @@ class _Spectrum(Section):
         return self.model_copy(update={"file": None, "table": table})
 
 
-class ForceSpectrum(_Spectrum):
-    """The spectrum of the forces' noise."""
-
-    hum: Annotated[tuple[ForceHum, ...], BeforeValidator(_read_lines)] = ()
-    """Additional lines."""
-
-
-class LengthSpectrum(_Spectrum):
-    """The spectrum of the lengths' noise."""
-
-    hum: Annotated[tuple[LengthHum, ...], BeforeValidator(_read_lines)] = ()
-    """Additional lines."""
+ForceSpectrum = SpectrumDescription[_ForceAmplitudes]
+LengthSpectrum = SpectrumDescription[_LengthAmplitudes]
 
 
 def _read_spectrum(value: object) -> object:
@@ -270,7 +259,7 @@ FROM_TEXT = BeforeValidator(_read_spectrum)
 
 
 def resolve_spectrum(
-    described: ForceSpectrum | LengthSpectrum, covariance: Array | None
+    described: SpectrumDescription[Any], covariance: Array | None
 ) -> NoiseSpectrum | None:
     """Return the spectrum of a description with its table, None for white noise.
 
@@ -405,14 +394,10 @@ def resolve_noise(
 ) -> tuple[NoiseDescription | None, ResolvedNoise | None, list[Problem]]:
     """Merge the noise of robot and run: section, covariances with spectra, and problems.
 
-    Parameters
-    ----------
-    sources : sequence of Located[NoiseDescription]
-        Later ones override earlier ones by key. A later covariance replaces an earlier standard
-        deviation and correlation, a later standard deviation or correlation an earlier covariance,
-        and a later spectrum with a size all of them.
-    sampling : float, optional
-        Sampling of the experiment, Hz: a hum above half of it is a problem.
+    Later sources override earlier ones by key. A later covariance replaces an earlier standard
+    deviation and correlation, a later standard deviation or correlation an earlier covariance, and
+    a later spectrum with a size all of them. A hum above half of the experiment's sampling, Hz, is
+    a problem.
     """
     if not sources:
         return None, None, []

@@ -15,14 +15,15 @@ from pydantic_core import PydanticCustomError
 from expdesign.configuration.errors import nearest_name, quote, refusal
 from expdesign.configuration.quantity import Inertia, Length, NotNegative, Positive, quantity_in
 from expdesign.configuration.schema import Section, check_choice, read_entries
-from expdesign.mechanism.catalogue import (
+from expdesign.mechanism.term import Constant, Parameter, Term, parameters_of
+from expdesign.mechanism.terms import (
     DEFAULT,
+    drive_inertia,
     known_parameters,
+    rigid_platform,
     term_definitions,
     terms_named,
 )
-from expdesign.mechanism.term import Constant, Parameter, Term, parameters_of
-from expdesign.mechanism.terms import drive_inertia, rigid_platform
 
 # --- names and values of parameters ---------------------------------------------------------------
 

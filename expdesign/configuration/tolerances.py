@@ -30,8 +30,8 @@ from expdesign.configuration.schema import (
     read_entries,
     repeated,
 )
-from expdesign.mechanism.catalogue import term_definitions
 from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.terms import term_definitions
 
 IDENTIFIED_ROBOT = "identified-robot.yaml"
 """File of the estimated robot in a run folder."""

@@ -44,8 +44,8 @@ from expdesign.information.identifiable import (
     known_combinations,
     root_of,
 )
-from expdesign.mechanism.catalogue import parameter_unit
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.mechanism.terms import parameter_unit
 from expdesign.recheck.excitable import structural_base
 from expdesign.recheck.information import Evaluator
 from expdesign.robot import Robot

@@ -24,7 +24,7 @@ import numpy as np
 import scipy.linalg as sla
 
 from constraints.arrays import Array
-from expdesign.mechanism.catalogue import parameter_unit
+from expdesign.mechanism.terms import parameter_unit
 from expdesign.runfolder import OpenNumber, described
 
 DEPENDENT = 1e-6

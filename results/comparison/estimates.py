@@ -15,7 +15,7 @@ from estimation.identification.result import EstimationResult
 from estimation.twin.truth import Truth
 from estimation.uncertainty.intervals import Differences, difference_test
 from expdesign.configuration.tolerances import machine_name
-from expdesign.mechanism.catalogue import parameter_unit
+from expdesign.mechanism.terms import parameter_unit
 from expdesign.runfolder.manifest import file_hash
 from results.figures.parameters import ParameterSeries, compared_estimates_figure
 from results.notation import counted

@@ -6,7 +6,7 @@ import pytest
 
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.configuration.robot import load_robot_description
-from expdesign.mechanism.catalogue import DEFAULT
+from expdesign.mechanism.terms import DEFAULT
 
 SCREW = {"screw": {"lead": "5 mm", "inertia": 6.3e-5}}
 MASS = 6.3e-5 * (2 * math.pi / 5e-3) ** 2

@@ -5,8 +5,8 @@ import numpy as np
 from estimation.controlmodel.model import Origin
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
-from expdesign.mechanism.catalogue import term_definitions
 from expdesign.mechanism.hexapod import actuator_names
+from expdesign.mechanism.terms import term_definitions
 from expdesign.robot import robot_from
 
 ORIGIN = Origin(file="robot.yaml", sha256="0" * 64, made="", version="0")

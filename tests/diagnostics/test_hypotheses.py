@@ -15,7 +15,7 @@ from estimation.kinematics import fit_motion
 from estimation.processing import NoiseModel, PeriodSource
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
-from expdesign.mechanism.catalogue import DEFAULT
+from expdesign.mechanism.terms import DEFAULT
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import apply_deviations, deviations, toleranced_deviations
 from tests.diagnostics.conftest import Laboratory

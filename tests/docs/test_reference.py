@@ -49,9 +49,9 @@ from expdesign.configuration.run import ReportSettings
 from expdesign.export.formats import table_formats
 from expdesign.information.criteria import criteria
 from expdesign.library import robot_files, run_files
-from expdesign.mechanism.catalogue import DEFAULT, term_definitions, terms_named
 from expdesign.mechanism.graph import HexapodGraph
 from expdesign.mechanism.term import ALPHA_RATE, BETA_RATE, STRUT_SPEED, parameters_of
+from expdesign.mechanism.terms import DEFAULT, term_definitions, terms_named
 from expdesign.recheck.limit_check import TOLERANCE, grid_points
 from expdesign.runfolder.documentation import all_results, documented_page
 from expdesign.stages.registry import stages

@@ -6,7 +6,7 @@ import numpy as np
 
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
-from expdesign.mechanism.catalogue import DEFAULT
+from expdesign.mechanism.terms import DEFAULT
 from expdesign.robot import robot_from
 from tests.estimation.cases import ROBOT, measured, trajectory
 

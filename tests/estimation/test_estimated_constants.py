@@ -12,7 +12,7 @@ from estimation.estimators.priors import UnidentifiableError
 from estimation.identification import estimate_parameters, estimation_result
 from estimation.identification.result import EstimationResult
 from expdesign.configuration import InputError, load_run
-from expdesign.mechanism.catalogue import DEFAULT
+from expdesign.mechanism.terms import DEFAULT
 from expdesign.robot import load_robot, robot_from
 from expdesign.robot.deviation import estimated_constants, toleranced_deviations
 from tests.estimation import constants as case

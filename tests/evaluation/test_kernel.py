@@ -18,8 +18,8 @@ from expdesign.evaluation import machine_code
 from expdesign.evaluation.batch import Graph, kernel
 from expdesign.evaluation.content import content_key
 from expdesign.evaluation.machine_code import CACHE, SWITCH
-from expdesign.mechanism.catalogue import term_definitions, terms_named
 from expdesign.mechanism.term import Friction
+from expdesign.mechanism.terms import term_definitions, terms_named
 from expdesign.problem import design_problem
 from expdesign.robot import limit_model, robot
 

@@ -13,7 +13,7 @@ from expdesign.configuration import load_run
 from expdesign.configuration.experiment import Cogging
 from expdesign.configuration.robot import load_robot_description
 from expdesign.library import robot_files
-from expdesign.mechanism.catalogue import DEFAULT
+from expdesign.mechanism.terms import DEFAULT
 from expdesign.robot import load_robot, robot_from
 from tests.feedforward.energy import energy
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration.robot import load_robot_description
-from expdesign.mechanism.catalogue import DEFAULT, terms_named
+from expdesign.mechanism.terms import DEFAULT, terms_named
 from expdesign.robot import Robot, load_robot
 from tests.robot.energies import COLUMNS, Energies
 

@@ -17,8 +17,8 @@ from estimation.twin.disturbances import cogging_force
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.experiment import Cogging
 from expdesign.configuration.robot import load_robot_description
-from expdesign.mechanism.catalogue import DEFAULT, term_definitions
 from expdesign.mechanism.term import Friction
+from expdesign.mechanism.terms import DEFAULT, term_definitions
 from expdesign.robot import load_robot, robot_from
 from tests.estimation.cases import measured, trajectory
 

@@ -6,8 +6,8 @@ import pytest
 
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
-from expdesign.mechanism.catalogue import DEFAULT
 from expdesign.mechanism.term import Friction
+from expdesign.mechanism.terms import DEFAULT
 from expdesign.robot import robot_from
 
 MORE = [

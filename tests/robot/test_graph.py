@@ -4,9 +4,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from expdesign.mechanism.catalogue import DEFAULT, parameter_unit, terms_named
 from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.term import Friction, parameters_of
+from expdesign.mechanism.terms import DEFAULT, parameter_unit, terms_named
 from expdesign.robot import Robot, load_robot
 from expdesign.robot.robot import _regressor_kernel
 

@@ -14,8 +14,8 @@ from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.configuration.robot import load_robot_description
 from expdesign.evaluation.batch import BatchFunction, Graph
 from expdesign.mechanism import terms as terms_package
-from expdesign.mechanism.catalogue import DEFAULT, known_parameters, term_definitions, terms_named
 from expdesign.mechanism.term import STRUT_SPEED, Friction, Term, parameters_of
+from expdesign.mechanism.terms import DEFAULT, known_parameters, term_definitions, terms_named
 from expdesign.robot import robot_from
 from tests.estimation.cases import measured, trajectory
 
