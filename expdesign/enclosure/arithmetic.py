@@ -17,7 +17,7 @@ TERMS = 6
 """Coefficients of a polynomial at most: powers of τ from 0 to 5."""
 EPS = 2.0**-52
 TINY = 1e-300
-"""More than what a few operations can lose below the smallest normal number."""
+"""Bound on the loss of a few operations below the smallest normal number."""
 UP = 1 + 2.0**-40
 """Factor that exceeds the roundings of a radius's own computation by NumPy."""
 _UP = 1 + 2.0**-44
@@ -28,14 +28,14 @@ _BISECTIONS = 50
 
 @compiled
 def outward(radius: float) -> float:
-    """Return a radius that was computed, enlarged by more than its own roundings; NaN is ∞."""
+    """Return a computed radius, enlarged by more than its own roundings; NaN becomes ∞."""
     grown = radius * _UP
     return grown if grown <= np.inf else np.inf
 
 
 @compiled
 def all_outward(radii: Array) -> Array:
-    """Return radii (N,) enlarged so."""
+    """Return radii (N,), each enlarged by more than its own roundings."""
     found = np.empty(len(radii))
     for n in range(len(radii)):
         found[n] = outward(radii[n])
@@ -44,7 +44,7 @@ def all_outward(radii: Array) -> Array:
 
 @compiled
 def add(x: Array, kx: int, y: Array, ky: int, sign: float, out: Array) -> int:
-    """Write x + sign y, sign ±1; return how many coefficients it has."""
+    """Write x + sign y, sign ±1; return its number of coefficients."""
     cells, count, both = x.shape[1], max(kx, ky), min(kx, ky)
     radius = out[TERMS]
     radius[:] = 0.0
@@ -69,7 +69,7 @@ def add(x: Array, kx: int, y: Array, ky: int, sign: float, out: Array) -> int:
 
 @compiled
 def multiply(x: Array, kx: int, y: Array, ky: int, out: Array, sizes: Array) -> int:
-    """Write the product; return how many coefficients it has.
+    """Write the product; return its number of coefficients.
 
     `sizes` (TERMS + 1, N) is overwritten.
     """
@@ -108,7 +108,7 @@ def _product_radius(x: Array, kx: int, y: Array, ky: int, radius: Array, sizes: 
                 radius[n] += abs(x[i, n]) * sizes[TERMS - i, n]
         for n in range(cells):
             own[n] += abs(x[i, n])
-    # The product of the sizes: where that is too large for a number, nothing is known.
+    # The product of the sizes: after an overflow the radius is infinite.
     for n in range(cells):
         whole = sizes[0, n]
         apart = own[n] * y[TERMS, n] + _ROUNDED * (own[n] * whole)
@@ -118,10 +118,10 @@ def _product_radius(x: Array, kx: int, y: Array, ky: int, radius: Array, sizes: 
 
 @compiled
 def horner(x: Array, kx: int, values: Array, more: Array, out: Array, room: Array) -> int:
-    """Write c₀ + c₁ x + … + cₙ xⁿ; return how many coefficients it has.
+    """Write c₀ + c₁ x + … + cₙ xⁿ; return its number of coefficients.
 
-    `values` (n + 1, N) are the c as they were computed: wrong by a few units of the last digit,
-    and by `more`, (n + 1,). `room` (3, TERMS + 1, N) is overwritten.
+    `values` (n + 1, N) are computed c, with errors of a few units of the last digit and `more`,
+    (n + 1,). `room` (3, TERMS + 1, N) is overwritten.
     """
     last, count = len(values) - 1, 1
     _write_rounding(values[last], more[last], out)
@@ -141,7 +141,7 @@ def _write_rounding(values: Array, more: float, out: Array) -> None:
 
 @compiled
 def roots(x: Array, kx: int) -> Array:
-    """Return where polynomials change their sign, τ, (N,), by bisection; NaN where not sure."""
+    """Return a sign change of each polynomial, τ, (N,), by bisection; NaN without one for sure."""
     found = np.full(x.shape[1], np.nan)
     for n in range(x.shape[1]):
         low, high, start = -1.0, 1.0, _value(x, kx, n, -1.0)
@@ -167,10 +167,9 @@ def _value(x: Array, kx: int, n: int, tau: float) -> float:
 
 @compiled
 def cell_bounds(x: Array, kx: int, n: int) -> tuple[float, float]:
-    """Return what no value in cell n is below and none above.
+    """Return lower and upper bounds in cell n; infinite after an overflow.
 
-    That of the first three powers together is exact, each further one counts with its size.
-    Where a coefficient is too large for a number, nothing is known.
+    The range of the first three powers is exact; each further one adds its absolute value.
     """
     size, beyond = 0.0, 0.0
     for k in range(kx - 1, -1, -1):
@@ -197,7 +196,7 @@ def cell_bounds(x: Array, kx: int, n: int) -> tuple[float, float]:
 
 @compiled
 def bounds(x: Array, kx: int) -> tuple[Array, Array]:
-    """Return what no value is below and none above, (N,) each."""
+    """Return lower and upper bounds, (N,) each."""
     low, high = np.empty(x.shape[1]), np.empty(x.shape[1])
     for n in range(x.shape[1]):
         low[n], high[n] = cell_bounds(x, kx, n)
@@ -206,7 +205,7 @@ def bounds(x: Array, kx: int) -> tuple[Array, Array]:
 
 @compiled
 def size(x: Array, kx: int) -> Array:
-    """Return what no value is larger than in size, (N,)."""
+    """Return upper bounds of the absolute values, (N,)."""
     found = np.empty(x.shape[1])
     for n in range(x.shape[1]):
         found[n] = outward(_size(x, kx, n) + x[TERMS, n])
@@ -231,7 +230,7 @@ def _finite(out: Array, count: int) -> None:
 
 @compiled
 def _size(x: Array, kx: int, n: int) -> float:
-    """Return the sum of the sizes of the coefficients in cell n."""
+    """Return the sum of the absolute coefficients in cell n."""
     size = 0.0
     for k in range(kx - 1, -1, -1):
         size += abs(x[k, n])
@@ -240,7 +239,7 @@ def _size(x: Array, kx: int, n: int) -> float:
 
 @compiled
 def invert(x: Array, kx: int, out: Array, room: Array) -> int:
-    """Write 1/x, unknown in cells where x may be zero; return how many coefficients it has.
+    """Write 1/x, unknown in cells where x may be zero; return its number of coefficients.
 
     With y close to 1/x and e = 1 − x y: 1/x = y/(1 − e). `room` (3, TERMS + 1, N) is overwritten.
     """
@@ -258,7 +257,7 @@ def invert(x: Array, kx: int, out: Array, room: Array) -> int:
     width = multiply(x, kx, out, count, product, room[2])
     for n in range(cells):
         error[0, n], error[TERMS, n] = 1.0, 0.0
-    # 1 − x y; x y stands in room[0] and is not needed again.
+    # 1 − x y; x y in room[0] is not needed again.
     errors = size(room[2], add(error, 1, product, width, -1.0, room[2]))
     for n in range(cells):
         e = errors[n]
@@ -304,9 +303,9 @@ def take_root(x: Array, kx: int, out: Array, room: Array) -> int:
 
 @compiled
 def larger(x: Array, kx: int, y: Array, ky: int, out: Array, room: Array) -> int:
-    """Write the larger of two; return how many coefficients it has.
+    """Write the larger of two; return its number of coefficients.
 
-    Where it is open which, (x + y)/2 + |x − y|/2 with 0 ≤ |x − y| ≤ most. `room`
+    If neither is always larger, (x + y)/2 + |x − y|/2 with 0 ≤ |x − y| ≤ most. `room`
     (4, TERMS + 1, N) is overwritten.
     """
     cells, either, ends = x.shape[1], room[1], room[3]

@@ -1,14 +1,14 @@
-"""Forward kinematics with a proof: the poses that given lengths of the struts belong to.
+"""Forward kinematics with a proof: enclosures of the poses with given lengths of the struts.
 
 In every cell of time a polynomial λ̂ is found that almost has the lengths q of the struts, and then
-it is proved what pose is near it. With an inverse X of the Jacobian in the middle of the cell and
+the pose near it is proved. With an inverse X of the Jacobian in the middle of the cell and
 A = |1 − X ∂q/∂λ| over all poses within ρ of λ̂, Krawczyk's test |X (q(λ̂) − q)| + A ρ < ρ says
 that at each instant exactly one pose within ρ has these lengths, and it is within
 |X (q(λ̂) − q)| / (1 − A) of λ̂ (Neumaier, Interval methods for systems of equations, 1990, ch. 5).
 
-A hexapod may have up to forty poses with the same lengths. That the pose found is the one that the
-machine takes is proved, too: the first cell's is connected with home, and at every instant that two
-cells share, the pose of one of them is within the ρ of the other.
+A hexapod may have up to forty poses with the same lengths. A second proof shows that the machine
+takes the pose found: the first cell's is connected with home, and at every instant that two cells
+share, the pose of one of them is within the ρ of the other.
 """
 
 from __future__ import annotations
@@ -33,26 +33,26 @@ from expdesign.mechanism.term import Term, kinematic_terms
 from expdesign.robot import Robot
 
 WITHIN = 1e-9
-"""ρ at least, as a share of the characteristic length, and in rad."""
+"""Smallest ρ, as a share of the characteristic length, and in rad."""
 _TIMES_APART = 4.0
 _LARGEST_CHANGE = 0.5
-"""Of A: cells in which the Jacobian changes more are divided."""
+"""Largest A: cells in which the Jacobian changes more are divided."""
 ACCURATE = 3e-9
-"""How well poses are to be known, in the same measure: cells where they are not are divided."""
+"""Largest error of poses in the unit of `WITHIN`: cells with larger errors are divided."""
 _DIVISIONS = 10
 _BLOCK = 1024
 
 
 @dataclass(frozen=True, eq=False)
 class StrutPath:
-    """A machine that starts at home and moves its struts as polynomials in time say.
+    """The motion of a machine from home for lengths of the struts as polynomials in time.
 
     Parameters
     ----------
     lengths : PiecewisePolynomials
         Of the six struts, m; continuous.
     guess : callable
-        Times (N,), s, → poses (N, 6) from which the poses are looked for.
+        Times (N,), s, → poses (N, 6), initial values for the poses.
     begin : float
         Time at which the path to be enclosed begins, s; before it the lengths lead from home.
     """
@@ -69,24 +69,24 @@ class StrutPath:
 
     @property
     def known_until(self) -> float:
-        """When the first cell begins whose poses could not be proved, s; ∞ where all are."""
+        """Beginning of the first cell without proved poses, s; ∞ if all are proved."""
         unknown = np.flatnonzero(~np.isfinite(self.poses.error[0, 0]))
         return max(float(self.poses.times[unknown[0]]), self.begin) if unknown.size else np.inf
 
     @property
     def breaks(self) -> Array:
-        """(K,), s: between them one polynomial holds the poses, and one the lengths."""
+        """(K,), s, the times between which poses and lengths are one polynomial each."""
         times = self.poses.times
         return times[times >= self.begin]
 
     def models(self, edges: Array) -> list[TaylorModel]:
         """Return the models of pose, rate, acceleration and jerk, 24, over cells (N, 2), s.
 
-        Nothing is known of the jerk.
+        The jerk is unknown.
         """
         rough, lengths = self.poses.over(edges), self.lengths.over(edges)
         speed, acceleration = (part.over(edges) for part in self._derivatives)
-        with np.errstate(all="ignore"):  # what is not known is infinite, or not a number
+        with np.errstate(all="ignore"):  # unknown values are infinite or NaN
             pose = _tighten_poses(self._kinematics, rough, lengths)
             first, second = self._kinematics.motion(pose, speed, acceleration)
         return [*pose, *first, *second, *[TaylorModel.unknown()] * COORDINATES]
@@ -104,12 +104,9 @@ class StrutPath:
 def enclosed_poses(
     robot: Robot, lengths: PiecewisePolynomials, guess: Callable[[Array], Array]
 ) -> PiecewisePolynomials:
-    """Return the poses of a machine that starts at home; arguments as of `StrutPath`.
+    """Return the poses of a machine that starts at home, m and rad; arguments as of `StrutPath`.
 
-    Returns
-    -------
-    PiecewisePolynomials
-        m and rad. Nothing is known of what could not be proved, nor of all that comes behind it.
+    They are unknown from the first instant without a proof.
 
     Raises
     ------
@@ -135,24 +132,21 @@ def enclosed_poses(
     return every.from_home(_known_from_home(kinematics, lengths, every))
 
 
+@dataclass(frozen=True, eq=False)
 class _Poses:
-    """Poses in N cells, with what is proved of them.
+    """Poses in N cells with their proved errors."""
 
-    Attributes
-    ----------
-    edges : (N, 2)
-    coefficients : (`TERMS`, 6, N)
-        Of λ̂.
-    error, within : (N,)
-        How far the pose is from λ̂ at most, and ρ, within which there is no other: as a share of
-        the characteristic length, and in rad. The error is infinite where nothing is proved.
-    """
-
-    def __init__(
-        self, edges: Array, coefficients: Array, error: Array, within: Array, scale: Array
-    ) -> None:
-        self.edges, self.coefficients, self.error = edges, coefficients, error
-        self.within, self.scale = within, scale
+    edges: Array
+    """(N, 2), s."""
+    coefficients: Array
+    """(`TERMS`, 6, N), of λ̂."""
+    error: Array
+    """(N,), largest distance of the pose from λ̂, as a share of the characteristic length, and in
+    rad; infinite without a proof."""
+    within: Array
+    """(N,), ρ, within which there is no other pose, in the same unit."""
+    scale: Array
+    """(6,), unit of these distances in each coordinate."""
 
     @classmethod
     def joined(cls, parts: list[_Poses]) -> _Poses:
@@ -181,15 +175,15 @@ class _Poses:
         return np.asarray(np.tensordot(powers, self.coefficients, 1).T)
 
     def apart(self, first: Array, second: Array, size: Array) -> Array:
-        """Return how far poses (N, 6) are apart, (N,), rounded up.
+        """Return the distances of poses (N, 6), (N,), rounded up.
 
-        `size` is that of all that the poses were summed up from.
+        `size` is the sum of the absolute terms of the poses.
         """
         rounding = 4 * TERMS * EPS * size
         return np.asarray(np.max((np.abs(first - second) + rounding) / self.scale, axis=1)) * UP
 
     def from_home(self, known: Mask) -> PiecewisePolynomials:
-        """Return the poses as a path, of which some cells (N,) are known."""
+        """Return the poses as a path, unknown outside some of the cells (N,)."""
         error = np.zeros_like(self.coefficients)
         error[0] = self.scale[:, None] * np.where(known, self.error, np.inf) * UP
         times = np.append(self.edges[:, 0], self.edges[-1, 1])
@@ -199,7 +193,7 @@ class _Poses:
 def _known_from_home(
     kinematics: EnclosedKinematics, lengths: PiecewisePolynomials, poses: _Poses
 ) -> Mask:
-    """Return in which cells (N,) the pose is the one to which the machine moves from home."""
+    """Return the cells (N,) whose pose is proved to be reached from home."""
     robot = kinematics.robot
     home = robot.home[:, None] * np.ones((1, 1))
     start = [TaylorModel(row[None, :], np.zeros(1)) for row in home]
@@ -219,7 +213,7 @@ def _known_from_home(
     sizes = np.abs(poses.coefficients).sum(axis=0).T
     before = np.concatenate([np.abs(home.T), sizes[:-1]])
     gaps = poses.apart(poses.at(-1.0), ends, sizes + before)
-    # The pose of one of the two is where there is no pose but the other's.
+    # The pose of one of the two is within the ρ of the other.
     joined = (gaps + errors[1:] < withins[:-1]) | (gaps + errors[:-1] < withins[1:])
     joined[0] &= np.isfinite(error[0])
     known: Mask = np.logical_and.accumulate(joined & np.isfinite(poses.error))
@@ -232,7 +226,7 @@ def _poses(
     edges: Array,
     guess: Callable[[Array], Array],
 ) -> _Poses:
-    """Find the poses in cells (N, 2), and prove what can be."""
+    """Find the poses in cells (N, 2), with their proofs."""
     robot, cells = kinematics.robot, len(edges)
     wanted = lengths.over(edges)
     nodes = np.cos(np.pi * (np.arange(TERMS) + 0.5) / TERMS)
@@ -271,7 +265,7 @@ def _tighten_poses(
     moved = [
         TaylorModel(_whole(model) - steps[:, :, i], np.zeros(1)) for i, model in enumerate(rough)
     ]
-    # Both hold: what was known, which is this far from the new polynomials, and what is proved.
+    # Both bounds hold: the known one, at this distance from the new polynomials, and the proof.
     shift = np.abs(steps).sum(axis=0)
     before = np.stack([model.radius + shift[:, i] for i, model in enumerate(pose)], axis=1)
     before += (
@@ -290,7 +284,7 @@ def _tighten_poses(
 def _inverse_at_middle(
     kinematics: EnclosedKinematics, pose: list[TaylorModel]
 ) -> tuple[Array, Mask]:
-    """Return about (∂q/∂λ)⁻¹ in the middle of the cells, (N, 6, 6), and where there is one."""
+    """Return approximately (∂q/∂λ)⁻¹ in the middle of the cells, (N, 6, 6), and where it exists."""
     middle = np.stack([model.coefficients[0] for model in pose], axis=1)
     jacobian = kinematics.robot.length_jacobian(middle)
     usable: Mask = np.all(np.isfinite(jacobian), axis=(1, 2))
@@ -300,7 +294,7 @@ def _inverse_at_middle(
 
 
 def _whole(model: TaylorModel) -> Array:
-    """Return all coefficients that there may be, (`TERMS`, N)."""
+    """Return the coefficients, filled up with zeros, (`TERMS`, N)."""
     found = np.zeros((TERMS, model.coefficients.shape[1]))
     found[: len(model.coefficients)] = model.coefficients
     return found
@@ -312,9 +306,9 @@ def _prove_poses(
     off: list[TaylorModel],
     least: Array | float = WITHIN,
 ) -> tuple[Array, Array]:
-    """Return how far poses are from λ̂ whose lengths are `off` those of λ̂, and ρ, (N,) each.
+    """Return the proved error of λ̂, whose lengths have the residual `off`, and ρ, (N,) each.
 
-    ρ is `least` at least.
+    ρ is at least `least`.
     """
     robot = kinematics.robot
     cells, scale = pose[0].coefficients.shape[1], _scale(robot)
@@ -343,12 +337,12 @@ def _halve_cells(edges: Array) -> Array:
 
 
 def _scale(robot: Robot) -> Array:
-    """Return what counts as one of each coordinate, (6,): the characteristic length, and 1 rad."""
+    """Return the unit of each coordinate, (6,): the characteristic length, and 1 rad."""
     return np.repeat([robot.characteristic_length, 1.0], COORDINATES // 2)
 
 
 class EnclosedKinematics:
-    """A machine's own kinematics, for Taylor models."""
+    """The kinematics of a robot for Taylor models."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
@@ -367,7 +361,7 @@ class EnclosedKinematics:
     def rate(
         self, pose: list[TaylorModel], speed: list[TaylorModel]
     ) -> tuple[list[TaylorModel], TaylorMatrix]:
-        """Return λ̇ of a pose whose struts have these speeds, and (∂q/∂λ)⁻¹."""
+        """Return λ̇ at a pose and speeds of the struts, and (∂q/∂λ)⁻¹."""
         cells = max(model.radius.size for model in pose)
         inverse = self.jacobian(pose, cells).inverse()
         return _times(inverse, speed, cells), inverse
@@ -375,7 +369,7 @@ class EnclosedKinematics:
     def motion(
         self, pose: list[TaylorModel], speed: list[TaylorModel], acceleration: list[TaylorModel]
     ) -> tuple[list[TaylorModel], list[TaylorModel]]:
-        """Return λ̇ and λ̈ of a pose whose struts have these speeds and accelerations."""
+        """Return λ̇ and λ̈ at a pose, and speeds and accelerations of the struts."""
         rate, inverse = self.rate(pose, speed)
         # q̈ = J λ̈ + J̇ λ̇; the graph gives the second part at λ̈ = 0.
         rest = self._functions([pose, rate, self._geometry], [2])[2]

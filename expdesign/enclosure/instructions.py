@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -25,12 +24,12 @@ from expdesign.enclosure.taylor_model import TaylorModel
 from expdesign.evaluation.compiled import compiled
 
 ASSIGN, NUMBER, ADD, SUBTRACT, NEGATE, MULTIPLY, TWICE, INVERT, ROOT, LARGER = range(10)
-"""Instructions: of a row (instruction, target, first, second) of a program.
+"""Instructions of a program, whose rows are (instruction, target, first, second).
 
-`NUMBER` writes the number whose place among the constants is the first.
+`NUMBER` writes the constant with the number `first`.
 """
 ROOM = 5
-"""Packed models that `run_instructions` needs to work with."""
+"""Packed models in the working memory of `run_instructions`."""
 
 _COMPILED = {
     ca.OP_ASSIGN: ASSIGN,
@@ -58,7 +57,7 @@ _CALLED: dict[int, Callable[..., TaylorModel]] = {
 }
 
 _SPARE = 2
-"""Places that an instruction of several steps needs for what is between them."""
+"""Places for the intermediate results of an instruction of several steps."""
 
 
 class NoEnclosureError(NotImplementedError):
@@ -83,22 +82,21 @@ class EnclosedFunction:
             "enclosed", list(inputs), [ca.densify(one) for one in outputs], {"cse": True}
         )
         self.sizes = tuple(int(function.nnz_out(k)) for k in range(function.n_out()))
-        # What is given, and what comes out, have places of their own behind those of the work.
+        # Inputs and outputs have their own places behind those of the work.
         given = [int(function.nnz_in(k)) for k in range(function.n_in())]
         work = int(function.sz_w()) + _SPARE
         ends = np.cumsum([work, *given, *self.sizes]).tolist()
         self._given, self._found = ends[: len(given)], ends[len(given) : -1]
-        self._places = ends[-1]
-        spare = work - _SPARE
-        steps = [s for k in range(function.n_instructions()) for s in _steps(function, k, spare)]
-        self._steps = [self._placed(step) for step in steps]
-        self._constants = np.array([step.constant for step in steps])
+        self._places, self._spare = ends[-1], work - _SPARE
+        numbers = range(function.n_instructions())
+        self._steps = [step for k in numbers for step in self._steps_of(function, k)]
+        self._constants = np.array([step.constant for step in self._steps])
         self._parts = lru_cache(maxsize=64)(self._parts_for)
 
     def __call__(
         self, inputs: Sequence[Sequence[TaylorModel]], wanted: Iterable[int] | None = None
     ) -> list[list[TaylorModel]]:
-        """Return the models of each output that is wanted (all by default), of models of inputs."""
+        """Return the models of the wanted outputs (by default all), of models of the inputs."""
         which = frozenset(range(len(self.sizes)) if wanted is None else wanted)
         cells = max(model.cells for part in inputs for model in part)
         work = np.empty((self._places, TERMS + 1, cells))
@@ -111,9 +109,9 @@ class EnclosedFunction:
             for part in self._parts(which):
                 if isinstance(part, np.ndarray):
                     run_instructions(part, self._constants, work, counts, room)
-                    continue
-                models = [TaylorModel.unpacked(work[k], counts[k]) for k in part.sources]
-                counts[part.target] = part.function(*models).write(work[part.target])
+                elif part.function is not None:
+                    models = [TaylorModel.unpacked(work[k], counts[k]) for k in part.sources]
+                    counts[part.target] = part.function(*models).write(work[part.target])
         return [
             [
                 TaylorModel.unpacked(work[place].copy(), counts[place])
@@ -124,93 +122,69 @@ class EnclosedFunction:
             for k, (start, size) in enumerate(zip(self._found, self.sizes, strict=True))
         ]
 
-    def _placed(self, step: _Step) -> _Step:
-        """Return an instruction with inputs and outputs at their places."""
-        if step.input is not None:
-            return replace(step, sources=(self._given[step.input[0]] + step.input[1],))
-        if step.output is not None:
-            return replace(step, target=self._found[step.output[0]] + step.output[1])
-        return step
+    def _steps_of(self, function: ca.Function, k: int) -> Iterator[_Step]:
+        """Yield the steps of an instruction."""
+        operation, spare = function.instruction_id(k), self._spare
+        place, *element = function.instruction_output(k)
+        source = tuple(function.instruction_input(k))
+        if operation == ca.OP_INPUT:
+            yield _Step(place, (self._given[source[0]] + source[1],))
+        elif operation == ca.OP_OUTPUT:
+            yield _Step(self._found[place] + element[0], source[:1], output=place)
+        elif operation == ca.OP_CONST:
+            yield _Step(place, compiled=NUMBER, constant=function.instruction_constant(k))
+        elif operation == ca.OP_SQ:
+            yield _Step(place, source * 2, MULTIPLY)
+        elif operation == ca.OP_DIV:
+            yield _Step(spare, source[1:], INVERT)
+            yield _Step(place, (source[0], spare), MULTIPLY)
+        elif operation == ca.OP_FMIN:
+            yield from (_Step(spare + i, (one,), NEGATE) for i, one in enumerate(source))
+            yield _Step(spare, (spare, spare + 1), LARGER)
+            yield _Step(place, (spare,), NEGATE)
+        elif operation in _COMPILED:
+            yield _Step(place, source, _COMPILED[operation])
+        elif operation in _CALLED:
+            yield _Step(place, source, function=_CALLED[operation])
+        else:
+            raise NoEnclosureError(f"no enclosure of CasADi's operation {operation}")
 
-    def _parts_for(self, wanted: frozenset[int]) -> list[NDArray[np.int64] | _Call]:
-        """Return what some outputs need: programs, and between them functions that are called."""
+    def _parts_for(self, wanted: frozenset[int]) -> list[NDArray[np.int64] | _Step]:
+        """Return the programs and the function calls between them that some outputs need."""
         live: set[int] = set()
         kept: list[tuple[int, _Step]] = []
         for number, step in reversed(list(enumerate(self._steps))):
             if step.output is None and step.target not in live:
                 continue
-            if step.output is not None and step.output[0] not in wanted:
+            if step.output is not None and step.output not in wanted:
                 continue
             live.discard(step.target)
             live.update(step.sources)
             kept.append((number, step))
-        parts: list[NDArray[np.int64] | _Call] = []
+        parts: list[NDArray[np.int64] | _Step] = []
         rows: list[tuple[int, ...]] = []
         for number, step in reversed(kept):
-            if step.called is None:
+            if step.function is None:
                 first, second = (*step.sources, 0, 0)[:2] if step.sources else (number, 0)
                 rows.append((step.compiled, step.target, first, second))
                 continue
-            call = _Call(step.called, step.target, step.sources)
-            parts += [np.array(rows, dtype=np.int64).reshape(-1, 4), call]
+            parts += [np.array(rows, dtype=np.int64).reshape(-1, 4), step]
             rows = []
         return [*parts, np.array(rows, dtype=np.int64).reshape(-1, 4)]
 
 
-class _Call(NamedTuple):
-    """A function of models between two programs."""
-
-    function: Callable[..., TaylorModel]
-    target: int
-    sources: tuple[int, ...]
-
-
 @dataclass(frozen=True)
 class _Step:
-    """One instruction, by the program or by a function that is called."""
+    """One instruction, of a program or a call of a function."""
 
     target: int
     sources: tuple[int, ...] = ()
     compiled: int = ASSIGN
-    called: Callable[..., TaylorModel] | None = None
+    function: Callable[..., TaylorModel] | None = None
+    """Function of models, instead of a compiled instruction."""
     constant: float = 0.0
-    input: tuple[int, int] | None = None
-    """Which input, and which of its elements, it reads."""
-    output: tuple[int, int] | None = None
-
-
-def _steps(function: ca.Function, k: int, spare: int) -> tuple[_Step, ...]:
-    """Return what an instruction is done by; places of the work from `spare` on no other uses."""
-    operation = function.instruction_id(k)
-    if operation not in (ca.OP_DIV, ca.OP_FMIN):
-        return (_step(function, k),)
-    (target,), (a, b) = function.instruction_output(k), function.instruction_input(k)
-    if operation == ca.OP_DIV:
-        inverse = _Step(spare, (b,), INVERT)
-        return inverse, _Step(target, (a, spare), MULTIPLY)
-    flipped = [_Step(spare + i, (one,), NEGATE) for i, one in enumerate((a, b))]
-    most = _Step(spare, (spare, spare + 1), LARGER)
-    return *flipped, most, _Step(target, (spare,), NEGATE)
-
-
-def _step(function: ca.Function, k: int) -> _Step:
-    operation = function.instruction_id(k)
-    target = tuple(function.instruction_output(k))
-    source = tuple(function.instruction_input(k))
-    if operation == ca.OP_INPUT:
-        return _Step(target[0], input=(source[0], source[1]))
-    if operation == ca.OP_OUTPUT:
-        return _Step(-1, (source[0],), output=(target[0], target[1]))
-    if operation == ca.OP_CONST:
-        number = function.instruction_constant(k)
-        return _Step(target[0], compiled=NUMBER, constant=number)
-    if operation == ca.OP_SQ:
-        return _Step(target[0], source * 2, MULTIPLY)
-    if operation in _COMPILED:
-        return _Step(target[0], source, _COMPILED[operation])
-    if operation in _CALLED:
-        return _Step(target[0], source, called=_CALLED[operation])
-    raise NoEnclosureError(f"no enclosure of CasADi's operation {operation}")
+    output: int | None = None
+    """Number of the output that it writes."""
 
 
 @compiled
@@ -221,7 +195,7 @@ def run_instructions(
     counts: NDArray[np.int64],
     room: Array,
 ) -> None:
-    """Do instructions on models in numbered places.
+    """Execute instructions on models in numbered places.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Every limited quantity of a robot over cells of time, enclosed: from the graph that all share."""
+"""Enclosures of every limited quantity of a robot over cells of time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from expdesign.robot import LimitModel
 from expdesign.robot.limit_model import limited_quantities
 
 STILL = 1e-9
-"""Rates, m/s or rad/s, below which dry friction may have either sign: it stands still."""
+"""Rate, m/s or rad/s, below which a joint is at rest: dry friction may have either sign."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,16 +31,16 @@ class EnclosedRow:
     """Bounds of one row of a limit over N cells, valid for every choice of the undecided signs."""
 
     model: TaylorModel
-    """With the signs of dry friction that are known in a cell; those that are not count zero."""
+    """With the known signs of dry friction in a cell; unknown ones count zero."""
     jump: Array
-    """(N,) how far the signs that may change within a cell move it up or down at most."""
+    """(N,), largest effect of the signs that may change within a cell, up or down."""
     changing: Array
-    """(N,) how much of that comes from rates that move; of the others both signs count anyway."""
+    """(N,), share of moving joints in it; of joints at rest both signs count anyway."""
     middle: Array | None = None
-    """(N,) values in the middle of the cells, where the model tells no more than an upper bound."""
+    """(N,), values in the middle of the cells, if the model is only an upper bound."""
 
     def bounds(self) -> tuple[Array, Array]:
-        """Return what the row is never below and never above, (N,) each."""
+        """Return lower and upper bounds, (N,) each."""
         low, high = self.model.bounds()
         return low - self.jump * (1 + 4 * EPS), high + self.jump * (1 + 4 * EPS)
 
@@ -51,8 +51,8 @@ class EnclosedLimits:
     Raises
     ------
     NoEnclosureError
-        A limit has an operation without enclosure, or is computed by numbers in a way that is not
-        known here: singular values are.
+        A limit has an operation without enclosure, or a numerical computation other than singular
+        values.
     """
 
     def __init__(self, limits: LimitModel) -> None:
@@ -69,34 +69,33 @@ class EnclosedLimits:
 
     @property
     def state_size(self) -> int:
-        """How many models of the state it takes: 18, or 24 where a limit needs the pose's jerk."""
+        """Number of models of the state: 18, or 24 if a limit needs the pose's jerk."""
         return self._graph.state_size
 
     def __call__(
         self, states: Sequence[TaylorModel], which: Collection[int]
     ) -> tuple[dict[int, list[EnclosedRow]], Array]:
-        """Return the rows of some of the limits, by their number, of models of the states.
+        """Return the rows of some limits, by their number, and a sign change of friction.
 
-        And where in each cell a rate turns whose sign dry friction has, τ, (N,): one of them, NaN
-        where none does for sure.
+        The sign change of a rate in each cell is at τ, (N,); NaN without one for sure.
         """
         graph, cells = self._graph, max(model.radius.size for model in states)
         inputs = [list(states[: self.state_size]), *self._fixed]
-        direct, carried = ([k for k in which if k in part] for part in (graph.direct, graph.borne))
+        direct, loaded = ([k for k in which if k in part] for part in (graph.direct, graph.loaded))
         wanted = [2 + graph.direct.index(k) for k in direct]
-        transposed, rates, *rows = graph.first(inputs, [0, 1, *wanted] if carried else wanted)
+        transposed, rates, *rows = graph.first(inputs, [0, 1, *wanted] if loaded else wanted)
         found = {k: self._natural(k, rows[graph.direct.index(k)], cells) for k in direct}
         turns = np.full(cells, np.nan)
-        if carried:
+        if loaded:
             inverse = TaylorMatrix.of(transposed, ACTUATORS, cells).inverse().models()
             signs = [(sign(rate), rate.size > STILL) for rate in rates]
             for rate in rates:
                 turns = np.where(np.isnan(turns), rate.root(), turns)
-            places = [graph.borne.index(k) for k in carried]
+            places = [graph.loaded.index(k) for k in loaded]
             parts = graph.second(
                 [*inputs, inverse], [out for p in places for out in (2 * p, 2 * p + 1)]
             )
-            for k, place in zip(carried, places, strict=True):
+            for k, place in zip(loaded, places, strict=True):
                 values, slopes = parts[2 * place], parts[2 * place + 1]
                 found[k] = [
                     _with_signs(
@@ -119,9 +118,9 @@ class EnclosedLimits:
 def _with_signs(
     value: TaylorModel, terms: Sequence[tuple[TaylorModel, Mask, TaylorModel]]
 ) -> EnclosedRow:
-    """Add s J of every sign s and its slope J; of the signs that may change only how much.
+    """Add s J of every sign s and its slope J; signs that may change add to the jump.
 
-    A term is a sign, whether its rate moves, (N,), and the slope.
+    A term is a sign, whether its joint moves, (N,), and the slope.
     """
     jump, changing = np.zeros(1), np.zeros(1)
     for s, moves, slope in terms:
@@ -138,13 +137,14 @@ def _with_signs(
 @dataclass(frozen=True, eq=False)
 class _EnclosedGraph:
     first: EnclosedFunction
-    """State … → Gᵀ, the rates that signs are of, and the rows of the limits in `direct`."""
+    """State … → Gᵀ, the rates with signs, and the rows of the limits in `direct`."""
     second: EnclosedFunction
-    """The same and G⁻ᵀ → rows without dry friction and their slopes to its signs, of `borne`."""
+    """The same and G⁻ᵀ → rows without dry friction and their slopes to its signs, of `loaded`."""
     direct: list[int]
-    borne: list[int]
+    loaded: list[int]
+    """Limits that depend on the forces."""
     signed: list[list[list[tuple[int, int]]]]
-    """Of each limit in `borne` and each of its rows, (place among the slopes, sign)."""
+    """Of each limit in `loaded` and each of its rows, (place among the slopes, sign)."""
     state_size: int
 
 
@@ -156,22 +156,22 @@ def _enclosed_graph(
     state, quantities = limited_quantities(graph, definitions, Friction.HELD)
     fixed = [graph.machine, graph.parameters, graph.length_scale]
     rows = [ca.densify(one.natural(quantities)) for one in definitions]
-    loaded = [
+    forced = [
         bool(
             ca.depends_on(part, ca.vertcat(ca.vec(graph.inverse_jacobian_transposed), graph.signs))
         )
         for part in rows
     ]
-    direct = [k for k, needs in enumerate(loaded) if not needs]
-    borne = [k for k, needs in enumerate(loaded) if needs]
-    slopes = [ca.cse(ca.jacobian(rows[k], graph.signs)) for k in borne]
-    for k, slope in zip(borne, slopes, strict=True):
+    direct = [k for k, needs in enumerate(forced) if not needs]
+    loaded = [k for k, needs in enumerate(forced) if needs]
+    slopes = [ca.cse(ca.jacobian(rows[k], graph.signs)) for k in loaded]
+    for k, slope in zip(loaded, slopes, strict=True):
         if ca.depends_on(slope, graph.signs):
             raise NoEnclosureError(
                 f"limit '{definitions[k].key}' is not linear in the signs of friction"
             )
     none = ca.SX.zeros(graph.signs.shape)
-    without = [ca.substitute(rows[k], graph.signs, none) for k in borne]
+    without = [ca.substitute(rows[k], graph.signs, none) for k in loaded]
     signed = []
     for slope in slopes:
         own: list[list[tuple[int, int]]] = [[] for _ in range(slope.shape[0])]
@@ -188,7 +188,7 @@ def _enclosed_graph(
         EnclosedFunction([state, *fixed], outputs),
         EnclosedFunction([state, *fixed, ca.vec(graph.inverse_jacobian_transposed)], pairs),
         direct,
-        borne,
+        loaded,
         signed,
         state.numel(),
     )

@@ -1,7 +1,7 @@
-"""Matrices of Taylor models: products, and inverses that are proved.
+"""Matrices of Taylor models: products, proved inverses and condition numbers.
 
-The systems of the mechanism are solved here and not by the graph's own elimination: its pivots,
-computed with bounds, would be bounds many times too wide.
+The systems of the mechanism are solved here instead of by elimination in the graph, whose pivots
+would have bounds that are many times too wide.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class TaylorMatrix:
 
     @classmethod
     def of(cls, models: Sequence[TaylorModel], rows: int, cells: int) -> TaylorMatrix:
-        """Return the matrix of models listed column by column, as CasADi lists them."""
+        """Return the matrix of models in CasADi's order, column by column."""
         columns = len(models) // rows
         coefficients = np.zeros((TERMS, cells, rows, columns))
         radius = np.zeros((cells, rows, columns))
@@ -38,7 +38,7 @@ class TaylorMatrix:
         return cls(coefficients, radius)
 
     def models(self) -> list[TaylorModel]:
-        """Return its models column by column."""
+        """Return the models column by column."""
         _, _, rows, columns = self.coefficients.shape
         return [self[row, column] for column in range(columns) for row in range(rows)]
 
@@ -54,7 +54,7 @@ class TaylorMatrix:
 
     @property
     def size(self) -> Array:
-        """(N, n, m), what no entry is larger than in size."""
+        """(N, n, m), upper bounds of the absolute entries."""
         return np.asarray((np.sum(np.abs(self.coefficients), axis=0) + self.radius) * UP)
 
     def __matmul__(self, other: TaylorMatrix) -> TaylorMatrix:
@@ -114,9 +114,9 @@ _SMALL = 0.5
 
 
 def condition_bound(matrix: TaylorMatrix) -> TaylorModel:
-    """Return a model of which the condition number of a square matrix is never above its upper end.
+    """Return a model whose upper bound is one of the condition number of a square matrix.
 
-    Its lower end says nothing. Unknown in cells where the matrix may be singular.
+    Its lower bound means nothing. Unknown in cells where the matrix may be singular.
     """
     middle = matrix.coefficients[0]
     usable = np.all(np.isfinite(middle), axis=(1, 2))
@@ -136,7 +136,7 @@ def condition_bound(matrix: TaylorMatrix) -> TaylorModel:
 
 
 def _off_orthogonal(matrices: Array) -> Array:
-    """Return how far V Vᵀ of square matrices V (N, n, n) is off 1 at most, in norm, (N,)."""
+    """Return an upper bound of the norm of V Vᵀ − 1 for square matrices V (N, n, n), (N,)."""
     count = matrices.shape[1]
     off = np.abs(matrices @ matrices.swapaxes(1, 2) - np.eye(count))
     return np.max(np.sum(off, axis=2), axis=1) + 8 * count**2 * EPS
@@ -148,7 +148,7 @@ def _extreme(gram: TaylorMatrix, place: int, sign: float) -> TaylorModel:
     others = [k for k in range(count) if k != place]
     own = gram[place, place]
     columns = [gram[k, place] for k in others]
-    # Gaps of the middle, (N, n − 1), and by how much they change.
+    # Gaps of the middle, (N, n − 1), and their changes.
     diagonal = gram.coefficients[0][:, range(count), range(count)]
     gaps = sign * (diagonal[:, [place]] - diagonal[:, others])
     least = np.min(gaps, axis=1)
@@ -169,10 +169,10 @@ def _extreme(gram: TaylorMatrix, place: int, sign: float) -> TaylorModel:
     beyond *= 1 + 1e-10
     total = own + (added if sign > 0 else -added)
     isolated = total + TaylorModel((sign * np.where(good, beyond, 0.0))[None, :], np.zeros(1))
-    # Gershgorin's discs, where the extreme one does not stand alone.
-    beside = gram.size.copy()
-    beside[:, range(count), range(count)] = 0.0
-    sums = np.sum(beside, axis=2)
+    # Gershgorin's discs, if the extreme one is not isolated.
+    outside = gram.size.copy()
+    outside[:, range(count), range(count)] = 0.0
+    sums = np.sum(outside, axis=2)
     discs = []
     for k in range(count):
         low, high = gram[k, k].bounds()

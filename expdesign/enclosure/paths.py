@@ -17,7 +17,7 @@ from expdesign.trajectory import FourierTrajectory
 
 _ROUNDED = 64 * EPS
 """Bound on the loss where a polynomial is restricted to a part of its piece."""
-# Coefficients of τ⁰, τ¹, … from what a piece is made of. All numbers are exact in binary.
+# Coefficients of τ⁰, τ¹, … from the data of a piece. All numbers are exact in binary.
 _LINE = np.array([[1, 1 / 2], [0, 1 / 2]])
 _CUBIC = np.array(
     [
@@ -47,11 +47,11 @@ class PiecewisePolynomials:
     """Polynomials of m coordinates on each of N pieces of time."""
 
     times: Array
-    """(N + 1,), s: where the pieces begin, and where the last one ends."""
+    """(N + 1,), s, beginnings of the pieces and end of the last."""
     coefficients: Array
     """(K, m, N), of τ⁰, τ¹, …"""
     error: Array
-    """(K, m, N), by how much a coefficient may differ from that of the path; ∞: not known."""
+    """(K, m, N), bound of each coefficient's error; ∞: unknown."""
 
     @property
     def derivative(self) -> PiecewisePolynomials:
@@ -66,20 +66,20 @@ class PiecewisePolynomials:
         return PiecewisePolynomials(self.times, found, error * UP)
 
     def mapped(self, source: NDArray[np.intp], factor: Array, zero: Array) -> PiecewisePolynomials:
-        """Return the coordinates p / factor + zero of a path p: that of `source` for each."""
+        """Return the coordinates p[source] / factor + zero of the path p."""
         found = self.coefficients[:, source] / factor[:, None]
         error = self.error[:, source] / np.abs(factor[:, None]) + 2 * EPS * np.abs(found)
         return PiecewisePolynomials(self.times, found, error * UP).moved(zero)
 
     def moved(self, way: Array) -> PiecewisePolynomials:
-        """Return the path p + way, (m,), whose last digit may be wrong."""
+        """Return the path moved by a vector (m,), with the rounding in its error."""
         found, error = self.coefficients.copy(), self.error.copy()
         found[0] += way[:, None]
         error[0] += 2 * EPS * (np.abs(found[0]) + np.abs(way[:, None]))
         return PiecewisePolynomials(self.times, found, error * UP)
 
     def over(self, edges: Array) -> list[TaylorModel]:
-        """Return the m models over cells, (N', 2), s, none of which reaches beyond a piece."""
+        """Return the m models over cells, (N', 2), s, each within one piece."""
         place = np.searchsorted(self.times, edges.mean(axis=1), side="right") - 1
         place = np.clip(place, 0, len(self.times) - 2)
         begin = self.times[place]
@@ -94,7 +94,7 @@ class PiecewisePolynomials:
                 found[j] *= middle
                 found[j] += comb(k, j) * own[k]
             found[j] *= width**j
-        # Where the cell lies in its piece is rounded too: by what the slope makes of that.
+        # The place of the cell in its piece is rounded too: times the slope.
         weights = 1 + np.arange(count)[:, None, None]
         radius = (error.sum(axis=0) + _ROUNDED * np.sum(weights * np.abs(own), axis=0)) * UP
         return [
@@ -132,14 +132,14 @@ def between_rows(
 
 @dataclass(frozen=True, eq=False)
 class PosePath:
-    """A motion of the pose that is polynomials in time."""
+    """A motion of the pose as polynomials in time."""
 
     poses: PiecewisePolynomials
     """m and rad."""
 
     @property
     def breaks(self) -> Array:
-        """(K,), s: when the pieces begin and end."""
+        """(K,), s, beginnings and ends of the pieces."""
         return self.poses.times
 
     def models(self, edges: Array) -> list[TaylorModel]:
@@ -170,51 +170,42 @@ class EnclosedSeries:
         return np.array([0.0, self.trajectory.period * (1 + 4 * EPS)])
 
     def models(self, edges: Array) -> list[TaylorModel]:
-        """Return the models of pose, rate, acceleration and jerk, 24, over cells (N, 2), s."""
-        return fourier_models(self.trajectory, edges)
+        """Return the models of pose, rate, acceleration and jerk, 24, over cells (N, 2), s.
 
-
-def fourier_models(trajectory: FourierTrajectory, edges: Array) -> list[TaylorModel]:
-    """Return the models of pose, rate, acceleration and jerk, 24, over cells of time.
-
-    The derivatives of a series are known in closed form, and no derivative of a harmonic is larger
-    than its amplitude times the power of its frequency.
-
-    Parameters
-    ----------
-    edges : (N, 2)
-        When each cell begins and ends, s; every instant between the two is in the cell.
-    """
-    middle = edges.mean(axis=1)
-    half = np.max(np.abs(edges - middle[:, None]), axis=1) * (1 + 4 * EPS)
-    orders = trajectory.omega * np.arange(1, trajectory.harmonics + 1)
-    phases = np.multiply.outer(middle, orders)
-    basis = np.sin(phases), np.cos(phases)
-    amplitude = np.abs(trajectory.sine) + np.abs(trajectory.cosine)
-    # (n, N), how wrong a sine may be whose phase was rounded, in a sum of 2 n of them
-    rounding = (16 + 2 * trajectory.harmonics + 4 * np.abs(phases.T)) * EPS
-    signs = ((1, 0), (1, 1), (-1, 0), (-1, 1))
-    found = []
-    for derivative in range(DERIVATIVES):
-        coefficients = np.zeros((TERMS, 6, len(middle)))
-        radius = np.zeros((6, len(middle)))
-        for k in range(TERMS):
-            step = half**k / math.factorial(k)
-            grown = orders ** (derivative + k)
-            (sign_a, which_a), (sign_b, which_b) = (
-                signs[(derivative + k + shift) % 4] for shift in (0, 1)
-            )
-            values = basis[which_a] @ (sign_a * grown * trajectory.sine).T
-            values += basis[which_b] @ (sign_b * grown * trajectory.cosine).T
-            coefficients[k] = (values * step[:, None]).T
-            radius += (amplitude * grown) @ rounding * step
-        if derivative == 0:
-            coefficients[0] += trajectory.lambda0[:, None]
-            radius += 2 * EPS * np.abs(trajectory.lambda0[:, None])
-        beyond = amplitude @ (orders ** (derivative + TERMS))
-        radius += beyond[:, None] * half**TERMS / math.factorial(TERMS)
-        radius *= UP
-        found += [
-            TaylorModel(np.ascontiguousarray(coefficients[:, i]), radius[i]) for i in range(6)
-        ]
-    return found
+        The derivatives of a series are known in closed form, and no derivative of a harmonic is
+        larger than its amplitude times the power of its frequency.
+        """
+        trajectory = self.trajectory
+        middle = edges.mean(axis=1)
+        half = np.max(np.abs(edges - middle[:, None]), axis=1) * (1 + 4 * EPS)
+        orders = trajectory.omega * np.arange(1, trajectory.harmonics + 1)
+        phases = np.multiply.outer(middle, orders)
+        basis = np.sin(phases), np.cos(phases)
+        amplitude = np.abs(trajectory.sine) + np.abs(trajectory.cosine)
+        # (n, N), error of a sine with a rounded phase, in a sum of 2 n of them
+        rounding = (16 + 2 * trajectory.harmonics + 4 * np.abs(phases.T)) * EPS
+        signs = ((1, 0), (1, 1), (-1, 0), (-1, 1))
+        found = []
+        for derivative in range(DERIVATIVES):
+            coefficients = np.zeros((TERMS, 6, len(middle)))
+            radius = np.zeros((6, len(middle)))
+            for k in range(TERMS):
+                step = half**k / math.factorial(k)
+                grown = orders ** (derivative + k)
+                (sign_a, which_a), (sign_b, which_b) = (
+                    signs[(derivative + k + shift) % 4] for shift in (0, 1)
+                )
+                values = basis[which_a] @ (sign_a * grown * trajectory.sine).T
+                values += basis[which_b] @ (sign_b * grown * trajectory.cosine).T
+                coefficients[k] = (values * step[:, None]).T
+                radius += (amplitude * grown) @ rounding * step
+            if derivative == 0:
+                coefficients[0] += trajectory.lambda0[:, None]
+                radius += 2 * EPS * np.abs(trajectory.lambda0[:, None])
+            beyond = amplitude @ (orders ** (derivative + TERMS))
+            radius += beyond[:, None] * half**TERMS / math.factorial(TERMS)
+            radius *= UP
+            found += [
+                TaylorModel(np.ascontiguousarray(coefficients[:, i]), radius[i]) for i in range(6)
+            ]
+        return found

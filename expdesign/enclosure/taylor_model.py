@@ -49,28 +49,28 @@ class TaylorModel:
 
     @classmethod
     def number(cls, value: float) -> TaylorModel:
-        """Return the model of a number that is known exactly, in all cells."""
+        """Return the model of an exact number in all cells."""
         return cls(np.full((1, 1), float(value)), np.zeros(1))
 
     @classmethod
     def unknown(cls) -> TaylorModel:
-        """Return the model of what may be anything, in all cells."""
+        """Return the model without any information, in all cells."""
         return cls(np.zeros((1, 1)), np.full(1, np.inf))
 
     @classmethod
     def within(cls, low: Array, high: Array) -> TaylorModel:
-        """Return the model of what lies between two numbers, (N,) each, in every cell."""
+        """Return the model of the interval between two numbers, (N,) each, in every cell."""
         middle = low + (high - low) / 2
         radius = np.maximum(high - middle, middle - low)
         return cls(middle[None, :], arithmetic.all_outward(radius + EPS * np.abs(middle)))
 
     @classmethod
     def unpacked(cls, packed: Array, count: int) -> TaylorModel:
-        """Return the model of a packed one, (TERMS + 1, N), with so many coefficients: a view."""
+        """Return a view of a packed model, (TERMS + 1, N), with this number of coefficients."""
         return cls(packed[:count], packed[TERMS], packed)
 
     def write(self, packed: Array) -> int:
-        """Write it into a packed model, (TERMS + 1, N); return how many coefficients it has."""
+        """Write it into a packed model, (TERMS + 1, N); return the number of coefficients."""
         count = len(self.coefficients)
         packed[:count] = self.coefficients
         packed[TERMS] = self.radius
@@ -82,9 +82,9 @@ class TaylorModel:
         return max(self.coefficients.shape[1], len(self.radius))
 
     def packed(self, cells: int) -> tuple[Array, int]:
-        """Return it packed, (TERMS + 1, cells), only to be read, and how many coefficients it has.
+        """Return the packed model, (TERMS + 1, cells), read-only, and its number of coefficients.
 
-        A model that is a view of a packed one is not packed again.
+        A view of a packed model is not packed again.
         """
         if self._packed is not None and self._packed.shape[1] == cells:
             return self._packed, len(self.coefficients)
@@ -93,22 +93,21 @@ class TaylorModel:
 
     @property
     def size(self) -> Array:
-        """(N,) what no value is larger than in size."""
+        """(N,), upper bound of the absolute value."""
         return arithmetic.size(*self.packed(self.cells))
 
     def bounds(self) -> tuple[Array, Array]:
-        """Return what no value is below and none above, (N,) each.
+        """Return lower and upper bounds, (N,) each; infinite after an overflow.
 
-        That of the first three powers together is exact, each further one counts with its size.
-        Where a coefficient is too large for a number, nothing is known.
+        The range of the first three powers is exact; each further one adds its absolute value.
         """
         return arithmetic.bounds(*self.packed(self.cells))
 
     def extremes(self) -> list[Array]:
-        """Return where in each cell the polynomial may be largest or smallest, τ, (N,) each.
+        """Return candidates for the extremes of the polynomial in each cell, τ, (N,) each.
 
-        The middle, both ends, and where the slope is zero: found by Newton's method from the
-        vertex of the first three powers, which is enough to find a good value, and proves nothing.
+        They are the middle, both ends and a zero of the slope, found by Newton's method from the
+        vertex of the first three powers: good values without a proof.
         """
         c = self.coefficients
         places = [np.full(c.shape[1], tau) for tau in (0.0, -1.0, 1.0)]
@@ -125,14 +124,11 @@ class TaylorModel:
         return [*places, place]
 
     def root(self) -> Array:
-        """Return where the polynomial changes its sign in each cell, τ, (N,); NaN where not sure.
-
-        Like `extremes` this is a good place, no proof.
-        """
+        """Return a sign change of the polynomial in each cell, τ, (N,), or NaN; without proof."""
         return arithmetic.roots(*self.packed(self.cells))
 
     def at(self, instants: Array) -> Array:
-        """Return the polynomial's values at τ, (N,); the function's are within the radius."""
+        """Return the polynomial's values at τ, (N,); the function is within the radius of them."""
         value = np.zeros(np.broadcast_shapes(self.coefficients.shape[1:], instants.shape))
         for coefficient in self.coefficients[::-1]:
             value = value * instants + coefficient
@@ -163,10 +159,6 @@ class TaylorModel:
         """Return the square."""
         return self * self
 
-    def scaled(self, factor: float) -> TaylorModel:
-        """Return the model times a number that is known exactly."""
-        return TaylorModel.number(factor) * self
-
 
 _POWERS = TERMS + 2
 """Powers of a series in the model itself: its range within a cell is small."""
@@ -188,7 +180,7 @@ def root(a: TaylorModel) -> TaylorModel:
 
 
 def _build_model(write: Callable[[Array, int, Array, Array], int], a: TaylorModel) -> TaylorModel:
-    """Return the model that a function of packed models writes."""
+    """Return the model written by a function of packed models."""
     room = np.empty((4, TERMS + 1, a.cells))
     return TaylorModel.unpacked(room[0], write(*a.packed(a.cells), room[0], room[1:]))
 
@@ -214,12 +206,16 @@ def exponential(a: TaylorModel) -> TaylorModel:
 
 
 def arc_tangent(y: TaylorModel, x: TaylorModel) -> TaylorModel:
-    """Return the angle of the point (x, y), rad; any angle where that may jump by a turn.
+    """Return the angle of the point (x, y), rad; any angle where it may jump by a turn.
 
-    Turned back by the angle at the middle of the cell it is small, and its series is short.
+    Relative to the angle at the middle of the cell it is small, and its series is short.
     """
     angle = np.arctan2(y.coefficients[0], x.coefficients[0])
-    c, s = (_of_circle(part) for part in (np.cos(angle), np.sin(angle)))
+    # NumPy's sine and cosine are accurate to four units of the last digit of 1, also near zeros.
+    c, s = (
+        TaylorModel(part[None, :], 8 * EPS * np.abs(part) + TINY + 8 * EPS)
+        for part in (np.cos(angle), np.sin(angle))
+    )
     along, across = x * c + y * s, y * c - x * s
     tangent = across * reciprocal(along)
     square = tangent.squared()
@@ -232,7 +228,7 @@ def arc_tangent(y: TaylorModel, x: TaylorModel) -> TaylorModel:
         largest < 1, largest ** (2 * last + 3) / (2 * last + 3), np.inf
     )
     small = TaylorModel(total.coefficients, radius)
-    # However well the angle was computed: it is by this number that the point was turned.
+    # The accuracy of the angle does not matter: the point was rotated by this very number.
     found = small + TaylorModel(angle[None, :], np.zeros(1))
     low, high = found.bounds()
     good = (low > -np.pi) & (high < np.pi) & (along.bounds()[0] > 0)
@@ -252,16 +248,6 @@ def arc_cosine(a: TaylorModel) -> TaylorModel:
     return arc_tangent(root(TaylorModel.number(1.0) - a.squared()), a)
 
 
-def power(a: TaylorModel, exponent: int) -> TaylorModel:
-    """Return aⁿ of a whole number n."""
-    if exponent < 0:
-        return reciprocal(power(a, -exponent))
-    found = TaylorModel.number(1.0)
-    for _ in range(exponent):
-        found = found * a
-    return found
-
-
 def sign(a: TaylorModel) -> TaylorModel:
     """Return the sign; anything from −1 to 1 in cells where a may be zero."""
     low, high = a.bounds()
@@ -270,26 +256,13 @@ def sign(a: TaylorModel) -> TaylorModel:
 
 
 def absolute(a: TaylorModel) -> TaylorModel:
-    """Return the size."""
+    """Return the absolute value."""
     low, high = a.bounds()
     flipped = chosen(high <= 0, -a, a)
     known = (low >= 0) | (high <= 0)
     if np.all(known):
         return flipped
     return chosen(known, flipped, TaylorModel.within(np.zeros_like(high), np.maximum(-low, high)))
-
-
-def larger(a: TaylorModel, b: TaylorModel) -> TaylorModel:
-    """Return the larger of two."""
-    cells = max(a.cells, b.cells)
-    room = np.empty((5, TERMS + 1, cells))
-    count = arithmetic.larger(*a.packed(cells), *b.packed(cells), room[0], room[1:])
-    return TaylorModel.unpacked(room[0], count)
-
-
-def smaller(a: TaylorModel, b: TaylorModel) -> TaylorModel:
-    """Return the smaller of two."""
-    return -larger(-a, -b)
 
 
 def chosen(which: Mask, a: TaylorModel, b: TaylorModel) -> TaylorModel:
@@ -310,8 +283,8 @@ def _series(
 ) -> TaylorModel:
     """Return g(a) by the Taylor series of g about the middle of each cell.
 
-    `derivatives` are g, g′, g″, … there, which come again in this order; none is larger than
-    `largest` in the cell. They are wrong by `rounding` and a few units of the last digit.
+    `derivatives` are g, g′, g″, … there, repeated periodically; `largest` bounds them in the cell.
+    Their errors are at most `rounding` and a few units of the last digit.
     """
     distance = TaylorModel(a.coefficients.copy(), a.radius)
     distance.coefficients[0] = 0.0
@@ -319,34 +292,15 @@ def _series(
     values = [derivatives[k % count] / share for k, share in enumerate(shares)]
     total = _polynomial(distance, values, [rounding / share for share in shares])
     beyond = distance.size ** (_POWERS + 1) / math.factorial(_POWERS + 1)
-    return _with_radius(total, total.radius + largest * beyond * (1 + 16 * EPS))
+    radius = total.radius + largest * beyond * (1 + 16 * EPS)
+    radius = np.where(np.isnan(radius), np.inf, radius) * (1 + 16 * EPS)
+    return TaylorModel(total.coefficients, radius)
 
 
 def _polynomial(a: TaylorModel, values: list[Array], more: list[float]) -> TaylorModel:
-    """Return c₀ + c₁ a + c₂ a² + … for numbers c, (N,) each, rounded as in `_with_rounding`."""
+    """Return c₀ + c₁ a + c₂ a² + … for computed numbers c, (N,) each."""
     numbers, room = np.empty((len(values), a.cells)), np.empty((4, TERMS + 1, a.cells))
     for k, value in enumerate(values):
         numbers[k] = value
     count = arithmetic.horner(*a.packed(a.cells), numbers, np.array(more), room[0], room[1:])
     return TaylorModel.unpacked(room[0], count)
-
-
-def _with_rounding(values: Array, more: Array | float = 0.0) -> TaylorModel:
-    """Return the model of numbers (N,) that were computed, wrong by a few units of the last digit.
-
-    The exponential of NumPy is within four of them. `more` is added to the radius.
-    """
-    return TaylorModel(values[None, :], 8 * EPS * np.abs(values) + TINY + more)
-
-
-def _of_circle(values: Array) -> TaylorModel:
-    """Return the model of sines or cosines (N,) that were computed.
-
-    Near their zeros nothing is asked of the last digit: NumPy's are within four units of that of 1.
-    """
-    return _with_rounding(values, 8 * EPS)
-
-
-def _with_radius(model: TaylorModel, radius: Array) -> TaylorModel:
-    radius = np.where(np.isnan(radius), np.inf, radius) * (1 + 16 * EPS)
-    return TaylorModel(model.coefficients, radius)

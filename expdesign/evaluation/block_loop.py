@@ -1,7 +1,7 @@
-"""Samples in blocks, one to a lane, in LLVM's language: into lanes, through the functions, and out.
+"""LLVM code of the loop over blocks of samples, one sample to a lane.
 
-Outside, a sample's elements stand side by side; in lanes, an element of all samples does. What
-lies between is the transposition of small square matrices, in the processor's registers.
+Arrays hold the elements of one sample side by side, vectors the same element of all samples:
+between them small square matrices are transposed in the processor's registers.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from itertools import accumulate
 
 ENTRY = "evaluate"
-"""The function that is called from outside: see `vector_code`."""
+"""Name of the function that evaluates all samples: see `vector_code`."""
 
 
 @dataclass(frozen=True)
 class Lanes:
-    """Samples that are evaluated side by side; as text, the type of their vector."""
+    """Number of samples that are evaluated together; as text, the type of their vector."""
 
     count: int
     """A power of two."""
@@ -27,7 +27,7 @@ class Lanes:
 
     @property
     def mask(self) -> str:
-        """The type of a condition of each."""
+        """Type of a vector of conditions."""
         return f"<{self.count} x i1>"
 
     @property
@@ -43,7 +43,7 @@ class Lanes:
     def transposed(self, rows: Sequence[str]) -> tuple[list[str], list[str]]:
         """Return instructions that transpose as many vectors as there are lanes, and their names.
 
-        Blocks off the diagonal change places: those of half the size, of a quarter, and so on.
+        Blocks off the diagonal are exchanged: those of half the size, of a quarter, and so on.
         """
         lines: list[str] = []
         now, step = list(rows), self.count // 2
@@ -68,8 +68,8 @@ class Lanes:
 def _copying(name: str, parameters: str, body: Sequence[str], lanes: Lanes) -> list[str]:
     """Return a function that copies groups of as many elements as there are lanes.
 
-    The last sample fills an incomplete group. `body` is what is done for a group of number
-    ``%g``, with the address of each lane's sample, ``%at0``, ….
+    The last sample fills an incomplete group. `body` has the instructions for the group with the
+    number ``%g``, with the address of each lane's sample, ``%at0``, ….
     """
     lines = [
         f"define private void @{name}(",
@@ -101,10 +101,10 @@ def _copying(name: str, parameters: str, body: Sequence[str], lanes: Lanes) -> l
 
 
 def _gather(lanes: Lanes) -> list[str]:
-    """Return the function that brings elements of an input into lanes.
+    """Return the function that copies elements of an input into lanes.
 
-    The last group overlaps the one before; that of an input with fewer elements than lanes goes
-    into rows that what comes next is written to.
+    The last group overlaps the one before; that of an input with fewer elements than lanes extends
+    into the rows of the next input, which is copied after it.
     """
     every = range(lanes.count)
     body = [
@@ -128,9 +128,9 @@ def _gather(lanes: Lanes) -> list[str]:
 
 
 def _scatter(lanes: Lanes) -> list[str]:
-    """Return the function that brings rows of lanes to elements of an output.
+    """Return the function that copies rows of lanes to elements of an output.
 
-    A group's row of the table has the row of each of its elements, and the first element.
+    Each group has a row in the table: the row of each of its elements, and the first element.
     """
     every, width = range(lanes.count), lanes.count + 1
     body = [
@@ -161,10 +161,10 @@ def _scatter(lanes: Lanes) -> list[str]:
 def _groups(
     places: Sequence[int], size: int, start: int, zero: int, lanes: Lanes
 ) -> Iterator[list[int]]:
-    """Yield the rows of an output's table: see `_scatter`. Groups of zeros alone are left out.
+    """Yield the rows of an output's table, see `_scatter`, without groups of zeros.
 
-    The last group overlaps the one before; that of an output with fewer elements than lanes goes
-    into the next sample, which is written after it.
+    The last group overlaps the one before; that of an output with fewer elements than lanes
+    extends into the next sample, which is written after it.
     """
     rows = {place: start + k for k, place in enumerate(places)}
     last = max(0, size - lanes.count)
@@ -207,17 +207,17 @@ def block_loop(
     Parameters
     ----------
     inputs : sequence of int
-        Elements of each of the inputs that differ from sample to sample.
+        Elements of each varying input.
     parts : int
-        How many functions are called, one after the other.
+        Number of functions that are called, one after the other.
     places, sizes, lanes
         See `vector_code`.
     work : int
-        Rows that the functions work with.
+        Rows of the functions' working memory.
     """
     starts = list(accumulate(inputs, initial=0))
     ends = list(accumulate((len(row) for row in places), initial=starts[-1]))
-    # Behind all that the gathering of few elements runs over.
+    # Behind everything that gathering an input with few elements overwrites.
     zero = ends[-1] + work + lanes.count
     tables = [
         list(_groups(row, size, start, zero, lanes))

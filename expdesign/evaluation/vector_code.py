@@ -1,11 +1,11 @@
-"""Translation of a CasADi function to LLVM IR with vector instructions, several samples each.
+"""Translation of a CasADi function to LLVM IR with vector instructions for several samples.
 
-The instructions are done in their order by operations that IEEE 754 rounds correctly, and by the C
-library's functions for all else, sample by sample, as CasADi's virtual machine does them: the
-numbers are the same, to the last bit.
+The instructions keep their order. Operations that IEEE 754 rounds correctly are vectorised, all
+others call the C library sample by sample like CasADi's virtual machine: the results are identical
+to the last bit.
 
-Functions of a thousand instructions hand their values on through memory: LLVM takes less time for
-many short functions than for a long one, and what it makes of them is no slower.
+The text consists of functions of a thousand instructions that pass their values through memory:
+LLVM compiles many short functions faster than a long one, and the code is no slower.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from expdesign.evaluation.block_loop import Lanes, block_loop
 _PART = 1000
 """Instructions of one function."""
 _READ = "%read"
-"""How names of values begin that stand in memory."""
+"""Prefix of the names of values that were read from memory."""
 
 _EXACT = {
     ca.OP_ADD: "fadd {v} {x}, {y}",
@@ -82,7 +82,7 @@ _ATTRIBUTES = 'attributes #0 = { nounwind "prefer-vector-width"="512" }\n'
 
 
 class UnknownInstructionError(ValueError):
-    """A function has an instruction that is not known here, such as a call of another one."""
+    """A function has an unsupported instruction, such as a call of another function."""
 
 
 def vector_code(
@@ -94,28 +94,28 @@ def vector_code(
 ) -> str:
     """Return LLVM's text of `ENTRY`, which evaluates a function for many samples.
 
-    Its arguments are a table of the varying inputs, of each one sample's rows after the other's;
-    the fixed inputs one after the other; a table of the outputs, like the varying inputs; the
-    number of samples, at least one; and `scratch_size` numbers at a multiple of 64 bytes. Of arrays
-    with fewer rows than `lanes.count` so many numbers more are read and written behind the last.
+    Its arguments are a table of the varying inputs, each stored sample by sample; the fixed inputs
+    one after the other; a table of the outputs, stored like the varying inputs; the number of
+    samples, at least one; and `scratch_size` numbers at a multiple of 64 bytes. Arrays with fewer
+    rows than `lanes.count` need that many spare numbers at their end.
 
     Parameters
     ----------
     function : casadi.Function
         Of SX.
     varying : int
-        How many of the inputs, the first ones, differ from sample to sample.
+        Number of inputs, the first ones, that differ from sample to sample.
     places : sequence of int sequences
-        Where the nonzeros of every output stand among its elements; nothing else is written.
+        Places of the nonzeros of every output; only these elements are written.
     sizes : sequence of int
         Elements of every output.
     lanes : Lanes
-        As many as a vector of the processor holds.
+        Lanes of a vector register.
 
     Raises
     ------
     UnknownInstructionError
-        An instruction is not known.
+        An instruction is not supported.
     """
     program = _Program(function, varying, lanes)
     inputs, _ = _counts(function)
@@ -124,7 +124,7 @@ def vector_code(
 
 
 def scratch_size(function: ca.Function, varying: int, lanes: Lanes) -> int:
-    """Return how many numbers `ENTRY` needs to work with."""
+    """Return the number of elements in the working memory of `ENTRY`."""
     inputs = sum(_counts(function)[0][:varying])
     rows = inputs + sum(_counts(function)[1]) + int(function.sz_w()) + 1
     return lanes.count * (rows + lanes.count)
@@ -140,11 +140,11 @@ def _starts(counts: Iterable[int]) -> list[int]:
 
 
 _Step = tuple[int, Sequence[int], Sequence[int], float]
-"""Operation, where its result goes, where its operands are, the number of a constant."""
+"""Operation, places of its result and its operands, and the value of a constant."""
 
 
 class _Program:
-    """The instructions as functions of at most `_PART` of them: see the module."""
+    """The instructions in functions of at most `_PART` instructions."""
 
     def __init__(self, function: ca.Function, varying: int, lanes: Lanes) -> None:
         inputs, outputs = _counts(function)
@@ -161,25 +161,25 @@ class _Program:
             self._lines += self._part(k, steps[start:end], kept[k])
 
     def text(self) -> list[str]:
-        """Return everything that the functions need, and the functions."""
+        """Return the declarations and the functions."""
         return [line for _, lines in sorted(self._used.items()) for line in lines] + self._lines
 
     def _part(self, number: int, steps: Sequence[_Step], kept: set[int]) -> list[str]:
         part = _Part(self._lanes)
-        for operation, result, operands, number_of_constant in steps:
+        for operation, result, operands, constant in steps:
             if operation == ca.OP_OUTPUT:
                 row = self._outputs[result[0]] + result[1]
                 part.store(part.value(operands[0]), "%outputs", row)
             elif operation == ca.OP_INPUT:
                 row = self._inputs[operands[0]] + operands[1]
-                part.values[result[0]] = part.given(row, varies=operands[0] < self._varying)
+                part.values[result[0]] = part.input(row, varies=operands[0] < self._varying)
             elif operation == ca.OP_CONST:
-                part.values[result[0]] = self._lanes.constant(number_of_constant)
+                part.values[result[0]] = self._lanes.constant(constant)
             else:
                 found = self._result(part, operation, [part.value(place) for place in operands])
                 part.values[result[0]] = found
         for place in sorted(kept & set(part.values)):
-            # What was only read stands there already.
+            # Values that were only read are there already.
             if not part.values[place].startswith(_READ):
                 part.store(part.values[place], "%work", place)
         head = f"define private void @part{number}({_PARAMETERS}) #0 {{"
@@ -190,9 +190,9 @@ class _Program:
         lanes = self._lanes
         names = {"v": lanes, "x": x, "y": y, "one": lanes.constant(1), "zero": lanes.constant(0)}
         if operation in _EXACT:
-            return part.does(_EXACT[operation].format(**names))
+            return part.add(_EXACT[operation].format(**names))
         if operation in _COMPARISON:
-            return part.number(part.does("fcmp " + _COMPARISON[operation].format(**names)))
+            return part.number(part.add("fcmp " + _COMPARISON[operation].format(**names)))
         if operation in _LOGICAL:
             return _LOGICAL[operation](part, x, y)
         given = ", ".join(f"{lanes} {each}" for each in operands)
@@ -204,37 +204,37 @@ class _Program:
             called = LIBRARY[operation]
             name = f"@lanes_{called}"
             self._used[name] = _lane_by_lane(called, len(operands), lanes)
-        return part.does(f"call {lanes} {name}({given})")
+        return part.add(f"call {lanes} {name}({given})")
 
 
 @dataclass
 class _Part:
-    """The lines of one function, and what stands where in memory as long as it is done."""
+    """The lines of one function, and the names of its values."""
 
     lanes: Lanes
     lines: list[str] = field(default_factory=list)
     values: dict[int, str] = field(default_factory=dict)
-    """Names of what the places of CasADi's work hold now."""
+    """Names of the present values at the places of CasADi's work."""
 
-    def does(self, text: str, name: str = "%v") -> str:
+    def add(self, text: str, name: str = "%v") -> str:
         """Add an instruction, and return the name of its result."""
         found = f"{name}{len(self.lines)}"
         self.lines.append(f"  {found} = {text}")
         return found
 
-    def chosen(self, holds: str, value: str, other: str) -> str:
+    def select(self, holds: str, value: str, other: str) -> str:
         """Return one of two values, depending on a condition."""
-        return self.does(
+        return self.add(
             f"select {self.lanes.mask} {holds}, {self.lanes} {value}, {self.lanes} {other}"
         )
 
     def number(self, holds: str) -> str:
         """Return 1 where a condition holds and 0 elsewhere."""
-        return self.does(f"uitofp {self.lanes.mask} {holds} to {self.lanes}")
+        return self.add(f"uitofp {self.lanes.mask} {holds} to {self.lanes}")
 
     def not_zero(self, value: str) -> str:
-        """Return where a value is another number than 0, or none."""
-        return self.does(f"fcmp une {self.lanes} {value}, {self.lanes.constant(0)}")
+        """Return the condition that a value is not 0, or NaN."""
+        return self.add(f"fcmp une {self.lanes} {value}, {self.lanes.constant(0)}")
 
     def value(self, place: int) -> str:
         """Return the value at a place of CasADi's work."""
@@ -242,44 +242,44 @@ class _Part:
             self.values[place] = self._loaded("%work", place, _READ)
         return self.values[place]
 
-    def given(self, row: int, *, varies: bool) -> str:
-        """Return a row of the inputs, varying or fixed ones."""
+    def input(self, row: int, *, varies: bool) -> str:
+        """Return a row of the varying or the fixed inputs."""
         if varies:
             return self._loaded("%inputs", row, "%v")
-        at = self.does(f"getelementptr double, ptr %fixed, i64 {row}")
-        number = self.does(f"load double, ptr {at}")
+        at = self.add(f"getelementptr double, ptr %fixed, i64 {row}")
+        number = self.add(f"load double, ptr {at}")
         lanes = self.lanes
-        alone = self.does(f"insertelement {lanes} poison, double {number}, i32 0")
+        alone = self.add(f"insertelement {lanes} poison, double {number}, i32 0")
         zeros = f"<{lanes.count} x i32> zeroinitializer"
-        return self.does(f"shufflevector {lanes} {alone}, {lanes} poison, {zeros}")
+        return self.add(f"shufflevector {lanes} {alone}, {lanes} poison, {zeros}")
 
     def store(self, value: str, base: str, row: int) -> None:
         """Store a value in a row of memory."""
-        at = self.does(f"getelementptr {self.lanes}, ptr {base}, i64 {row}")
+        at = self.add(f"getelementptr {self.lanes}, ptr {base}, i64 {row}")
         self.lines.append(f"  store {self.lanes} {value}, ptr {at}, align {self.lanes.bytes}")
 
     def _loaded(self, base: str, row: int, name: str) -> str:
-        at = self.does(f"getelementptr {self.lanes}, ptr {base}, i64 {row}")
-        return self.does(f"load {self.lanes}, ptr {at}, align {self.lanes.bytes}", name)
+        at = self.add(f"getelementptr {self.lanes}, ptr {base}, i64 {row}")
+        return self.add(f"load {self.lanes}, ptr {at}, align {self.lanes.bytes}", name)
 
 
 def _sign(part: _Part, x: str, _: str) -> str:
     lanes = part.lanes
-    above = part.does(f"fcmp ogt {lanes} {x}, {lanes.constant(0)}")
-    below = part.does(f"fcmp olt {lanes} {x}, {lanes.constant(0)}")
-    return part.chosen(below, lanes.constant(-1), part.chosen(above, lanes.constant(1), x))
+    above = part.add(f"fcmp ogt {lanes} {x}, {lanes.constant(0)}")
+    below = part.add(f"fcmp olt {lanes} {x}, {lanes.constant(0)}")
+    return part.select(below, lanes.constant(-1), part.select(above, lanes.constant(1), x))
 
 
 def _joint(joint: str) -> Callable[[_Part, str, str], str]:
     def both(part: _Part, x: str, y: str) -> str:
         first, second = part.not_zero(x), part.not_zero(y)
-        return part.number(part.does(f"{joint} {part.lanes.mask} {first}, {second}"))
+        return part.number(part.add(f"{joint} {part.lanes.mask} {first}, {second}"))
 
     return both
 
 
 def _if_not_zero(part: _Part, x: str, y: str) -> str:
-    return part.chosen(part.not_zero(x), y, part.lanes.constant(0))
+    return part.select(part.not_zero(x), y, part.lanes.constant(0))
 
 
 _LOGICAL = {
@@ -304,7 +304,7 @@ def _step(function: ca.Function, k: int) -> _Step:
 
 
 def _kept(steps: Sequence[_Step], cuts: Sequence[int]) -> list[set[int]]:
-    """Return the places whose values are read after each part, before something else is there."""
+    """Return the places whose values are read after each part before they are overwritten."""
     needed: set[int] = set()
     found: list[set[int]] = []
     for start, end in reversed(list(pairwise(cuts))):
@@ -320,7 +320,7 @@ def _kept(steps: Sequence[_Step], cuts: Sequence[int]) -> list[set[int]]:
 
 
 def _lane_by_lane(name: str, operands: int, lanes: Lanes) -> list[str]:
-    """Return a function that calls one of the C library's for sample after sample."""
+    """Return a function that calls a function of the C library sample by sample."""
     kinds = ", ".join(["double"] * operands)
     parameters = ", ".join(f"{lanes} %x{j}" for j in range(operands))
     lines = [f"declare double @{name}({kinds})"]

@@ -10,7 +10,6 @@ from functools import partial
 
 import numpy as np
 
-from constraints.arrays import Array
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.experiment.precision import (
     experiment_information,
@@ -40,7 +39,6 @@ from expdesign.motion.executable import SampledMotion
 from expdesign.progress import report_progress, track
 from expdesign.recheck.excitable import structural_base
 from expdesign.recheck.limit_check import POINTS, unlimited, unlimited_warning
-from expdesign.robot import Robot
 from expdesign.solver.phases import Iteration
 from expdesign.solver.search import NoDesignError, SearchResult, search
 from expdesign.solver.starts import SearchPlan, status_text
@@ -80,10 +78,11 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
             key="limits",
             allowed="at least limits of the strut's length, speed and force",
         )
-    watch = monitor or Monitor()
     report_progress("building the problem")
     plan = plan_search(configuration)
-    _refuse_inseparable(plan)
+    structure = structural_base(plan.evaluator.robot, plan.evaluator.names)
+    if structure.regrouped:
+        raise SingularInformationError(weak_directions(structure), structural=True)
     _refuse_unexcitable(plan)
     workers = min(plan.workers, plan.starts)
     if workers > 1:
@@ -91,7 +90,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         plan.problem.compile()
     report_progress("the first start" if workers == 1 else f"starting {workers} processes")
     try:
-        found = search(partial(plan_search, configuration), plan, watch)
+        found = search(partial(plan_search, configuration), plan, monitor or Monitor())
     except NoDesignError as error:
         _blame_unexcited(plan, error)
         raise
@@ -100,7 +99,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     evaluator, samples = plan.evaluator, configuration.run.trajectory.samples
     information = evaluator.information(trajectory, samples)
     whole_information, total = experiment_information(evaluator, trajectory, configuration)
-    periods = configuration.run.experiment.periods
+    periods, noise = configuration.run.experiment.periods, configuration.robot.noise
     predicted = PredictedStd(
         per_period=precision(evaluator, information, samples, 1),
         experiment=precision(evaluator, whole_information, total, periods),
@@ -110,7 +109,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
             samples,
             evaluator.names,
             evaluator.covariance,
-            _length_covariance(configuration),
+            None if noise is None else noise.length_covariance,
             evaluator.prior,
         ),
     )
@@ -138,7 +137,6 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         hum=plan.hum.distances(trajectory.omega),
         warnings=(
             *configuration.warnings,
-            *_unlimited(robot, trajectory),
             *_warnings(configuration, trajectory, plan),
             *imprecise(robot, predicted.experiment),
         ),
@@ -149,18 +147,6 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         eigenvalues=tuple(scaled_eigenvalues(information, robot.scales[evaluator.columns])),
         information=information,
     )
-
-
-def _length_covariance(configuration: RunConfiguration) -> Array | None:
-    noise = configuration.robot.noise
-    return None if noise is None else noise.length_covariance
-
-
-def _refuse_inseparable(plan: SearchPlan) -> None:
-    """Refuse parameters that are confounded in every motion of the machine."""
-    found = structural_base(plan.evaluator.robot, plan.evaluator.names)
-    if found.regrouped:
-        raise SingularInformationError(weak_directions(found), structural=True)
 
 
 def _refuse_unexcitable(plan: SearchPlan) -> None:
@@ -193,17 +179,12 @@ def _blame_unexcited(plan: SearchPlan, error: NoDesignError) -> None:
         raise SingularInformationError(fewest) from error
 
 
-def _unlimited(robot: Robot, trajectory: FourierTrajectory) -> tuple[str, ...]:
-    """Return a warning about missing limits with the motion's values, or nothing."""
-    found = unlimited(robot, trajectory, trajectory.sample_times(POINTS))
-    warning = unlimited_warning(found)
-    return (warning,) if warning else ()
-
-
 def _warnings(
     configuration: RunConfiguration, trajectory: FourierTrajectory, plan: SearchPlan
 ) -> tuple[str, ...]:
-    found = []
+    """Return warnings about missing limits, the period and hums, in words."""
+    missing = unlimited(plan.evaluator.robot, trajectory, trajectory.sample_times(POINTS))
+    found = [text] if (text := unlimited_warning(missing)) else []
     steps = trajectory.period / plan.controller_period
     if whole(steps) is None:
         step = plan.controller_period

@@ -17,7 +17,7 @@ from expdesign.information.fisher import (
     PriorMachine,
 )
 from expdesign.noise import Hum
-from expdesign.problem.design_problem import DesignProblem, build_problem
+from expdesign.problem.design_problem import build_problem
 from expdesign.recheck.excitable import structural_base
 from expdesign.recheck.information import Evaluator
 from expdesign.robot import Robot, robot_from
@@ -44,7 +44,7 @@ def plan_search(configuration: RunConfiguration) -> SearchPlan:
     names = judged_parameters(configuration, robot)
     scaling = robot.scales if run.design.scaling == "nominal" else np.ones(len(robot.scales))
     criterion = criteria()[run.design.criterion]
-    covariance, memory = force_covariance(configuration), force_memory(configuration)
+    covariance, memory = force_noise(configuration)
     prior = prior_machine(configuration, robot, names)
     problem = build_problem(
         robot,
@@ -56,13 +56,11 @@ def plan_search(configuration: RunConfiguration) -> SearchPlan:
         scaling=scaling,
         names=names,
     )
-    problem = problem.with_noise(memory).with_prior(prior, scaling)
-    if run.design.start == "rest":
-        problem = problem.with_variables(rest=True)
-    evaluator = Evaluator(robot, covariance, criterion, scaling, names, memory, prior)
+    problem = replace(problem, cost=replace(problem.cost, memory=memory))
+    problem = problem.with_prior(prior, scaling).with_variables(rest=run.design.start == "rest")
     plan = SearchPlan(
         problem=problem,
-        evaluator=evaluator,
+        evaluator=Evaluator(robot, covariance, criterion, scaling, names, memory, prior),
         starts=run.design.starts,
         hops=run.design.hops if run.design.search == "hopping" else 0,
         seed=run.design.seed,
@@ -74,19 +72,12 @@ def plan_search(configuration: RunConfiguration) -> SearchPlan:
         scheduler=run.scheduler,
         max_seconds=run.design.max_seconds,
     )
-    return replace(plan, problem=_rescale(plan))
-
-
-def _rescale(plan: SearchPlan) -> DesignProblem:
-    """Return the problem in a scaling in which a random motion's F has a unit diagonal.
-
-    log det F does not depend on the scaling, but the accuracy of its eigenvalues does.
-    """
-    problem = plan.problem
+    # log det F does not depend on the scaling, but the accuracy of its eigenvalues does: F of a
+    # random motion gets a unit diagonal.
     information = plan.evaluator.whole_information(probe_motion(plan, 0), problem.cost.samples)
     sizes = np.sqrt(np.diag(information) / problem.cost.samples)
-    scaling = 1 / np.where(sizes > 0, sizes, 1.0)
-    return replace(problem, even_scaling=scaling).with_criterion(problem.criterion)
+    even = replace(problem, even_scaling=1 / np.where(sizes > 0, sizes, 1.0))
+    return replace(plan, problem=even.with_criterion(criterion))
 
 
 def probe_motion(plan: SearchPlan, number: int) -> FourierTrajectory:
@@ -124,15 +115,15 @@ def prior_machine(
     return PriorMachine.of(identification_of(machine), changed, samples)
 
 
-def force_covariance(configuration: RunConfiguration) -> Array:
-    """Return Σ, (6, 6), N².
+def force_noise(configuration: RunConfiguration) -> tuple[Array, PeriodicNoise | None]:
+    """Return Σ of the forces, (6, 6), N², and their coloured noise in the experiment; None: white.
 
     Raises
     ------
     InputError
         The run states no noise of the forces.
     """
-    noise = configuration.robot.noise
+    noise, experiment = configuration.robot.noise, configuration.run.experiment
     if noise is None or noise.force_covariance is None:
         raise InputError(
             "the design needs the noise of the forces, and neither robot nor run state it",
@@ -140,15 +131,11 @@ def force_covariance(configuration: RunConfiguration) -> Array:
             key="noise",
             allowed=f"force_std (six values) or force_covariance (6 × 6); {NOISE_FROM_DATA}",
         )
-    return noise.force_covariance
-
-
-def force_memory(configuration: RunConfiguration) -> PeriodicNoise | None:
-    """Return the coloured noise of the forces in the run's experiment; None: white."""
-    noise, experiment = configuration.robot.noise, configuration.run.experiment
-    if noise is None or noise.force_spectrum is None:
-        return None
-    return PeriodicNoise(noise.force_spectrum, experiment.sampling, experiment.periods)
+    spectrum = noise.force_spectrum
+    if spectrum is None:
+        return noise.force_covariance, None
+    memory = PeriodicNoise(spectrum, experiment.sampling, experiment.periods)
+    return noise.force_covariance, memory
 
 
 def known_hum(configuration: RunConfiguration) -> KnownHum:

@@ -1,4 +1,4 @@
-"""An executable motion: segments of the pose in time, one after the other without a break."""
+"""An executable motion: consecutive segments of the pose in time."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from expdesign.trajectory import FourierTrajectory, PoseSamples
 
 PERIODS = "periods"
 WHOLE = 1e-6
-"""Steps by which a duration may differ from a whole number of them."""
+"""Largest deviation of a duration from a whole number of steps, in steps."""
 _LEAST_POINTS = 2 * FIXED
 _MOST_PERIODS = 1_000_000
 _SHORTEST_RAMP = 1e-3
@@ -56,7 +56,7 @@ class Periods:
     periods: int
     """Their number M."""
     phase: float = 0.0
-    """Time on the trajectory's orbit at which the segment begins and ends, s."""
+    """Time on the trajectory's orbit at both ends, s."""
 
     @property
     def name(self) -> str:
@@ -85,7 +85,7 @@ class Periods:
         return Periods(self.trajectory.scaled(factor, home), self.periods, self.phase / factor)
 
     def _on_orbit(self, times: Array) -> Array:
-        # Within one period: later ones have exactly the same values.
+        # Within one period, so that all periods have exactly the same values.
         return np.mod(np.asarray(times, dtype=float) + self.phase, self.trajectory.period)
 
 
@@ -108,7 +108,7 @@ class ExecutableMotion:
 
     @property
     def starts(self) -> Array:
-        """(K + 1,) when each segment begins, and the end of the last, s."""
+        """(K + 1,), beginnings of the segments and end of the last, s."""
         return np.concatenate([[0.0], np.cumsum([segment.duration for segment in self.segments])])
 
     @property
@@ -118,12 +118,12 @@ class ExecutableMotion:
 
     @property
     def window(self) -> tuple[float, float]:
-        """When the measurement window begins and ends, s: the M periods."""
+        """Beginning and end of the measurement window, the M periods, s."""
         k = [segment.name for segment in self.segments].index(PERIODS)
         return float(self.starts[k]), float(self.starts[k + 1])
 
     def steps(self, step: float) -> tuple[int, ...]:
-        """Return how many steps of the controller, whose length in s is given, each segment takes.
+        """Return the number of controller steps, of a length in s, of each segment.
 
         Raises
         ------
@@ -137,10 +137,9 @@ class ExecutableMotion:
         return tuple(round(count) for count in counts)
 
     def scaled(self, factor: float, home: Array) -> ExecutableMotion:
-        """Return the same motion λ smaller and slower: home + F (λ(F t) − home).
+        """Return a smaller and slower motion: home + F (λ(F t) − home).
 
-        Distances from home are F times as large, rates F² times and accelerations F³ times; it
-        takes 1/F times as long.
+        Distances from home are multiplied by F, rates by F², accelerations by F³, times by 1/F.
 
         Parameters
         ----------
@@ -167,7 +166,7 @@ class ExecutableMotion:
         return replace(self, segments=tuple(segments), periods=periods)
 
     def sample(self, times: ArrayLike) -> PoseSamples:
-        """Return pose, rate and acceleration at any times, s; before and after it is at rest."""
+        """Return pose, rate and acceleration at any times, s; outside the motion it is at rest."""
         t = np.atleast_1d(np.asarray(times, dtype=float))
         starts = self.starts
         inside = np.clip(t, 0.0, starts[-1])
@@ -217,9 +216,9 @@ class RampPoints:
 
 @dataclass(frozen=True)
 class LeadRamps:
-    """Lead-in and lead-out of a motion as data, with all digits: no search has to repeat them.
+    """Lead-in and lead-out of a motion as data with all digits.
 
-    Phase on the orbit, s, number of periods, the ramps, and how many of them are `before` the
+    Phase on the orbit, s, number of periods, the ramps, and the number of ramps `before` the
     periods.
     """
 
@@ -229,7 +228,7 @@ class LeadRamps:
     before: Annotated[int, Strict()]
 
     def motion(self, trajectory: FourierTrajectory, home: Array) -> ExecutableMotion:
-        """Return the executable motion, the same to the last digit.
+        """Return the executable motion, identical to the last digit.
 
         Parameters
         ----------
@@ -299,14 +298,14 @@ def moving_states(segment: Segment, times: Array) -> Array:
 
 
 def enclose_segment(segment: Segment) -> EnclosedMotion:
-    """Return what encloses a segment from its own start; of the periods the first."""
+    """Return the enclosure of a segment from its own start; of the periods only the first."""
     if isinstance(segment, Periods):
         return EnclosedSeries(segment.trajectory)
     return EnclosedSpline(segment)
 
 
 def has_enclosure(motion: ExecutableMotion) -> bool:
-    """Return whether each segment is of a kind that can be enclosed."""
+    """Return whether each segment has an enclosure."""
     return all(isinstance(segment, Periods | SplineRamp) for segment in motion.segments)
 
 
@@ -334,7 +333,7 @@ class SampledMotion:
     @classmethod
     def of(cls, robot: Robot, motion: Motion, times: Array) -> SampledMotion:
         """Sample a motion of a robot at the times (N,), s."""
-        # What is computed on the way takes ten times the memory of what stays.
+        # Intermediate results take ten times the memory of the result.
         parts = [
             cls._at_once(robot, motion, times[begin : begin + _AT_ONCE])
             for begin in range(0, max(len(times), 1), _AT_ONCE)
@@ -361,11 +360,11 @@ class SampledMotion:
 
     @property
     def period(self) -> float:
-        """Duration of one period of equidistant samples whose end is left out, s."""
+        """Duration of one period of equidistant samples without its end, s."""
         steps = self.time.size - 1
         return float((self.time[-1] - self.time[0]) * (steps + 1) / steps)
 
     @property
     def increases(self) -> bool:
-        """Whether there are two instants at least, each after the one before."""
+        """Whether there are at least two instants, in increasing order."""
         return self.time.size > 1 and bool(np.all(np.diff(self.time) > 0))

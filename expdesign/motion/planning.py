@@ -42,9 +42,9 @@ from expdesign.trajectory import FourierTrajectory
 
 RAMP_IN, RAMP_OUT = "ramp in", "ramp out"
 FAR = {RAMP_IN: "approach", RAMP_OUT: "return"}
-"""What the way between home and a pause near the orbit is called."""
-Ways = tuple[tuple[SplineRamp, ...], tuple[SplineRamp, ...]]
-"""From rest at home to the orbit, and back."""
+"""Names of the ramps between home and a pause near the orbit."""
+Leads = tuple[tuple[SplineRamp, ...], tuple[SplineRamp, ...]]
+"""Lead-in from rest at home to the orbit, and lead-out."""
 PIECES = 12
 """Polynomial pieces of a ramp."""
 
@@ -112,23 +112,23 @@ class _Plan:
         ]
 
     def guesses(self, problem: RampProblem, phase: float) -> list[SplineRamp]:
-        """Return where the search for a ramp starts."""
+        """Return the initial values of the search for a ramp."""
         return guesses(problem, self.trajectory.shifted(phase), self.trajectory.period, self.width)
 
-    def ramps(self, phase: float) -> Ways:
-        """Find both ways for a phase on the orbit."""
+    def ramps(self, phase: float) -> Leads:
+        """Find lead-in and lead-out for a phase on the orbit."""
         problems = self.problems(phase, PIECES)
         first, last = (
-            self._way(name, problem, phase)
+            self._lead(name, problem, phase)
             for name, problem in track("lead-in and lead-out: the shortest", problems)
         )
         return first, last
 
-    def _way(self, name: str, problem: RampProblem, phase: float) -> tuple[SplineRamp, ...]:
+    def _lead(self, name: str, problem: RampProblem, phase: float) -> tuple[SplineRamp, ...]:
         """Return one ramp between home and the orbit, or two with a pause at rest near the orbit.
 
-        A slow machine takes half a minute to a motion that it joins within a tenth of a second: no
-        spline of equal pieces does both.
+        A slow machine needs half a minute for the distance and a tenth of a second to join the
+        motion: no spline of equal pieces does both.
         """
         try:
             guessed = self.guesses(problem, phase)
@@ -140,7 +140,7 @@ class _Plan:
                 raise refused from None
 
     def _with_pause(self, name: str, problem: RampProblem) -> tuple[SplineRamp, ...]:
-        """Return the ways between home and rest, and between rest and the orbit, in their order."""
+        """Return the ramps between home and rest, and between rest and the orbit, in order."""
         arriving = name == RAMP_IN
         near = pause_near(problem, self.width, arriving=arriving)
         far = replace(problem, end=near.start) if arriving else replace(problem, start=near.end)
@@ -151,7 +151,7 @@ class _Plan:
         return (away, close) if arriving else (close, away)
 
     def estimate(self, phase: float) -> float:
-        """Return roughly how long both ramps take, s, and more where they break limits."""
+        """Return the approximate duration of both ramps, s, longer if they break limits."""
         total = 0.0
         for _, problem in self.problems(phase, _COARSE_PIECES):
             guess = self.guesses(problem, phase)[0]
@@ -180,8 +180,8 @@ def _plan(configuration: RunConfiguration, trajectory: FourierTrajectory) -> _Pl
     )
 
 
-def _best_phase(plan: _Plan) -> tuple[float, Ways]:
-    """Return the phase, on a controller step, with the shortest ramps, and these."""
+def _best_phase(plan: _Plan) -> tuple[float, Leads]:
+    """Return the phase, on a controller step, with the shortest ramps, and the ramps."""
     steps = plan.trajectory.period / plan.step
     phases = [float(np.floor(k * steps / _PHASES) * plan.step) for k in range(_PHASES)]
     phases = list(dict.fromkeys(phases))
@@ -228,11 +228,11 @@ def _refuse_broken_limits(
 
 
 STRUT_JERK = plain_limit("strut_jerk", "strut jerk", "m/s^3", "symmetric")
-"""Not in the catalogue: a design has no bound on it, the key is `motion.jerk` of the run file."""
+"""Limit of ramps alone, not in the catalogue; its key in the run file is `motion.jerk`."""
 
 
 RISE = 0.02
-"""Time in which a strut may reach its largest acceleration from zero, s, by the default bound."""
+"""Time from zero to a strut's largest acceleration with the default bound, s."""
 
 
 OWN = 1.2
@@ -245,7 +245,7 @@ _POINTS = 4000
 def jerk_limit(configuration: RunConfiguration, robot: Robot, orbit: Periods) -> Limit:
     """Return `motion.jerk`, or the default: the struts' acceleration limit within 20 ms.
 
-    Without such a limit the largest acceleration of the designed motion takes its place; and the
+    Without such a limit it is the largest acceleration of the designed motion within 20 ms. The
     default is at least 1.2 times the jerk of the designed motion.
 
     Raises
@@ -284,10 +284,9 @@ def _within(largest: Array, origin: str) -> Limit:
 
 
 def check_motion(configuration: RunConfiguration, motion: ExecutableMotion) -> Recheck:
-    """Judge every limit, and that on the struts' jerk, from rest to rest, at every instant.
+    """Judge every limit and the struts' jerk from rest to rest, at every instant.
 
-    Of the periods, which repeat, one is looked at, as the trajectory has it. Times are from the
-    start of the motion.
+    Of the identical periods one is judged. Times are from the start of the motion.
     """
     robot = robot_from(configuration.robot)
     orbit = Periods(motion.trajectory, motion.periods)

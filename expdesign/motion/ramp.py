@@ -41,9 +41,10 @@ class MotionState(NamedTuple):
 
 
 def derivatives(intervals: int, shares: Array) -> Array:
-    """Return the basis and its first three derivatives, (4, K, intervals + 5), at shares of it.
+    """Return the B-spline basis and three derivatives, (4, K, intervals + 5), at K parameters.
 
-    The knots are equidistant on [0, 1] and clamped at both ends.
+    The parameters are shares of the duration, with equidistant knots on [0, 1], clamped at both
+    ends.
     """
     inside = np.clip(shares, 0.0, 1.0)
     bases = enumerate(_bases(intervals))
@@ -64,7 +65,7 @@ def end_coefficients(intervals: int, duration: float, state: MotionState) -> tup
 
 
 def reversed_in_time(state: MotionState) -> MotionState:
-    """Return the state as a film that runs backwards shows it."""
+    """Return the state of the motion in reversed time."""
     return MotionState(state.pose, -state.rate, state.acceleration)
 
 
@@ -77,7 +78,7 @@ def _end_inverse(intervals: int) -> Array:
 
 @cache
 def _bases(intervals: int) -> tuple[scipy.interpolate.BSpline, ...]:
-    """Return splines of degree 5, 4, 3 and 2 whose values are all their basis functions."""
+    """Return the bases of degree 5, 4, 3 and 2 as vector-valued splines."""
     make = scipy.interpolate.BSpline
     return tuple(
         make(knot_shares(intervals, degree), np.eye(intervals + degree), degree)
@@ -105,7 +106,7 @@ def _reduction(intervals: int, order: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class SplineRamp:
-    """A segment whose pose is a clamped quintic B-spline; its jerk is continuous inside."""
+    """A segment with a clamped quintic B-spline as pose, of continuous jerk."""
 
     name: str
     duration: float
@@ -139,7 +140,7 @@ class SplineRamp:
 
 @dataclass(frozen=True)
 class EnclosedSpline:
-    """A ramp over cells of time, from its own start."""
+    """Enclosure of a ramp over cells of time, from its own start."""
 
     ramp: SplineRamp
 
@@ -173,7 +174,7 @@ class EnclosedSpline:
             degree = DEGREE - order
             places, ends = knot_shares(self._intervals, degree), np.arange(degree + 1)
             points, rounding = controls[order]
-            # A break is a knot but for its rounding: that often the next derivative.
+            # A break is a knot except for its rounding, times the next derivative.
             off = 4 * EPS * np.max(np.abs(controls[order + 1][0]), axis=0)
             scale = TaylorModel.number(1.0)
             for _ in range(order):
@@ -193,8 +194,8 @@ class EnclosedSpline:
 def _control_points(coefficients: Array) -> list[tuple[Array, Array]]:
     """Return the control points of a spline and of its derivatives, each with its rounding.
 
-    Derivatives are to the share of the duration. Differences of neighbours lose no more than their
-    own last digit, unlike a matrix that makes all steps at once.
+    Derivatives are with respect to the share of the duration. Repeated differences of neighbours
+    are more accurate than one matrix for all steps.
     """
     intervals = len(coefficients) - DEGREE
     points, rounding = coefficients, np.zeros_like(coefficients)
@@ -245,21 +246,21 @@ _SHORTEST, _LONGEST = 0.02, 10.0
 
 @dataclass(frozen=True, eq=False)
 class RampProblem:
-    """Two ends, a grid of polynomial pieces and what is to be kept between them.
+    """Both ends of a ramp, its polynomial pieces and its limits.
 
-    The variables are the free control points, measured from the start's pose, and the duration,
+    The variables are the free control points relative to the pose of the start, and the duration,
     each scaled to order one.
     """
 
     limits: LimitModel
-    """With the one on the struts' jerk: states have the pose's third derivative."""
+    """With the limit of the struts' jerk: states include the pose's third derivative."""
     start: MotionState
     end: MotionState
     intervals: int
     scale: Array
-    """(6,), what counts as one in each coordinate: m, rad."""
+    """(6,), scale of each coordinate: m, rad."""
     time_scale: float
-    """What counts as one in the duration, s."""
+    """Scale of the duration, s."""
 
     @property
     def free(self) -> int:
@@ -285,7 +286,7 @@ class RampProblem:
         )
 
     def at_duration(self, duration: float) -> Array:
-        """Return control points, (N, 6), in which only the fixed ones mean something."""
+        """Return control points, (N, 6), of which only the fixed ones are meaningful."""
         return self.coefficients(np.append(np.zeros(self.size - 1), duration / self.time_scale))[0]
 
     def duration(self, x: Array) -> float:
@@ -303,7 +304,7 @@ class RampProblem:
         return np.append(shares.T.ravel(), ramp.duration / self.time_scale)
 
     def basis(self, shares: Array) -> Array:
-        """Return what states at shares (K,) of the duration are made with, (4, K, N)."""
+        """Return the basis of states at shares (K,) of the duration, (4, K, N)."""
         return derivatives(self.intervals, shares)
 
     def states(self, x: Array, basis: Array) -> Array:
@@ -312,7 +313,7 @@ class RampProblem:
         return np.hstack(list(scaled_derivatives(basis, coefficients, self.duration(x))))
 
     def slope(self, x: Array, basis: Array) -> PathSlope:
-        """Return the derivatives of those states to the variables."""
+        """Return the derivatives of those states with respect to the variables."""
         coefficients, drift = self.coefficients(x)
         duration = self.duration(x)
         orders = np.arange(4.0)
@@ -326,9 +327,8 @@ class RampProblem:
 class RampProgram(Program):
     """One nonlinear program of a ramp.
 
-    Minimised is the duration plus a little of the squared third derivative over the spline's own
-    parameter, which chooses among motions of the same duration; with the duration fixed it is the
-    latter alone.
+    The cost is the duration plus a small weight times the roughness: the squared third derivative
+    with respect to the spline's parameter, which decides among motions of the same duration.
     """
 
     def __init__(
@@ -355,11 +355,11 @@ class RampProgram(Program):
         self._problem = problem
         pieces = problem.intervals
         self._middle = derivatives(pieces, (np.arange(2 * pieces) + 0.5) / (2 * pieces))[3]
-        # A cubic over the whole ramp has a third derivative of 60 times what it moves.
+        # A cubic over the whole ramp has a third derivative of 60 times its displacement.
         self._weight = smoothness / (60.0**2 * len(self._middle))
 
     def smoothest(self, x: Array) -> RampProgram:
-        """Fix the duration at that of `x`; what counts as one is the roughness there."""
+        """Fix the duration at that of `x`; the cost is the roughness relative to that of `x`."""
         self.lower[-1] = self.upper[-1] = x[-1]
         self._weight /= max(self.cost(x) - x[-1], 1e-12)
         return self

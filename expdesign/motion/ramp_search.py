@@ -27,10 +27,10 @@ from expdesign.recheck.limit_check import TOLERANCE, LimitCheck, Motion, local_w
 from expdesign.solver.interior_point import Standstill, solve_by_interior_point
 
 RESERVE = 2e-3
-"""Share of every limit's range that a ramp leaves free, away from its ends: room for what a
-controller's rounding and interpolation add."""
+"""Share of every limit's range that a ramp leaves free, away from its ends: for the rounding and
+interpolation of a controller."""
 LONGER = 5e-3
-"""The duration found is lengthened by this share before it is rounded up to whole steps."""
+"""Share by which the duration found is lengthened before it is rounded up to whole steps."""
 _ATTEMPTS = 4
 _CLOSE_ENOUGH = 0.3
 _LOST = 0.01
@@ -51,7 +51,7 @@ _solved = partial(solve_by_interior_point, most=40, barrier=0.03, following=Fals
 
 
 class NoRampError(ComputationError):
-    """No ramp was found that keeps every limit; `name` is ``"ramp in"`` or ``"ramp out"``."""
+    """No ramp keeps every limit; `name` is ``"ramp in"`` or ``"ramp out"``."""
 
     def __init__(self, name: str, limit: str, message: str) -> None:
         super().__init__(message)
@@ -60,7 +60,7 @@ class NoRampError(ComputationError):
 
 @dataclass(frozen=True)
 class RampAttempt:
-    """Result of one attempt."""
+    """A ramp from the minimisation of its duration."""
 
     x: Array
     problem: RampProblem
@@ -75,7 +75,7 @@ class RampAttempt:
 
     @property
     def promise(self) -> float:
-        """Duration reached, and more where limits are broken, s: the smaller, the better."""
+        """Duration, longer if limits are broken, s: the smaller, the better."""
         return self.duration * (1 + 10 * max(self.violation, 0.0))
 
 
@@ -84,7 +84,7 @@ def shortest(
 ) -> RampAttempt:
     """Minimise the duration from a guess, with dry friction smoothed by `width`, m/s.
 
-    Limits are held at `points` instants; the rows grow where they must.
+    Limits are imposed at `points` instants; violated rows are added.
     """
     problem = replace(problem, time_scale=guess.duration)
     x = problem.pack(guess)
@@ -117,10 +117,10 @@ def shortest(
 def find_ramp(
     problem: RampProblem, guesses: Sequence[SplineRamp], name: str, step: float, width: float
 ) -> SplineRamp:
-    """Return the shortest ramp found, a whole number of the controller's steps long, `step` s each.
+    """Return the shortest ramp found with a whole number of controller steps of `step` s.
 
-    The guesses are where to start from, in this order; those of almost the same duration count
-    once. Dry friction is smoothed by `width`, m/s.
+    The search starts from the guesses in this order; those of almost the same duration count once.
+    Dry friction is smoothed by `width`, m/s.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def find_ramp(
 
 
 def _different(guesses: Sequence[SplineRamp]) -> list[SplineRamp]:
-    """Return the first guesses whose durations differ."""
+    """Return the first guesses of different durations."""
     kept: list[SplineRamp] = []
     for guess in guesses:
         ratios = [guess.duration / other.duration for other in kept]
@@ -166,10 +166,10 @@ def _different(guesses: Sequence[SplineRamp]) -> list[SplineRamp]:
 def _plain_ramp(
     problem: RampProblem, guesses: Sequence[SplineRamp], name: str, step: float
 ) -> SplineRamp | None:
-    """Return the shortest of the guesses that keeps every limit as it is; slow but safe.
+    """Return the shortest guess that keeps every limit; slow but safe.
 
-    With the reserve where one has it: where the designed motion touches a limit at the ramp's end,
-    none has.
+    Guesses with the reserve are preferred; none has it if the designed motion touches a limit at
+    the end of the ramp.
     """
     kept: SplineRamp | None = None
     for guess in sorted(guesses, key=lambda ramp: ramp.duration):
@@ -188,10 +188,9 @@ def _plain_ramp(
 def _settle_duration(
     attempt: RampAttempt, name: str, step: float, width: float, known: SplineRamp | None
 ) -> tuple[SplineRamp | None, RampAttempt]:
-    """Solve at a whole number of steps until the unsmoothed model keeps every limit.
+    """Solve for the smoothest ramp of whole steps until the unsmoothed model keeps every limit.
 
-    Of all such motions the smoothest is taken. The duration grows when there is none, or when
-    margins for what the smoothing hides do not converge.
+    The duration grows if there is none, or if the margins for the smoothing do not converge.
     """
     problem, x = attempt.problem, attempt.x
     steps = int(np.ceil(attempt.duration * (1 + LONGER) / step - 1e-9))
@@ -205,7 +204,7 @@ def _settle_duration(
         )
         x = np.append(x[:-1], steps * step / problem.time_scale)
         critical, margins = _critical_rows(problem, x, width)
-        # Rows of earlier rounds stay: without them their violations would come back.
+        # Without the rows of earlier rounds their violations would come back.
         used |= critical
         program = RampProgram(problem, _fine_grid(), used, margins, width, 1.0)
         result = _solved(program.smoothest(x), x, most=60, barrier=0.1, standstill=_EXACT)
@@ -221,14 +220,14 @@ def _settle_duration(
             return ramp, attempt
         if not possible or since == _ROUNDS_PER_DURATION:
             steps, since = steps + max(1, int(np.ceil(stretch * steps))), 0
-            # Where friction binds, steps of 2 % take rounds without end: the second is 4 %, …
+            # If friction binds, steps of 2 % take endless rounds: the second is 4 %, …
             stretch *= 2
             used[:] = False
     return None, attempt
 
 
 def _worst_limit(problem: RampProblem, ramp: SplineRamp) -> LimitCheck:
-    """Return the same; where a limit is broken at some of many instants, of these: no proof."""
+    """Return the limit with the largest violation at many instants, or by proof if all are kept."""
     times = ramp.duration * _fine_grid()
     values = problem.limits.values(moving_states(ramp, times))
     sampled = worst_sampled(problem.limits, times, values)
@@ -237,12 +236,12 @@ def _worst_limit(problem: RampProblem, ramp: SplineRamp) -> LimitCheck:
 
 
 def worst_limit(problem: RampProblem, ramp: SplineRamp) -> LimitCheck:
-    """Return the limit that a ramp may break most, or comes closest to, at any instant."""
+    """Return the limit with the largest possible excess of a ramp at any instant."""
     return max(certify(problem.limits, enclose_segment(ramp)), key=lambda check: check.possible)
 
 
 def _nodes(points: int) -> Array:
-    """Return the instants that limits are held at, as shares: denser towards both ends."""
+    """Return the instants with limits as shares of the duration, denser towards both ends."""
     return (1 - np.cos(np.pi * np.arange(points + 1) / points)) / 2
 
 
@@ -251,11 +250,11 @@ def _fine_grid() -> Array:
 
 
 def _critical_rows(problem: RampProblem, x: Array, width: float) -> tuple[Mask, Array]:
-    """Choose the rows of the fine grid that matter, with margins, (K, R) each.
+    """Choose the decisive rows of the fine grid, with margins, (K, R) each.
 
-    Instants are the nodes and every local worst of the unsmoothed rows. A row's margin is what
-    the unsmoothed value exceeds the smoothed one by anywhere near: that covers the jumps of dry
-    friction where a sign changes.
+    Instants are the nodes and every local worst of the unsmoothed rows. A row's margin is the
+    largest excess of the unsmoothed value over the smoothed one nearby: that covers the jumps of
+    dry friction at sign changes.
     """
     fine, limits = _fine_grid(), problem.limits
     states = problem.states(x, problem.basis(fine))
@@ -275,11 +274,11 @@ def _critical_rows(problem: RampProblem, x: Array, width: float) -> tuple[Mask, 
 def _cap_shares(
     problem: RampProblem, x: Array, shares: Array, width: float, margins: Array
 ) -> Array:
-    """Let margins fade towards both ends, (K, R): what holds there is given.
+    """Let margins fade towards both ends, (K, R), whose states are given.
 
-    A row that an end itself has no room for, or breaks in its smoothed form, gets its room back
-    with the cube of the time that has passed, as jerk moves a machine. So does one that has none
-    where rate and acceleration of the end lead, up to its natural bound.
+    A row without room at an end, or broken there in its smoothed form, regains room with the cube
+    of the time, like a motion of constant jerk. So does one without room on the continuation with
+    constant acceleration, up to its natural bound.
     """
     duration = problem.duration(x)
     given = ~problem.limits.of_jerk
@@ -301,16 +300,16 @@ def _cap_shares(
 
 
 _DURATIONS: list[float] = (0.05 * 1.35 ** np.arange(30)).tolist()
-"""Of the polynomials that are tried: 50 ms to 5 min."""
+"""Durations of polynomial guesses, s: 50 ms to 5 min."""
 _FADES = (0.25, 0.5, 1.0)
 _SHARES = np.linspace(0.0, 1.0, 200)
 
 
 def guesses(problem: RampProblem, orbit: Motion, period: float, width: float) -> list[SplineRamp]:
-    """Return ramps between the problem's ends, sorted by how much they break the limits.
+    """Return ramps between the problem's ends, sorted by their violation of the limits.
 
-    Polynomials of fifth order through both ends, of many durations, and the periodic motion
-    itself with an amplitude that grows from zero (or fades to it). Those that keep every limit
+    They are polynomials of fifth order through both ends, of many durations, and the periodic
+    motion with an amplitude that grows from zero (or fades to it). Those that keep every limit
     come first, the shortest of them before the others. `orbit` is the periodic motion on the
     ramp's own time axis, which begins (ramp in: ends) at 0; dry friction has a width in m/s.
     """
@@ -326,11 +325,11 @@ def polynomials(problem: RampProblem, width: float) -> list[SplineRamp]:
 
 
 def pause_near(problem: RampProblem, width: float, *, arriving: bool) -> RampProblem:
-    """Return the problem from rest close to the orbit into it, or out of it to rest.
+    """Return the problem of a ramp between rest near the orbit and the orbit.
 
-    The pose at rest is the one from which (to which) the speed grows or fades as a cubic does, in
-    the time in which that breaks the limits least: v T/2 − a T²/12 from where the orbit has the
-    rate v and the acceleration a.
+    Between the pose at rest and the orbit the speed is a cubic of time: the pose is
+    v T/2 − a T²/12 away from the point of the orbit with rate v and acceleration a, and T is the
+    duration that breaks the limits least.
 
     Parameters
     ----------
@@ -341,8 +340,8 @@ def pause_near(problem: RampProblem, width: float, *, arriving: bool) -> RampPro
     sign = 1.0 if arriving else -1.0
 
     def paused(duration: float) -> RampProblem:
-        way = sign * orbit.rate * duration / 2 - orbit.acceleration * duration**2 / 12
-        rest = MotionState.at_rest(orbit.pose - way)
+        distance = sign * orbit.rate * duration / 2 - orbit.acceleration * duration**2 / 12
+        rest = MotionState.at_rest(orbit.pose - distance)
         return replace(problem, start=rest) if arriving else replace(problem, end=rest)
 
     tried = [(paused(duration), duration) for duration in _DURATIONS]
@@ -378,7 +377,7 @@ def _fade_orbit(problem: RampProblem, orbit: Motion, duration: float) -> SplineR
 
 
 def _fit_spline(problem: RampProblem, duration: float, poses: Array) -> SplineRamp:
-    """Return the ramp between the problem's ends that is closest to the poses."""
+    """Return the ramp between the problem's ends with the smallest distance from the poses."""
     basis = derivatives(problem.intervals, _SHARES)[0]
     coefficients = problem.at_duration(duration)
     coefficients[FIXED:-FIXED] = 0.0

@@ -1,7 +1,4 @@
-"""The design problem and its nonlinear program: variables, objective and limits.
-
-`Program` states the limit rows of any motion along a path, the ramps' too. Solvers are elsewhere.
-"""
+"""The design problem: its objective with derivatives, and its nonlinear program."""
 
 from __future__ import annotations
 
@@ -200,7 +197,7 @@ class InformationCost:
 
     @cached_property
     def _white_rows(self) -> Array:
-        """Its lower triangle, column after column."""
+        """The lower triangle of S⁻¹, column by column."""
         return self._white.T[np.triu_indices(COORDINATES)]
 
     def _fixed(self, width: float) -> tuple[Array, Array]:
@@ -283,10 +280,6 @@ class DesignProblem:
         if criterion.invariant and self.even_scaling is not None:
             cost = replace(cost, scaling=self.even_scaling)
         return replace(self, cost=cost)
-
-    def with_noise(self, memory: PeriodicNoise | None) -> DesignProblem:
-        """Return the same problem for coloured noise; None: white."""
-        return replace(self, cost=replace(self.cost, memory=memory))
 
     def with_prior(self, prior: PriorMachine | None, scaling: Array) -> DesignProblem:
         """Return the same problem for the change of its parameters; None: no prior.

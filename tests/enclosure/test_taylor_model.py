@@ -34,7 +34,7 @@ def test_what_one_model_makes_holds_what_its_function_makes(a, cell, time, facto
 
     assert_holds(-a.model, cell, time, -value)
     assert_holds(a.model.squared(), cell, time, value * value)
-    assert_holds(a.model.scaled(factor), cell, time, value * Fraction(factor))
+    assert_holds(TaylorModel.number(factor) * a.model, cell, time, value * Fraction(factor))
     assert_holds(a.model, cell, time, value)
     size = np.broadcast_to(a.model.size, (2,))[cell]
     assert not np.isfinite(size) or abs(value) <= Fraction(float(size))

@@ -239,7 +239,8 @@ def coloured(problem, everything):
         Autoregressive.with_covariance(np.full((6, 1), 0.95), covariance),
         Hum.of(np.array([2.8]), np.full((1, 6), 10.0)),
     )
-    return problem.with_noise(PeriodicNoise(NoiseSpectrum(parts), 100.0, 3.0))
+    memory = PeriodicNoise(NoiseSpectrum(parts), 100.0, 3.0)
+    return dataclasses.replace(problem, cost=dataclasses.replace(problem.cost, memory=memory))
 
 
 @pytest.mark.parametrize("criterion", ["d", "condition"])
@@ -257,8 +258,8 @@ def test_gradient_under_coloured_noise(criterion, coloured, points):
         size = np.max(np.abs(hessian))
         assert np.min(np.linalg.eigvalsh(hessian)) >= -1e-10 * size
     # The spectrum's own share of the derivative to the frequency is seen.
-    fixed = problem.with_noise(None)
-    assert abs(fixed.cost.gradient(x, WIDTH, level)[1][-1] - gradient[-1]) > 1e-3
+    fixed = dataclasses.replace(problem.cost, memory=None)
+    assert abs(fixed.gradient(x, WIDTH, level)[1][-1] - gradient[-1]) > 1e-3
 
 
 def test_information_under_coloured_noise_is_the_evaluators(coloured, everything, points):
