@@ -173,11 +173,11 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
             limits = check_motion(work.configuration, motion).limits
         found.append(CertifiedPart("motion", title, PathCertificate(limits)))
     for name, table in record.files.items():
-        if (place / name).is_file():
+        try:
             found.append(certified_table(work, place / name))
-        else:
-            missing = f"it is in {RECORD}, but no longer in the folder"
-            found.append(_left_out(name, table.title, missing))
+        except InputError as error:
+            reason = "; ".join(problem.message for problem in error.problems)
+            found.append(_left_out(name, table.title, reason))
     return found
 
 

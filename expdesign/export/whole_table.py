@@ -29,6 +29,7 @@ _GRID = 1e-3
 _STEP = 1e-9
 _STEP_SHARE = 1e-6
 _COMPUTED = 1e-9
+_DIGITS = 9
 
 
 def find_faults(
@@ -109,7 +110,7 @@ def _wrong_ends(rows: Rows, settings: Settings) -> list[str]:
                 name, unit = settings.axes.names[axis], settings.axes.units[axis] + per_second
                 found.append(
                     f"the table {verb} {what} {written[row, axis]:.6g} {unit} of {name}, the "
-                    f"motion {what} {wanted[k, axis]:.6g} {unit}"
+                    f"motion {what} {np.round(wanted[k, axis], _DIGITS) + 0.0:.6g} {unit}"
                 )
     return found
 

@@ -207,6 +207,65 @@ def test_a_force_that_straight_lines_exceed_at_a_row_is_a_failure(expdesign, fol
     assert kept["strut_speed"], "of the path itself nothing is broken"
 
 
+def verdict_of(expdesign, *arguments):
+    """Return exit status, verdict, and the parts that are not proved by their names."""
+    status, answer, _ = expdesign("certify", *arguments, "--json")
+    found = json.loads(answer)
+    left = {part["name"]: part for part in found["parts"] if not part["certified"]}
+    assert found["certified"] == (status == 0) == (found["verdict"] == "proved")
+    return status, found["verdict"], left
+
+
+def test_a_table_that_ends_on_its_way_is_broken(expdesign, folder):
+    table = folder / "exports" / "linuxcnc-gcode.ngc"
+    lines = table.read_text(encoding="utf-8").splitlines()
+    table.write_text("\n".join([*lines[:-200], "M2"]) + "\n", encoding="utf-8")
+
+    status, verdict, left = verdict_of(expdesign, folder)
+    assert (status, verdict, list(left)) == (1, "broken", [table.name])
+    faults = " ".join(left[table.name]["faults"])
+    assert "the table lasts" in faults
+    assert "the table ends at" in faults
+    assert "the speed of strut" in faults
+    assert expdesign("certify", table)[2].strip().splitlines()[-1].startswith("failed: broken")
+
+    status, answer, messages = expdesign("certify", table, "--part")
+    assert status == 0, messages
+    assert "a piece of a motion, which begins 0 mm from home" in answer
+    assert answer.splitlines()[-1].startswith("proved: every limit is kept at every instant of the")
+    assert expdesign("certify", folder, "--part")[0] == 2
+
+
+def test_what_is_left_out_is_not_called_proved(expdesign, folder):
+    exports = folder / "exports"
+    (exports / "linuxcnc-gcode.genhexkins.hal").unlink()
+    (exports / "xps-pvt.trj").unlink()
+    status, verdict, left = verdict_of(expdesign, folder)
+    assert (status, verdict) == (1, "proved in part")
+    assert "there is no such table" in left["xps-pvt.trj"]["unchecked"][0]
+    assert "hal is missing" in left["linuxcnc-gcode.ngc"]["unchecked"][0]
+
+
+def test_the_geometry_of_a_machine_is_that_of_the_robot(expdesign, folder):
+    geometry = folder / "exports" / "linuxcnc-gcode.genhexkins.hal"
+    text = geometry.read_text(encoding="utf-8")
+    geometry.write_text(f"# checked\n{text}", encoding="utf-8")
+    assert verdict_of(expdesign, folder)[0] == 0
+    geometry.write_text(text.replace("platform.0.x ", "platform.0.x 1"), encoding="utf-8")
+    status, verdict, left = verdict_of(expdesign, folder)
+    assert (status, verdict, list(left)) == (1, "proved in part", ["linuxcnc-gcode.ngc"])
+
+
+def test_lead_in_and_tables_of_another_design_are_not_called_proved(expdesign, folder):
+    file = folder / "design.json"
+    data = json.loads(file.read_text(encoding="utf-8"))
+    data["omega"] *= 0.999
+    file.write_text(json.dumps(data), encoding="utf-8")
+    status, verdict, left = verdict_of(expdesign, folder)
+    assert (status, verdict) == (1, "proved in part")
+    assert list(left) == ["motion", "xps-pvt.trj", "linuxcnc-gcode.ngc"]
+
+
 def test_a_design_that_breaks_a_limit_is_not_proved(expdesign, tmp_path):
     folder = write_folder(tmp_path / "far", 2.0)
     status, answer, _ = expdesign("certify", folder, "--json")

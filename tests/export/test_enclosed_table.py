@@ -102,17 +102,28 @@ def test_a_spike_between_two_rows_is_never_certified(kind):
     assert near[0] <= check.time <= near[1]
 
 
-def test_a_table_that_begins_elsewhere_is_not_certified():
-    table = executed("cubic struts")
-    late = table.rows.times[40:] - table.rows.times[40]
+def late(table, rows=40):
+    """Return the table without its first rows."""
     parts = {
-        "position": table.rows.position[40:],
-        "rate": table.rows.velocities[40:],
+        "position": table.rows.position[rows:],
+        "rate": table.rows.velocities[rows:],
     }
-    moved = replace(table, rows=Rows(late, **parts))
+    return replace(table, rows=Rows(table.rows.times[rows:] - table.rows.times[rows], **parts))
+
+
+def test_a_table_that_begins_elsewhere_is_certified_as_a_piece_only():
+    moved = late(executed("cubic struts"))
 
     found = certify_table(moved)
 
     assert not found.certified
     assert found.unproved_from == 0
     assert all(check.proved == np.inf for check in found.limits)
+
+    piece = certify_table(moved, piece=True)
+    assert piece.certified
+    rates = moved.rows.velocities.copy()
+    rates[30, 2] += 0.15 * abs(moved.axes.factor[2])
+    spiked = replace(moved, rows=replace(moved.rows, rate=rates))
+    found = certify_table(spiked, piece=True)
+    assert "strut_acceleration" in {check.key for check in found.broken}

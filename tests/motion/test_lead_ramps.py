@@ -156,6 +156,17 @@ def test_long_and_short_ramps_are_taken_again(duration):
     assert recorded_motion(record, orbit, ROBOT.home).duration == motion.duration
 
 
+@pytest.mark.parametrize("duration", [1e-10, 9e-4, 2e-3, 1.0])
+def test_ramps_that_stand_still_do_not_lead_into_a_motion_that_passes_home(duration):
+    orbit = trajectory()
+    home = orbit.sample(0.0).pose[0]
+    assert np.max(np.abs(orbit.sample(0.0).rate)) > 0.01
+    still = [SplineRamp(name, duration, np.tile(home, (PIECES + 5, 1))) for name in ("in", "out")]
+    record = record_of(ExecutableMotion((still[0], Periods(orbit, 1), still[1]), orbit, 1))
+    with pytest.raises(ValueError, match="ramp"):
+        recorded_motion(record, orbit, home)
+
+
 def test_the_motion_of_a_real_design_keeps_every_limit():
     """Of LinuxCNC's robot with 12 harmonics: the tests of the exports run it."""
     configuration = load_run({"name": "designed", "robot": "linuxcnc"})
