@@ -13,7 +13,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-SECTIONS = ("inputs", "kills")
+SECTIONS = ("inputs", "kills", "tables")
 
 
 def main():

@@ -7,7 +7,14 @@ from itertools import chain
 from pathlib import Path
 
 from expdesign.configuration.export import STRUT_AXES, ExportSection
-from expdesign.export.definition import Guide, Interpolation, Rows, Settings, TableFormat
+from expdesign.export.definition import (
+    Guide,
+    Interpolation,
+    Rows,
+    Settings,
+    TableError,
+    TableFormat,
+)
 from expdesign.export.text_table import (
     every_line,
     lines,
@@ -20,20 +27,33 @@ from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
-    head = [
-        f"# {settings.title}: {' '.join(settings.axes.names)} [{settings.axes.units[0]}]",
-        f"# one line every {settings.step!r} s",
-    ]
-
     def lines_of(part: Rows) -> Iterator[str]:
         return (" ".join(settings.numbers(row)) for row in part.position)
 
     text = mark_window(every_line(rows, lines_of), rows, settings, "# {}")
-    write_lines(path, chain(head, text))
+    write_lines(path, chain(_head(settings), text))
+
+
+def _head(settings: Settings) -> list[str]:
+    axes = f"{' '.join(settings.axes.names)} [{settings.axes.units[0]}]"
+    return [f"# {settings.title}: {axes}", f"# one line every {settings.step!r} s"]
 
 
 def _read(path: Path, settings: Settings) -> Rows:
-    return uniform_rows(numbers(lines(path), ACTUATORS, "lengths", comment="#"), settings)
+    text = _with_our_head(lines(path), settings)
+    return uniform_rows(numbers(text, ACTUATORS, "lengths", comment="#"), settings)
+
+
+def _with_our_head(text: Iterator[str], settings: Settings) -> Iterator[str]:
+    """Yield the lines; refuse comments that state other axes, units or times than the export."""
+    title, step = _head(settings)
+    stated = {f"# {settings.title}: ": title, "# one line every ": step}
+    for k, line in enumerate(text, start=1):
+        if line.startswith("#"):
+            for begin, own in stated.items():
+                if line.startswith(begin) and line.rstrip() != own:
+                    raise TableError(f"line {k}: '{line[:60]}' where the table says '{own}'")
+        yield line
 
 
 class HalstreamerOptions(ExportSection):
