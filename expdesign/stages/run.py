@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from estimation.validation.motions import refuse_unfit_motions
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.stages.execution import (
     Place,
@@ -95,6 +94,8 @@ def refuse_unfit(configuration: RunConfiguration) -> None:
     What follows from the configuration alone has been refused with it.
     """
     if configuration.run.validation:
+        from estimation.validation.motions import refuse_unfit_motions
+
         refuse_unfit_motions(configuration, configuration.robot.home)
 
 
