@@ -160,11 +160,11 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
     with progress_prefix("design"):
         found = [_design(robot, trajectory)]
     place = work.folder / FOLDER
-    record = ExportResult.known(place / RECORD)
-    if record is None:
+    result = ExportResult.known(place / RECORD)
+    if result is None:
         work.progress.note("no table was exported, and therefore no lead-in and lead-out planned")
         return found
-    motion = _executable(record, trajectory, robot)
+    motion = _executable(result, trajectory, robot)
     title = "the motion from rest to rest"
     if motion is None:
         found.append(_left_out("motion", title, f"{RECORD} has those of another design"))
@@ -172,7 +172,7 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
         with progress_prefix("lead-in and lead-out"):
             limits = check_motion(work.configuration, motion).limits
         found.append(CertifiedPart("motion", title, PathCertificate(limits)))
-    for name, table in record.files.items():
+    for name, table in result.files.items():
         try:
             found.append(certified_table(work, place / name))
         except InputError as error:
@@ -246,10 +246,10 @@ def _design(robot: Robot, trajectory: FourierTrajectory) -> CertifiedPart:
 
 
 def _executable(
-    record: ExportResult, trajectory: FourierTrajectory, robot: Robot
+    result: ExportResult, trajectory: FourierTrajectory, robot: Robot
 ) -> ExecutableMotion | None:
     try:
-        ways = record.motion.ways
+        ways = result.motion.ways
         return None if ways is None else ways.motion(trajectory, robot.home)
     except ValueError:
         return None

@@ -129,7 +129,7 @@ def export_model(
     files += VECTORS.write(target, model.vectors)
     if uncertainty is not None:
         files += UNCERTAINTY.write(target, uncertainty)
-    record = ControlModelFile(
+    result = ControlModelFile(
         model_format=name,
         title=FORMATS[name].title,
         robot=robot.name,
@@ -143,9 +143,9 @@ def export_model(
         motion="" if uncertainty is None else motion,
     )
     # Last: it says that all else is there.
-    files += record.write(target)
-    summary = {"folder": str(target), **record.as_data()}
-    return Outcome(folder=target, result=record, files=tuple(files), summary=summary)
+    files += result.write(target)
+    summary = {"folder": str(target), **result.as_data()}
+    return Outcome(folder=target, result=result, files=tuple(files), summary=summary)
 
 
 def _identified(folder: Path, progress: Progress) -> Path:

@@ -203,17 +203,17 @@ def _designed(_built: None, monitor: Monitor, stage: Stage, point: GridPoint, fo
     return _End("", outcome.failure)
 
 
-def _end(record: SweepResult) -> tuple[str, str]:
+def _end(result: SweepResult) -> tuple[str, str]:
     """Return the status of a sweep for the manifest, and one line about it."""
-    total, failed = record.point_count, sum(one.wrong for one in record.designs)
-    complete = sum(one.complete for one in record.designs)
-    if record.interrupted:
+    total, failed = result.point_count, sum(one.wrong for one in result.designs)
+    complete = sum(one.complete for one in result.designs)
+    if result.interrupted:
         return "interrupted", f"interrupted after {complete} of {total} designs"
     if not failed:
         return "done", f"{total} designs"
     reasons = [
         f"{label}: {one.reason}"
-        for label, one in zip(record.labels, record.designs, strict=True)
+        for label, one in zip(result.labels, result.designs, strict=True)
         if one.wrong
     ]
     more = "; …" if len(reasons) > _MOST_REASONS else ""

@@ -182,10 +182,10 @@ def export_task(work: Workspace) -> Task:
     robot = robot_from(configuration.robot)
     trajectory = work.design().trajectory
     made_from = _made_from(configuration, trajectory)
-    record = work.folder / FOLDER / RECORD
-    motion = _known_motion(record, made_from, trajectory, robot.home)
+    result = work.folder / FOLDER / RECORD
+    motion = _known_motion(result, made_from, trajectory, robot.home)
     if motion is not None and motion.periods == run.experiment.periods:
-        work.progress.note(f"the lead-in and lead-out are those of {short(record)}")
+        work.progress.note(f"the lead-in and lead-out are those of {short(result)}")
     else:
         report_progress("lead-in and lead-out")
         motion = executable_motion(configuration, trajectory)
@@ -227,11 +227,11 @@ def _made_from(configuration: RunConfiguration, trajectory: FourierTrajectory) -
 def _known_motion(
     path: Path, made_from: str, trajectory: FourierTrajectory, home: Array
 ) -> ExecutableMotion | None:
-    record = ExportResult.known(path)
-    if record is None or record.motion.made_from != made_from or record.motion.ways is None:
+    result = ExportResult.known(path)
+    if result is None or result.motion.made_from != made_from or result.motion.ways is None:
         return None
     try:
-        return record.motion.ways.motion(trajectory, home)
+        return result.motion.ways.motion(trajectory, home)
     except ValueError:
         return None
 
@@ -258,12 +258,12 @@ def _described_files(
     return {}
 
 
-def _describe_beside(path: Path, record: ExportResult) -> None:
+def _describe_beside(path: Path, result: ExportResult) -> None:
     """Write the description of one table next to it, under names that begin with the table's.
 
     Where the table has replaced one of another run's `exports/`, the old description is removed.
     """
-    _describe(record, result_file(path), path.with_name(f"{path.name}.{README}"))
+    _describe(result, result_file(path), path.with_name(f"{path.name}.{README}"))
     shared, guide = path.with_name(RECORD), path.with_name(README)
     other = ExportResult.known(shared)
     if other is not None and path.name in other.files:
@@ -275,10 +275,10 @@ def _describe_beside(path: Path, record: ExportResult) -> None:
             guide.unlink(missing_ok=True)
 
 
-def _describe(record: ExportResult, path: Path, guide: Path) -> tuple[Path, Path]:
+def _describe(result: ExportResult, path: Path, guide: Path) -> tuple[Path, Path]:
     """Write the description of tables, for programs and for people; return both paths."""
-    record.write_as(path)
-    write_text(guide, readme(record))
+    result.write_as(path)
+    write_text(guide, readme(result))
     return path, guide
 
 
@@ -287,7 +287,7 @@ def _result(motion: ExportedMotion, made: list[Export]) -> ExportResult:
 
 
 def _summary(motion: ExportedMotion, made: list[Export]) -> dict[str, Any]:
-    record = ExportResult(motion, {str(one.path): exported_table(one) for one in made})
-    data = record.as_data()
+    result = ExportResult(motion, {str(one.path): exported_table(one) for one in made})
+    data = result.as_data()
     data["motion"].pop("ways")
     return data

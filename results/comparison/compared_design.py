@@ -36,27 +36,27 @@ class ComparedDesign:
     """One design and its name in the comparison."""
 
     label: str
-    record: DesignResult
+    result: DesignResult
 
     @property
     def names(self) -> tuple[str, ...]:
         """The parameters that it judges."""
-        return self.record.parameter_names
+        return self.result.parameter_names
 
     @property
     def information(self) -> Array:
         """F of one sample on average, SI, (m, m)."""
-        return self.record.information / self.record.samples
+        return self.result.information / self.result.samples
 
     @property
     def period(self) -> float:
         """Period, s."""
-        return self.record.trajectory.period
+        return self.result.trajectory.period
 
     @property
     def nominal(self) -> Array:
         """Nominal values of its parameters for its robot, (m,)."""
-        return np.array([parameter.nominal for parameter in self.record.parameters])
+        return np.array([parameter.nominal for parameter in self.result.parameters])
 
     def std(self, samples: float) -> Array:
         """Return the predicted standard deviations for so many samples, (m,), SI; NaN for none.
@@ -64,8 +64,8 @@ class ComparedDesign:
         They are those of the design's own experiment, which `tables/parameters.csv` states, by
         the square root of the samples.
         """
-        own = self.record.predicted_std.experiment.samples
-        std = np.array([parameter.std_experiment for parameter in self.record.parameters])
+        own = self.result.predicted_std.experiment.samples
+        std = np.array([parameter.std_experiment for parameter in self.result.parameters])
         return np.asarray(std * np.sqrt(own / samples), dtype=np.float64)
 
     def covariance(self, samples: float) -> Array | None:
@@ -98,17 +98,17 @@ class DesignComparison:
     @property
     def samples(self) -> int:
         """Samples that the criteria are stated for: those of the first design's period."""
-        return self.designs[0].record.samples
+        return self.designs[0].result.samples
 
     @property
     def sampling(self) -> float:
         """Sampling rate of the common experiment, Hz."""
-        return float(self.designs[0].record.configuration.run.experiment.sampling)
+        return float(self.designs[0].result.configuration.run.experiment.sampling)
 
     @property
     def experiment_samples(self) -> int:
         """Samples of the common experiment: the first design's."""
-        return self.designs[0].record.predicted_std.experiment.samples
+        return self.designs[0].result.predicted_std.experiment.samples
 
     @property
     def same_nominal(self) -> bool:
@@ -119,7 +119,7 @@ class DesignComparison:
     @cached_property
     def machines(self) -> tuple[tuple[ComparedDesign, ...], ...]:
         """The designs by machine, in their order."""
-        of = machines([design.record.configuration.robot for design in self.designs])
+        of = machines([design.result.configuration.robot for design in self.designs])
         return tuple(
             tuple(design for design, own in zip(self.designs, of, strict=True) if own == machine)
             for machine in dict.fromkeys(of)
@@ -133,9 +133,9 @@ class DesignComparison:
                 "The designs judge different parameters: their criteria cannot be compared, and "
                 "are left out."
             )
-        robot = first.record.configuration.robot
+        robot = first.result.configuration.robot
         for design in self.designs[1:]:
-            own = design.record.configuration.robot
+            own = design.result.configuration.robot
             reasons = differing(robot, own)
             names = f" ({own.name}; {first.label}: {robot.name})" if own.name != robot.name else ""
             if reasons:

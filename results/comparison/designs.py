@@ -41,7 +41,7 @@ def compare_designs(
     costs: dict[str, LimitSensitivity] = {}
     if not quick:
         costs = {
-            design.label: limit_sensitivity(design.record.configuration, design.record.trajectory)
+            design.label: limit_sensitivity(design.result.configuration, design.result.trajectory)
             for design in track("cost of each limit", designs)
         }
     return designs_view(DesignComparison(designs, precision), costs)
@@ -75,7 +75,7 @@ def designs_view(comparison: DesignComparison, costs: Mapping[str, LimitSensitiv
             )
             blocks.append(TextBlock(text, Level.CAUTION))
     # No column of a table: tables are the same bytes whenever the same seeds were used.
-    seconds = {design.label: design.record.solver.seconds for design in designs}
+    seconds = {design.label: design.result.solver.seconds for design in designs}
     each = ", ".join(f"{label}: {duration(value)}" for label, value in seconds.items())
     facts.append(Fact("search", duration(sum(seconds.values())), each))
     verdict = StageVerdict("Designs", Level.NEUTRAL, "compared", sentence, "designs")
@@ -112,7 +112,7 @@ def _efficiencies_in_words(comparison: DesignComparison) -> tuple[str, list[Fact
 
 def _information(comparison: DesignComparison) -> str:
     """Return the symbol of the compared information: F, or S of designs with a prior."""
-    sections = [design.record.configuration.run.design for design in comparison.designs]
+    sections = [design.result.configuration.run.design for design in comparison.designs]
     symbols = sorted({one.information for one in sections})
     return symbols[0] if len(symbols) == 1 else f"({' or '.join(symbols)})"
 
@@ -175,7 +175,7 @@ def _criteria_table(comparison: DesignComparison) -> ReportTable:
 
 def _spectrum(design: ComparedDesign, samples: float, *, scaled: bool) -> tuple[float | None, ...]:
     """Return trace of F⁻¹, smallest eigenvalue and condition number, in SI or nominal scaling."""
-    covariance, robot = design.covariance(samples), design.record.robot
+    covariance, robot = design.covariance(samples), design.result.robot
     if covariance is None:
         return None, None, None
     places = [robot.parameter_names.index(name) for name in design.names]
@@ -234,7 +234,7 @@ def precision_series(comparison: DesignComparison) -> ParameterSeries:
 def _effort_table(comparison: DesignComparison) -> ReportTable:
     """Return the measuring time that each design needs, one row per design."""
     designs, periods = comparison.designs, _periods_needed(comparison)
-    summaries = [design.record for design in designs]
+    summaries = [design.result for design in designs]
     hopeless = _hopeless(comparison)
     efforts = [
         _effort(design, np.where(hopeless, np.nan, periods[design.label])) for design in designs
@@ -286,7 +286,7 @@ def _whose(comparison: DesignComparison) -> str:
 
 def _limits_table(designs: tuple[ComparedDesign, ...]) -> ReportTable:
     """Return the used share of every limit, one column per design."""
-    checks = {design.label: design.record.checks for design in designs}
+    checks = {design.label: design.result.checks for design in designs}
     titles = {check.key: check.title for own in checks.values() for check in own}
     columns = [TableColumn("limit", kind="text", of=titles.get)]
     for label, own in checks.items():

@@ -1,1 +1,1 @@
-"""Figures: one per file, drawn from a record and saved as PNG and SVG."""
+"""Figures: drawn from a result and saved as PNG, SVG and PDF."""

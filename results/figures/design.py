@@ -62,12 +62,12 @@ _LOOK: dict[str, dict[str, Any]] = {
     "place and time.",
     height=1.0,
 )
-def limits_used_figure(figure: Figure, record: DesignResult) -> None:
+def limits_used_figure(figure: Figure, result: DesignResult) -> None:
     """Draw one bar per limit, the fullest on top, with its worst moment at the right."""
-    figure.set_figheight(0.9 + 0.27 * max(len(record.checks), 2))
-    share = np.array([100 * check.used for check in record.checks])
+    figure.set_figheight(0.9 + 0.27 * max(len(result.checks), 2))
+    share = np.array([100 * check.used for check in result.checks])
     order = np.argsort(-np.nan_to_num(share, nan=np.inf), kind="stable")
-    worst, share = [record.checks[k] for k in order], share[order]
+    worst, share = [result.checks[k] for k in order], share[order]
     axes = figure.subplots()
     axes.set_xlabel("Share of the limit used at its worst moment (%)")
     if not worst:
@@ -130,16 +130,16 @@ _MANY = 4
     "condition number.",
     height=2.9,
 )
-def eigenvalues_figure(figure: Figure, record: DesignResult) -> None:
+def eigenvalues_figure(figure: Figure, result: DesignResult) -> None:
     """Draw one panel per scaling, eigenvalues ascending over their index."""
     panels = {
-        "Columns scaled to unit length": [value.unit_diagonal for value in record.eigenvalues],
-        "Columns scaled by nominal values": [value.nominal for value in record.eigenvalues],
+        "Columns scaled to unit length": [value.unit_diagonal for value in result.eigenvalues],
+        "Columns scaled by nominal values": [value.nominal for value in result.eigenvalues],
     }
     for axes, (title, values) in zip(figure.subplots(1, 2), panels.items(), strict=True):
         axes.set_title(title)
         axes.set_xlabel("Index of the eigenvalue")
-        information = record.configuration.run.design.information
+        information = result.configuration.run.design.information
         axes.set_ylabel(f"Eigenvalue of scaled ${information}$ (dimensionless)")
         _stems(axes, np.array(values))
 
@@ -241,11 +241,11 @@ def traces(iterations: Sequence[Iteration]) -> tuple[Trace, ...]:
     "limit over the iterations of all starts.",
     height=4.4,
 )
-def convergence_figure(figure: Figure, record: DesignResult) -> None:
+def convergence_figure(figure: Figure, result: DesignResult) -> None:
     """Draw all starts, the one that the design came from in front."""
-    found = traces(record.iterations)
+    found = traces(result.iterations)
     objective, violation = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    roles = [_role(trace, record.solver.best_start) for trace in found]
+    roles = [_role(trace, result.solver.best_start) for trace in found]
     # One that cannot get within its limits may take far longer than all others.
     kept = [trace for trace in found if trace.violation[-1] <= _KEPT] or found
     longest = max((float(trace.iteration[-1]) for trace in kept), default=1.0)
@@ -255,11 +255,11 @@ def convergence_figure(figure: Figure, record: DesignResult) -> None:
         violation.plot(trace.iteration, np.fmax(trace.violation, FLOOR), **looks[role])
         if role == _BEST:
             _mark_stages(objective, trace, longest)
-    value_line = _objective_axis(objective, record, found)
+    value_line = _objective_axis(objective, result, found)
     violation.set_yscale("log")
     violation.set_ylim(bottom=FLOOR / 2)
     violation.set_title("Largest violation of a limit")
-    violation.set(ylabel="Share of its range (1)", xlabel=_iteration_label(record, found))
+    violation.set(ylabel="Share of its range (1)", xlabel=_iteration_label(result, found))
     if not found:
         centred_text(objective, "no iterations were recorded", height=0.7)
     first = min((float(trace.iteration[0]) for trace in found), default=0.0)
@@ -274,12 +274,12 @@ def convergence_figure(figure: Figure, record: DesignResult) -> None:
     figure.align_ylabels()
 
 
-def _iteration_label(record: DesignResult, found: Sequence[Trace]) -> str:
-    criterion = criteria().get(record.criterion)
+def _iteration_label(result: DesignResult, found: Sequence[Trace]) -> str:
+    criterion = criteria().get(result.criterion)
     stages = {stage for trace in found for stage in trace.stages}
     if not found or "blunt" in stages or criterion is None or not criterion.flat:
         return "Iteration of the start"
-    log_det = criteria()["d"].named(record.configuration.run.design.information)
+    log_det = criteria()["d"].named(result.configuration.run.design.information)
     return f"Iteration of the start (the rough search before is on {log_det})"
 
 
@@ -322,16 +322,16 @@ def _mark_stages(axes: Axes, trace: Trace, longest: float) -> None:
         )
 
 
-def _objective_axis(axes: Axes, record: DesignResult, found: Sequence[Trace]) -> list[Line2D]:
+def _objective_axis(axes: Axes, result: DesignResult, found: Sequence[Trace]) -> list[Line2D]:
     """Name the axis, scale it to what matters; draw and return the written design's value."""
-    criterion = criteria().get(record.criterion)
-    information = record.configuration.run.design.information
-    title = record.criterion if criterion is None else criterion.named(information)
-    scaling = {"si": "SI units", "nominal": "nominal scaling"}.get(record.scaling, record.scaling)
+    criterion = criteria().get(result.criterion)
+    information = result.configuration.run.design.information
+    title = result.criterion if criterion is None else criterion.named(information)
+    scaling = {"si": "SI units", "nominal": "nominal scaling"}.get(result.scaling, result.scaling)
     invariant = criterion is not None and criterion.invariant
     axes.set_title("Objective, smoothed as the optimiser sees it", pad=13)
     axes.set_ylabel(f"{title} ({'SI units' if invariant else scaling})")
-    settled, value = _settled(found), record.criterion_value
+    settled, value = _settled(found), result.criterion_value
     shown = np.append(settled, value) if np.isfinite(value) else settled
     if np.isfinite(value) and criterion is not None and criterion.larger_is_better:
         # What is better by far has left the limits behind, and does not set the scale.

@@ -129,37 +129,37 @@ def new_figure(height: float, width: float = PAGE_WIDTH) -> Figure:
     return figure
 
 
-Record = TypeVar("Record", contravariant=True)  # noqa: PLC0105 - the word is the reader's
+Source = TypeVar("Source", contravariant=True)  # noqa: PLC0105 - the word is the reader's
 
 
 @dataclass(frozen=True)
-class FigureDefinition(Generic[Record]):
-    """A figure of a kind of record: name of its files without the ending, caption for reports.
+class FigureDefinition(Generic[Source]):
+    """A figure of a kind of result: name of its files without the ending, caption for reports.
 
-    `fill` draws a record into an empty figure of this size, in inches; it computes nothing but what
+    `fill` draws a result into an empty figure of this size, in inches; it computes nothing but what
     is shown, and saves nothing.
     """
 
     key: str
     caption: str
-    fill: Callable[[Figure, Record], None]
+    fill: Callable[[Figure, Source], None]
     height: float
     width: float = PAGE_WIDTH
 
-    def draw(self, record: Record) -> Figure:
-        """Return the figure of a record."""
+    def draw(self, result: Source) -> Figure:
+        """Return the figure of a result."""
         figure = new_figure(self.height, self.width)
-        self.fill(figure, record)
+        self.fill(figure, result)
         return figure
 
-    def ending(self, text: str) -> FigureDefinition[Record]:
+    def ending(self, text: str) -> FigureDefinition[Source]:
         """Return the same figure for another file, whose name has this ending."""
         return replace(self, key=self.key + text)
 
 
 def figure_definition(
     key: str, caption: str, *, height: float, width: float = PAGE_WIDTH
-) -> Callable[[Callable[[Figure, Record], None]], FigureDefinition[Record]]:
+) -> Callable[[Callable[[Figure, Source], None]], FigureDefinition[Source]]:
     """Return a decorator that makes a figure of the function that fills it."""
     return lambda fill: FigureDefinition(key, caption, fill, height, width)
 
@@ -177,13 +177,13 @@ _MANY_NAMES, _NAME, _SMALLEST_NAME = 32, 7.5, 4.0
 
 
 def save_figures(
-    definitions: Iterable[FigureDefinition[Record]],
-    record: Record,
+    definitions: Iterable[FigureDefinition[Source]],
+    result: Source,
     folder: Path,
     note: str = "",
     formats: Collection[str] = FORMATS,
 ) -> tuple[Path, ...]:
-    """Draw figures of a record and write each in the formats wanted; return the files.
+    """Draw figures of a result and write each in the formats wanted; return the files.
 
     The folder is made when it is missing, and every file is complete or absent. A note stands below
     every figure. Formats are "png", "svg" and "pdf"; SVG is written always: reports show it.
@@ -191,7 +191,7 @@ def save_figures(
     paths = []
     for definition in track("drawing figures", tuple(definitions)):
         with house_style():
-            figure = definition.draw(record)
+            figure = definition.draw(result)
             if note:
                 figure.supxlabel(note, x=0.99, ha="right", fontsize="medium", color=ALERT)
             _lay_out(figure)

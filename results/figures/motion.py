@@ -50,7 +50,7 @@ _VIEWS = ((0.01, 0.01, 0.47, 0.86), (0.52, 0.01, 0.47, 0.86))
     "these are far (right). Scales are equal within each view.",
     height=3.9,
 )
-def path_figure(figure: Figure, record: DesignResult) -> None:
+def path_figure(figure: Figure, result: DesignResult) -> None:
     """Draw both views, each with one scale for its three axes."""
     # The layout engine does not know how far the labels of three-dimensional axes reach out.
     figure.set_layout_engine("none")
@@ -58,9 +58,9 @@ def path_figure(figure: Figure, record: DesignResult) -> None:
     views: list[Any] = [
         figure.add_axes(view, projection="3d", computed_zorder=False) for view in _VIEWS
     ]
-    _draw_robot(views[0], record)
-    _draw_path(views[1], record)
-    bounded = _workspace(record) is not None
+    _draw_robot(views[0], result)
+    _draw_path(views[1], result)
+    bounded = _workspace(result) is not None
     alone = "Displacement from home"
     titles = ("With the robot at home", "Within the limits of its position" if bounded else alone)
     for axes, view, title in zip(views, _VIEWS, titles, strict=True):
@@ -78,13 +78,13 @@ def path_figure(figure: Figure, record: DesignResult) -> None:
     figure.legend(handles=handles, loc="upper center", ncols=len(handles))
 
 
-def _draw_robot(axes: Any, record: DesignResult) -> None:
-    robot = record.configuration.robot
+def _draw_robot(axes: Any, result: DesignResult) -> None:
+    robot = result.configuration.robot
     base, joints = robot.base_joints, robot.struts_at(robot.home).joints
-    path = closed(record.motion.pose[:, :3])
+    path = closed(result.motion.pose[:, :3])
     unit = handy_unit("m", np.concatenate([base, joints, path]))
     base, joints, path = unit.shown(base), unit.shown(joints), unit.shown(path)
-    home = unit.shown(record.robot.home[:3])
+    home = unit.shown(result.robot.home[:3])
     bound_view(axes, unit, np.concatenate([base, joints, path]))
     draw_robot(axes, base, joints, home)
     # What is drawn later covers what was drawn before: the path comes last.
@@ -92,9 +92,9 @@ def _draw_robot(axes: Any, record: DesignResult) -> None:
     axes.plot(*home[:, None], color=INK, marker="+", markersize=7, linestyle="none")
 
 
-def _draw_path(axes: Any, record: DesignResult) -> None:
-    path, home = closed(record.motion.pose[:, :3]), record.robot.home[:3]
-    corners = _workspace(record)
+def _draw_path(axes: Any, result: DesignResult) -> None:
+    path, home = closed(result.motion.pose[:, :3]), result.robot.home[:3]
+    corners = _workspace(result)
     if corners is None:
         # Where home is would only hide how small a motion is.
         path, home, corners = path - home, np.zeros(3), path[:0]
@@ -114,15 +114,15 @@ def _draw_path(axes: Any, record: DesignResult) -> None:
     axes.plot(*marked.T, color=INK, marker="+", markersize=7, linestyle="none")
 
 
-def _workspace(record: DesignResult) -> Array | None:
+def _workspace(result: DesignResult) -> Array | None:
     """Return the eight corners that the position may reach, SI.
 
     None when it is not bounded, or by so much that the path would be a dot within.
     """
-    limit = record.robot.limit("position")
+    limit = result.robot.limit("position")
     if limit is None or not np.all(np.isfinite([limit.lower, limit.upper])):
         return None
-    size = float(np.max(np.ptp(record.motion.pose[:, :3], axis=0)))
+    size = float(np.max(np.ptp(result.motion.pose[:, :3], axis=0)))
     if size < _DOT * float(np.max(limit.upper - limit.lower)):
         return None
     return np.array(list(product(*zip(limit.lower, limit.upper, strict=True))))
@@ -203,10 +203,10 @@ BETA = StrutQuantity("Second cardan angle", r"Cardan angle $\beta$", "rad", "bet
     "struts over one period. What the limits forbid is hatched.",
     height=5.4,
 )
-def struts_figure(figure: Figure, record: DesignResult) -> None:
+def struts_figure(figure: Figure, result: DesignResult) -> None:
     """Draw four panels over one period; the forces are those of the nominal parameters."""
     panels = figure.subplots(2, 2, sharex=True)
-    _draw_period(record, panels, (LENGTH, SPEED, ACCELERATION, FORCE))
+    _draw_period(result, panels, (LENGTH, SPEED, ACCELERATION, FORCE))
     figure.align_ylabels()
 
 
@@ -215,16 +215,16 @@ def struts_figure(figure: Figure, record: DesignResult) -> None:
     "Cardan angles of the six struts over one period. What the limits forbid is hatched.",
     height=2.9,
 )
-def cardan_angles_figure(figure: Figure, record: DesignResult) -> None:
+def cardan_angles_figure(figure: Figure, result: DesignResult) -> None:
     """Draw α and β of all struts over one period."""
-    _draw_period(record, figure.subplots(1, 2, sharex=True, squeeze=False), (ALPHA, BETA))
+    _draw_period(result, figure.subplots(1, 2, sharex=True, squeeze=False), (ALPHA, BETA))
 
 
-def _draw_period(record: DesignResult, panels: Any, quantities: Sequence[StrutQuantity]) -> None:
+def _draw_period(result: DesignResult, panels: Any, quantities: Sequence[StrutQuantity]) -> None:
     """Draw one quantity into each panel over one period; name the struts above all."""
     for axes, quantity in zip(panels.flat, quantities, strict=True):
-        _limited_panel(axes, quantity, record)
-        axes.set_xlim(0, record.motion.period)
+        _limited_panel(axes, quantity, result)
+        axes.set_xlim(0, result.motion.period)
     for axes in panels[-1]:
         axes.set_xlabel("Time (s)")
     strut_legend(panels.flat[0].figure)
@@ -236,38 +236,38 @@ def _draw_period(record: DesignResult, panels: Any, quantities: Sequence[StrutQu
     "to rest. Left and right the ramps, close up; what the limits forbid is hatched.",
     height=6.2,
 )
-def motion_figure(figure: Figure, record: RestToRestMotion) -> None:
+def motion_figure(figure: Figure, result: RestToRestMotion) -> None:
     """Draw lengths, speeds and forces: the whole motion, and its two ramps close up."""
     panels = figure.subplots(3, 3, sharex="col", sharey="row", width_ratios=_WIDTHS)
-    end = float(record.starts[-1])
-    begin, leave = float(record.starts[1]), float(record.starts[-2])
+    end = float(result.starts[-1])
+    begin, leave = float(result.starts[1]), float(result.starts[-2])
     views = ((0, begin * (1 + _BEYOND)), (0, end), (leave - (end - leave) * _BEYOND, end))
     for row, quantity in zip(panels, (LENGTH, SPEED, FORCE), strict=True):
         for axes, view in zip(row, views, strict=True):
-            _limited_panel(axes, quantity, record)
+            _limited_panel(axes, quantity, result)
             for text in axes.texts[:] if axes is not row[1] else ():
                 text.remove()
             axes.set_title("")
             axes.set_xlim(*view)
-            for start in record.starts[1:-1]:
+            for start in result.starts[1:-1]:
                 axes.axvline(start, color=INK, linewidth=0.8, dashes=(3, 2))
         for axes in row[1:]:
             axes.set_ylabel("")
     for axes in panels[-1]:
         axes.set_xlabel("Time (s)")
-    _name_segments(panels[0, 0], record, record.names[:2])
-    _name_segments(panels[0, 2], record, record.names[-2:])
+    _name_segments(panels[0, 0], result, result.names[:2])
+    _name_segments(panels[0, 2], result, result.names[-2:])
     panels[0, 1].set_title("whole motion")
     figure.align_ylabels()
     strut_legend(figure)
 
 
-def _name_segments(axes: Axes, record: RestToRestMotion, names: tuple[str, ...]) -> None:
+def _name_segments(axes: Axes, result: RestToRestMotion, names: tuple[str, ...]) -> None:
     """Write each segment's name above the middle of its visible part."""
     low, high = axes.get_xlim()
     for name in names:
-        k = record.names.index(name)
-        middle = np.clip(record.starts[k : k + 2], low, high).mean()
+        k = result.names.index(name)
+        middle = np.clip(result.starts[k : k + 2], low, high).mean()
         axes.text(
             (middle - low) / (high - low),
             1.03,
@@ -281,14 +281,14 @@ def _name_segments(axes: Axes, record: RestToRestMotion, names: tuple[str, ...])
 
 
 def _limited_panel(
-    axes: Axes, quantity: StrutQuantity, record: DesignResult | RestToRestMotion
+    axes: Axes, quantity: StrutQuantity, result: DesignResult | RestToRestMotion
 ) -> None:
     """Draw the curves, shade what the limit forbids and write the bounds into the shade.
 
     Where bounds differ from strut to strut, the shade begins at the widest, and each strut's own
     bound is a dashed line in its colour.
     """
-    motion, limit = record.motion, record.robot.limit(quantity.limit)
+    motion, limit = result.motion, result.robot.limit(quantity.limit)
     values: Array = getattr(motion, quantity.attribute)
     nothing = np.full(values.shape[1], np.inf)
     lower = -nothing if limit is None else limit.lower
@@ -374,13 +374,13 @@ _PANELS = (
     "the home pose (above) and rotation angles of the platform (below).",
     height=4.4,
 )
-def excitation_figure(figure: Figure, record: DesignResult) -> None:
+def excitation_figure(figure: Figure, result: DesignResult) -> None:
     """Draw x, y, z from home and φ, θ, ψ, as Fig. 2 of the paper does."""
     panels = figure.subplots(2, 1, sharex=True)
-    time = record.motion.time
+    time = result.motion.time
     # Where home is belongs to the place of the robot; angles are shown as they are limited.
-    origin = record.robot.home * [1, 1, 1, 0, 0, 0]
-    values = record.motion.pose - origin
+    origin = result.robot.home * [1, 1, 1, 0, 0, 0]
+    values = result.motion.pose - origin
     for axes, (title, label, si, part) in zip(panels, _PANELS, strict=True):
         unit = handy_unit(si, values[:, part])
         axes.axhline(0, color=MUTED, linewidth=0.7, zorder=1)
@@ -391,7 +391,7 @@ def excitation_figure(figure: Figure, record: DesignResult) -> None:
             shown = unit.shown(values[:, part][:, k])
             axes.plot(time, shown, color=colour, linestyle=dashes, label=symbol(name))
         axes.set(title=title, ylabel=unit.label(label))
-        axes.set_xlim(0, record.motion.period)
+        axes.set_xlim(0, result.motion.period)
         legend_above(axes, axes.get_lines()[1:])
     panels[-1].set_xlabel("Time (s)")
     figure.align_ylabels()

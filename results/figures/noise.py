@@ -160,9 +160,9 @@ _HEADROOM = 0.25
     "Marked: a hum of the mains, with its amplitude.",
     height=4.6,
 )
-def noise_spectrum_figure(figure: Figure, record: NoiseResult) -> None:
+def noise_spectrum_figure(figure: Figure, result: NoiseResult) -> None:
     """Draw density over frequency, both logarithmic; a hum is a line next to it."""
-    found = record.force_density
+    found = result.force_density
     panels = strut_panels(figure, "Actuator", share=True)
     shown = found.frequency > 0
     if not np.any(shown):

@@ -45,16 +45,16 @@ _WIDTH = 0.38
     "one period of the design and over the whole experiment.",
     height=3.3,
 )
-def precision_figure(figure: Figure, record: DesignResult) -> None:
+def precision_figure(figure: Figure, result: DesignResult) -> None:
     """Draw two bars per parameter, one period and the whole experiment, on a logarithmic axis."""
-    parameters, experiment = record.parameters, record.experiment
+    parameters, experiment = result.parameters, result.experiment
     periods = experiment.periods
     whole = f"experiment ({periods:g} period{'s' * (periods != 1)}"
     percents = np.array(
         [(p.rel_std_percent_per_period, p.rel_std_percent_experiment) for p in parameters]
     )
     series = (
-        (f"one period ({_count(record.samples)} samples)", SECOND, -_WIDTH / 2),
+        (f"one period ({_count(result.samples)} samples)", SECOND, -_WIDTH / 2),
         (f"{whole}, {_count(experiment.samples)} samples)", EMPHASIS, _WIDTH / 2),
     )
     axes = figure.subplots()
@@ -106,12 +106,12 @@ _SPREAD = 0.5
     "standard deviation, with 95 % intervals. The a-priori values do not enter the estimates.",
     height=3.4,
 )
-def estimates_figure(figure: Figure, record: EstimationResult) -> None:
+def estimates_figure(figure: Figure, result: EstimationResult) -> None:
     """Draw deviations in units of the best estimator's standard deviation."""
     axes = figure.subplots()
-    tables = record.by_estimator()
-    best = record.best
-    names = record.parameters
+    tables = result.by_estimator()
+    best = result.best
+    names = result.parameters
     position = np.arange(len(names), dtype=float)
     unit = np.array([row.std for row in tables[best]])
     free = np.isfinite(unit)
@@ -143,15 +143,15 @@ def estimates_figure(figure: Figure, record: EstimationResult) -> None:
     height=4.6,
     width=5.2,
 )
-def correlation_figure(figure: Figure, record: EstimationResult) -> None:
+def correlation_figure(figure: Figure, result: EstimationResult) -> None:
     """Draw the best estimator's correlation matrix."""
     from estimation.uncertainty.intervals import correlation
 
-    free = [k for k, name in enumerate(record.parameters) if name not in record.fixed]
-    matrix = correlation(record.best_estimator.covariance)[np.ix_(free, free)]
+    free = [k for k, name in enumerate(result.parameters) if name not in result.fixed]
+    matrix = correlation(result.best_estimator.covariance)[np.ix_(free, free)]
     axes = figure.subplots()
-    correlation_image(axes, matrix, [symbol(record.parameters[k]) for k in free], "RdBu_r")
-    axes.set_title(f"Correlation of the {record.best.upper()} estimates")
+    correlation_image(axes, matrix, [symbol(result.parameters[k]) for k in free], "RdBu_r")
+    axes.set_title(f"Correlation of the {result.best.upper()} estimates")
 
 
 ESTIMATE_FIGURES = (estimates_figure, correlation_figure)
@@ -172,16 +172,16 @@ class ParameterSeries:
     errors: dict[str, Array] = field(default_factory=dict)
 
 
-def draw_series(axes: Axes, record: ParameterSeries) -> None:
+def draw_series(axes: Axes, result: ParameterSeries) -> None:
     """Draw a mark for each folder over every parameter."""
-    count = len(record.values)
+    count = len(result.values)
     step = min(0.18, 0.7 / max(count, 1))
-    places = np.arange(len(record.names))
-    for number, (label, values) in enumerate(record.values.items()):
+    places = np.arange(len(result.names))
+    for number, (label, values) in enumerate(result.values.items()):
         axes.errorbar(
             places + step * (number - (count - 1) / 2),
             values,
-            yerr=record.errors.get(label),
+            yerr=result.errors.get(label),
             color=PALETTE[number % len(PALETTE)],
             marker=MARKERS[number // len(PALETTE) % len(MARKERS)],
             markersize=3.6,
@@ -190,7 +190,7 @@ def draw_series(axes: Axes, record: ParameterSeries) -> None:
             # A name that begins with an underscore would be left out of the legend.
             label=f"\u200b{label}",
         )
-    parameter_axis(axes, record.names)
+    parameter_axis(axes, result.names)
 
 
 @figure_definition(
@@ -199,10 +199,10 @@ def draw_series(axes: Axes, record: ParameterSeries) -> None:
     "the same measuring time and sampling rate.",
     height=2.9,
 )
-def compared_precision_figure(figure: Figure, record: ParameterSeries) -> None:
+def compared_precision_figure(figure: Figure, result: ParameterSeries) -> None:
     """Draw one mark per design over every parameter, logarithmic."""
     axes = figure.add_subplot()
-    draw_series(axes, record)
+    draw_series(axes, result)
     axes.set_yscale("log")
     axes.set_ylabel("Predicted σ / nominal value (%)")
     figure.legend(loc="outside upper right", ncols=4)
@@ -214,11 +214,11 @@ def compared_precision_figure(figure: Figure, record: ParameterSeries) -> None:
     "standard deviation, with 95 % intervals.",
     height=2.9,
 )
-def compared_estimates_figure(figure: Figure, record: ParameterSeries) -> None:
+def compared_estimates_figure(figure: Figure, result: ParameterSeries) -> None:
     """Draw the deviation of every estimate from the first folder's, in units of its σ."""
     axes = figure.add_subplot()
     axes.axhline(0.0, color=MUTED, linewidth=0.8)
-    draw_series(axes, record)
+    draw_series(axes, result)
     axes.set_ylabel("Deviation from the first (σ)")
     figure.legend(loc="outside upper right", ncols=4)
 
@@ -241,9 +241,9 @@ _MOST_STEPS = 14
     "and not tried in this step.",
     height=3.2,
 )
-def selection_figure(figure: Figure, record: EstimationResult) -> None:
+def selection_figure(figure: Figure, result: EstimationResult) -> None:
     """Draw a cell for every candidate in every step, with its worth."""
-    found = record.selection
+    found = result.selection
     if found is None:
         raise ValueError("no terms were tried")
     axes = figure.subplots()

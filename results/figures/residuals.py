@@ -43,9 +43,9 @@ _REACH = 0.9995
     "the noise alone leaves 95 % of it. F: bias against the scatter between the periods.",
     height=5.4,
 )
-def residuals_figure(figure: Figure, record: RecordingDiagnosis) -> None:
+def residuals_figure(figure: Figure, result: RecordingDiagnosis) -> None:
     """Draw the residuals of an estimate over one period."""
-    rest, test = record.residuals, record.tests.lack_of_fit
+    rest, test = result.residuals, result.tests.lack_of_fit
     for j, axes in enumerate(_residual_panels(figure, rest, rest.time, room=1.25)):
         if not test.refused:
             words = "bias" if test.failed[j] else "no bias"
@@ -100,12 +100,12 @@ def _residual_panels(
     "speed (right), with 95 % intervals from the noise.",
     height=7.8,
 )
-def residual_dependence_figure(figure: Figure, record: RecordingDiagnosis) -> None:
+def residual_dependence_figure(figure: Figure, result: RecordingDiagnosis) -> None:
     """Draw one row per strut: means in bins with their 95 % intervals."""
     panels = figure.subplots(ACTUATORS, 2, sharex="col", sharey=True)
     columns = (("length", "m"), ("speed", "m/s"))
     for column, (over, si) in enumerate(columns):
-        rows = [row for row in record.dependence if row.over == over]
+        rows = [row for row in result.dependence if row.over == over]
         unit = handy_unit(si, [row.centre for row in rows])
         for j in range(ACTUATORS):
             axes = panels[j, column]
@@ -137,13 +137,13 @@ def residual_dependence_figure(figure: Figure, record: RecordingDiagnosis) -> No
     "Dashed: significant over all struts and pitches (family level 0.1 %).",
     height=5.4,
 )
-def position_periodic_figure(figure: Figure, record: RecordingDiagnosis) -> None:
+def position_periodic_figure(figure: Figure, result: RecordingDiagnosis) -> None:
     """Draw the statistic over the pitch, of the residuals before and after the compensation."""
-    tests = record.tests
+    tests = result.tests
     forces = {e.strut: e.force for e in tests.effects if e.force is not None}
     panels = strut_panels(figure, "Strut", (3, 2), share=True)
     for strut, (axes, scan) in enumerate(zip(panels, tests.position_periodic, strict=True)):
-        rows = [row for row in record.pitches if row.strut == strut + 1]
+        rows = [row for row in result.pitches if row.strut == strut + 1]
         if not rows:
             centred_text(axes, "not scanned", color=MUTED)
             continue
@@ -190,12 +190,12 @@ _COLOURS: dict[CaseName, str] = {
     "feed-forward. Above: distance of the TCP from its place; below: rms error of each strut.",
     height=5.0,
 )
-def feedforward_figure(figure: Figure, record: FeedforwardResult) -> None:
+def feedforward_figure(figure: Figure, result: FeedforwardResult) -> None:
     """Draw the TCP's error over time, and the rms errors of the struts."""
     above, below = figure.subplots(2, 1, height_ratios=(3, 2))
-    cases = [each.case for each in record.cases]
-    unit = handy_unit("m", [each.max_position for each in record.cases])
-    for case, tracking in zip(cases, record.tracking, strict=True):
+    cases = [each.case for each in result.cases]
+    unit = handy_unit("m", [each.max_position for each in result.cases])
+    for case, tracking in zip(cases, result.tracking, strict=True):
         look = {"linestyle": (0, (2, 1.5))} if case == "true" else {}
         above.plot(
             tracking.time,
@@ -206,13 +206,13 @@ def feedforward_figure(figure: Figure, record: FeedforwardResult) -> None:
         )
     above.set_yscale("log")
     plain_decades(above.yaxis)
-    above.set_xlim(0, record.tracking[0].time[-1])
+    above.set_xlim(0, result.tracking[0].time[-1])
     above.set_xlabel("Time (s)")
     above.set_ylabel(unit.label("Error of the TCP"))
-    struts = handy_unit("m", [row.rms for row in record.rows])
+    struts = handy_unit("m", [row.rms for row in result.rows])
     width = 0.5 / len(cases)
     for place, case in enumerate(cases):
-        sizes = [row.rms for row in record.rows if row.case == case]
+        sizes = [row.rms for row in result.rows if row.case == case]
         middle = np.arange(ACTUATORS) + (place - (len(cases) - 1) / 2) * width
         below.plot(middle, struts.shown(sizes), "o", color=_COLOURS[case], markersize=4.5)
     below.set_yscale("log")

@@ -184,13 +184,13 @@ _PRECISIONS = {
     "other one beats in both. Numbers are those of the table.",
     height=5.2,
 )
-def sweep_figure(figure: Figure, record: SweepResult) -> None:
+def sweep_figure(figure: Figure, result: SweepResult) -> None:
     """Draw precision over measuring time and over the processor time of the search."""
     panels = figure.subplots(len(_PRECISIONS), len(_COSTS), sharex="col", sharey="row")
-    looks = _looks(record)
+    looks = _looks(result)
     for row, (precision, title) in zip(panels, _PRECISIONS.items(), strict=True):
         for axes, cost in zip(row, _COSTS, strict=True):
-            _draw(axes, record, cost, precision, looks)
+            _draw(axes, result, cost, precision, looks)
         row[0].set_title(title)
         row[0].set_ylabel("Predicted std / nominal (%)")
     for axes, title in zip(panels[-1], _COSTS.values(), strict=True):
@@ -200,20 +200,20 @@ def sweep_figure(figure: Figure, record: SweepResult) -> None:
     figure.align_ylabels()
     # Last: where a name can stand depends on everything else.
     for axes, (precision, cost) in zip(panels.flat, product(_PRECISIONS, _COSTS), strict=True):
-        points, shown = _designs_of(record, cost, precision)
+        points, shown = _designs_of(result, cost, precision)
         names, colours = ([each[k] for k in shown] for each in (looks.names, looks.colours))
         label_points(axes, points[shown], names, colours)
 
 
-def _draw(axes: Axes, record: SweepResult, cost: str, precision: str, looks: _Looks) -> None:
+def _draw(axes: Axes, result: SweepResult, cost: str, precision: str, looks: _Looks) -> None:
     """Draw the designs of one panel."""
-    points, shown = _designs_of(record, cost, precision)
+    points, shown = _designs_of(result, cost, precision)
     if not shown:
         centred_text(axes, "no design", color=MUTED)
         return
     for k in shown:
         colour = looks.colours[k]
-        face = colour if record.designs[k].certified else "white"
+        face = colour if result.designs[k].certified else "white"
         axes.plot(*points[k], "o", color=colour, markerfacecolor=face, markersize=4.5, zorder=4)
     best = _unbeaten(points, shown)
     axes.plot(*points[best].T, color=GREY, linewidth=0.8, zorder=1.5)
@@ -228,9 +228,9 @@ def _draw(axes: Axes, record: SweepResult, cost: str, precision: str, looks: _Lo
             getattr(axes, f"{way}axis").set_major_formatter(plain_ticks())
 
 
-def _designs_of(record: SweepResult, cost: str, precision: str) -> tuple[Array, list[int]]:
+def _designs_of(result: SweepResult, cost: str, precision: str) -> tuple[Array, list[int]]:
     """Return cost and precision of every design, (K, 2), and the designs that have both."""
-    points = np.array([(getattr(one, cost), getattr(one, precision)) for one in record.designs])
+    points = np.array([(getattr(one, cost), getattr(one, precision)) for one in result.designs])
     return points, np.flatnonzero(np.all(np.isfinite(points), axis=1)).tolist()
 
 
@@ -242,27 +242,27 @@ class _Looks(NamedTuple):
     legend: list[Line2D]
 
 
-def _looks(record: SweepResult) -> _Looks:
+def _looks(result: SweepResult) -> _Looks:
     """Return colours and names of the designs.
 
     Colours are the values of one key, where there are two or more with several values: of those
     with the fewest. Names are the values of the others.
     """
-    grid, others, legend = record.grid, record.varied, []
-    colours = [BLUE] * len(record.designs)
+    grid, others, legend = result.grid, result.varied, []
+    colours = [BLUE] * len(result.designs)
     path = min(others, key=lambda one: len(grid[one]))
     if len(others) > 1 and len(grid[path]) <= len(PALETTE):
         labels = {value_text(v): point_label({path: v}, [path]) for v in grid[path]}
         by_value = dict(zip(labels, PALETTE, strict=False))
         others = tuple(one for one in others if one != path)
-        colours = [by_value[value_text(point[path])] for point in record.points]
+        colours = [by_value[value_text(point[path])] for point in result.points]
         legend = [
             Line2D([], [], color=by_value[v], label=labels[v], marker="o", markersize=4.5, ls="")
             for v in labels
         ]
-    names = [point_label(point, others) for point in record.points]
+    names = [point_label(point, others) for point in result.points]
     if len(names) > _MOST_WORDS or max(map(len, names)) > _LONGEST_WORDS:
-        names = [str(one.number) for one in record.designs]
+        names = [str(one.number) for one in result.designs]
     return _Looks(colours, names, legend)
 
 

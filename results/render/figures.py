@@ -42,15 +42,15 @@ def draw_figures(
 
 
 def design_figures(
-    record: DesignResult, folder: Path, formats: Collection[str] | None = None
+    result: DesignResult, folder: Path, formats: Collection[str] | None = None
 ) -> tuple[Path, ...]:
     """Draw the figures of a design into ``figures/`` of its run folder; return the files.
 
-    The record is ``DesignResult.read(folder)``; the formats, of
+    The result is ``DesignResult.read(folder)``; the formats, of
     "png", "svg" and "pdf", are those of `report.figures` of its run by default.
     """
-    configuration = record.configuration
-    place = RunFolder(folder, {}, configuration, results={DesignResult: record}, brief=True)
+    configuration = result.configuration
+    place = RunFolder(folder, {}, configuration, results={DesignResult: result}, brief=True)
     wanted = configuration.run.report.figures if formats is None else formats
     return draw_figures(design_view(place), folder, wanted)
 

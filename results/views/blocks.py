@@ -181,9 +181,9 @@ def combination_blocks(
     return (ReportTable.of(key, caption, columns, together, screen=True),)
 
 
-def share_columns(record: EstimationResult) -> list[TableColumn]:
+def share_columns(result: EstimationResult) -> list[TableColumn]:
     """Return the columns of the random and the systematic share, where there are both."""
-    found = record.best_estimator.systematic
+    found = result.best_estimator.systematic
     if found is None or not found.groups:
         return []
     return [
@@ -192,14 +192,14 @@ def share_columns(record: EstimationResult) -> list[TableColumn]:
     ]
 
 
-def budget_blocks(record: EstimationResult) -> list[Block]:
+def budget_blocks(result: EstimationResult) -> list[Block]:
     """Return the share of every tolerance in the variance of every parameter."""
-    found = record.best_estimator.systematic
+    found = result.best_estimator.systematic
     if found is None or not found.groups:
-        if not record.intervals_cover:
+        if not result.intervals_cover:
             return []
-        return [TextBlock(f"Intervals: {record.intervals_note}.", Level.NEUTRAL)]
-    rows = [row for row in record.budget if row.estimator == record.best]
+        return [TextBlock(f"Intervals: {result.intervals_note}.", Level.NEUTRAL)]
+    rows = [row for row in result.budget if row.estimator == result.best]
     sources = list(dict.fromkeys(row.source for row in rows))
     names = list(dict.fromkeys(row.parameter for row in rows))
     share = {(row.parameter, row.source): row.share_percent for row in rows}
@@ -229,14 +229,14 @@ def budget_blocks(record: EstimationResult) -> list[Block]:
         ReportTable.of("budget", caption, columns),
     ]
     if found.with_priors:
-        shown = [row for row in record.deviations if row.estimator == record.best]
+        shown = [row for row in result.deviations if row.estimator == result.best]
         blocks.append(_deviations_table(shown))
     return blocks
 
 
-def constants_blocks(record: EstimationResult) -> list[Block]:
+def constants_blocks(result: EstimationResult) -> list[Block]:
     """Return the table of estimated constants of terms; nothing without any."""
-    rows = [row for row in record.constants if row.estimator == record.best]
+    rows = [row for row in result.constants if row.estimator == result.best]
     if not rows:
         return []
     columns = [
@@ -267,9 +267,9 @@ _MOVED = 0.005
 """Standard deviations from which on a parameter is in the table."""
 
 
-def consistency_blocks(record: EstimationResult) -> list[Block]:
+def consistency_blocks(result: EstimationResult) -> list[Block]:
     """Return the physical consistency of the best estimate, and the nearest consistent one."""
-    found = record.best_estimator.consistent
+    found = result.best_estimator.consistent
     if found is None:
         return []
     level = Level.CAUTION if found.significant else Level.NEUTRAL
@@ -278,7 +278,7 @@ def consistency_blocks(record: EstimationResult) -> list[Block]:
     ]
     if found.distance == 0:
         return blocks
-    rows = [row for row in record.consistent if row.estimator == record.best]
+    rows = [row for row in result.consistent if row.estimator == result.best]
     shown = [row for row in rows if abs(row.moved) >= _MOVED or row.parameter in found.exchanged]
     columns = [
         TableColumn("parameter", kind="parameter", of="parameter"),
@@ -298,12 +298,12 @@ def consistency_blocks(record: EstimationResult) -> list[Block]:
     return [*blocks, ReportTable.of("consistent", caption, columns, shown)]
 
 
-def payload_blocks(record: EstimationResult, truth: Mapping[str, float] | None) -> list[Block]:
+def payload_blocks(result: EstimationResult, truth: Mapping[str, float] | None) -> list[Block]:
     """Return the payload of the best estimate, with the true one where it is known.
 
     `truth` are the payload's shares of the platform's parameters.
     """
-    rows = [row for row in record.payload if row.estimator == record.best]
+    rows = [row for row in result.payload if row.estimator == result.best]
     if not rows:
         return []
     columns = [
@@ -314,9 +314,9 @@ def payload_blocks(record: EstimationResult, truth: Mapping[str, float] | None) 
         TableColumn("95 % from", digits=5, of="ci_low"),
         TableColumn("95 % to", digits=5, of="ci_high"),
     ]
-    for estimator in record.estimators:
-        if estimator != record.best:
-            own = {row.quantity: row for row in record.payload if row.estimator == estimator}
+    for estimator in result.estimators:
+        if estimator != result.best:
+            own = {row.quantity: row for row in result.payload if row.estimator == estimator}
             columns += _other_payload(estimator, own)
     if any(row.std_systematic > 0 for row in rows):
         columns[4:4] = [
@@ -362,9 +362,9 @@ _RULES = {
 }
 
 
-def selection_blocks(record: EstimationResult) -> Iterator[Block]:
+def selection_blocks(result: EstimationResult) -> Iterator[Block]:
     """Yield the terms that were added, the criterion, and the consequence for the intervals."""
-    found = record.selection
+    found = result.selection
     if found is None:
         return
     added = ", ".join(found.chosen) or "none"
@@ -384,7 +384,7 @@ def selection_blocks(record: EstimationResult) -> Iterator[Block]:
                 f"{row.parameters}, {found.by} in favour by {readable(row.worth)}."
             )
     yield TextBlock(text, screen=True)
-    yield Drawing(selection_figure, record)
+    yield Drawing(selection_figure, result)
     columns = [
         TableColumn("step", of="step"),
         TableColumn("direction", kind="text", of="direction"),

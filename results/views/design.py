@@ -50,44 +50,44 @@ _SCALINGS = {"si": "SI units", "nominal": "nominal scaling"}
 
 def design_view(folder: RunFolder) -> StageView:
     """Return the view of the design in a folder; that of a brief one has no costs of limits."""
-    record = folder.result(DesignResult)
-    sensitivity = None if folder.brief else design_sensitivity(record)
+    result = folder.result(DesignResult)
+    sensitivity = None if folder.brief else design_sensitivity(result)
     cost = None if sensitivity is None else costliest_fact(sensitivity)
-    figures = drawings(DESIGN_FIGURES, record)
+    figures = drawings(DESIGN_FIGURES, result)
     blocks: tuple[Block, ...] = (
-        Facts(_details(record), screen=True),
+        Facts(_details(result), screen=True),
         *([Facts((cost,))] if cost else []),
         *(
             [TextBlock(f"{OF_A_CHANGE}.", screen=True)]
-            if record.configuration.run.design.prior
+            if result.configuration.run.design.prior
             else []
         ),
-        limits_table(record),
-        *([] if folder.brief else _reserve(record, sensitivity)),
+        limits_table(result),
+        *([] if folder.brief else _reserve(result, sensitivity)),
         *_gains(sensitivity),
         *figures[:5],
-        parameters_table(record),
-        *combination_blocks("design_combinations", record.base_parameters, record.parameter_names),
+        parameters_table(result),
+        *combination_blocks("design_combinations", result.base_parameters, result.parameter_names),
         *figures[5:7],
-        _starts_table(record),
+        _starts_table(result),
         *figures[7:],
     )
-    note = _FIGURE_NOTES.get(record.status, "")
-    return StageView(_verdict(record), blocks, _facts(record), record.warnings, figure_note=note)
+    note = _FIGURE_NOTES.get(result.status, "")
+    return StageView(_verdict(result), blocks, _facts(result), result.warnings, figure_note=note)
 
 
-def limits_table(record: DesignResult) -> ReportTable:
+def limits_table(result: DesignResult) -> ReportTable:
     """Return the table of limits with the worst moment of each."""
 
     def unit(check: LimitCheck) -> DisplayUnit:
         return handy_unit(check.unit, [check.value, check.bound])
 
-    kept = any(check.reserve for check in record.checks)
+    kept = any(check.reserve for check in result.checks)
     reserved = (
         TableColumn("stated", of=lambda check: unit(check).factor * check.stated),
         TableColumn("reserve", "%", digits=3, of="reserve", factor=100),
     )
-    certified = all(check.certified for check in record.checks)
+    certified = all(check.certified for check in result.checks)
     columns = (
         TableColumn("limit", kind="text", of="title"),
         TableColumn("where", kind="text", of=lambda check: check.row or "–"),
@@ -104,22 +104,22 @@ def limits_table(record: DesignResult) -> ReportTable:
         "distance to the limit at every instant, share of its range"
     )
     if not certified:
-        open_time = max(check.open_time for check in record.checks)
+        open_time = max(check.open_time for check in result.checks)
         caption += f"; negative where {open_time:.3g} s are not proved"
     if kept:
         caption += "; the bounds are the stated ones less the reserve"
     held = [
         f". {text[:1].upper()}{text[1:]}"
-        for text in held_in_words(record.configuration.robot.limits)
+        for text in held_in_words(result.configuration.robot.limits)
     ]
     return ReportTable.of(
-        "limits", f"{caption}{''.join(held)}", columns, record.checks, screen=True, latex=True
+        "limits", f"{caption}{''.join(held)}", columns, result.checks, screen=True, latex=True
     )
 
 
-def parameters_table(record: DesignResult) -> ReportTable:
+def parameters_table(result: DesignResult) -> ReportTable:
     """Return nominal parameters with their predicted standard deviations."""
-    shared = record.predicted_std.systematic
+    shared = result.predicted_std.systematic
     columns = (
         TableColumn("parameter", kind="parameter", of="name"),
         TableColumn("unit", kind="text", of="unit"),
@@ -130,14 +130,14 @@ def parameters_table(record: DesignResult) -> ReportTable:
         TableColumn("σ, experiment", "%", digits=3, of="rel_std_percent_experiment"),
         *([TableColumn("σ, tolerances", digits=3, of="std_systematic")] if shared else []),
     )
-    experiment = record.predicted_std.experiment
+    experiment = result.predicted_std.experiment
     caption = (
-        f"Nominal parameters and predicted standard deviations σ: over {record.samples} "
+        f"Nominal parameters and predicted standard deviations σ: over {result.samples} "
         f"samples of one period, and over {readable(experiment.periods)} periods with "
         f"{experiment.samples} samples; percent of the nominal value"
         f"{_TOLERANCES if shared else ''}"
     )
-    return ReportTable.of("parameters", caption, columns, record.parameters, latex=True)
+    return ReportTable.of("parameters", caption, columns, result.parameters, latex=True)
 
 
 _TOLERANCES = (
@@ -145,7 +145,7 @@ _TOLERANCES = (
 )
 
 
-def _starts_table(record: DesignResult) -> ReportTable:
+def _starts_table(result: DesignResult) -> ReportTable:
     columns = (
         TableColumn("start", of="index"),
         TableColumn("kind", kind="text", of="kind"),
@@ -155,47 +155,47 @@ def _starts_table(record: DesignResult) -> ReportTable:
         TableColumn("how it ended", kind="text", of="status"),
         TableColumn("best", kind="text", of="best"),
     )
-    starts = record.solver.starts
+    starts = result.solver.starts
     return ReportTable.of("starts", "All starts of the search", columns, starts, folded=True)
 
 
-def _verdict(record: DesignResult) -> StageVerdict:
-    level = _LEVELS.get(record.status, Level.NEUTRAL)
-    held = [check.title for check in record.checks if check.used >= REACHED]
+def _verdict(result: DesignResult) -> StageVerdict:
+    level = _LEVELS.get(result.status, Level.NEUTRAL)
+    held = [check.title for check in result.checks if check.used >= REACHED]
     sentence = (
-        f"Trajectory of {record.harmonics} harmonics with a period of "
-        f"{readable(2 * np.pi / record.omega)} s."
+        f"Trajectory of {result.harmonics} harmonics with a period of "
+        f"{readable(2 * np.pi / result.omega)} s."
     )
-    if record.status == "limits broken":
-        broken = [check.key for check in record.checks if not check.kept]
+    if result.status == "limits broken":
+        broken = [check.key for check in result.checks if not check.kept]
         sentence += f" It breaks {', '.join(broken) or 'a limit'}."
-    elif record.status == "interrupted":
+    elif result.status == "interrupted":
         sentence += " The search was interrupted: this is the best found until then."
     else:
-        left = [check.key for check in record.checks if not check.certified]
+        left = [check.key for check in result.checks if not check.certified]
         how = "proved for every instant with the exact (unsmoothed) friction model"
         if left:
             how = f"but not proved for every instant: {', '.join(left)}"
         sentence += f" Every limit is kept over the whole period, {how}."
     if held:
         sentence += f" Active limits: {', '.join(held)}."
-    if record.status == "not converged":
-        sentence += f" Best start: {record.status_text}."
-    return StageVerdict("Design", level, record.status, sentence, "design")
+    if result.status == "not converged":
+        sentence += f" Best start: {result.status_text}."
+    return StageVerdict("Design", level, result.status, sentence, "design")
 
 
-def _facts(record: DesignResult) -> tuple[Fact, ...]:
-    criterion = criteria().get(record.criterion)
-    information = record.configuration.run.design.information
-    percents = np.array([parameter.rel_std_percent_experiment for parameter in record.parameters])
+def _facts(result: DesignResult) -> tuple[Fact, ...]:
+    criterion = criteria().get(result.criterion)
+    information = result.configuration.run.design.information
+    percents = np.array([parameter.rel_std_percent_experiment for parameter in result.parameters])
     relative = percents[np.isfinite(percents)]
-    finite = np.isfinite(record.criterion_value)
-    value = readable(record.criterion_value, 6) if finite else "singular"
+    finite = np.isfinite(result.criterion_value)
+    value = readable(result.criterion_value, 6) if finite else "singular"
     facts = [
         Fact(
-            criterion.named(information) if criterion else record.criterion,
+            criterion.named(information) if criterion else result.criterion,
             value,
-            f"one period, {record.samples} samples, {_SCALINGS.get(record.scaling, '')}",
+            f"one period, {result.samples} samples, {_SCALINGS.get(result.scaling, '')}",
         )
     ]
     if relative.size:
@@ -204,28 +204,28 @@ def _facts(record: DesignResult) -> tuple[Fact, ...]:
             note += f"; {zeros} others have the value zero in the robot file"
         known = int(np.sum(relative < 100 * IDENTIFIABLE))
         facts.append(Fact("parameters identifiable", f"{known} of {relative.size}", note))
-    if record.checks:
-        tightest = max(record.checks, key=lambda check: check.used)
+    if result.checks:
+        tightest = max(result.checks, key=lambda check: check.used)
         used = percent(tightest.used, 4)
         facts.append(Fact("tightest limit", used, f"used of {tightest.title}"))
     return tuple(facts)
 
 
-def _details(record: DesignResult) -> tuple[Fact, ...]:
-    solver = record.solver
+def _details(result: DesignResult) -> tuple[Fact, ...]:
+    solver = result.solver
     facts = [
-        Fact("base frequency", f"{readable(record.omega / (2 * np.pi))} Hz"),
+        Fact("base frequency", f"{readable(result.omega / (2 * np.pi))} Hz"),
         Fact(
             "period",
-            f"{readable(2 * np.pi / record.omega)} s",
-            f"{readable(record.samples_per_period, 6)} controller steps",
+            f"{readable(2 * np.pi / result.omega)} s",
+            f"{readable(result.samples_per_period, 6)} controller steps",
         ),
-        Fact("harmonics", str(record.harmonics)),
+        Fact("harmonics", str(result.harmonics)),
     ]
-    if record.criterion != "d" and np.isfinite(record.log_det_information):
-        log_det = criteria()["d"].named(record.configuration.run.design.information)
-        facts.append(Fact(log_det, readable(record.log_det_information, 6), "SI units"))
-    starts = record.configuration.run.design.starts
+    if result.criterion != "d" and np.isfinite(result.log_det_information):
+        log_det = criteria()["d"].named(result.configuration.run.design.information)
+        facts.append(Fact(log_det, readable(result.log_det_information, 6), "SI units"))
+    starts = result.configuration.run.design.starts
     hop = solver.best_start - starts
     best = f"{solver.best_start} of {starts}" if hop <= 0 else f"{solver.best_start} (hop {hop})"
     facts += [
@@ -235,9 +235,9 @@ def _details(record: DesignResult) -> tuple[Fact, ...]:
     return tuple(facts)
 
 
-def _reserve(record: DesignResult, sensitivity: LimitSensitivity | None) -> tuple[Block, ...]:
-    reserves = {limit.key: limit.reserve for limit in record.robot.limits}
-    text = reserve_in_words(sensitivity, reserves, record.criterion)
+def _reserve(result: DesignResult, sensitivity: LimitSensitivity | None) -> tuple[Block, ...]:
+    reserves = {limit.key: limit.reserve for limit in result.robot.limits}
+    text = reserve_in_words(sensitivity, reserves, result.criterion)
     return (TextBlock(text),) if text else ()
 
 
@@ -265,13 +265,13 @@ _SAME = 1e-6
 """Relative difference up to which a number computed again is the same."""
 
 
-def design_sensitivity(record: DesignResult) -> LimitSensitivity | None:
+def design_sensitivity(result: DesignResult) -> LimitSensitivity | None:
     """Return the approximate cost of every limit of a folder's design.
 
     None where `run.yaml` no longer belongs to this design: later stages write their own.
     """
-    run = record.configuration.run
-    if (record.criterion, record.scaling, record.harmonics, record.samples) != (
+    run = result.configuration.run
+    if (result.criterion, result.scaling, result.harmonics, result.samples) != (
         run.design.criterion,
         run.design.scaling,
         run.trajectory.harmonics,
@@ -279,10 +279,10 @@ def design_sensitivity(record: DesignResult) -> LimitSensitivity | None:
     ):
         return None
     try:
-        plan = plan_search(record.configuration)
-        if not (_same_limits(record) and _same_criterion(record, plan.evaluator)):
+        plan = plan_search(result.configuration)
+        if not (_same_limits(result) and _same_criterion(result, plan.evaluator)):
             return None
-        return sensitivity_at_design(plan, record.trajectory)
+        return sensitivity_at_design(plan, result.trajectory)
     except (InputError, InfeasibleLimitsError, SingularInformationError):
         return None
 
@@ -358,18 +358,18 @@ def gains_table(found: Mapping[str, LimitSensitivity], where: str) -> ReportTabl
     return ReportTable.of("limit_gains", caption, columns, [*keys, _REST])
 
 
-def _same_limits(record: DesignResult) -> bool:
-    checked = {check.key: check.bound for check in record.checks}
-    limits = {limit.key: (*limit.lower, *limit.upper) for limit in record.robot.limits}
+def _same_limits(result: DesignResult) -> bool:
+    checked = {check.key: check.bound for check in result.checks}
+    limits = {limit.key: (*limit.lower, *limit.upper) for limit in result.robot.limits}
     return checked.keys() == limits.keys() and all(
         bool(np.any(np.isclose(limits[key], bound, rtol=_SAME, atol=0)))
         for key, bound in checked.items()
     )
 
 
-def _same_criterion(record: DesignResult, evaluator: Evaluator) -> bool:
-    information = evaluator.information(record.trajectory, record.samples)
+def _same_criterion(result: DesignResult, evaluator: Evaluator) -> bool:
+    information = evaluator.information(result.trajectory, result.samples)
     return bool(
-        np.isclose(evaluator.log_det(information), record.log_det_information, rtol=_SAME, atol=0)
-        and np.isclose(evaluator.value(information), record.criterion_value, rtol=_SAME, atol=0)
+        np.isclose(evaluator.log_det(information), result.log_det_information, rtol=_SAME, atol=0)
+        and np.isclose(evaluator.value(information), result.criterion_value, rtol=_SAME, atol=0)
     )

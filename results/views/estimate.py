@@ -52,26 +52,26 @@ _TITLE = "Estimate"
 
 def estimate_view(folder: RunFolder) -> StageView:
     """Return the view of the estimate in a folder."""
-    record = folder.result(EstimationResult)
-    truth = _truth(folder, record)
+    result = folder.result(EstimationResult)
+    truth = _truth(folder, result)
     return StageView(
-        _verdict(record),
-        _blocks(folder, record, truth),
-        _facts(record, truth),
-        record.warnings,
+        _verdict(result),
+        _blocks(folder, result, truth),
+        _facts(result, truth),
+        result.warnings,
     )
 
 
-def estimates_table(record: EstimationResult, truth: Mapping[str, float] | None) -> ReportTable:
+def estimates_table(result: EstimationResult, truth: Mapping[str, float] | None) -> ReportTable:
     """Return the parameters of the best estimator, with the truth where it is known."""
-    best = record.best
+    best = result.best
     columns = [
         TableColumn("parameter", kind="parameter", of="parameter"),
         TableColumn("unit", kind="text", of="unit"),
         TableColumn("a priori", of="a_priori"),
         TableColumn("estimate", digits=5, of="value"),
         TableColumn("σ", kind="error", digits=3, of="std"),
-        *share_columns(record),
+        *share_columns(result),
         TableColumn("95 % from", digits=5, of="ci_low"),
         TableColumn("95 % to", digits=5, of="ci_high"),
         TableColumn("σ / a priori", "%", digits=3, of="rel_std_percent"),
@@ -88,13 +88,13 @@ def estimates_table(record: EstimationResult, truth: Mapping[str, float] | None)
         ]
     known = " and the truth of the simulated experiment" if truth is not None else ""
     caption = f"Parameters of the {NAMES.get(best, best)} estimate with 95 % intervals{known}"
-    screen = len(record.estimators) == 1
-    rows = record.by_estimator()[best]
+    screen = len(result.estimators) == 1
+    rows = result.by_estimator()[best]
     return ReportTable.of("estimates", caption, columns, rows, screen=screen, latex=True)
 
 
-def _estimators_table(record: EstimationResult) -> ReportTable:
-    tables = record.by_estimator()
+def _estimators_table(result: EstimationResult) -> ReportTable:
+    tables = result.by_estimator()
     first = next(iter(tables.values()))
     columns = [
         TableColumn("parameter", kind="parameter", of=[row.parameter for row in first]),
@@ -111,49 +111,49 @@ def _estimators_table(record: EstimationResult) -> ReportTable:
 
 
 def _blocks(
-    folder: RunFolder, record: EstimationResult, truth: Mapping[str, float] | None
+    folder: RunFolder, result: EstimationResult, truth: Mapping[str, float] | None
 ) -> tuple[Block, ...]:
-    blocks: list[Block] = [Facts(_details(folder, record), screen=True)]
-    if not record.intervals_cover:
-        blocks.append(TextBlock(record.intervals_note, Level.CAUTION, screen=True))
-    blocks += payload_blocks(record, _true_payload(folder, record))
-    blocks.append(estimates_table(record, truth))
-    if len(record.estimators) > 1:
-        blocks.append(_estimators_table(record))
-    blocks += constants_blocks(record)
-    blocks += selection_blocks(record)
-    blocks += budget_blocks(record)
-    if inseparable := record.best_estimator.inseparable:
+    blocks: list[Block] = [Facts(_details(folder, result), screen=True)]
+    if not result.intervals_cover:
+        blocks.append(TextBlock(result.intervals_note, Level.CAUTION, screen=True))
+    blocks += payload_blocks(result, _true_payload(folder, result))
+    blocks.append(estimates_table(result, truth))
+    if len(result.estimators) > 1:
+        blocks.append(_estimators_table(result))
+    blocks += constants_blocks(result)
+    blocks += selection_blocks(result)
+    blocks += budget_blocks(result)
+    if inseparable := result.best_estimator.inseparable:
         sums = "; ".join(
             f"{row.combination} = {with_error(row.value, row.std)} {row.unit}"
             for row in inseparable
         )
         text = f"No motion separates these parameters, their sums are estimated: {sums}."
         blocks.append(TextBlock(text, screen=True))
-    together = record.best_estimator.base_parameters
-    free = {*record.parameters} - {*record.fixed}
+    together = result.best_estimator.base_parameters
+    free = {*result.parameters} - {*result.fixed}
     blocks += combination_blocks("estimate_combinations", together, free)
-    blocks += consistency_blocks(record)
-    if not together and record.best_estimator.combinations:
-        weak = "; ".join(combination.text for combination in record.best_estimator.combinations)
+    blocks += consistency_blocks(result)
+    if not together and result.best_estimator.combinations:
+        weak = "; ".join(combination.text for combination in result.best_estimator.combinations)
         text = f"Identified only in combination with others: {weak}."
         blocks.append(TextBlock(text, Level.CAUTION, screen=True))
-    blocks += drawings(ESTIMATE_FIGURES, record)
-    test = information_test(record)
+    blocks += drawings(ESTIMATE_FIGURES, result)
+    test = information_test(result)
     if test is not None:
         disturbed = isinstance(test, Differences) and test.differ
         sentence = f"{information_sentence(test)}."
         blocks.append(TextBlock(sentence, Level.CAUTION if disturbed else Level.NEUTRAL))
     if isinstance(test, Differences) and (test.freedom or test.differ):
         caption = "ML − GM against the covariance that errors of the same data give this difference"
-        blocks.append(differences_table("hausman", caption, record.parameters, test, folded=True))
-    if record.diagnostics is not None:
-        found = record.diagnostics.verdict.findings
+        blocks.append(differences_table("hausman", caption, result.parameters, test, folded=True))
+    if result.diagnostics is not None:
+        found = result.diagnostics.verdict.findings
         blocks.append(findings_block("findings", found, "the estimate"))
-    blocks += drawings(DIAGNOSTIC_FIGURES, record.diagnoses, numbered=True)
+    blocks += drawings(DIAGNOSTIC_FIGURES, result.diagnoses, numbered=True)
     if not shows_noise(folder):
-        blocks += drawings(NOISE_FIGURES, record.diagnoses, numbered=True)
-    blocks.append(_noise_table(record))
+        blocks += drawings(NOISE_FIGURES, result.diagnoses, numbered=True)
+    blocks.append(_noise_table(result))
     return tuple(blocks)
 
 
@@ -224,9 +224,9 @@ def _verdict(summary: EstimateFile) -> StageVerdict:
     return StageVerdict(_TITLE, verdict_level(verdict), verdict.status.value, sentence, "estimate")
 
 
-def _facts(record: EstimationResult, truth: Mapping[str, float] | None) -> tuple[Fact, ...]:
-    best = record.best
-    rows = record.by_estimator()[best]
+def _facts(result: EstimationResult, truth: Mapping[str, float] | None) -> tuple[Fact, ...]:
+    best = result.best
+    rows = result.by_estimator()[best]
     relative = [row.rel_std_percent for row in rows if np.isfinite(row.rel_std_percent)]
     facts = [
         Fact(

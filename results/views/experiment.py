@@ -85,8 +85,8 @@ def _execution(truth: Truth) -> str:
 
 def montecarlo_view(folder: RunFolder) -> StageView:
     """Return the view of the study in a folder."""
-    record = folder.result(MonteCarloResult)
-    summary, estimators = record, record.estimators
+    result = folder.result(MonteCarloResult)
+    summary, estimators = result, result.estimators
     failures = sum(len(entry.failures) for entry in estimators.values())
     names = ", ".join(NAMES.get(name, name) for name in estimators)
     identified = f"{len(summary.identified)} of {len(summary.parameters)}"
@@ -103,8 +103,8 @@ def montecarlo_view(folder: RunFolder) -> StageView:
     level = Level.BAD if summary.interrupted else Level.CAUTION if failures else Level.GOOD
     word = "interrupted" if summary.interrupted else "done"
     blocks: list[Block] = [_pooled_table(estimators)]
-    blocks += drawings(STUDY_FIGURES, record.rows)
-    blocks.append(_statistics_table(record))
+    blocks += drawings(STUDY_FIGURES, result.rows)
+    blocks.append(_statistics_table(result))
     verdict = StageVerdict("Monte-Carlo study", level, word, sentence, "montecarlo")
     return StageView(verdict, tuple(blocks), _facts(estimators))
 
@@ -146,7 +146,7 @@ def _pooled_table(estimators: dict[str, EstimatorStatistics]) -> ReportTable:
     return ReportTable.of("montecarlo_pooled", caption, columns, estimators, screen=True)
 
 
-def _statistics_table(record: MonteCarloResult) -> ReportTable:
+def _statistics_table(result: MonteCarloResult) -> ReportTable:
     columns = (
         TableColumn(
             "estimator", kind="text", of=lambda row: NAMES.get(row.estimator, row.estimator)
@@ -163,7 +163,7 @@ def _statistics_table(record: MonteCarloResult) -> ReportTable:
         TableColumn("coverage", digits=3, of="coverage"),
     )
     caption = "Every estimator and parameter against the truth"
-    return ReportTable.of("montecarlo", caption, columns, record.rows, folded=True, latex=True)
+    return ReportTable.of("montecarlo", caption, columns, result.rows, folded=True, latex=True)
 
 
 def compare_montecarlo(folders: Mapping[str, RunFolder], *_: object) -> StageView:

@@ -35,8 +35,8 @@ from results.views.view import (
 
 def export_view(folder: RunFolder) -> StageView:
     """Return the view of the controller tables in a folder."""
-    record = folder.result(ExportResult)
-    motion, files = record.motion, record.files
+    result = folder.result(ExportResult)
+    motion, files = result.motion, result.files
     place = folder.stage_file("export").parent
     missing = [name for name in files if not (place / name).is_file()]
     changed = [
@@ -80,7 +80,7 @@ def export_view(folder: RunFolder) -> StageView:
     listed = [_File(name, entry) for name, entry in files.items()]
     blocks: list[Block] = [
         details,
-        *_motion_drawings(folder, record),
+        *_motion_drawings(folder, result),
         _files_table(listed),
         _read_back_table(listed),
         _axes_table(files),
@@ -92,16 +92,16 @@ def export_view(folder: RunFolder) -> StageView:
     return StageView(verdict, tuple(blocks))
 
 
-def _motion_drawings(folder: RunFolder, record: ExportResult) -> tuple[Drawing, ...]:
+def _motion_drawings(folder: RunFolder, result: ExportResult) -> tuple[Drawing, ...]:
     """Return the figure of the whole motion; nothing where the tables are of another design.
 
     It is renewed for every report: a table exported later may be of another motion.
     """
-    if record.motion.ways is None or not folder.has("design"):
+    if result.motion.ways is None or not folder.has("design"):
         return ()
     design = folder.result(DesignResult)
     try:
-        motion = record.motion.ways.motion(design.trajectory, design.robot.home)
+        motion = result.motion.ways.motion(design.trajectory, design.robot.home)
     except ValueError:
         return ()
     return (Drawing(motion_figure, RestToRestMotion(design.configuration, motion), renewed=True),)

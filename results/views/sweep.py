@@ -33,15 +33,15 @@ _READ = (
 
 def sweep_view(folder: RunFolder) -> StageView:
     """Return the view of the sweep in a folder."""
-    record = folder.result(SweepResult)
+    result = folder.result(SweepResult)
     blocks: tuple[Block, ...] = (
         TextBlock(_READ),
-        Drawing(sweep_figure, record),
-        _table(record, "sweep", _CAPTION, _promised(folder.configuration)),
-        _table(record, "sweep_searches", "The searches, and where the designs are", _SEARCHED),
+        Drawing(sweep_figure, result),
+        _table(result, "sweep", _CAPTION, _promised(folder.configuration)),
+        _table(result, "sweep_searches", "The searches, and where the designs are", _SEARCHED),
     )
-    note = _NOTE if record.interrupted else ""
-    verdict, facts = _verdict(record), _facts(record)
+    note = _NOTE if result.interrupted else ""
+    verdict, facts = _verdict(result), _facts(result)
     return StageView(verdict, blocks, facts, heading="Designs over a grid", figure_note=note)
 
 
@@ -76,48 +76,48 @@ _SEARCHED = (
 
 
 def _table(
-    record: SweepResult, key: str, caption: str, columns: Iterable[TableColumn]
+    result: SweepResult, key: str, caption: str, columns: Iterable[TableColumn]
 ) -> ReportTable:
     """Return a table of the designs, the values of the grid in front."""
-    points = {one.number: point for one, point in zip(record.designs, record.points, strict=True)}
+    points = {one.number: point for one, point in zip(result.designs, result.points, strict=True)}
 
     def value_at(path: str) -> Callable[[SweptDesign], str]:
         return lambda one: value_text(points[one.number][path])
 
-    front = (TableColumn(short_path(path), kind="text", of=value_at(path)) for path in record.grid)
+    front = (TableColumn(short_path(path), kind="text", of=value_at(path)) for path in result.grid)
     every = (TableColumn("design", of="number"), *front, *columns)
     main = key == "sweep"
     return ReportTable.of(
-        key, caption, every, record.designs, folded=not main, screen=main, latex=main
+        key, caption, every, result.designs, folded=not main, screen=main, latex=main
     )
 
 
-def _verdict(record: SweepResult) -> StageVerdict:
-    total, complete = len(record.designs), sum(one.complete for one in record.designs)
+def _verdict(result: SweepResult) -> StageVerdict:
+    total, complete = len(result.designs), sum(one.complete for one in result.designs)
     sentence = f"{complete} of {counted(total, 'design')}"
     wrong = [
         f"{label} ({one.reason if one.status == FAILED else one.status})"
-        for label, one in zip(record.labels, record.designs, strict=True)
+        for label, one in zip(result.labels, result.designs, strict=True)
         if one.wrong
     ]
-    sentence += f" over {', '.join(record.grid)}."
+    sentence += f" over {', '.join(result.grid)}."
     if wrong:
         sentence += f" Failed: {'; '.join(wrong)}."
-    if record.interrupted:
+    if result.interrupted:
         sentence += " The sweep was interrupted; the same command continues it."
         return StageVerdict("Sweep", Level.BAD, "interrupted", sentence, "sweep")
     level, word = (Level.BAD, "incomplete") if wrong else (Level.GOOD, "complete")
     return StageVerdict("Sweep", level, word, sentence, "sweep")
 
 
-def _facts(record: SweepResult) -> tuple[Fact, ...]:
-    best = record.most_precise
+def _facts(result: SweepResult) -> tuple[Fact, ...]:
+    best = result.most_precise
     if best is None:
         return ()
-    label = dict(zip(record.designs, record.labels, strict=True))[best]
-    spent = sum(one.cpu_seconds for one in record.designs if one.made)
+    label = dict(zip(result.designs, result.labels, strict=True))[best]
+    spent = sum(one.cpu_seconds for one in result.designs if one.made)
     value = f"{readable(best.median_rel_std_percent, 3)} %"
     return (
         Fact("most precise design", value, f"median predicted σ, with {label}: {best.folder}"),
-        Fact("searches", duration(spent), f"processor time of {len(record.designs)} designs"),
+        Fact("searches", duration(spent), f"processor time of {len(result.designs)} designs"),
     )

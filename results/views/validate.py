@@ -29,13 +29,13 @@ from results.views.view import (
 
 def validation_view(folder: RunFolder) -> StageView:
     """Return the view of the validation in a folder."""
-    record = folder.result(ValidationResult)
-    passed = f"{sum(row.verdict == 'passes' for row in record.rows)} of {len(record.rows)}"
+    result = folder.result(ValidationResult)
+    passed = f"{sum(row.verdict == 'passes' for row in result.rows)} of {len(result.rows)}"
     blocks: list[Block] = []
-    if record.errors:
-        blocks.append(_errors_table(record))
-    blocks.append(_actuators_table(record))
-    for number, motion in enumerate(record.motions, start=1):
+    if result.errors:
+        blocks.append(_errors_table(result))
+    blocks.append(_actuators_table(result))
+    for number, motion in enumerate(result.motions, start=1):
         verdict = motion.diagnostics.verdict
         how = "simulated" if motion.simulated else "measured"
         finding = contradictions(verdict)
@@ -46,25 +46,25 @@ def validation_view(folder: RunFolder) -> StageView:
         blocks.append(TextBlock(text, verdict_level(verdict), screen=True))
         if motion.errors:
             blocks.append(_accuracy(motion))
-        blocks.append(Drawing(prediction_figure, record.predictions[number - 1], number))
+        blocks.append(Drawing(prediction_figure, result.predictions[number - 1], number))
         subject = f"the prediction of motion {number}"
         blocks.append(findings_block(f"findings_{number}", verdict.findings, subject))
-    motions = counted(len(record.motions), "motion")
+    motions = counted(len(result.motions), "motion")
     sentence = (
-        f"The {NAMES.get(record.estimator, record.estimator)} estimate predicts the forces of "
-        f"{motions} ({'; '.join(motion.name for motion in record.motions)}): {passed} actuator "
+        f"The {NAMES.get(result.estimator, result.estimator)} estimate predicts the forces of "
+        f"{motions} ({'; '.join(motion.name for motion in result.motions)}): {passed} actuator "
         "tests pass."
     )
     failed = [
         str(number)
-        for number, motion in enumerate(record.motions, start=1)
+        for number, motion in enumerate(result.motions, start=1)
         if motion.tolerance is None and verdict_level(motion.diagnostics.verdict) is Level.BAD
     ]
     if failed:
         several = len(failed) > 1
         which = f"Motions {', '.join(failed)}" if several else f"Motion {failed[0]}"
         sentence += f" {which} {'contradict' if several else 'contradicts'} the model."
-    judged_by_size = [motion for motion in record.motions if motion.tolerance is not None]
+    judged_by_size = [motion for motion in result.motions if motion.tolerance is not None]
     if judged_by_size:
         kept = sum(motion.within is True for motion in judged_by_size)
         sentence += (
@@ -72,12 +72,12 @@ def validation_view(folder: RunFolder) -> StageView:
             f"{'keeps' if kept == 1 else 'keep'} it."
         )
     undecided = any(motion.within is None for motion in judged_by_size)
-    level, word = (Level.GOOD, "accepted") if record.accepted else (Level.BAD, "doubtful")
-    if record.accepted and undecided:
+    level, word = (Level.GOOD, "accepted") if result.accepted else (Level.BAD, "doubtful")
+    if result.accepted and undecided:
         level, word = Level.CAUTION, "not decided"
     facts = (Fact("actuator tests passed", passed, f"lack of fit on {motions}"),)
     judged = StageVerdict("Validation", level, word, sentence, "validation")
-    return StageView(judged, tuple(blocks), facts, record.warnings)
+    return StageView(judged, tuple(blocks), facts, result.warnings)
 
 
 def _accuracy(motion: PredictedMotion) -> TextBlock:
@@ -112,8 +112,8 @@ def _accuracy(motion: PredictedMotion) -> TextBlock:
     return TextBlock(text, level)
 
 
-def _errors_table(record: ValidationResult) -> ReportTable:
-    judged = any(np.isfinite(row.tolerance) for row in record.errors)
+def _errors_table(result: ValidationResult) -> ReportTable:
+    judged = any(np.isfinite(row.tolerance) for row in result.errors)
     columns = (
         TableColumn("no.", of="number"),
         TableColumn("motion", kind="text", of="motion"),
@@ -128,10 +128,10 @@ def _errors_table(record: ValidationResult) -> ReportTable:
         TableColumn("kept", kind="text", of=lambda row: str(row.kept.value), screen=judged),
     )
     caption = "Error of the prediction, noise subtracted"
-    return ReportTable.of("prediction_errors", caption, columns, record.errors, screen=True)
+    return ReportTable.of("prediction_errors", caption, columns, result.errors, screen=True)
 
 
-def _actuators_table(record: ValidationResult) -> ReportTable:
+def _actuators_table(result: ValidationResult) -> ReportTable:
     columns = (
         TableColumn("no."),
         TableColumn("motion", kind="text"),
@@ -145,7 +145,7 @@ def _actuators_table(record: ValidationResult) -> ReportTable:
         TableColumn("verdict", kind="outcome"),
     )
     caption = "Measured against predicted forces: lack-of-fit test of each actuator"
-    rows = map(astuple, record.rows)
+    rows = map(astuple, result.rows)
     return ReportTable.of("validation", caption, columns, rows, screen=True, latex=True)
 
 
@@ -241,7 +241,7 @@ def _cases(summary: FeedforwardResult) -> ReportTable:
     return ReportTable.of("feedforward_cases", caption, columns, summary.cases, screen=True)
 
 
-def _struts(record: FeedforwardResult) -> ReportTable:
+def _struts(result: FeedforwardResult) -> ReportTable:
     columns = (
         TableColumn("feed-forward", kind="text", of="case"),
         TableColumn("strut", of="strut"),
@@ -250,7 +250,7 @@ def _struts(record: FeedforwardResult) -> ReportTable:
         TableColumn("feedback, rms", "N", digits=3, of="rms_feedback"),
     )
     caption = "Tracking error strut by strut"
-    return ReportTable.of("feedforward", caption, columns, record.rows, folded=True)
+    return ReportTable.of("feedforward", caption, columns, result.rows, folded=True)
 
 
 def _controller(summary: FeedforwardResult) -> ReportTable:
