@@ -119,7 +119,7 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
         status = stop.code
     except (Exception, KeyboardInterrupt) as error:
         with ignored():
-            from expdesign.cli.errors import report_error  # --help needs no configuration
+            from expdesign.cli.output import report_error  # --help needs no configuration
 
             interrupted = isinstance(error, InterruptedCommand)
             status = report_error(KeyboardInterrupt() if interrupted else error, as_json=as_json)

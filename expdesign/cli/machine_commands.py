@@ -5,13 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from expdesign.cli.options import (
     EXPORT_OPTIONS,
     INIT_OPTIONS,
     JsonOption,
     RunArgument,
+    argument,
+    flag_option,
+    option,
     with_options,
 )
 
@@ -28,20 +29,17 @@ def robots(as_json: JsonOption = False) -> None:
 
 @with_options(INIT_OPTIONS)
 def init(
-    name: Annotated[
-        str, typer.Argument(metavar="NAME", help="Of the machine.", show_default=False)
-    ],
+    name: Annotated[str, argument("NAME", "Of the machine.")],
     out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="The folder; the current one by default."),
+        Path | None, option("--out", "DIR", "The folder; the current one by default.")
     ] = None,
     sources: Annotated[
         list[Path] | None,
-        typer.Option(
+        option(
             "--from",
-            metavar="FILE",
-            help="A file of another program that describes the machine, such as LinuxCNC's INI and "
-            "HAL; several times for several. Options override what it says.",
+            "FILE",
+            "A file of another program that describes the machine, such as LinuxCNC's INI and HAL; "
+            "several times for several. Options override what it says.",
         ),
     ] = None,
     as_json: JsonOption = False,
@@ -60,18 +58,18 @@ def init(
 
 MachineOption = Annotated[
     bool,
-    typer.Option(
+    flag_option(
         "--machine",
-        help="Print the machine at home in place of the configuration, with the reach of every "
+        "Print the machine at home in place of the configuration, with the reach of every "
         "coordinate, and draw it.",
     ),
 ]
 OutOption = Annotated[
     Path | None,
-    typer.Option(
+    option(
         "--out",
-        metavar="DIR",
-        help="Of --machine: the run folder, whose figures/ get the drawing; runs/NAME by default.",
+        "DIR",
+        "Of --machine: the run folder, whose figures/ get the drawing; runs/NAME by default.",
     ),
 ]
 
@@ -101,22 +99,18 @@ def check(
 @with_options(EXPORT_OPTIONS)
 def export(
     folder: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="DIR", help="A run folder with run.yaml and design.json.", show_default=False
-        ),
+        Path | None, argument("DIR", "A run folder with run.yaml and design.json.")
     ] = None,
     name: Annotated[
         str,
-        typer.Option(
+        option(
             "--format",
-            metavar="NAME",
-            help="Format; `list` names them. Without: every table that the run names.",
+            "NAME",
+            "Format; `list` names them. Without: every table that the run names.",
         ),
     ] = "",
     out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="FILE", help="File to write; in DIR/exports by default."),
+        Path | None, option("--out", "FILE", "File to write; in DIR/exports by default.")
     ] = None,
     as_json: JsonOption = False,
     **options: str | None,
@@ -136,27 +130,20 @@ def export(
 def certify(
     place: Annotated[
         Path,
-        typer.Argument(
-            metavar="PLACE",
-            help="A run folder with run.yaml and design.json, or a controller table.",
-            show_default=False,
-        ),
+        argument("PLACE", "A run folder with run.yaml and design.json, or a controller table."),
     ],
     design: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--design",
-            metavar="DIR",
-            help="For a table: the run folder that it was exported from; by default the one whose "
+            "DIR",
+            "For a table: the run folder that it was exported from; by default the one whose "
             "exports/ contains it. A copy without exports.json is identified by its SHA-256.",
         ),
     ] = None,
     piece: Annotated[
         bool,
-        typer.Option(
-            "--part",
-            help="The table is a piece of a motion: it may begin and end anywhere.",
-        ),
+        flag_option("--part", "The table is a piece of a motion: it may begin and end anywhere."),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -175,30 +162,25 @@ def certify(
 def model(
     source: Annotated[
         str,
-        typer.Argument(
-            metavar="DIR",
-            help="A run folder with an estimate; or a robot file, or the name of a robot that "
-            "ships, whose nominal parameters are then taken.",
-            show_default=False,
+        argument(
+            "DIR",
+            "A run folder with an estimate; or a robot file, or the name of a robot that ships, "
+            "whose nominal parameters are then taken.",
         ),
     ],
     name: Annotated[
-        str,
-        typer.Option(
-            "--format", metavar="NAME", help="c, python, fmu or simulink; has to be given."
-        ),
+        str, option("--format", "NAME", "c, python, fmu or simulink; has to be given.")
     ] = "",
     out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="The folder; DIR/model/NAME by default."),
+        Path | None, option("--out", "DIR", "The folder; DIR/model/NAME by default.")
     ] = None,
     width: Annotated[
         str,
-        typer.Option(
+        option(
             "--smoothing",
-            metavar="SPEED",
-            help="Width of the sign of dry friction, such as '2 mm/s': tanh in place of the sign. "
-            "0: the exact one.",
+            "SPEED",
+            "Width of the sign of dry friction, such as '2 mm/s': tanh in place of the sign. 0: "
+            "the exact one.",
         ),
     ] = "0",
     as_json: JsonOption = False,

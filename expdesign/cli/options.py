@@ -9,17 +9,24 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 
-RunArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="RUN.yaml",
-        help="A run file, or the name of a run that ships.",
-        show_default=False,
-    ),
-]
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="Write JSON to standard output, for machines.")
-]
+
+def argument(metavar: str, text: str) -> Any:
+    """Return an argument of a command for an annotation, with its help."""
+    return typer.Argument(metavar=metavar, help=text, show_default=False)
+
+
+def option(name: str, metavar: str, text: str, **further: Any) -> Any:
+    """Return an option with a value for an annotation, with its help."""
+    return typer.Option(name, metavar=metavar, help=text, **further)
+
+
+def flag_option(name: str, text: str) -> Any:
+    """Return an option without a value for an annotation, with its help."""
+    return typer.Option(name, help=text)
+
+
+RunArgument = Annotated[str, argument("RUN.yaml", "A run file, or the name of a run that ships.")]
+JsonOption = Annotated[bool, flag_option("--json", "Write JSON to standard output, for machines.")]
 
 
 class Option(NamedTuple):
@@ -43,12 +50,9 @@ def with_options(
                 key,
                 Parameter.POSITIONAL_OR_KEYWORD,
                 default=None,
-                annotation=Annotated[
-                    str | None,
-                    typer.Option(flag(key), metavar=option.metavar, help=option.help),
-                ],
+                annotation=Annotated[str | None, option(flag(key), each.metavar, each.help)],
             )
-            for key, option in options.items()
+            for key, each in options.items()
         ]
         # Every function takes the attribute (PEP 362), which mypy does not know.
         command.__signature__ = own.replace(parameters=[*first, *more, last])  # type: ignore[attr-defined]

@@ -1,16 +1,25 @@
-"""Output of commands: results to standard output, everything else to standard error."""
+"""Output of commands: results to standard output, messages and errors to standard error."""
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+from collections.abc import Iterable
+from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
 import typer
 from rich.console import Console
 from rich.text import Text
 
+from expdesign.configuration import ComputationError, InputError, Problem, quote
 from expdesign.runfolder.files import json_values
+from expdesign.stages.stage import short
+
+FAILED = 1
+BAD_INPUT = 2
 
 _PIPED_WIDTH = 200
 """Characters of a line where the output is no terminal, so that nothing is cut."""
@@ -50,3 +59,53 @@ def warn(text: str, console: Console | None = None) -> None:
 def note(text: str, console: Console | None = None) -> None:
     """Write a remark to standard error."""
     (console or messages()).print(Text.assemble(("note: ", "cyan"), text))
+
+
+def report_error(error: BaseException, *, as_json: bool) -> int | None:
+    """Report an error and return its exit status; None for a bug.
+
+    Problems are on standard error, with ``--json`` on standard output.
+    """
+    if isinstance(error, typer.TyperException):
+        error = InputError(error.format_message())
+    elif isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+        error = InputError(f"{quote(str(error.filename))}: the name is too long")
+    elif isinstance(error, OSError):
+        named = "" if error.filename is None else f"{error.filename}: "
+        error = ComputationError(f"{named}{error.strerror or error}")
+    elif isinstance(error, KeyboardInterrupt | typer.Abort):
+        error = ComputationError("interrupted")
+    if isinstance(error, InputError):
+        return _bad_input(error.problems, as_json)
+    if isinstance(error, ComputationError):
+        return _failed(error.message, as_json, error.details)
+    return None
+
+
+def _bad_input(problems: Iterable[Problem], as_json: bool) -> int:
+    if as_json:
+        data = [
+            asdict(problem) | {"file": problem.file and str(problem.file)} for problem in problems
+        ]
+        write_json({"status": BAD_INPUT, "problems": data})
+        return BAD_INPUT
+    console = messages()
+    found = list(problems)
+    for problem, following in zip(found, [*found[1:], None], strict=True):
+        place = replace(problem, file=problem.file and Path(short(problem.file))).place
+        line = Text.assemble(("error: ", "bold red"), (f"{place}: " if place else "", "bold"))
+        console.print(line.append(problem.message))
+        if problem.nearest:
+            console.print(f"  did you mean '{problem.nearest}'?")
+        # Equal allowed values of several problems in a row are printed once, after the last.
+        if problem.allowed and (following is None or following.allowed != problem.allowed):
+            console.print(f"  allowed: {problem.allowed}")
+    return BAD_INPUT
+
+
+def _failed(message: str, as_json: bool, details: dict[str, Any] | None = None) -> int:
+    if as_json:
+        write_json({"status": FAILED, "message": message, **(details or {})})
+    else:
+        messages().print(Text.assemble(("failed: ", "bold red"), message))
+    return FAILED

@@ -5,41 +5,33 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
-from expdesign.cli.options import JsonOption, RunArgument
+from expdesign.cli.options import JsonOption, RunArgument, argument, flag_option, option
 
 _MOST_EXPERIMENTS = 100_000
 _MOST_REPETITIONS = 400_000
 
 OutOption = Annotated[
     Path | None,
-    typer.Option(
-        "--out",
-        metavar="DIR",
-        help="The run folder; runs/NAME by default, NAME being that of the run.",
-    ),
+    option("--out", "DIR", "The run folder; runs/NAME by default, NAME being that of the run."),
 ]
 DesignOption = Annotated[
     Path | None,
-    typer.Option(
+    option(
         "--design",
-        metavar="DIR",
-        help="A folder with the design.json to execute, or that file; the run folder by default.",
+        "DIR",
+        "A folder with the design.json to execute, or that file; the run folder by default.",
     ),
 ]
 DesignsOption = Annotated[
     list[Path] | None,
-    typer.Option(
+    option(
         "--design",
-        metavar="DIR",
-        help="The folder with the design.json that was executed, or that file; one for all "
-        "recordings or one each. The run folder's by default, if it has one.",
+        "DIR",
+        "The folder with the design.json that was executed, or that file; one for all recordings "
+        "or one each. The run folder's by default, if it has one.",
     ),
 ]
-StrictOption = Annotated[
-    bool, typer.Option("--strict", help="Exit status 1 when a diagnostic fails.")
-]
+StrictOption = Annotated[bool, flag_option("--strict", "Exit status 1 when a diagnostic fails.")]
 
 
 def design(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) -> None:
@@ -56,22 +48,21 @@ def simulate(
     design: DesignOption = None,
     table: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--table",
-            metavar="FILE",
-            help="A table that `expdesign export` made of the design: its rows are executed "
-            "instead.",
+            "FILE",
+            "A table that `expdesign export` made of the design: its rows are executed instead.",
         ),
     ] = None,
     out: OutOption = None,
     repetitions: Annotated[
         int,
-        typer.Option(
+        option(
             "--repetitions",
-            metavar="K",
+            "K",
+            "How often the experiment is repeated; more than one go to repetitions/0001 …",
             min=1,
             max=_MOST_EXPERIMENTS,
-            help="How often the experiment is repeated; more than one go to repetitions/0001 …",
         ),
     ] = 1,
     as_json: JsonOption = False,
@@ -92,12 +83,12 @@ def montecarlo(
     out: OutOption = None,
     repetitions: Annotated[
         int | None,
-        typer.Option(
+        option(
             "--repetitions",
-            metavar="K",
+            "K",
+            "How many repetitions, instead of montecarlo.repetitions.",
             min=1,
             max=_MOST_REPETITIONS,
-            help="How many repetitions, instead of montecarlo.repetitions.",
             show_default=False,
         ),
     ] = None,
@@ -117,11 +108,11 @@ def noise(
     run: RunArgument,
     data: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--data",
-            metavar="FILE",
-            help="A recording at rest, or of two periods or more of any motion that repeats; "
-            "data.file, or the run folder's measurement.csv, by default.",
+            "FILE",
+            "A recording at rest, or of two periods or more of any motion that repeats; data.file, "
+            "or the run folder's measurement.csv, by default.",
         ),
     ] = None,
     design: DesignsOption = None,
@@ -143,10 +134,10 @@ def estimate(
     run: RunArgument,
     data: Annotated[
         list[Path] | None,
-        typer.Option(
+        option(
             "--data",
-            metavar="FILE",
-            help="A recording; give it several times to combine recordings. data.file, or the run "
+            "FILE",
+            "A recording; give it several times to combine recordings. data.file, or the run "
             "folder's measurement.csv, by default.",
         ),
     ] = None,
@@ -171,10 +162,10 @@ def validate(
     run: RunArgument,
     estimate: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--estimate",
-            metavar="DIR",
-            help="The folder with the estimate.json to predict with; the run folder by default.",
+            "DIR",
+            "The folder with the estimate.json to predict with; the run folder by default.",
         ),
     ] = None,
     out: OutOption = None,
@@ -190,10 +181,7 @@ def validate(
 
 
 def report(
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="A run folder.", show_default=False)
-    ],
-    as_json: JsonOption = False,
+    folder: Annotated[Path, argument("DIR", "A run folder.")], as_json: JsonOption = False
 ) -> None:
     """Write the report of a run folder: report.html, one page that works offline.
 
@@ -213,26 +201,17 @@ def run(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) ->
 
 
 def compare(
-    folders: Annotated[
-        list[Path], typer.Argument(metavar="DIR DIR …", help="Run folders.", show_default=False)
-    ],
-    out: Annotated[
-        Path,
-        typer.Option("--out", metavar="DIR", help="Folder of the comparison.", show_default=False),
-    ],
+    folders: Annotated[list[Path], argument("DIR DIR …", "Run folders.")],
+    out: Annotated[Path, option("--out", "DIR", "Folder of the comparison.", show_default=False)],
     precision: Annotated[
         str,
-        typer.Option(
-            "--precision",
-            metavar="P",
-            help="Relative standard deviation for which the periods are counted.",
+        option(
+            "--precision", "P", "Relative standard deviation for which the periods are counted."
         ),
     ] = "5 %",
     quick: Annotated[
         bool,
-        typer.Option(
-            "--quick", help="Leave out the costs of limits, which take one solve per design."
-        ),
+        flag_option("--quick", "Leave out the costs of limits, which take one solve per design."),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:

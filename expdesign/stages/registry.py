@@ -77,17 +77,13 @@ class NoiseStage(Stage):
     writes = ("noise.yaml", *TABLES)
     sections = run_sections("trajectory", "data")
     needs = ("recording",)
+    in_sweep = True
 
     def functions(self) -> StageFunctions:
         """Return the analysis and its view."""
         from expdesign.stages.estimate import NOISE
 
         return NOISE
-
-    def reason_left_out(self, configuration: RunConfiguration) -> str:
-        """Return no reason: a recording can be analysed in every run."""
-        del configuration
-        return ""
 
 
 class MonteCarloStage(Stage):
@@ -177,17 +173,13 @@ class SweepStage(Stage):
     sections = run_sections(
         "trajectory", "design", "sweep", experiment={"periods", "sampling", "payload"}
     )
+    in_sweep = True
 
     def functions(self) -> StageFunctions:
         """Return the search at every point and the view of the designs."""
         from expdesign.stages.design import sweep_functions
 
         return sweep_functions(DesignStage())
-
-    def reason_left_out(self, configuration: RunConfiguration) -> str:
-        """Return no reason: a run that names the sweep does it."""
-        del configuration
-        return ""
 
 
 class ExportStage(Stage):
@@ -222,17 +214,13 @@ class ReportStage(Stage):
     file = "report.html"
     writes = ("tables/*.tex", FIGURES)
     needs = ("folder",)
+    in_sweep = True
 
     def functions(self) -> StageFunctions:
         """Return the report of a run folder."""
         from expdesign.stages.report import REPORT
 
         return REPORT
-
-    def reason_left_out(self, configuration: RunConfiguration) -> str:
-        """Return no reason: every run can be reported."""
-        del configuration
-        return ""
 
 
 _BUILT_IN: tuple[type[Stage], ...] = (

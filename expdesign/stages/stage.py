@@ -77,6 +77,8 @@ class Stage(ABC):
     options of the command, from memory when the same run has made them, or from the run folder."""
     compared: str = ""
     """Table that identifies the result in comparisons; empty: the stage is not compared."""
+    in_sweep: bool = False
+    """Whether the stage is done in a sweep, for all its designs."""
     after: str = ""
     """Stage before this one in a run; by default a plug-in's is the last before the report."""
     shown_after: str = ""
@@ -96,11 +98,8 @@ class Stage(ABC):
         return self.needs
 
     def reason_left_out(self, configuration: RunConfiguration) -> str:
-        """Return the reason why a run that names the stage leaves it out; empty: it is done.
-
-        By default a stage of a single design is left out where the run is a sweep.
-        """
-        if configuration.run.sweep is None:
+        """Return the reason why a run that names the stage leaves it out; empty: it is done."""
+        if self.in_sweep or configuration.run.sweep is None:
             return ""
         return "the sweep makes several designs; `expdesign run` of the run.yaml of one does it"
 
