@@ -1,18 +1,27 @@
-"""Comparison of designs: criteria, precision, effort, limits and their costs."""
+"""Comparison of designs: criteria, precision, effort, limits and their costs.
+
+The information F of a motion depends on joints, first cardan axes, gravity, the model and the noise
+of the forces. Machines that differ in one of them differ in det F for the same design, so that only
+designs for the same machine have an efficiency. Values of the parameters, limits, home and names do
+not distinguish machines.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from constraints.arrays import Array, Mask
+from expdesign.configuration import ResolvedRobot
 from expdesign.experiment import DesignResult
-from expdesign.experiment.sensitivity import LimitSensitivity, limit_sensitivity
+from expdesign.experiment.sensitivity import limit_sensitivity
 from expdesign.information.criteria import criteria
+from expdesign.information.fisher import SingularInformationError, log_det, parameter_covariance
 from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.progress import track
-from results.comparison.compared_design import COUNTED, ComparedDesign, DesignComparison
 from results.figures.parameters import ParameterSeries, compared_precision_figure
 from results.notation import counted, duration, percent
 from results.views.design import EXPLAINED, costliest_fact, gains_table
@@ -30,6 +39,11 @@ from results.views.view import (
     Value,
 )
 
+_COUNTED = "joints, first cardan axes, gravity and noise of the forces"
+"""Properties of a machine, in words, where the parameters are the same."""
+_SAME = 1e-9
+"""Difference, relative to the largest number of the kind, up to which machines are the same."""
+
 
 def compare_designs(
     folders: Mapping[str, RunFolder], precision: float, quick: bool = False
@@ -38,25 +52,14 @@ def compare_designs(
     designs = tuple(
         ComparedDesign(label, folder.result(DesignResult)) for label, folder in folders.items()
     )
-    costs: dict[str, LimitSensitivity] = {}
-    if not quick:
-        costs = {
-            design.label: limit_sensitivity(design.result.configuration, design.result.trajectory)
-            for design in track("cost of each limit", designs)
-        }
-    return designs_view(DesignComparison(designs, precision), costs)
-
-
-def designs_view(comparison: DesignComparison, costs: Mapping[str, LimitSensitivity]) -> StageView:
-    """Return the view of a comparison of designs, with the costs of their limits."""
-    designs = comparison.designs
+    comparison = DesignComparison(designs, precision)
     blocks: list[Block] = []
     facts: list[Fact] = []
     sentence = f"{counted(len(designs), 'design')}."
     if comparison.comparable:
         blocks += [
             _criteria_table(comparison),
-            Drawing(compared_precision_figure, precision_series(comparison)),
+            Drawing(compared_precision_figure, comparison.precision_series),
             _effort_table(comparison),
             _precision_table(comparison),
         ]
@@ -64,7 +67,11 @@ def designs_view(comparison: DesignComparison, costs: Mapping[str, LimitSensitiv
         sentence += text
         facts += best
     blocks.append(_limits_table(designs))
-    if costs:
+    if not quick:
+        costs = {
+            design.label: limit_sensitivity(design.result.configuration, design.result.trajectory)
+            for design in track("cost of each limit", designs)
+        }
         blocks.append(gains_table(costs, "the optimum next to the design"))
         found = (costliest_fact(cost, f"{label}: ") for label, cost in costs.items())
         facts += [fact for fact in found if fact is not None]
@@ -79,13 +86,214 @@ def designs_view(comparison: DesignComparison, costs: Mapping[str, LimitSensitiv
     each = ", ".join(f"{label}: {duration(value)}" for label, value in seconds.items())
     facts.append(Fact("search", duration(sum(seconds.values())), each))
     verdict = StageVerdict("Designs", Level.NEUTRAL, "compared", sentence, "designs")
-    return StageView(verdict, tuple(blocks), tuple(facts), comparison.differences())
+    return StageView(verdict, tuple(blocks), tuple(facts), tuple(_differences(comparison)))
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedDesign:
+    """One design and its name in the comparison."""
+
+    label: str
+    result: DesignResult
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Parameters that the design judges."""
+        return self.result.parameter_names
+
+    @property
+    def robot(self) -> ResolvedRobot:
+        """Robot of the design."""
+        return self.result.configuration.robot
+
+    @property
+    def nominal(self) -> Array:
+        """Nominal values of the parameters for the design's robot, (m,)."""
+        return np.array([parameter.nominal for parameter in self.result.parameters])
+
+    def information(self, samples: float) -> Array:
+        """Return F for so many samples, SI, (m, m)."""
+        return self.result.information / self.result.samples * samples
+
+    def log_det(self, samples: float) -> float | None:
+        """Return log det F for so many samples, SI; None when F is singular."""
+        try:
+            return log_det(self.information(samples), self.names)
+        except SingularInformationError:
+            return None
+
+    def relative_std(self, samples: float) -> Array:
+        """Return the standard deviations relative to the own nominal values, (m,); NaN for none.
+
+        They are those of the design's own experiment, which `tables/parameters.csv` states, by
+        the square root of the samples.
+        """
+        own = self.result.predicted_std.experiment.samples
+        std = np.array([parameter.std_experiment for parameter in self.result.parameters])
+        scale = np.where(self.nominal == 0, np.nan, np.abs(self.nominal))
+        return np.asarray(std * np.sqrt(own / samples) / scale, dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class DesignComparison:
+    """Designs, at least one, on the basis of the first; precision: the relative σ wanted."""
+
+    designs: tuple[ComparedDesign, ...]
+    precision: float
+
+    @property
+    def comparable(self) -> bool:
+        """Whether all designs judge the same parameters."""
+        return all(design.names == self.designs[0].names for design in self.designs)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of the criteria: those of the first design's period."""
+        return self.designs[0].result.samples
+
+    @property
+    def sampling(self) -> float:
+        """Sampling rate of the common experiment, Hz."""
+        return float(self.designs[0].result.configuration.run.experiment.sampling)
+
+    @property
+    def experiment_samples(self) -> int:
+        """Samples of the common experiment: the first design's."""
+        return self.designs[0].result.predicted_std.experiment.samples
+
+    @property
+    def same_nominal(self) -> bool:
+        """Whether all robots have the same nominal values."""
+        first = self.designs[0].nominal
+        return all(np.array_equal(design.nominal, first) for design in self.designs)
+
+    @property
+    def whose(self) -> str:
+        """Basis of relative standard deviations, in words."""
+        return "the nominal value" if self.same_nominal else "its own robot's nominal value"
+
+    @property
+    def information(self) -> str:
+        """Symbol of the compared information: F, or S of designs with a prior."""
+        sections = [design.result.configuration.run.design for design in self.designs]
+        symbols = sorted({one.information for one in sections})
+        return symbols[0] if len(symbols) == 1 else f"({' or '.join(symbols)})"
+
+    @cached_property
+    def machines(self) -> tuple[tuple[ComparedDesign, ...], ...]:
+        """The designs by machine, in their order."""
+        found: list[list[ComparedDesign]] = []
+        for design in self.designs:
+            same = (one for one in found if not _robot_differences(one[0].robot, design.robot))
+            if (known := next(same, None)) is None:
+                found.append([design])
+            else:
+                known.append(design)
+        return tuple(map(tuple, found))
+
+    @cached_property
+    def efficiencies(self) -> dict[str, float | None]:
+        """D-efficiency of each design relative to the best of its machine.
+
+        None where F is singular, and for the only design of a machine among several machines.
+        """
+        count = len(self.designs[0].names)
+        found: dict[str, float | None] = {}
+        for designs in self.machines:
+            values = {design.label: design.log_det(self.samples) for design in designs}
+            best = max((value for value in values.values() if value is not None), default=0.0)
+            alone = len(designs) == 1 and len(self.machines) > 1
+            for label, value in values.items():
+                found[label] = None
+                if value is not None and not alone:
+                    found[label] = float(np.exp((value - best) / count))
+        return {design.label: found[design.label] for design in self.designs}
+
+    @cached_property
+    def periods(self) -> dict[str, Array]:
+        """Periods that each parameter needs for the precision wanted, (m,), by design."""
+        one = {
+            design.label: design.relative_std(design.result.trajectory.period * self.sampling)
+            for design in self.designs
+        }
+        return {
+            label: np.maximum(np.ceil((relative / self.precision) ** 2 - 1e-9), 1.0)
+            for label, relative in one.items()
+        }
+
+    @property
+    def precision_series(self) -> ParameterSeries:
+        """Predicted standard deviations of the common experiment, %."""
+        samples = self.experiment_samples
+        percents = {d.label: 100 * d.relative_std(samples) for d in self.designs}
+        return ParameterSeries(self.designs[0].names, percents)
+
+
+def _differences(comparison: DesignComparison) -> list[str]:
+    """Return further differences between the designs that affect the comparison."""
+    first, found = comparison.designs[0], []
+    if not comparison.comparable:
+        found.append(
+            "The designs judge different parameters: their criteria cannot be compared, and "
+            "are left out."
+        )
+    for design in comparison.designs[1:]:
+        own, other = design.robot.name, first.robot.name
+        names = f" ({own}; {first.label}: {other})" if own != other else ""
+        if reasons := _robot_differences(first.robot, design.robot):
+            found.append(
+                f"{design.label} was designed for another robot than {first.label}{names}: "
+                f"other {', '.join(reasons)}. Their information differs by the machine and "
+                "not only by the design: no efficiency is stated between them."
+            )
+        elif names:
+            found.append(
+                f"{design.label} was designed for a robot of another name than "
+                f"{first.label}{names}, in what counts the same."
+            )
+        if comparison.comparable and not np.array_equal(design.nominal, first.nominal):
+            found.append(
+                f"{design.label} has other nominal values than {first.label}: its precision "
+                "is relative to its own."
+            )
+    return found
+
+
+def _robot_differences(one: ResolvedRobot, other: ResolvedRobot) -> list[str]:
+    """Return the differences that make two robots different machines, in words."""
+    noises = [robot.noise for robot in (one, other)]
+    covariances = [None if noise is None else noise.force_covariance for noise in noises]
+    spectra = [
+        None
+        if noise is None or noise.force_spectrum is None or stated is None
+        else stated.force_spectrum
+        for noise, stated in zip(
+            noises, [robot.description.noise for robot in (one, other)], strict=True
+        )
+    ]
+    pairs: tuple[tuple[str, Array | None, Array | None], ...] = (
+        ("joints of the base", one.base_joints, other.base_joints),
+        ("joints of the platform", one.platform_joints, other.platform_joints),
+        ("first cardan axes", one.alpha_axes, other.alpha_axes),
+        ("gravity", one.gravity, other.gravity),
+        ("noise of the forces", covariances[0], covariances[1]),
+    )
+    found = [words for words, first, second in pairs if not _same(first, second)]
+    found += ["spectrum of the force noise"] if spectra[0] != spectra[1] else []
+    return found + (["terms of the model"] if one.terms != other.terms else [])
+
+
+def _same(first: Array | None, second: Array | None) -> bool:
+    if first is None or second is None:
+        return first is second
+    largest = float(np.max(np.abs(first)))
+    return bool(np.allclose(first, second, rtol=0, atol=_SAME * largest))
 
 
 def _efficiencies_in_words(comparison: DesignComparison) -> tuple[str, list[Fact]]:
     """Return the design with the most information and the others' efficiencies, by machine."""
-    every = _efficiencies(comparison)
-    several, log_det = len(comparison.machines) > 1, _log_det(comparison)
+    every, several = comparison.efficiencies, len(comparison.machines) > 1
+    log_det = criteria()["d"].named(comparison.information)
     text, facts = "", []
     for designs in comparison.machines:
         shares = {
@@ -104,58 +312,26 @@ def _efficiencies_in_words(comparison: DesignComparison) -> tuple[str, list[Fact
         facts.append(Fact(f"largest {log_det}", best, f"for {comparison.samples} samples"))
     if several:
         text += (
-            f" They are for {len(comparison.machines)} different robots ({COUNTED}), between which "
-            "there is no efficiency; precision is relative to each one's own nominal values."
+            f" They are for {len(comparison.machines)} different robots ({_COUNTED}), between "
+            "which there is no efficiency; precision is relative to each one's own nominal values."
         )
     return text, facts
 
 
-def _information(comparison: DesignComparison) -> str:
-    """Return the symbol of the compared information: F, or S of designs with a prior."""
-    sections = [design.result.configuration.run.design for design in comparison.designs]
-    symbols = sorted({one.information for one in sections})
-    return symbols[0] if len(symbols) == 1 else f"({' or '.join(symbols)})"
-
-
-def _log_det(comparison: DesignComparison) -> str:
-    return criteria()["d"].named(_information(comparison))
-
-
-def _efficiencies(comparison: DesignComparison) -> dict[str, float | None]:
-    """Return the D-efficiency of each design relative to the best of its machine.
-
-    None where F is singular, and for the only design of a machine among several machines.
-    """
-    count = len(comparison.designs[0].names)
-    found: dict[str, float | None] = {}
-    for designs in comparison.machines:
-        values = {design.label: design.log_det(comparison.samples) for design in designs}
-        known = [value for value in values.values() if value is not None]
-        alone = len(designs) == 1 and len(comparison.machines) > 1
-        for label, value in values.items():
-            found[label] = (
-                None if value is None or alone else float(np.exp((value - max(known)) / count))
-            )
-    return found
-
-
 def _criteria_table(comparison: DesignComparison) -> ReportTable:
     """Return all criteria in both scalings, one row per design."""
-    designs, samples, shares = comparison.designs, comparison.samples, _efficiencies(comparison)
+    designs, samples, shares = comparison.designs, comparison.samples, comparison.efficiencies
+    log_det = criteria()["d"].named(comparison.information)
     columns = [
-        TableColumn("design", kind="text", of=[design.label for design in designs]),
-        TableColumn(
-            _log_det(comparison), digits=6, of=[design.log_det(samples) for design in designs]
-        ),
-        TableColumn(
-            "D-efficiency", "%", factor=100, of=[shares[design.label] for design in designs]
-        ),
+        TableColumn("design", kind="text", of=list(shares)),
+        TableColumn(log_det, digits=6, of=[design.log_det(samples) for design in designs]),
+        TableColumn("D-efficiency", "%", factor=100, of=list(shares.values())),
     ]
     for name, scaled in (("SI", False), ("nominal", True)):
         spectra = [_spectrum(design, samples, scaled=scaled) for design in designs]
         trace, smallest, condition = zip(*spectra, strict=True)
         columns += [
-            TableColumn(f"trace {_information(comparison)}⁻¹, {name}", of=trace),
+            TableColumn(f"trace {comparison.information}⁻¹, {name}", of=trace),
             TableColumn(f"smallest eigenvalue, {name}", of=smallest),
             TableColumn(f"condition, {name}", of=condition),
         ]
@@ -163,7 +339,7 @@ def _criteria_table(comparison: DesignComparison) -> ReportTable:
     best = "the best"
     if len(comparison.machines) > 1:
         best += (
-            f" of the same robot ({COUNTED}), empty where no other design is of it: the "
+            f" of the same robot ({_COUNTED}), empty where no other design is of it: the "
             "information of different robots differs by the machine and not only by the design"
         )
     caption = (
@@ -175,8 +351,10 @@ def _criteria_table(comparison: DesignComparison) -> ReportTable:
 
 def _spectrum(design: ComparedDesign, samples: float, *, scaled: bool) -> tuple[float | None, ...]:
     """Return trace of F⁻¹, smallest eigenvalue and condition number, in SI or nominal scaling."""
-    covariance, robot = design.covariance(samples), design.result.robot
-    if covariance is None:
+    information, robot = design.information(samples), design.result.robot
+    try:
+        covariance = parameter_covariance(information, design.names)
+    except SingularInformationError:
         return None, None, None
     places = [robot.parameter_names.index(name) for name in design.names]
     scale = robot.scales[places] if scaled else np.ones(len(places))
@@ -184,76 +362,57 @@ def _spectrum(design: ComparedDesign, samples: float, *, scaled: bool) -> tuple[
     inverse = covariance / outer
     # The small eigenvalues come from the inverse, where they keep their digits.
     smallest = 1 / float(np.linalg.eigvalsh(inverse)[-1])
-    largest = float(np.linalg.eigvalsh(design.information * samples * outer)[-1])
+    largest = float(np.linalg.eigvalsh(information * outer)[-1])
     return float(np.trace(inverse)), smallest, largest / smallest
-
-
-def _relative_std(design: ComparedDesign, samples: float) -> Array:
-    """Return σ relative to the design's own nominal values, (m,); NaN where there is none."""
-    return design.std(samples) / np.where(design.nominal == 0, np.nan, np.abs(design.nominal))
-
-
-def _periods_needed(comparison: DesignComparison) -> dict[str, Array]:
-    """Return the periods that each parameter needs for the precision wanted, by design."""
-    one = {d.label: _relative_std(d, d.period * comparison.sampling) for d in comparison.designs}
-    return {
-        label: np.maximum(np.ceil((relative / comparison.precision) ** 2 - 1e-9), 1.0)
-        for label, relative in one.items()
-    }
 
 
 def _precision_table(comparison: DesignComparison) -> ReportTable:
     """Return predicted standard deviations and the periods needed, one row per parameter."""
-    designs, periods = comparison.designs, _periods_needed(comparison)
-    shown = designs[:1] if comparison.same_nominal else designs
+    designs = comparison.designs
     columns = [TableColumn("parameter", kind="parameter", of=designs[0].names)]
-    for design in shown:
-        whose = "" if comparison.same_nominal else f", {design.label}"
-        columns.append(TableColumn(f"nominal{whose}", of=design.nominal))
+    if comparison.same_nominal:
+        columns.append(TableColumn("nominal", of=designs[0].nominal))
+    else:
+        columns += [TableColumn(f"nominal, {each.label}", of=each.nominal) for each in designs]
     columns += [
         TableColumn(f"σ, {label}", "%", digits=3, of=percents)
-        for label, percents in precision_series(comparison).values.items()
+        for label, percents in comparison.precision_series.values.items()
     ]
-    columns += [TableColumn(f"periods, {label}", of=own) for label, own in periods.items()]
+    columns += [TableColumn(f"periods, {label}", of=n) for label, n in comparison.periods.items()]
     caption = (
         f"Predicted standard deviations for {comparison.experiment_samples} samples at "
         f"{comparison.sampling:g} Hz whatever the period, scaled by √samples from what each design "
-        f"states for its own experiment, in percent of {_whose(comparison)}, and the periods that "
+        f"states for its own experiment, in percent of {comparison.whose}, and the periods that "
         f"each design needs for {100 * comparison.precision:g} %"
     )
     return ReportTable.of("compared_parameters", caption, columns)
 
 
-def precision_series(comparison: DesignComparison) -> ParameterSeries:
-    """Return the series of the precision figure."""
-    samples, designs = comparison.experiment_samples, comparison.designs
-    percents = {design.label: 100 * _relative_std(design, samples) for design in designs}
-    return ParameterSeries(designs[0].names, percents)
-
-
 def _effort_table(comparison: DesignComparison) -> ReportTable:
     """Return the measuring time that each design needs, one row per design."""
-    designs, periods = comparison.designs, _periods_needed(comparison)
-    summaries = [design.result for design in designs]
-    hopeless = _hopeless(comparison)
+    designs, samples = comparison.designs, comparison.experiment_samples
+    shares = [design.relative_std(samples) for design in designs]
+    hopeless: Mask = np.all([~(share <= IDENTIFIABLE) for share in shares], axis=0)
+    results = [design.result for design in designs]
     efforts = [
-        _effort(design, np.where(hopeless, np.nan, periods[design.label])) for design in designs
+        _effort(design, np.where(hopeless, np.nan, comparison.periods[design.label]))
+        for design in designs
     ]
-    median, most, decisive, duration = zip(*efforts, strict=True)
+    median, most, decisive, time = zip(*efforts, strict=True)
     columns = (
         TableColumn("design", kind="text", of=[design.label for design in designs]),
-        TableColumn("status", kind="outcome", of=[summary.status for summary in summaries]),
-        TableColumn("criterion", kind="text", of=[summary.criterion for summary in summaries]),
-        TableColumn("harmonics", of=[summary.harmonics for summary in summaries]),
-        TableColumn("period", "s", of=[design.period for design in designs]),
+        TableColumn("status", kind="outcome", of=[result.status for result in results]),
+        TableColumn("criterion", kind="text", of=[result.criterion for result in results]),
+        TableColumn("harmonics", of=[result.harmonics for result in results]),
+        TableColumn("period", "s", of=[result.trajectory.period for result in results]),
         TableColumn("periods, median parameter", of=median),
         TableColumn("periods, all parameters", of=most),
         TableColumn("decided by", kind="parameter", of=decisive),
-        TableColumn("measuring time", "s", of=duration),
+        TableColumn("measuring time", "s", of=time),
     )
     caption = (
         f"Periods and time that each design needs for σ = {100 * comparison.precision:g} % of "
-        f"{_whose(comparison)}, measured at {comparison.sampling:g} Hz"
+        f"{comparison.whose}, measured at {comparison.sampling:g} Hz"
     )
     if np.any(hopeless):
         left_out = ", ".join(np.array(designs[0].names)[hopeless])
@@ -264,24 +423,14 @@ def _effort_table(comparison: DesignComparison) -> ReportTable:
     return ReportTable.of("effort", caption, columns)
 
 
-def _hopeless(comparison: DesignComparison) -> Mask:
-    """Return the parameters that no design identifies in the common experiment, (m,)."""
-    samples = comparison.experiment_samples
-    shares = [_relative_std(design, samples) for design in comparison.designs]
-    return np.all([~(share <= IDENTIFIABLE) for share in shares], axis=0)
-
-
 def _effort(design: ComparedDesign, periods: Array) -> tuple[Value, Value, str, Value]:
     """Return median and largest number of periods, the parameter that decides, and the time, s."""
     if not np.any(np.isfinite(periods)):
         return None, None, "–", None
     worst = int(np.nanargmax(periods))
     most = float(periods[worst])
-    return float(np.nanmedian(periods)), most, design.names[worst], most * design.period
-
-
-def _whose(comparison: DesignComparison) -> str:
-    return "the nominal value" if comparison.same_nominal else "its own robot's nominal value"
+    time = most * design.result.trajectory.period
+    return float(np.nanmedian(periods)), most, design.names[worst], time
 
 
 def _limits_table(designs: tuple[ComparedDesign, ...]) -> ReportTable:
