@@ -121,31 +121,15 @@ def plain_number(value: float, digits: int = 4) -> str:
     return f"{value:.{digits}g}".replace("-", "−")
 
 
-# By SI unit, from large to small: the smallest magnitude for which each unit is taken.
-_LADDERS: dict[str, tuple[tuple[float, DisplayUnit], ...]] = {
-    "m": (
-        (5.0, DisplayUnit("m", 1.0)),
-        (1e-3, DisplayUnit("mm", 1e3)),
-        (0.0, DisplayUnit("µm", 1e6)),
-    ),
-    "m/s": (
-        (0.1, DisplayUnit("m/s", 1.0)),
-        (1e-4, DisplayUnit("mm/s", 1e3)),
-        (0.0, DisplayUnit("µm/s", 1e6)),
-    ),
-    "m/s^2": (
-        (0.1, DisplayUnit("m/s²", 1.0)),
-        (1e-4, DisplayUnit("mm/s²", 1e3)),
-        (0.0, DisplayUnit("µm/s²", 1e6)),
-    ),
-    "N": (
-        (5e3, DisplayUnit("kN", 1e-3)),
-        (0.1, DisplayUnit("N", 1.0)),
-        (0.0, DisplayUnit("mN", 1e3)),
-    ),
-    "rad": ((0.0, DisplayUnit("°", float(180 / np.pi))),),
-    "s": ((0.0, DisplayUnit("s", 1.0)),),
-    "1": ((0.0, DisplayUnit("", 1.0)),),
+# By SI unit, from large to small: smallest magnitude for which each unit is taken, symbol, factor.
+_LADDERS: dict[str, tuple[tuple[float, str, float], ...]] = {
+    "m": ((5.0, "m", 1.0), (1e-3, "mm", 1e3), (0.0, "µm", 1e6)),
+    "m/s": ((0.1, "m/s", 1.0), (1e-4, "mm/s", 1e3), (0.0, "µm/s", 1e6)),
+    "m/s^2": ((0.1, "m/s²", 1.0), (1e-4, "mm/s²", 1e3), (0.0, "µm/s²", 1e6)),
+    "N": ((5e3, "kN", 1e-3), (0.1, "N", 1.0), (0.0, "mN", 1e3)),
+    "rad": ((0.0, "°", float(180 / np.pi)),),
+    "s": ((0.0, "s", 1.0),),
+    "1": ((0.0, "", 1.0),),
 }
 
 
@@ -154,15 +138,20 @@ def handy_unit(unit: str, values: ArrayLike | Iterable[float]) -> DisplayUnit:
 
     The unit given is the SI unit of the values, as limits state it (``"m/s^2"``); one that is not
     known is kept.
+
+    Examples
+    --------
+    >>> handy_unit("m", [0.45, -0.012]).quantity(0.45)
+    '450 mm'
     """
     magnitudes = np.abs(np.asarray(values, dtype=np.float64))
     largest = float(np.max(magnitudes[np.isfinite(magnitudes)], initial=0.0))
-    if unit not in _LADDERS:
-        return DisplayUnit(unit, 1.0)
-    ladder = _LADDERS[unit]
+    ladder = _LADDERS.get(unit, ((0.0, unit, 1.0),))
+    suitable = (rung for rung in ladder if largest >= rung[0])
     if largest == 0:
-        return next((rung for _, rung in ladder if rung.factor == 1.0), ladder[0][1])
-    return next(rung for least, rung in ladder if largest >= least)
+        suitable = (rung for rung in ladder if rung[2] == 1.0 or len(ladder) == 1)
+    _, symbol, factor = next(suitable)
+    return DisplayUnit(symbol, factor)
 
 
 GREEK = {

@@ -141,7 +141,6 @@ def _designs_in_words(configuration: RunConfiguration) -> list[str]:
 
 
 def _noise_not_stated(robot: ResolvedRobot) -> list[str]:
-
     if robot.noise is not None and robot.noise.force_covariance is not None:
         return []
     return [
@@ -169,7 +168,6 @@ def list_robots(*, as_json: bool) -> None:
 
 
 def _block(robot: ResolvedRobot, width: int) -> Table:
-
     block = Table.grid(padding=(0, 2, 0, 0))
     block.width = width
     block.add_column(no_wrap=True)
@@ -182,7 +180,6 @@ def _block(robot: ResolvedRobot, width: int) -> Table:
 
 
 def _geometry(robot: ResolvedRobot) -> str:
-
     home = _home(robot)
     shortest, longest = (f"{end(home['strut_length']):.4g}" for end in (min, max))
     length = shortest if shortest == longest else f"{shortest} … {longest}"
@@ -208,7 +205,6 @@ def _home(robot: ResolvedRobot) -> dict[str, Any]:
 
 
 def _limit(limit: Limit) -> str:
-
     definition = limit.definition
     unit, factor = definition.unit, 1.0
     if unit == "rad":

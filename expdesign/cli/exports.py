@@ -67,7 +67,6 @@ def export_motion(
 
 
 def _list(*, as_json: bool) -> None:
-
     found = [
         {
             "name": name,

@@ -60,7 +60,6 @@ def write_machine(
 
 
 def _validated(data: dict[str, Any]) -> Located[MachineDescription]:
-
     document = document_from_mapping(data)
     found, problems = validate(MachineDescription, document.data, document)
     if found is None:
@@ -142,7 +141,6 @@ def _answer(key: str, *, needed: bool) -> Any:
 
 
 def _show(files: WrittenFiles) -> None:
-
     robot, run = short(files.robot), short(files.run)
     say(f"written to {robot} and {run}")
     if files.assumed:

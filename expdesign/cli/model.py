@@ -57,7 +57,6 @@ def write_model(source: str, name: str, out: Path | None, width: str, *, as_json
 
 
 def _speed(text: str) -> float:
-
     allowed = 'zero and more, such as "2 mm/s"'
     try:
         speed = SPEED.parse(text)

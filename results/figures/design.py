@@ -77,7 +77,8 @@ def limits_used_figure(figure: Figure, result: DesignResult) -> None:
     most = max(100.0, min(float(np.fmax.reduce(share, initial=0.0)), _MOST))
     drawn = np.clip(np.nan_to_num(share, nan=most), 0, most)
     position = np.arange(len(worst), dtype=float)
-    state = np.array([_state(check) for check in worst])
+    state = np.where(share >= _ACTIVE, _FULL, _FREE)
+    state[[not check.kept for check in worst]] = _BROKEN
     handles: list[Container] = []
     for name, look in _LOOK.items():
         rows = state == name
@@ -88,7 +89,9 @@ def limits_used_figure(figure: Figure, result: DesignResult) -> None:
     for k, check in enumerate(worst):
         colour = ALERT if state[k] == _BROKEN else INK
         margin_text(axes, position[k], _amount(check), colour, _COLUMNS[0])
-        margin_text(axes, position[k], _moment(check), colour, _COLUMNS[1])
+        time = f"at {check.time:.2f} s" if np.isfinite(check.time) else ""
+        moment = ", ".join(part for part in (symbol(check.row), time) if part)
+        margin_text(axes, position[k], moment, colour, _COLUMNS[1])
     margin_text(axes, -0.85, "worst value (bound)", MUTED, _COLUMNS[0])
     margin_text(axes, -0.85, "where and when", MUTED, _COLUMNS[1])
     axes.set_yticks(position, [check.title[:1].upper() + check.title[1:] for check in worst])
@@ -98,12 +101,6 @@ def limits_used_figure(figure: Figure, result: DesignResult) -> None:
     legend_above(axes, handles)
 
 
-def _state(check: LimitCheck) -> str:
-    if not check.kept:
-        return _BROKEN
-    return _FULL if 100 * check.used >= _ACTIVE else _FREE
-
-
 def _amount(check: LimitCheck) -> str:
     unit = handy_unit(check.unit, [check.bound])
     bound = unit.number(check.bound)
@@ -111,11 +108,6 @@ def _amount(check: LimitCheck) -> str:
     texts = (unit.number(check.value, digits) for digits in _DIGITS)
     value = next((text for text in texts if text != bound), bound)
     return f"{value} ({unit.quantity(check.bound)})"
-
-
-def _moment(check: LimitCheck) -> str:
-    time = f"at {check.time:.2f} s" if np.isfinite(check.time) else ""
-    return ", ".join(part for part in (symbol(check.row), time) if part)
 
 
 _HEADROOM = 0.2
@@ -145,7 +137,6 @@ def eigenvalues_figure(figure: Figure, result: DesignResult) -> None:
 
 
 def _stems(axes: Axes, values: Array) -> None:
-
     index = np.arange(1, values.size + 1)
     positive = values > 0
     axes.set_yscale("log")
@@ -206,6 +197,7 @@ _LINES: dict[str, dict[str, Any]] = {
     _OTHER: {"color": GREY, "linewidth": 0.8, "zorder": 2},
     _HOP: {"color": ORANGE, "linewidth": 0.6, "alpha": 0.6, "zorder": 1.9},
 }
+_ROLE_NAMES = {_OTHER: "other start", _HOP: "hop"}
 _OPAQUE = 40
 """Largest number of opaque lines of a kind; more lines are fainter, so that all are visible."""
 _FAINTEST = 0.08
@@ -245,11 +237,20 @@ def convergence_figure(figure: Figure, result: DesignResult) -> None:
     """Draw all starts, the one that the design came from in front."""
     found = traces(result.iterations)
     objective, violation = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    roles = [_role(trace, result.solver.best_start) for trace in found]
+    best = result.solver.best_start
+    roles = [
+        _BEST if trace.start == best else _HOP if trace.kind == "hop" else _OTHER for trace in found
+    ]
     # One that cannot get within its limits may take far longer than all others.
     kept = [trace for trace in found if trace.violation[-1] <= _KEPT] or found
     longest = max((float(trace.iteration[-1]) for trace in kept), default=1.0)
-    looks = {role: _LINES[role] | {"alpha": _opacity(role, roles)} for role in _LINES}
+    looks, handles = {}, []
+    for role, look in _LINES.items():
+        count = roles.count(role)
+        opacity = look.get("alpha", 1.0) * min(1.0, _OPAQUE / max(1, count))
+        looks[role] = look | {"alpha": max(_FAINTEST, opacity)}
+        label = "the best" if role == _BEST else counted(count, _ROLE_NAMES[role])
+        handles += [Line2D([], [], **look, label=label)] if count else []
     for trace, role in zip(found, roles, strict=True):
         objective.plot(trace.iteration, trace.objective, **looks[role])
         violation.plot(trace.iteration, np.fmax(trace.violation, FLOOR), **looks[role])
@@ -264,11 +265,7 @@ def convergence_figure(figure: Figure, result: DesignResult) -> None:
         centred_text(objective, "no iterations were recorded", height=0.7)
     first = min((float(trace.iteration[0]) for trace in found), default=0.0)
     violation.set_xlim(first - 0.02 * (longest - first) if first > 1 else 0, 1.02 * longest)
-    handles = [
-        Line2D([], [], **_LINES[role], label=_label(role, roles))
-        for role in _LINES
-        if role in roles
-    ] + value_line
+    handles += value_line
     if handles:
         figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
     figure.align_ylabels()
@@ -281,23 +278,6 @@ def _iteration_label(result: DesignResult, found: Sequence[Trace]) -> str:
         return "Iteration of the start"
     log_det = criteria()["d"].named(result.configuration.run.design.information)
     return f"Iteration of the start (the rough search before is on {log_det})"
-
-
-def _role(trace: Trace, best: int) -> str:
-    if trace.start == best:
-        return _BEST
-    return _HOP if trace.kind == "hop" else _OTHER
-
-
-def _opacity(role: str, roles: Sequence[str]) -> float:
-    whole: float = _LINES[role].get("alpha", 1.0)
-    return max(_FAINTEST, whole * min(1.0, _OPAQUE / max(1, roles.count(role))))
-
-
-def _label(role: str, roles: Sequence[str]) -> str:
-    if role == _BEST:
-        return "the best"
-    return counted(roles.count(role), {_OTHER: "other start", _HOP: "hop"}[role])
 
 
 def _mark_stages(axes: Axes, trace: Trace, longest: float) -> None:
@@ -331,7 +311,9 @@ def _objective_axis(axes: Axes, result: DesignResult, found: Sequence[Trace]) ->
     invariant = criterion is not None and criterion.invariant
     axes.set_title("Objective, smoothed as the optimiser sees it", pad=13)
     axes.set_ylabel(f"{title} ({'SI units' if invariant else scaling})")
-    settled, value = _settled(found), result.criterion_value
+    parts = [trace.objective[int(_SETTLED * trace.objective.size) :] for trace in found]
+    settled, value = np.concatenate([*parts, []]), result.criterion_value
+    settled = settled[np.isfinite(settled)]
     shown = np.append(settled, value) if np.isfinite(value) else settled
     if np.isfinite(value) and criterion is not None and criterion.larger_is_better:
         # What is better by far has left the limits behind, and does not set the scale.
@@ -346,12 +328,6 @@ def _objective_axis(axes: Axes, result: DesignResult, found: Sequence[Trace]) ->
         return []
     label = f"written design, not smoothed: {plain_number(value, 5)}"
     return [axes.axhline(value, color=INK, linewidth=0.9, dashes=(4, 2), zorder=4, label=label)]
-
-
-def _settled(found: Sequence[Trace]) -> Array:
-    parts = [trace.objective[int(_SETTLED * trace.objective.size) :] for trace in found]
-    values = np.concatenate(parts) if parts else np.array([])
-    return values[np.isfinite(values)]
 
 
 DESIGN_FIGURES = (

@@ -194,7 +194,6 @@ def _places(figure: Figure, points: Array) -> tuple[View, View]:
 
 
 def _bound_plane(axes: Axes, unit: DisplayUnit, points: Array, columns: tuple[int, int]) -> None:
-
     across, up = columns
     low, high = _range(points)
     axes.set_xlim(low[across], high[across])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +13,7 @@ from matplotlib.patches import Rectangle
 from constraints.arrays import Array
 from estimation.identification.result import EstimationResult
 from estimation.selection.selection import SelectionRow
+from estimation.uncertainty.intervals import correlation
 from expdesign.experiment import DesignResult
 from expdesign.information.identifiable import IDENTIFIABLE
 from results.figures.drawing import (
@@ -59,7 +59,11 @@ def precision_figure(figure: Figure, result: DesignResult) -> None:
     )
     axes = figure.subplots()
     position = np.arange(len(parameters), dtype=float)
-    floor = _scale(axes, percents)
+    shown = np.append(percents[np.isfinite(percents) & (percents > 0)], _IDENTIFIABLE)
+    floor = float(10.0 ** np.floor(np.log10(np.min(shown) / 1.5)))
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(plain_ticks())
+    axes.set_ylim(floor, 2.0 * np.max(shown))
     handles: list[Container] = []
     for percent, (label, colour, shift) in zip(percents.T, series, strict=True):
         known = np.isfinite(percent) & (percent > 0)
@@ -81,16 +85,6 @@ def precision_figure(figure: Figure, result: DesignResult) -> None:
     parameter_axis(axes, [parameter.name for parameter in parameters])
     axes.set(ylabel="Standard deviation / |nominal| (%)", title="Predicted precision")
     legend_above(axes, handles)
-
-
-def _scale(axes: Axes, percent: Array) -> float:
-    """Set the logarithmic axis; return where the bars begin."""
-    shown = np.append(percent[np.isfinite(percent) & (percent > 0)], _IDENTIFIABLE)
-    floor = 10.0 ** np.floor(np.log10(np.min(shown) / 1.5))
-    axes.set_yscale("log")
-    axes.yaxis.set_major_formatter(plain_ticks())
-    axes.set_ylim(floor, 2.0 * np.max(shown))
-    return float(floor)
 
 
 def _count(number: int) -> str:
@@ -145,8 +139,6 @@ def estimates_figure(figure: Figure, result: EstimationResult) -> None:
 )
 def correlation_figure(figure: Figure, result: EstimationResult) -> None:
     """Draw the best estimator's correlation matrix."""
-    from estimation.uncertainty.intervals import correlation
-
     free = [k for k, name in enumerate(result.parameters) if name not in result.fixed]
     matrix = correlation(result.best_estimator.covariance)[np.ix_(free, free)]
     axes = figure.subplots()
@@ -256,7 +248,8 @@ def selection_figure(figure: Figure, result: EstimationResult) -> None:
     for height, name in enumerate(names):
         if name in found.chosen:
             axes.plot(last, height, "o", color=EMPHASIS, markersize=6)
-    heads = [f"{n}\n{_direction(found.steps, n)}" for n in numbers]
+    directions = {row.step: row.direction for row in found.steps}
+    heads = [f"{number}\n{directions[number]}" for number in numbers]
     axes.set_xticks(range(last + 1), [*heads, "result"])
     axes.set_yticks(range(len(names)), names)
     axes.set(xlim=(-0.55, last + 0.55), ylim=(len(names) - 0.45, -0.55), xlabel="Step")
@@ -266,12 +259,7 @@ def selection_figure(figure: Figure, result: EstimationResult) -> None:
     axes.set_title(f"Selection of terms: {WORTH[found.by]}")
 
 
-def _direction(rows: Sequence[SelectionRow], number: int) -> str:
-    return next(row.direction for row in rows if row.step == number)
-
-
 def _draw_step(axes: Axes, place: int, rows: list[SelectionRow], names: list[str]) -> None:
-
     worth = {row.term: row for row in rows}
     inside = set(rows[0].beside.split()) if rows[0].direction == "add" else set()
     largest = max(1.0, *(abs(row.worth) for row in rows))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
+from estimation.identification.result import EstimationResult
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment import DesignResult
 from expdesign.mechanism.hexapod import COORDINATES
@@ -231,8 +232,6 @@ def _motion(folder: RunFolder) -> _Motion | None:
         states = np.concatenate([one.pose, one.pose_rate, one.pose_acceleration], axis=1)
         what, model = "The designed trajectory", "at the nominal parameters"
         return _Motion(what, model, one.time, states, one.force)
-    from estimation.identification.result import EstimationResult
-
     motions = folder.result(EstimationResult).motions if folder.has("estimate") else {}
     if 1 not in motions or len(motions[1].time) < 2:  # noqa: PLR2004 - it begins and ends
         return None

@@ -7,7 +7,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from estimation.identification.result import EstimatedRecording, EstimateFile, EstimationResult
+from estimation.identification.result import EstimateFile, EstimationResult
 from estimation.twin.truth import Truth
 from estimation.uncertainty.intervals import Differences, ParameterRow, with_error
 from results.figures.noise import NOISE_FIGURES
@@ -53,13 +53,20 @@ _TITLE = "Estimate"
 def estimate_view(folder: RunFolder) -> StageView:
     """Return the view of the estimate in a folder."""
     result = folder.result(EstimationResult)
-    truth = _truth(folder, result)
-    return StageView(
-        _verdict(result),
-        _blocks(folder, result, truth),
-        _facts(result, truth),
-        result.warnings,
-    )
+    simulated = _truth(folder, result)
+    truth, names = None, result.parameters
+    if simulated is not None and (simulated.machine or set(names) <= set(simulated.parameters)):
+        truth = dict(zip(names, simulated.values_of(names).tolist(), strict=True))
+    payload = None if simulated is None else simulated.payload
+    blocks = _blocks(folder, result, truth, payload)
+    return StageView(_verdict(result), blocks, _facts(result, truth), result.warnings)
+
+
+def _truth(folder: RunFolder, result: EstimateFile) -> Truth | None:
+    """Return the truth when the estimate is of the folder's simulated experiment."""
+    sources = [PurePath(recording.source).name for recording in result.recordings]
+    own = folder.configuration.run.data.file is None and sources == ["measurement.csv"]
+    return folder.result(Truth) if own and folder.has("experiment") else None
 
 
 def estimates_table(result: EstimationResult, truth: Mapping[str, float] | None) -> ReportTable:
@@ -111,12 +118,16 @@ def _estimators_table(result: EstimationResult) -> ReportTable:
 
 
 def _blocks(
-    folder: RunFolder, result: EstimationResult, truth: Mapping[str, float] | None
+    folder: RunFolder,
+    result: EstimationResult,
+    truth: Mapping[str, float] | None,
+    payload: Mapping[str, float] | None,
 ) -> tuple[Block, ...]:
+    """Return the content: estimates, their uncertainty, tests and figures."""
     blocks: list[Block] = [Facts(_details(folder, result), screen=True)]
     if not result.intervals_cover:
         blocks.append(TextBlock(result.intervals_note, Level.CAUTION, screen=True))
-    blocks += payload_blocks(result, _true_payload(folder, result))
+    blocks += payload_blocks(result, payload)
     blocks.append(estimates_table(result, truth))
     if len(result.estimators) > 1:
         blocks.append(_estimators_table(result))
@@ -157,9 +168,9 @@ def _blocks(
     return tuple(blocks)
 
 
-def _noise_table(summary: EstimateFile) -> ReportTable:
+def _noise_table(result: EstimateFile) -> ReportTable:
     rows: list[tuple[Value, ...]] = []
-    for number, recording in enumerate(summary.recordings, start=1):
+    for number, recording in enumerate(result.recordings, start=1):
         noise = recording.noise
         force = np.sqrt(np.diag(noise.force_covariance)).tolist()
         length = (1e3 * np.sqrt(np.diag(noise.length_covariance))).tolist()
@@ -171,7 +182,7 @@ def _noise_table(summary: EstimateFile) -> ReportTable:
         TableColumn("length noise σ", "mm"),
         TableColumn("source", kind="text"),
     )
-    noises = (recording.noise for recording in summary.recordings)
+    noises = (recording.noise for recording in result.recordings)
     spectra = dict.fromkeys(
         f"spectrum of the forces {n.force_spectrum}, of the lengths {n.length_spectrum}"
         for n in noises
@@ -181,41 +192,19 @@ def _noise_table(summary: EstimateFile) -> ReportTable:
     return ReportTable.of("noise", caption, columns, rows, folded=True)
 
 
-def _own_truth(folder: RunFolder, summary: EstimateFile) -> Truth | None:
-    """Return the truth when the estimate is of the folder's simulated experiment."""
-    sources = [PurePath(recording.source).name for recording in summary.recordings]
-    own = folder.configuration.run.data.file is None and sources == ["measurement.csv"]
-    return folder.result(Truth) if own and folder.has("experiment") else None
-
-
-def _true_payload(folder: RunFolder, summary: EstimateFile) -> Mapping[str, float] | None:
-    truth = _own_truth(folder, summary)
-    return None if truth is None else truth.payload
-
-
-def _truth(folder: RunFolder, summary: EstimateFile) -> Mapping[str, float] | None:
-    """Return the true parameters where they are known."""
-    truth, names = _own_truth(folder, summary), summary.parameters
-    if truth is None:
-        return None
-    if truth.machine is None and not set(names) <= set(truth.parameters):
-        return None
-    return dict(zip(names, truth.values_of(names).tolist(), strict=True))
-
-
-def _verdict(summary: EstimateFile) -> StageVerdict:
-    name = NAMES.get(summary.best, summary.best)
-    begin = f"{name} from {counted(len(summary.recordings), 'recording')}"
-    estimator = summary.best_estimator
+def _verdict(result: EstimateFile) -> StageVerdict:
+    name = NAMES.get(result.best, result.best)
+    begin = f"{name} from {counted(len(result.recordings), 'recording')}"
+    estimator = result.best_estimator
     if not estimator.converged:
         sentence = f"{begin}; the estimator did not converge: {estimator.status}."
         return StageVerdict(_TITLE, Level.BAD, "not converged", sentence, "estimate")
-    if summary.diagnostics is None:
+    if result.diagnostics is None:
         reason = "the diagnostics were not made"
-        if not summary.intervals_cover:
-            reason = summary.intervals_note
+        if not result.intervals_cover:
+            reason = result.intervals_note
         return StageVerdict(_TITLE, Level.CAUTION, "not judged", f"{begin}; {reason}.", "estimate")
-    verdict = summary.diagnostics.verdict
+    verdict = result.diagnostics.verdict
     problems = contradictions(verdict)
     if problems:
         sentence = f"{begin}; {count_findings(verdict).partition(': ')[2]}: {problems}."
@@ -252,25 +241,22 @@ def _facts(result: EstimationResult, truth: Mapping[str, float] | None) -> tuple
     return tuple(facts)
 
 
-def _details(folder: RunFolder, summary: EstimateFile) -> tuple[Fact, ...]:
-    several = len(summary.recordings) > 1
+def _details(folder: RunFolder, result: EstimateFile) -> tuple[Fact, ...]:
+    several = len(result.recordings) > 1
     facts = [
         Fact(
             f"recording {number}" if several else "recording",
             f"{recording.rows} samples",
-            f"{readable(recording.periods, 6)} periods of {_period(recording)} s "
+            f"{readable(recording.periods, 6)} periods of "
+            f"{readable(2 * np.pi / recording.omega, 6)} s "
             f"(from the {recording.period_source}); noise {recording.noise.source}; "
             f"{folder.named(recording.source)}",
         )
-        for number, recording in enumerate(summary.recordings, start=1)
+        for number, recording in enumerate(result.recordings, start=1)
     ]
-    first = summary.recordings[0]
+    first = result.recordings[0]
     if first.harmonics is not None:
         together = first.harmonics_of_forces or first.harmonics
         alone = f"{first.harmonics} in the lengths alone" if together > first.harmonics else ""
         facts.append(Fact("harmonics of the motion", str(together), alone))
     return tuple(facts)
-
-
-def _period(recording: EstimatedRecording) -> str:
-    return readable(2 * np.pi / recording.omega, 6)

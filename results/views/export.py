@@ -135,6 +135,9 @@ def _read_back_table(files: Sequence[_File]) -> ReportTable:
         information = file.entry.read_back.information
         return "–" if information is None else information.parameter
 
+    def proved(file: _File) -> str:
+        return "yes" if file.entry.read_back.certified else "no"
+
     columns = (
         TableColumn("file", kind="text", of="name"),
         TableColumn("struts off by", "µm", digits=3, of=f"{check}.position_error", factor=1e6),
@@ -145,7 +148,7 @@ def _read_back_table(files: Sequence[_File]) -> ReportTable:
         ),
         TableColumn("force off by", "%", digits=2, of=force, factor=100, screen=False),
         TableColumn("tightest limit, used", kind="text", of=_tightest),
-        TableColumn("limits proved", kind="text", of=_proved),
+        TableColumn("limits proved", kind="text", of=proved),
         TableColumn("change of log det F", digits=2, of=f"{change}.log_det_change", screen=False),
         TableColumn(
             "change of σ", "%", digits=2, of=f"{change}.std_change", factor=100, screen=False
@@ -160,11 +163,6 @@ def _read_back_table(files: Sequence[_File]) -> ReportTable:
         "resampling and rounding"
     )
     return ReportTable.of("read_back", caption, columns, files, screen=True)
-
-
-def _proved(file: _File) -> str:
-    """Return whether every limit is proved to be kept."""
-    return "yes" if file.entry.read_back.certified else "no"
 
 
 def _tightest(file: _File) -> str:
