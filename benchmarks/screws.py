@@ -29,7 +29,7 @@ from expdesign.configuration import load_run
 from expdesign.configuration.document import Located, document_from_mapping
 from expdesign.machines.importing import MachineDescription, machine_from_answers
 from expdesign.machines.writing import write_files
-from expdesign.mechanism.terms.drive_inertia import MASS
+from expdesign.mechanism.terms.actuator_forces import DRIVE_MASS as MASS
 from expdesign.robot import robot_from
 
 TITLE = "A machine with ball screws"

@@ -195,7 +195,7 @@ def payload_parameters(payload: Iterable[BodyDescription]) -> dict[str, float]:
 def bodies_in_words(
     bodies: Bodies | None, platform_joints: Array, parameters: Mapping[str, float]
 ) -> str:
-    """Describe the parameters from the bodies, which those of the robot (SI) override."""
+    """Describe the parameters from the bodies; those of the robot, SI, override them."""
     implied = {} if bodies is None else bodies.parameters(platform_joints)
     implied = {name: value for name, value in implied.items() if name in parameters}
     if not implied:

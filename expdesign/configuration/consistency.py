@@ -201,7 +201,7 @@ def _unknown_parameters(
 
 
 _Fault = tuple[Key, str, str]
-"""Key, what is wrong, and what is allowed."""
+"""Key, message and allowed values."""
 
 
 def _oversized(run: RunDescription, _: ResolvedRobot) -> Iterator[_Fault]:

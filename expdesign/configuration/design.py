@@ -92,8 +92,8 @@ class MotionSection(Section):
     """Largest jerk of a strut, m/s³, by default from the limit of the struts' acceleration and the
     designed motion."""
     phase: Phase = "start"
-    """Transition between ramps and designed motion: at its t = 0, or where the ramps are
-    shortest."""
+    """Transition between ramps and designed motion: at its t = 0, or at the phase with the shortest
+    ramps."""
 
 
 def criterion_keys() -> tuple[str, ...]:
@@ -195,7 +195,7 @@ LIMITS = "limits"
 SCALE = "scale"
 """Last part of a path with factors of a limit's bounds instead of bounds."""
 FREQUENCY = "trajectory.frequency"
-"""Path at which one value means two equal bounds."""
+"""Path for which one value means two equal bounds."""
 _SECTIONS: dict[str, tuple[type[Section], tuple[str, ...]]] = {
     "trajectory": (TrajectorySection, tuple(TrajectorySection.model_fields)),
     "design": (DesignSection, tuple(DesignSection.model_fields)),

@@ -175,7 +175,7 @@ def read_text(path: Path, largest: int, allowed: str) -> str:
 
 
 def refuse_special(path: Path, allowed: str | None = None) -> None:
-    """Refuse a pipe or a device, which may never end; a file, a folder or nothing is accepted."""
+    """Refuse a pipe or a device: it may never end. A file, a folder or nothing is accepted."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise InputError("this is a pipe or device, not a file", path, allowed=allowed)
 
@@ -286,7 +286,7 @@ class _Converter:
         self._scalars = SafeConstructor(loader=YAML(typ="safe", pure=True))
 
     def convert(self, node: Node, key: Key, ancestors: tuple[int, ...]) -> Any:
-        """Return the value of a node inside others, which its anchor must not name."""
+        """Return the value of a node; its anchor must not name one of the `ancestors`."""
         self._count += 1
         for fault, message in (
             (self._count > LARGEST_EXPANSION, f"more than {LARGEST_EXPANSION} values in all"),

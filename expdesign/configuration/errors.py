@@ -1,4 +1,4 @@
-"""Errors for users: file, line, key, what is wrong, what is allowed, and the nearest valid name."""
+"""Errors for users: file, line, key, fault, allowed values, and the nearest valid name."""
 
 from __future__ import annotations
 

@@ -240,7 +240,7 @@ def _at_struts(
 
 
 _UPWARDS = 0.5
-"""Share of gravity along z from which it points up; that of a base on a wall is smaller."""
+"""Smallest share of gravity along z for gravity that points up; a base on a wall has less."""
 
 
 def gravity_warnings(gravity: Array, struts: Array) -> list[str]:

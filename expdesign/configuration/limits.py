@@ -294,7 +294,7 @@ def _in_user_notation(value: object) -> str:
 
 
 def _require_monotone(definition: LimitDefinition, bounds: Bounds, where: str) -> None:
-    """Refuse bounds outside the range in which the limit's transform is monotone (β of 90°)."""
+    """Refuse bounds outside the monotone range of the limit's transform (β of 90°)."""
     finite = [bound for bound in bounds if np.isfinite(bound)]
     if definition.widest is not None and max(map(abs, finite)) > definition.widest:
         most = quantity_text(max(map(abs, finite)), definition.unit)

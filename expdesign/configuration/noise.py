@@ -79,7 +79,7 @@ _Pairs = Annotated[tuple[Number, ...], exactly(2 * len(PAIRS), "values")]
 
 
 class SpectrumTable(Section):
-    """A density at increasing frequencies, the last of which is half of the sampling."""
+    """A density at increasing frequencies up to half of the sampling."""
 
     frequency: Annotated[
         tuple[Annotated[Frequency, NotNegative], ...], at_least(2, "frequencies", _MOST_ROWS)
@@ -144,7 +144,7 @@ _ForceAmplitudes = Annotated[tuple[Annotated[Force, NotNegative], ...], per_stru
 _LengthAmplitudes = Annotated[tuple[Annotated[Length, NotNegative], ...], per_strut("amplitudes")]
 
 
-class HumLine(Section, Generic[Amplitudes]):
+class HumDescription(Section, Generic[Amplitudes]):
     """A hum at one frequency, with amplitudes in N or m."""
 
     frequency: Annotated[Frequency, Positive]
@@ -209,7 +209,7 @@ class SpectrumDescription(Section, Generic[Amplitudes]):
     """Content of such a file."""
     band: Annotated[tuple[NoiseBand, ...], BeforeValidator(_read_lines)] = ()
     """Bands with a share of the noise."""
-    hum: Annotated[tuple[HumLine[Amplitudes], ...], BeforeValidator(_read_lines)] = ()
+    hum: Annotated[tuple[HumDescription[Amplitudes], ...], BeforeValidator(_read_lines)] = ()
     """Additional lines."""
 
     @model_validator(mode="after")

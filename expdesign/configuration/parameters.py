@@ -18,12 +18,12 @@ from expdesign.configuration.schema import Section, check_choice, read_entries
 from expdesign.mechanism.term import Constant, Parameter, Term, parameters_of
 from expdesign.mechanism.terms import (
     DEFAULT,
-    drive_inertia,
     known_parameters,
     rigid_platform,
     term_definitions,
     terms_named,
 )
+from expdesign.mechanism.terms.actuator_forces import DRIVE_INERTIA, DRIVE_MASS
 
 # --- names and values of parameters ---------------------------------------------------------------
 
@@ -250,7 +250,7 @@ FurtherTerms = Annotated[
 
 
 def default_terms() -> tuple[TermDescription, ...]:
-    """Return the terms of a robot whose file lists none."""
+    """Return the terms of a robot file without `terms`."""
     return _read_terms(DEFAULT)
 
 
@@ -267,9 +267,9 @@ def chosen_terms(
     file lists it. `turning` screws are turned by the platform.
     """
     names = [term.name for term in described]
-    if drive.geared is not None and drive_inertia.TERM.name not in names:
+    if drive.geared is not None and DRIVE_INERTIA.name not in names:
         friction = (k for k, term in enumerate(described) if term.definition.rates)
-        names.insert(next(friction, len(names)), drive_inertia.TERM.name)
+        names.insert(next(friction, len(names)), DRIVE_INERTIA.name)
     return terms_named(names, general=platform == "general", turning=turning)
 
 
@@ -303,7 +303,7 @@ def _read_parameters(value: object, info: ValidationInfo) -> dict[str, float]:
         return {}  # these keys are refused: the parameters of the robot are unknown
     drive = info.data["drive"]
     terms = chosen_terms(info.data["terms"], info.data["platform"], drive)
-    implied = {} if drive.geared is None else {drive_inertia.MASS: drive.geared.mass}
+    implied = {} if drive.geared is None else {DRIVE_MASS: drive.geared.mass}
     if (bodies := info.data["bodies"]) is not None:
         implied |= bodies.parameters(np.array(info.data["platform_joints"]))
     return _read_quantities(

@@ -20,7 +20,8 @@ from expdesign.configuration.quantity import quantity_text
 from expdesign.mechanism.nearest import NoBodiesError, Projection
 from expdesign.mechanism.realisable import Realisable
 from expdesign.mechanism.term import Term, parameters_of, scales_of
-from expdesign.mechanism.terms import drive_inertia, rigid_platform
+from expdesign.mechanism.terms import rigid_platform
+from expdesign.mechanism.terms.actuator_forces import DRIVE_MASS
 
 # --- physical consistency -------------------------------------------------------------------------
 
@@ -31,7 +32,7 @@ _MOST_LISTED, _LEAST_CHANGE = 4, 1e-4
 _LEAST_ROUNDING = 1e-2
 """Smallest listed change within the rounding, as a share of the rounding."""
 _FAR = 100
-"""Multiple of the rounding from which on it explains nothing."""
+"""Smallest change, in multiples of the rounding, that the rounding does not explain."""
 _HALF_UP = 1 + 1e-3
 """A number in the middle of two may have been rounded to either."""
 _MANTISSA = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)(.*)", re.DOTALL)
@@ -44,7 +45,7 @@ class PhysicalConsistency:
     warnings: tuple[str, ...] = ()
     """Inconsistencies in words."""
     rounded: str = ""
-    """Explanation where only unrounded parameters are consistent; else empty."""
+    """Explanation if only unrounded parameters are consistent; else empty."""
 
 
 def rounding_errors(document: Document, key: Key, values: Mapping[str, float]) -> dict[str, float]:
@@ -213,7 +214,7 @@ def _wide_bounds(limit: Limit, most: float) -> Iterator[str]:
 def _drive_errors(drive: Drive, parameters: Mapping[str, float], longest: float) -> Iterator[str]:
     if drive.geared is None:
         return
-    mass, moved = parameters[drive_inertia.MASS], parameters.get("p10", 0.0)
+    mass, moved = parameters[DRIVE_MASS], parameters.get("p10", 0.0)
     if drive.screw is not None and drive.screw.lead > longest:
         yield (
             f"drive.screw.lead: {quantity_text(drive.screw.lead, 'm', 4)} in one turn is more than "
@@ -221,13 +222,13 @@ def _drive_errors(drive: Drive, parameters: Mapping[str, float], longest: float)
         )
     elif moved > 0 and mass > _HEAVY * moved:
         yield (
-            f"the drive adds {drive_inertia.MASS} = {mass:.4g} kg along each strut, "
+            f"the drive adds {DRIVE_MASS} = {mass:.4g} kg along each strut, "
             f"{mass / moved:.0f} times the moving mass (p10 = {moved:.4g} kg): are inertia and "
             "lead in their units? A plain inertia is in kg m^2, data sheets mostly have kg cm^2"
         )
     if mass == 0:
         yield (
             "the drive has no inertia: without an `inertia` next to its lead, or the parameter "
-            f"{drive_inertia.MASS}, the forces of a design are too small. A motor behind a screw "
+            f"{DRIVE_MASS}, the forces of a design are too small. A motor behind a screw "
             "often counts more along a strut than the platform"
         )

@@ -222,7 +222,7 @@ NotNegative = require(lambda value: value >= 0, "{value:g} is negative", "0 or m
 
 
 def quantity_in(unit: str) -> Quantity:
-    """Return the quantity whose plain numbers are in a unit, ``"1"`` for a bare number.
+    """Return the quantity with plain numbers in a unit, ``"1"`` for a bare number.
 
     Examples
     --------

@@ -164,7 +164,7 @@ class ResolvedRobot:
     warnings: tuple[str, ...] = ()
     """Valid but suspicious properties."""
     rounded: str = ""
-    """Explanation where only the unrounded parameters are physically consistent; else empty."""
+    """Explanation if only the unrounded parameters are physically consistent; else empty."""
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

@@ -146,7 +146,7 @@ class RunDescription(Section):
         return getattr(self, _stage_fields()[stage])
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return the recipe for pickle, which finds no class with sections of plug-ins by name."""
+        """Return the recipe for pickle: it finds no class with sections of plug-ins by name."""
         return _restore_run, (self.__getstate__(),)
 
 

@@ -56,7 +56,7 @@ class StageSection(Section):
 
 
 RESOLVED = object()
-"""Mark of a key in resolved configurations only, which messages do not offer."""
+"""Mark of a key in resolved configurations only; messages do not offer it."""
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ class _Bounded(Section):
 
 @dataclass(frozen=True)
 class Complete:
-    """A machine whose files can be written: every value is known or assumed."""
+    """A machine with every value known or assumed."""
 
     machine: MachineDraft
     """The machine with limits, noise, bodies, and the parameters that bodies do not determine."""
@@ -84,7 +84,7 @@ class Complete:
     """Keys of assumed values: of the robot file, of single limits and parameters,
     ``position.y`` for a component, ``bodies.stator`` for a part, and `MASS`."""
     general: bool
-    """Whether the platform needs the parameters of `platform: general`."""
+    """True if the platform needs the parameters of `platform: general`."""
     lengths: Array
     """(6,), of the struts at home, m."""
     frequency: tuple[float, float]
@@ -153,7 +153,7 @@ def _with_geometry(machine: MachineDraft) -> MachineDraft:
 
 
 def _height(machine: MachineDraft, base: Array, platform: Array) -> float:
-    """Return the height at which the struts are at mid-stroke.
+    """Return the height with the struts at mid-stroke.
 
     Without a known stroke the height follows from the radius of the base.
     """
@@ -190,7 +190,7 @@ def _parts(machine: MachineDraft) -> dict[str, tuple[BodyDescription, ...]]:
 def _with_dynamics(
     machine: MachineDraft, mass: float, lengths: Array, limits: Mapping[str, Any]
 ) -> MachineDraft:
-    """Add assumed bodies and friction where the machine has no values."""
+    """Add assumed bodies and friction to a machine without values."""
     strut = float(np.mean(lengths))
     known = "strut_speed" in limits
     speed = _size(limits, "strut_speed") if known else _SPEED * _stroke(limits, strut)

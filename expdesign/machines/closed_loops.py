@@ -37,7 +37,7 @@ _MISSED = 1e-4
 _FAR_APART = 2e-2
 """Largest such distance that is accepted; the robot file then has a question."""
 _PARALLEL = 1e-6
-"""Smallest eigenvalue of the sum of projectors along which a point is not determined."""
+"""Largest eigenvalue of the sum of projectors in an undetermined direction."""
 _ASIDE = 2e-2
 """Sine of the angle between a slide and the line between the joints that counts as none."""
 _OPEN = 1e-4
@@ -255,7 +255,7 @@ def _limits(struts: Sequence[_Strut]) -> tuple[dict[str, object], list[Question]
 
 
 def _missed(struts: Sequence[_Strut]) -> Iterator[Question]:
-    """Yield a question for axes that nearly meet; refuse struts whose axes do not."""
+    """Yield a question for axes that nearly meet; refuse struts with distant axes."""
     feet, heads = [strut.foot for strut in struts], [strut.head for strut in struts]
     size = float(np.max(np.ptp(np.array([end.hub for end in (*feet, *heads)]), axis=0)))
     for ends, where in ((feet, "base"), (heads, "platform")):

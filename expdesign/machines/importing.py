@@ -43,7 +43,7 @@ _ANSWERS = {
     "stroke": "strut_length",
     "mass": "moved_mass",
 }
-"""Keys of the robot file whose questions an answer with another name settles."""
+"""Keys of the robot file by answers with another name."""
 _HOME_IN_THE_MIDDLE = "Is home in the middle of the stroke? This is assumed."
 _LEAD = "By how much does one turn of the motor move the strut? With it: drive: {%s: {lead: 5 mm}}."
 
@@ -76,7 +76,7 @@ class MachineDescription(Section):
 def machine_from_answers(
     answers: Located[MachineDescription], known: MachineDraft | None = None
 ) -> MachineDraft:
-    """Return the machine by the answers, completed by what is known already."""
+    """Return the machine by the answers, completed by the known values."""
     if problems := list(_contradictions(answers)):
         raise InputError(problems)
     one = answers.value
@@ -164,7 +164,7 @@ def _drive(one: MachineDescription) -> Drive | None:
 def _about_home(
     machine: MachineDraft, stroke: float, answers: Located[MachineDescription]
 ) -> list[float]:
-    """Return the range of strut lengths whose middle is home, m."""
+    """Return the range of strut lengths about home, m."""
     if machine.base_joints is None or machine.platform_joints is None or machine.home is None:
         message = "a stroke needs the joints and the height of home"
         raise InputError(answers.problem(("stroke",), message, "strut_length, or these with it"))

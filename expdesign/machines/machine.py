@@ -24,8 +24,8 @@ class Question:
     """A value that the user has to look up or to confirm."""
 
     key: str
-    """Key of the robot file above which it is written: ``home``, ``limits.strut_length``; empty
-    for a question about the machine as a whole."""
+    """Key below the question in the robot file: ``home``, ``limits.strut_length``; empty for a
+    question about the machine as a whole."""
     text: str
     """A sentence."""
 
@@ -37,7 +37,7 @@ class MachineDraft:
     name: str
     """Name of the robot and of both files."""
     source: str = ""
-    """Where the numbers come from, for the robot file's `description`."""
+    """Origin of the numbers, for the robot file's `description`."""
     base_joints: JointRing | Points | None = None
     """(6, 3), base frame, m."""
     platform_joints: JointRing | Points | None = None
@@ -54,7 +54,7 @@ class MachineDraft:
     """By key, as under `limits:` of a robot file: a number, a pair, six of these, or a mapping of
     components."""
     moved_mass: float | None = None
-    """Of the platform with everything on it, without the struts, kg."""
+    """Mass of the platform with everything on it, without the struts, kg."""
     bodies: Bodies | None = None
     """The known bodies."""
     parameters: Mapping[str, float] = field(default_factory=dict)
@@ -82,8 +82,8 @@ class MachineFormat:
     extensions: tuple[str, ...]
     """Lower case, with the dot."""
     claims: Callable[[Path], bool]
-    """``claims(path)``: whether an existing file with one of the extensions has this format. A file
-    that cannot be read is claimed by no format that shares its extension."""
+    """``claims(path)``: True for an existing file in this format with one of its extensions.
+    Formats that share an extension do not claim an unreadable file."""
     read: Callable[[str, tuple[Path, ...]], MachineDraft]
     """``read(name, files)``: the machine under the name of the future robot. Raises `InputError`
     for files that cannot be used."""

@@ -68,7 +68,7 @@ class Element:
 
 
 def read_xml(file: Path, root: str) -> Element:
-    """Return the root element of an XML file, which must have the name `root`."""
+    """Return the root element of an XML file, of the name `root`."""
     text = read_text(file, _LARGEST, "XML in UTF-8")
     top = Element("", {}, file, 0)
     unclosed, parser = [top], expat.ParserCreate()
@@ -155,7 +155,7 @@ class Joint:
     """In a tree the first one carries the second."""
     points: tuple[Array, Array]
     """Location of the joint on the first and on the second body, in the world, (3,), m. They differ
-    where a loop of the model is open."""
+    for an open loop of the model."""
     axes: Array
     """(n, 3), unit vectors in the world: one for a slide, those of a rotation in the order from the
     first body to the second; none: any axis."""
@@ -205,7 +205,7 @@ class PathStep:
 
 
 class Rotations:
-    """The groups as nodes of a graph whose edges are the joints that turn."""
+    """The groups as nodes of a graph, with the rotating joints as edges."""
 
     def __init__(self, groups: Groups, joints: Sequence[Joint]) -> None:
         self.edges: dict[int, list[tuple[int, PathStep]]] = {}
@@ -229,7 +229,7 @@ class Rotations:
 
 
 _ALIKE = 0.01
-"""Relative difference between struts from which a question is asked."""
+"""Smallest relative difference between struts for a question."""
 _ROUNDING = 1e-12
 """Share of a body's largest numbers that is none."""
 
@@ -241,7 +241,7 @@ class StrutParts:
     rings: tuple[int, ...]
     stator: int
     sliders: tuple[int, ...]
-    """With what the joints at the platform are made of."""
+    """With the bodies of the joints at the platform."""
     foot: Array
     """(3,), A, m."""
     head: Array
@@ -259,7 +259,7 @@ def moved_bodies(
     platform: tuple[int, Placement],
     questions: list[Question],
 ) -> Bodies | None:
-    """Return the bodies, those of a strut as the mean of all; None where none is stated in full."""
+    """Return the bodies, those of a strut as the mean of all; None without a complete one."""
     parts: dict[str, tuple[BodyDescription, ...]] = {}
     found = [_of_strut(links, groups, strut) for strut in struts]
     known = [one for one in found if one is not None]
@@ -285,7 +285,7 @@ def moved_bodies(
 def _of_strut(
     links: Sequence[Link], groups: Groups, strut: StrutParts
 ) -> tuple[RigidBody, RigidBody, RigidBody] | None:
-    """Return ring, stator and slider in their frames; None where one is not stated in full."""
+    """Return ring, stator and slider in their frames; None if one is incomplete."""
     second = np.cross(strut.along, strut.first_axis)
     second = second / np.linalg.norm(second)
     of_strut = np.stack([np.cross(second, strut.along), second, strut.along])

@@ -1,4 +1,4 @@
-"""The two files of a machine, with comments and questions, written where neither of them is."""
+"""Robot file and run file of a new machine, with comments and questions."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ def _assumed_part(key: str, complete: Complete) -> str:
 
 
 def _drive(drive: Drive | None) -> str:
-    """Return the line of the drive: a comment where it is not known."""
+    """Return the line of the drive: a comment for an unknown one."""
     if drive is None:
         return (
             "# drive: {screw: {lead: 5 mm, inertia: 6.3e-5}} # or gear; direct, where none is given"
@@ -255,7 +255,7 @@ def _parameter_lines(complete: Complete) -> Iterator[str]:
 
 
 INERTIA = "Which inertia have motor, coupling and screw about their axis, inertia: 6.3e-5 [kg m^2]?"
-"""Of a screw or gear."""
+"""Question about a screw or gear."""
 QUESTIONS = {
     "home": "How high is the TCP over the base's origin at home, and how does the platform stand "
     "there? Drawing, or the controller's kinematic parameters. A platform that hangs has z < 0.",

@@ -17,7 +17,7 @@ from constraints.arrays import Array
 from expdesign.mechanism.hexapod import ACTUATORS
 
 ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-"""Where the six moments Ixx, Iyy, Izz, Ixy, Ixz, Iyz of a body stand in its inertia."""
+"""Rows and columns of the moments Ixx, Iyy, Izz, Ixy, Ixz, Iyz in an inertia matrix."""
 
 
 def inertia_of(moments: Iterable[float]) -> Array:
@@ -80,7 +80,7 @@ class RigidBody:
         return self.inertia - _about(self.moment / np.sqrt(self.mass))
 
     def placed(self, rotation: Array, origin: Array) -> RigidBody:
-        """Return the body in another frame, in which this one has a rotation and an origin, m.
+        """Return the body in another frame, by rotation and origin, m, of this frame in it.
 
         The rotation (3, 3) takes vectors of this frame into the other one.
         """

@@ -27,8 +27,8 @@ from expdesign.mechanism.strut import (
 from expdesign.mechanism.term import Friction, Instant, Term, parameters_of, smooth_sign
 
 _LOADED_STEPS = 4
-"""Of Newton's, where friction depends on the load: each error is the share μ of the one before,
-and none is left once no load changes its sign."""
+"""Newton steps for friction that depends on the load: each error is the share μ of the previous
+one, and zero once no load changes its sign."""
 
 
 class HexapodGraph:
@@ -173,7 +173,7 @@ class HexapodGraph:
         return wrench
 
     def _columns(self, terms: tuple[Term, ...], instant: Instant) -> list[ca.SX]:
-        """Return what the columns of A are made of."""
+        """Return the parts of the columns of A."""
         found = [ca.SX(count * ACTUATORS, 0) for count in (1, 2, 1, 1)]
         load = self.load if self._open_load else ca.SX.zeros(ACTUATORS)
         loading: tuple[bool, ...] = ()
@@ -219,12 +219,12 @@ class HexapodGraph:
 
     @property
     def sliding(self) -> ca.SX:
-        """(s, 1): the rates whose signs the terms use."""
+        """(s, 1): the rates of the terms' signs."""
         return _stack_columns(self.kinematic[rate.quantity] for rate in self.rates)
 
     @cached_property
     def jumping(self) -> tuple[bool, ...]:
-        """True for each column with a sign in it: it jumps where a rate changes sign."""
+        """True for each column with a sign in it: it jumps when a rate changes sign."""
         slope = ca.jacobian(ca.sum1(self.regressor).T, self.signs)
         return tuple(slope[k, :].nnz() > 0 for k in range(slope.shape[0]))
 

@@ -25,7 +25,7 @@ POSE = (
     Coordinate("theta", "rad", "rotation θ about the moved y"),
     Coordinate("psi", "rad", "rotation ψ about the moved z"),
 )
-"""λ = (x, y, z, φ, θ, ψ): where the TCP is, and how the platform is turned."""
+"""λ = (x, y, z, φ, θ, ψ): position of the TCP and rotation of the platform."""
 
 COORDINATES = len(POSE)
 

@@ -30,16 +30,16 @@ from expdesign.mechanism.terms.rigid_platform import MASS
 _SOLVED = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
 _PRECISION, _REDUCED = 1e-11, 1e-7
 _REGULARISATION = 1e-7
-"""Of the solver where it does not scale the rows: with its own it sticks where nothing is left."""
+"""Static regularisation of the solver without scaled rows; its default stalls near the solution."""
 _SHARES = tuple(np.geomspace(1e-10, 1e-2, 9).tolist())
-"""Of the scales, by which what the solver found is moved inside, as little as it takes."""
+"""Shifts of a solution to the inside, as shares of the scales; the smallest sufficient one."""
 _FARTHER = 1e-5
-"""By how much farther than the least distance, as a share and in σ, is near enough."""
+"""Accepted excess over the least distance, as a share and in σ."""
 _DRIFT = 1e-7
-"""Cost of |w|², in scales, beside |z|²: w is free, but goes no farther than bodies need. It moves z
-by so much of σ w / scale²: below `_FARTHER`."""
+"""Cost of |w|², in scales, relative to |z|²: w is free, but no larger than necessary. Its effect on
+z is this share of σ w / scale²: below `_FARTHER`."""
 _ACTIVE = 1e-3
-"""Share of the distance from which a condition is told to be what moves an estimate."""
+"""Smallest share of the distance for an active condition."""
 
 
 class NoBodiesError(ValueError):
@@ -53,13 +53,13 @@ class Nearest:
     values: Array
     """(m,), SI."""
     distance: float
-    """√((p − p̂)ᵀ C⁻¹ (p − p̂)), of β in place of p where parameters regroup; 0 up to rounding."""
+    """√((p − p̂)ᵀ C⁻¹ (p − p̂)), of β instead of p for regrouping parameters; 0 up to rounding."""
     least: float
-    """No bodies are nearer than that: by the dual of the programme, to the solver's precision."""
+    """Lower bound of the distance by the dual programme, to the solver's precision."""
     bodies: MachineBodies
-    """Which have them."""
+    """Bodies with these parameters."""
     active: tuple[str, ...]
-    """The conditions and parameters whose bounds keep it from being nearer."""
+    """Active conditions, and parameters at active bounds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +70,10 @@ class Projection:
     factor: Array
     """(m, k), L: C of the free parameters is L Lᵀ, the rows of others are zero."""
     free: NDArray[np.bool_]
-    """(m,), false: stays as it is, or regroups."""
+    """(m,), false for fixed or regrouping parameters."""
     regrouping: Array | None = None
-    """(m, m): what the forces tell in place of each parameter. β of a base parameter, nothing of
-    those that regroup into it, else the parameter. None: each for itself."""
+    """(m, m): combinations of parameters in the forces: β for a base parameter, zero for those that
+    regroup into it, else the parameter itself. None: identity."""
 
     @classmethod
     def by(
@@ -103,7 +103,7 @@ class Projection:
 
     @cached_property
     def movable(self) -> NDArray[np.bool_]:
-        """(m,), what does not stay as it is."""
+        """(m,), parameters that the projection may change."""
         return self.free | self.regrouped | np.any(self._hidden != 0, axis=1)
 
     @cached_property
@@ -120,15 +120,15 @@ class Projection:
         if self.regrouping is None:
             return self.factor
         std = np.linalg.norm(self.factor[self.free], axis=1)
-        tell = np.abs(self.regrouping[np.ix_(self.free, self.regrouped)]) / std[:, None]
-        most = np.max(tell, axis=0, initial=0.0)
+        sensitivity = np.abs(self.regrouping[np.ix_(self.free, self.regrouped)]) / std[:, None]
+        most = np.max(sensitivity, axis=0, initial=0.0)
         own = np.divide(1.0, most, out=np.zeros_like(most), where=most > 0)
         return np.column_stack([self.factor, np.eye(len(self.free))[:, self.regrouped] * own])
 
     def length(self, change: Array) -> float:
         """Return the length of a change of the parameters, (m,), in standard deviations."""
-        told = self.observable_change(change)[self.free]
-        return float(np.linalg.norm(np.linalg.solve(self.factor[self.free], told)))
+        observable = self.observable_change(change)[self.free]
+        return float(np.linalg.norm(np.linalg.solve(self.factor[self.free], observable)))
 
     def of(self, values: Array) -> Nearest:
         """Return the nearest parameters; those given, bit by bit, when bodies have them."""
@@ -150,11 +150,11 @@ class Projection:
         raise NoBodiesError("no bodies have the values of what is fixed or bounded")
 
     def _inside(self, values: Array, move: Array, forces: Array, least: float) -> Nearest | None:
-        """Return what the solver found, moved inside by what its rounding takes."""
+        """Return the solution, moved inside by its rounding error."""
         held = self.factor @ move[: self.factor.shape[1]]
-        any_way = self._ways @ move
+        exchanged = self._directions @ move
         for share, exchange in product(_SHARES, (False, True)):
-            near = values + (any_way if exchange else held)
+            near = values + (exchanged if exchange else held)
             inside = self.among.inside(near, share)
             if np.any(self.regrouped) and not exchange and self.length(inside - near) > _FARTHER:
                 continue  # it takes w: bounds without it move β
@@ -169,7 +169,7 @@ class Projection:
         return None
 
     @cached_property
-    def _ways(self) -> Array:
+    def _directions(self) -> Array:
         """(m, k + d), of z and w."""
         return np.column_stack([self.factor, self._hidden])
 
@@ -180,7 +180,7 @@ class Projection:
 
     @cached_property
     def _right(self) -> tuple[Array, Array]:
-        """The right-hand side's part that goes with the values, and what is taken from it."""
+        """Rows of the right-hand side for the values, and the bounds that are subtracted."""
         rows = np.vstack([block.rows for block in self._blocks])
         return rows, np.concatenate([block.bounds for block in self._blocks])
 
@@ -190,7 +190,10 @@ class Projection:
 
     def _solver(self, *, scaled: bool) -> Any:
         rows = np.vstack(
-            [np.column_stack([-block.rows @ self._ways, -block.others]) for block in self._blocks]
+            [
+                np.column_stack([-block.rows @ self._directions, -block.others])
+                for block in self._blocks
+            ]
         )
         count, drifts = self.factor.shape[1], self._hidden.shape[1]
         cost = sparse.diags_array([1.0] * count + [_DRIFT] * drifts + [0.0], format="csc")
@@ -221,7 +224,7 @@ class Projection:
     ) -> tuple[Array, Array, float] | None:
         """Return z and w, the multipliers and the least distance by the dual.
 
-        Found in units of so many σ: what is far from all bodies looks infeasible in small ones.
+        In units of so many σ: distant parameters look infeasible in small units.
         """
         rows, bounds = self._right
         right = (rows @ values - bounds) / unit
@@ -241,12 +244,12 @@ class Projection:
         """Return the active constraints: multipliers above a share of the largest."""
         ends = np.cumsum([len(block.rows) for block in self._blocks])[:-1]
         least = _ACTIVE * np.linalg.norm(move)
-        told = (
+        active = (
             block.meaning
             for block, force in zip(self._blocks, np.split(forces, ends), strict=True)
             if np.linalg.norm((block.rows @ self.noise).T @ force) > least
         )
-        return tuple(dict.fromkeys(told))
+        return tuple(dict.fromkeys(active))
 
 
 @dataclass(frozen=True, eq=False)

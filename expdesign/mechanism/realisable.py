@@ -1,8 +1,8 @@
-"""Parameters that some set of bodies has, and the bodies.
+"""Physically consistent parameters, and their bodies.
 
 Bodies of positive density are those whose pseudo-inertia is positive semidefinite (Wensing, Kim,
-Slotine 2018). Which parameters ring, stator, slider and platform make of theirs is linear: the
-parameters that some set of bodies has are a convex cone. docs/consistency.md derives the matrices.
+Slotine 2018). The parameters are linear in the pseudo-inertias of ring, stator, slider and
+platform: the consistent ones are a convex cone. docs/consistency.md derives the matrices.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from expdesign.mechanism.terms.rigid_platform import GENERAL, MASS, platform_pse
 from expdesign.mechanism.terms.struts import along, breadth, thickness
 
 HEAVIEST = 1e3
-"""A stator weighs at most so many times p10. Its mass is in no parameter: without a bound there
-would be nearest bodies only in the limit of endless mass."""
+"""Largest mass of a stator, in multiples of p10. Its mass is in no parameter: without a bound the
+nearest bodies would have infinite mass."""
 
 SLIDER_MASS = "slider mass"
-"""Is in no parameter by itself, kg: there has to be one."""
+"""Mass of a slider, kg; no parameter equals it."""
 
 ROUNDING = 1e-12
-"""Share of the scales by which parameters may be off those of bodies."""
+"""Tolerated inconsistency of parameters, as a share of the scales."""
 
 _NOTHING = together(())
 _PLATFORM = frozenset(parameter.name for parameter in GENERAL.parameters)
@@ -44,20 +44,20 @@ _MOMENTS = ("p6", "p7", "p8")
 
 @dataclass(frozen=True, eq=False)
 class Realisable:
-    """The parameters, (m,), that some set of bodies of a machine has, with their own bounds."""
+    """The physically consistent parameters of a machine, (m,), within their own bounds."""
 
     parameters: tuple[Parameter, ...]
     scales: Array
-    """(m,), what counts as one, SI."""
+    """(m,), scales of the parameters, SI."""
     lower: Array
     upper: Array
-    """(m,), bounds of each parameter by itself."""
+    """(m,), bounds of the single parameters."""
     joints: Array
     """(6, 3), of the platform, platform frame, m."""
 
     @classmethod
     def of(cls, parameters: Sequence[Parameter], scales: Array, joints: Array) -> Realisable:
-        """Return those of a machine with these parameters, within the bounds of each."""
+        """Return the set for these parameters, within the bounds of each."""
         lower, upper = np.transpose([(one.lower, one.upper) for one in parameters])
         return cls(tuple(parameters), scales, lower, upper, joints)
 
@@ -68,12 +68,12 @@ class Realisable:
 
     @cached_property
     def struts(self) -> bool:
-        """Whether the parameters of the struts are among them."""
+        """True if the parameters of the struts are among them."""
         return set(_STRUTS) <= set(self.names)
 
     @cached_property
     def platform(self) -> bool:
-        """Whether those of the platform are."""
+        """True if those of the platform are."""
         return MASS in self.names
 
     @cached_property
@@ -118,8 +118,8 @@ class Realisable:
     def bodies(self, values: Array, rounding: float = ROUNDING) -> MachineBodies | None:
         """Return bodies with given parameters, (m,); None for physically inconsistent ones.
 
-        The slider's mass, and what of the inertia along the struts is the stator's, are in the
-        middle of what they can be. What no parameter has, such as the ring's mass, is chosen.
+        The slider's mass, and the stator's share of the inertia along the struts, are in the middle
+        of their ranges. Properties without a parameter, such as the ring's mass, are chosen.
         """
         slack = rounding * self.scales
         if not np.all((values >= self.lower - slack) & (values <= self.upper + slack)):
@@ -152,7 +152,7 @@ class Realisable:
 
     @cached_property
     def _unit(self) -> Array:
-        """(4, 4), what counts as one in the platform's pseudo-inertia."""
+        """(4, 4), scales of the platform's pseudo-inertia."""
         size = np.sqrt([self.sizes["platform"]] * 3 + [self.sizes["mass"]])
         return np.multiply.outer(size, size)
 
@@ -206,7 +206,7 @@ def _depth(p: Mapping[str, float]) -> Array:
 
 
 def _along(p: Mapping[str, float]) -> Array:
-    """Return what slider and stator have along u, (3, 3): kg m², kg m, and their masses, kg.
+    """Return the pseudo-inertia of slider and stator along u, (3, 3): kg m², kg m, kg.
 
     Where it is positive semidefinite ½ (p2 + p3) is enough for p5² / m3 of the slider and p4² / m2
     of a stator of all mass that it can have.

@@ -208,5 +208,5 @@ class ThreadTurn:
 
 
 def _spin(second: ca.SX, first: ca.SX, u: ca.SX) -> ca.SX:
-    """Return w of the spin w·u̇ about u, of a half whose first axis does not turn."""
+    """Return w of the spin w·u̇ about u, of a half with a fixed first axis."""
     return ca.dot(first, u) * second / ca.dot(second, second)

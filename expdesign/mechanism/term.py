@@ -18,7 +18,7 @@ from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 from expdesign.mechanism.strut import StrutKinematics
 
 _STEEP = 60.0
-"""Twice the share of the width from which on the smooth sign is 1 to the last digit."""
+"""Argument from which the smooth sign is 1 to the last digit, in half widths."""
 
 
 class Friction(Enum):
@@ -27,13 +27,13 @@ class Friction(Enum):
     EXACT = "exact"
     """sign(rate), sign(0) = 0: simulation, recheck, every reported number."""
     SMOOTH = "smooth"
-    """tanh(rate / width), the width being an input: what an optimiser can differentiate."""
+    """tanh(rate / width), differentiable for an optimiser; the width is an input."""
     HELD = "held"
     """The signs are an input: fixed while something else is differentiated."""
 
 
 def smooth_sign(rates: ca.SX) -> ca.SX:
-    """Return tanh of rates, which are multiples of their widths, with an error of 1e-15 at most.
+    """Return tanh of rates in multiples of their widths, with an error of 1e-15 at most.
 
     Made of exp: the C library's tanh takes four times as long, most of the time of all limits.
     """
@@ -54,7 +54,7 @@ class Scale:
     share: float = 1.0
 
     def of(self, mass: float, length: float, gravity: float) -> float:
-        """Return the scale, SI; 1 where a robot's is zero."""
+        """Return the scale, SI; 1 instead of zero."""
         scale = self.share
         for size, power in (mass, self.mass), (length, self.length), (gravity, self.gravity):
             if size == 0 and power != 0:
@@ -84,13 +84,13 @@ class Parameter:
     """The same text for parameters that differ in their number only."""
     scale: Scale = ONE
     lower: float = -np.inf
-    """No machine is below it, SI."""
+    """Smallest possible value, SI."""
     strict: bool = False
-    """Whether no machine is at `lower` either."""
+    """True if `lower` itself is impossible."""
     upper: float = np.inf
-    """No machine is above it, SI."""
+    """Largest possible value, SI."""
     default: float | None = None
-    """Nominal value where the robot file gives none; None: the file must give it."""
+    """Nominal value for a robot file without one; None: the file must give it."""
 
 
 def per_actuator(parameter: Parameter) -> tuple[Parameter, ...]:
@@ -100,24 +100,24 @@ def per_actuator(parameter: Parameter) -> tuple[Parameter, ...]:
 
 @dataclass(frozen=True)
 class Constant:
-    """A number of a term in which A is not linear, such as a pitch: an input of the graph."""
+    """A number with a nonlinear effect on A, such as a pitch: an input of the graph."""
 
     name: str
     unit: str
     meaning: str
     default: float | None = None
-    """Value where the robot file gives none, SI; None: the file must give it."""
+    """Value for a robot file without one, SI; None: the file must give it."""
     positive: bool = False
-    """Whether only values above zero make sense."""
+    """True if only values above zero are valid."""
 
 
 @dataclass(frozen=True)
 class SlidingRate:
-    """Six rates whose signs dry friction takes, by the name of the kinematic quantity."""
+    """Six rates with signs of dry friction, by the name of the kinematic quantity."""
 
     quantity: str
     arm: str | None = None
-    """Quantity that makes an angular rate a speed; None for what is a speed already."""
+    """Arm from an angular rate to a speed; None for a rate that is a speed."""
 
 
 STRUT_SPEED = SlidingRate("strut_speed")
@@ -156,7 +156,7 @@ class Columns:
     wrench: ca.SX | None = None
     """Force and moment about the TCP, base frame: the graph carries them to the actuators."""
     torques: ca.SX | None = None
-    """(12, k) about the cardan axes α and β of each strut, which the graph carries to a wrench."""
+    """(12, k) about the cardan axes α and β of each strut; the graph makes a wrench of them."""
     along: ca.SX | None = None
     """Forces of the actuators themselves."""
     between: ca.SX | None = None
@@ -168,9 +168,9 @@ class Lump:
     """A matrix that is positive semidefinite for bodies of positive density, and only then."""
 
     meaning: str
-    """What has the parameters, in words: ``the platform``."""
+    """Owner of the parameters in words: ``the platform``."""
     parameters: tuple[str, ...]
-    """Whose matrix it is, of this term or of others."""
+    """Arguments of the matrix, from this term or others."""
     matrix: Callable[[Mapping[str, float]], Array]
     """Values by name → (n, n), symmetric and linear in them."""
 
@@ -191,15 +191,15 @@ class Term:
     columns: Callable[[Instant], Columns]
     """The columns for one of each parameter, in its unit."""
     rates: tuple[SlidingRate, ...] = ()
-    """Those whose signs the columns contain. A term with any is friction, and no load."""
+    """Rates with signs in the columns. A term with any is friction, and no load."""
     constants: tuple[Constant, ...] = ()
     beside: str = ""
-    """Name of the term whose constants its columns take, too: it must be listed before."""
+    """Name of another term with constants for its columns; it must be listed before."""
     turning: bool = False
-    """Whether the halves of the struts turn against each other on a thread, which moves the
-    coordinates of the actuators."""
+    """True if the halves of the struts turn against each other on a thread and move the coordinates
+    of the actuators."""
     impossible: Callable[[Mapping[str, float]], list[str]] = _nothing_more
-    """Nominal values by name → what no bodies have beyond each one's bound, in words."""
+    """Nominal values by name → their physical inconsistencies in words, without single bounds."""
     lumps: tuple[Lump, ...] = ()
     """Matrices that test the physical consistency of estimates with their covariance."""
     place: int = 1000
@@ -223,10 +223,10 @@ def parameters_of(terms: tuple[Term, ...]) -> tuple[Parameter, ...]:
 def scales_of(
     parameters: Sequence[Parameter], values: Array, mass: float, length: float, gravity: float
 ) -> Array:
-    """Return what counts as one of every parameter, (m,), SI: the size of its nominal value.
+    """Return the scale of every parameter, (m,), SI: the size of its nominal value.
 
-    A nominal value of zero has the scale that its term states by mass, length and gravity of the
-    robot; where that is zero too, 1.
+    A nominal value of zero has the scale of its term by mass, length and gravity of the robot, or 1
+    if that is zero.
     """
     physical = [parameter.scale.of(abs(mass), length, gravity) for parameter in parameters]
     return np.where(values == 0, physical, np.abs(values))

@@ -24,14 +24,14 @@ from expdesign.mechanism.term import Friction, Term, kinematic_terms
 from expdesign.robot.robot import Robot
 
 FORCE_CONSTANT = "force_constant"
-"""Of all forces in common; ``force_constant_1`` … of one actuator."""
+"""Name of the deviation of all forces; ``force_constant_1`` … of one actuator."""
 _AXES = ("x", "y", "z")
 JOINT_ENTRIES = len(_AXES) * ACTUATORS
-"""Of the base, and of the platform: joint by joint."""
+"""Number of coordinates of the joints of base or platform."""
 TILTS = 2
 _ALONG = 0.9
 _MOST_OFF = 0.9
-"""Share of a positive constant by which it may be too large."""
+"""Largest relative error of a positive constant."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def tilt_axes(gravity: Array) -> Array:
 
 
 def apply_deviations(robot: Robot, chosen: Sequence[Deviation], values: Array) -> Robot:
-    """Return the robot whose joints, gravity and constants deviate by θ.
+    """Return the robot with deviations θ of joints, gravity and constants.
 
     `values` is θ of the chosen deviations, (t,), SI. Errors of the measurement among them do not
     change the robot. Its cardan axes keep their directions.

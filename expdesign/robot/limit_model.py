@@ -39,7 +39,7 @@ def states_at_rest(poses: Array) -> Array:
 def limited_quantities(
     graph: HexapodGraph, definitions: tuple[LimitDefinition, ...], friction: Friction
 ) -> tuple[ca.SX, Mapping[str, ca.SX]]:
-    """Return the state, (18, 1) or (24, 1), and what the limits read of the graph."""
+    """Return the state, (18, 1) or (24, 1), and the quantities of the limits."""
     state, quantities = graph.state, dict(graph.quantities(friction))
     if any(JERK in definition.requires for definition in definitions):
         third = ca.SX.sym("pose_jerk", COORDINATES)
@@ -109,7 +109,7 @@ class LimitModel:
         return cls(robot, tuple(Limit.boundless(one, row_labels(one)) for one in definitions))
 
     def compile(self) -> None:
-        """Make the machine code of what a search evaluates, where it can be made."""
+        """Compile the functions of a search if there is a compiler."""
         self._kernel(Friction.EXACT, slopes=False).compile()
         for slopes in (False, True):
             self._kernel(Friction.SMOOTH, slopes=slopes).compile()
@@ -132,13 +132,13 @@ class LimitModel:
 
     @cached_property
     def two_sided(self) -> Mask:
-        """(R,) which rows are bounded on both sides."""
+        """(R,) True for rows with two bounds."""
         lower, upper, _ = self._bounds
         return np.isfinite(lower) & np.isfinite(upper)
 
     @cached_property
     def scale(self) -> Array:
-        """(R,) the range of every smooth row: what counts as one in a nonlinear program."""
+        """(R,) range of every smooth row: its scale in a nonlinear program."""
         lower, upper = self.smooth_bounds()
         both = np.isfinite(lower) & np.isfinite(upper)
         width = np.subtract(upper, lower, out=np.ones_like(upper), where=both)
@@ -206,7 +206,7 @@ class LimitModel:
 
     @cached_property
     def moving(self) -> Mask:
-        """(R,) which rows depend on more than the pose: speeds, forces, jerk."""
+        """(R,) True for rows that depend on more than the pose: speeds, forces, jerk."""
         state = np.zeros((1, self._state_size))
         state[0, :COORDINATES] = self.robot.home
         _, slopes = self.smooth_slopes(state, 1.0)
@@ -214,7 +214,7 @@ class LimitModel:
 
     @cached_property
     def of_jerk(self) -> Mask:
-        """(R,) which rows need the third derivative of the pose."""
+        """(R,) True for rows with the third derivative of the pose."""
         needed = [JERK in one.definition.requires for one in self.limits for _ in one.labels]
         return np.array(needed, dtype=bool)
 
@@ -254,7 +254,7 @@ def _excess(values: Array, lower: Array, upper: Array, width: Array) -> Array:
 # --- robots from files, at rest within their limits -----------------------------------------------
 
 _ANOTHER_UNIT = 30.0
-"""Bounds this much larger than what they bound are taken for millimetres."""
+"""Smallest ratio of bounds to values for bounds in millimetres."""
 
 
 def load_robot(source: str | PathLike[str]) -> Robot:
@@ -282,7 +282,7 @@ def robot_from(description: ResolvedRobot) -> Robot:
 
 
 def _broken(limit: Limit, values: Array, robot: ResolvedRobot) -> list[Problem]:
-    """Return what is wrong with the rows of a limit at home: rows with the same bounds at once."""
+    """Return the violations of a limit at home, one problem for rows with the same bounds."""
     # Of a limit that nobody has given it is the robot's home that does not fit.
     file, line = (robot.source, None) if limit.is_default else (limit.file, limit.line)
     remedy = f"Let home lie elsewhere, or {_widen(limit)}"

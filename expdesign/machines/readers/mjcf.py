@@ -1,6 +1,6 @@
-"""MJCF, the format of MuJoCo: a tree of bodies, whose loops are closed by ``<equality>``.
+"""MJCF, the format of MuJoCo: a tree of bodies, with loops closed by ``<equality>``.
 
-Bodies stand where the model is written (qpos0). Source: MuJoCo's XML reference.
+Bodies have the pose of the model as written (qpos0). Source: MuJoCo's XML reference.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ class _Model:
         return (float(low) - reference, float(high) - reference) if low < high else None
 
     def _mass(self, element: Element, inherited: str | None) -> float | None:
-        """Return a body's mass; None where it follows from shapes and densities."""
+        """Return a body's mass; None if it follows from shapes and densities."""
         inertial = element.first("inertial")
         if inertial is not None:
             return float(inertial.numbers(inertial.attributes.get("mass", ""), "mass", 1)[0])
@@ -231,7 +231,7 @@ def _largest(element: Element, given: dict[str, str], key: str) -> float | None:
 
 
 def _refuse_references(element: Element) -> None:
-    """Refuse elements that stand for further ones, such as those of other files."""
+    """Refuse elements that include others, such as those of another file."""
     for child in element.children:
         if child.tag in _NOT_FOLLOWED:
             message = f"<{child.tag}> is not followed"
@@ -254,10 +254,10 @@ class Attributes:
 
     degrees: bool = True
     order: str = "xyz"
-    """Of euler angles; upper case: about fixed axes."""
+    """Order of Euler angles; upper case: about fixed axes."""
     autolimits: bool = True
     classes: dict[str, dict[str, dict[str, str]]] = field(default_factory=lambda: {_MAIN: {}})
-    """Of a class by its name: attributes by the element's tag."""
+    """Attributes by class and by the element's tag."""
 
     @classmethod
     def of(cls, root: Element) -> Attributes:
@@ -364,7 +364,7 @@ _SIZES = {"sphere": 1, "box": 3, "ellipsoid": 3, "cylinder": 2, "capsule": 2}
 def rigid_body(
     element: Element, place: Placement, attributes: Attributes, inherited: str | None
 ) -> RigidBody | None:
-    """Return a body in the world; None where its mass follows from shapes that are not known."""
+    """Return a body in the world; None if its mass follows from unknown shapes."""
     inertial = element.first("inertial")
     if inertial is not None:
         own = _inertial(inertial, attributes)

@@ -61,7 +61,7 @@ def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
 
 
 class _Description:
-    """The file, and what is wrong with it."""
+    """The file, and its faults."""
 
     def __init__(self, document: Document) -> None:
         self.document = document
@@ -89,7 +89,7 @@ class _Description:
         return found
 
     def number(self, key: Key) -> float:
-        """Return a number; what is none is a problem, and not a number."""
+        """Return a number; anything else is a problem, and NaN."""
         value: Any = self.document.data
         for depth, part in enumerate(key):
             if not isinstance(value, dict) or part not in value:

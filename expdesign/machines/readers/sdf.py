@@ -42,7 +42,7 @@ _KINDS: dict[str, Kind] = {
 _AXES = {"revolute": 1, "continuous": 1, "universal": 2, "revolute2": 2, "prismatic": 1}
 _SLIDES = 6
 _AXES_IN_JOINT = (1, 5)
-"""Since this version axes stand in the joint's frame, before in the model's."""
+"""First version with axes in the joint's frame instead of the model's."""
 _NO_LIMIT = 1e15
 _MODEL = "__model__"
 _WORLD_NAME = "world"

@@ -10,10 +10,11 @@ from typing import Any
 
 from constraints.plugins import declarations
 from expdesign.mechanism.term import Parameter, Term, parameters_of
-from expdesign.mechanism.terms import drive_inertia, rigid_platform
+from expdesign.mechanism.terms import rigid_platform
+from expdesign.mechanism.terms.actuator_forces import DRIVE_INERTIA, DRIVE_INERTIA_ON_A_THREAD
 
 DEFAULT = ("struts", "rigid_platform", "passive_friction", "actuator_friction")
-"""Terms of a robot whose file lists none."""
+"""Terms of a robot file without `terms`."""
 
 
 @cache
@@ -42,7 +43,7 @@ def terms_named(names: Iterable[str], *, general: bool, turning: bool = False) -
     """
     swapped = {} if general else {rigid_platform.GENERAL: rigid_platform.SYMMETRIC}
     if turning:
-        swapped[drive_inertia.TERM] = drive_inertia.ON_A_THREAD
+        swapped[DRIVE_INERTIA] = DRIVE_INERTIA_ON_A_THREAD
     return tuple(swapped.get(term, term) for term in map(term_definitions().__getitem__, names))
 
 
@@ -66,7 +67,7 @@ def parameter_unit(name: str) -> str:
 
 _OTHER_FORMS = {
     "rigid_platform, symmetric": rigid_platform.SYMMETRIC,
-    "drive_inertia, on a thread": drive_inertia.ON_A_THREAD,
+    "drive_inertia, on a thread": DRIVE_INERTIA_ON_A_THREAD,
 }
 
 

@@ -1,6 +1,8 @@
-"""Forces along the struts beyond friction: offset, cogging, springs such as cables."""
+"""Forces along the struts beyond friction: drive inertia, offset, cogging, springs."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import casadi as ca
 
@@ -16,6 +18,31 @@ from expdesign.mechanism.term import (
     per_actuator,
 )
 
+DRIVE_MASS = "m_drive"
+DRIVE_INERTIA = Term(
+    name="drive_inertia",
+    place=30,
+    meaning="inertia of the drives, as a mass along each strut",
+    parameters=(
+        Parameter(
+            DRIVE_MASS,
+            "kg",
+            "mass that a drive's inertia makes along its strut, $J\\,(2\\pi/h)^2$, the same in all",
+            Scale("p10", mass=1),
+            lower=0,
+            default=0.0,
+        ),
+    ),
+    columns=lambda instant: Columns(along=ca.SX(instant.kinematic["strut_acceleration"])),
+)
+"""Inertia of the drives, reflected through lead or gear as a mass along the strut.
+
+A motor and screw of inertia J behind a lead h have ½ J (2π/h)² q̇² of energy along the strut. Their
+motion with the swinging strut is neglected: the strut's angle α about its first axis adds a turn
+α̇ sin β of the screw, a small share of q̇ 2π/h for any screw.
+"""
+DRIVE_INERTIA_ON_A_THREAD = replace(DRIVE_INERTIA, turning=True)
+"""The same for screws that the platform turns (`expdesign.mechanism.strut`)."""
 OFFSET = Term(
     name="force_offset",
     place=90,
@@ -58,7 +85,7 @@ def _cogging(instant: Instant, order: int) -> Columns:
 
 
 def _amplitudes(letter: str, order: str) -> tuple[Parameter, ...]:
-    """Return the amplitudes of sines, then cosines, whose names begin with a letter."""
+    """Return the amplitudes of sines, then cosines, with names that begin with a letter."""
     return tuple(
         parameter
         for kind, word in (("s", "sine"), ("c", "cosine"))
@@ -102,4 +129,4 @@ SECOND_COGGING = Term(
     columns=lambda instant: _cogging(instant, 2),
     beside=COGGING.name,
 )
-TERMS = (OFFSET, CABLE, COGGING, SECOND_COGGING)
+TERMS = (DRIVE_INERTIA, OFFSET, CABLE, COGGING, SECOND_COGGING)

@@ -176,6 +176,6 @@ LOAD = _further(
 
 The load is the frictionless force of the terms listed before this one at the parameters of
 `HexapodGraph.nominal`. The forces are not linear in all parameters together: an estimate repeats
-the computation with the load of its own result.
+the computation with the load of its result.
 """
 TERMS = (PASSIVE, ACTUATOR, ASYMMETRIC, QUADRATIC, CUBIC, STRIBECK, LOAD)

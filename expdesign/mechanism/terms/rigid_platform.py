@@ -24,7 +24,7 @@ from expdesign.mechanism.term import (
 )
 
 MASS = "p10"
-"""The parameter from which the scales of others are made."""
+"""Parameter in the scales of others."""
 
 _PRODUCTS = {"Ixy": (0, 1), "Ixz": (0, 2), "Iyz": (1, 2)}
 
@@ -143,5 +143,5 @@ OF_A_BODY = {
     "Izz": "p8",
     **{name: name for name in _PRODUCTS},
 }
-"""Parameters of the general platform by what a body on it adds to: its mass, first moments and
+"""Parameters of the general platform by the property of a body on it: mass, first moments and
 inertia about the TCP, in the axes of the platform frame; products as matrix entries."""

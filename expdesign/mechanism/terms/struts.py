@@ -14,7 +14,7 @@ from expdesign.mechanism.term import FIRST_MOMENT_SCALE, Columns, Instant, Lump,
 from expdesign.mechanism.terms.rigid_platform import MASS
 
 _ROUNDING = 0.05
-"""Share by which published tables of estimates were seen to break p2 ≤ p3."""
+"""Largest violation of p2 ≤ p3 in published tables of estimates, as a share."""
 
 _HARMLESS = ". By so little it is harmless for the design"
 
@@ -101,7 +101,7 @@ def breadth(p: Mapping[str, float], slack: float = 0.0) -> Array:
 
 
 def _with_sixth(p: Mapping[str, float]) -> Array:
-    """Return what a slider's p5 and all inertia along u make with all mass it can have."""
+    """Return the pseudo-inertia along u of a slider with the largest possible mass."""
     return along(p, p[MASS] / ACTUATORS)
 
 
