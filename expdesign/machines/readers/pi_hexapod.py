@@ -9,43 +9,89 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BaseModel, BeforeValidator, create_model, model_validator
 
-from constraints.arrays import Array
-from expdesign.configuration.document import Document, read_yaml
-from expdesign.configuration.errors import InputError, Key, Problem, quote
+from expdesign.configuration.document import read_yaml
+from expdesign.configuration.errors import InputError, quote, refusal
+from expdesign.configuration.schema import validate
 from expdesign.machines.machine import MachineDraft, MachineFormat, Question, rows
 from expdesign.mechanism.hexapod import ACTUATORS
 
-_TRANSLATIONS = {"x": "x", "y": "y", "z": "z"}
-_ROTATIONS = {"u": "phi", "v": "theta", "w": "psi"}
-_NUMBER = "a number, in metres and radians"
+_AXES = {
+    "position": {"x": "x", "y": "y", "z": "z"},
+    "rotation": {"u": "phi", "v": "theta", "w": "psi"},
+}
+"""Components of the pose by PI's name of an axis."""
+_JOINTS = tuple(f"axis_{j}" for j in range(ACTUATORS))
+_PER_AXIS = {
+    "vel_max_xyz": ("limits.strut_speed", "m/s along the axes"),
+    "vel_max_uvw": ("limits.strut_speed", "rad/s about the axes"),
+    "effort_limit": ("limits.actuator_force", "for the axes of the platform"),
+}
+
+
+def _read_number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise refusal(f"{quote(value)} is not a number", "a number, in metres and radians")
+    return float(value)
+
+
+_Number = Annotated[float, BeforeValidator(_read_number)]
+
+
+class _Anchor(BaseModel):
+    x: _Number
+    y: _Number
+    z: _Number
+
+
+class _Strut(BaseModel):
+    base_anchor: _Anchor
+    platform_anchor: _Anchor
+
+
+class _Range(BaseModel):
+    lower_limit: _Number
+    upper_limit: _Number
+
+    @model_validator(mode="after")
+    def _check_order(self) -> _Range:
+        if self.lower_limit >= self.upper_limit:
+            raise refusal("lower_limit is not below upper_limit", "a range")
+        return self
+
+
+_STRUTS: dict[str, Any] = dict.fromkeys(_JOINTS, (_Strut, ...))
+_RANGES: dict[str, Any] = {axis: (_Range | None, None) for axes in _AXES.values() for axis in axes}
+_Description = create_model("_Description", **_STRUTS, **_RANGES)
 
 
 def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
-    description = _Description(read_yaml(files[0]))
-    base, platform = description.anchors("base_anchor"), description.anchors("platform_anchor")
+    document = read_yaml(files[0])
+    found, problems = validate(_Description, document.data, document)
+    if found is None:
+        raise InputError(problems)
+    struts = [getattr(found, axis) for axis in _JOINTS]
+    base, platform = (
+        np.array([list(vars(getattr(strut, end)).values()) for strut in struts])
+        for end in ("base_anchor", "platform_anchor")
+    )
     limits: dict[str, Any] = {}
-    for key, axes in (("position", _TRANSLATIONS), ("rotation", _ROTATIONS)):
-        if ranges := description.ranges(axes):
-            limits[key] = ranges
-    if description.problems:
-        raise InputError(description.problems)
+    for key, axes in _AXES.items():
+        stated = {component: getattr(found, axis) for axis, component in axes.items()}
+        ranges = {c: (r.lower_limit, r.upper_limit) for c, r in stated.items() if r is not None}
+        limits |= {key: ranges} if ranges else {}
     questions = [
         Question(
             "limits.strut_length",
             "PI's file limits the pose and not the struts: how short and how long can they be?",
         )
     ]
-    per_axis = {
-        "vel_max_xyz": ("limits.strut_speed", "m/s along the axes"),
-        "vel_max_uvw": ("limits.strut_speed", "rad/s about the axes"),
-        "effort_limit": ("limits.actuator_force", "for the axes of the platform"),
-    }
-    for key, (place, words) in per_axis.items():
-        value = description.document.data.get(key)
+    for key, (place, words) in _PER_AXIS.items():
+        value = document.data.get(key)
         if value is not None:
             text = f"PI's file has {key} = {quote(value)}, {words}: what can one strut do?"
             questions.append(Question(place, text))
@@ -60,61 +106,12 @@ def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
     )
 
 
-class _Description:
-    """The file, and its faults."""
-
-    def __init__(self, document: Document) -> None:
-        self.document = document
-        self.problems: list[Problem] = []
-
-    def anchors(self, kind: str) -> Array:
-        """Return the joints of one end of the struts, (6, 3), m."""
-        return np.array(
-            [
-                [self.number((f"axis_{j}", kind, letter)) for letter in "xyz"]
-                for j in range(ACTUATORS)
-            ]
-        )
-
-    def ranges(self, axes: dict[str, str]) -> dict[str, tuple[float, float]]:
-        """Return the ranges of axes by the names that the pose's components have."""
-        found = {}
-        for axis, component in axes.items():
-            if axis not in self.document.data:
-                continue
-            low, high = (self.number((axis, f"{end}_limit")) for end in ("lower", "upper"))
-            if low >= high:
-                self.report((axis,), "lower_limit is not below upper_limit", "a range")
-            found[component] = (low, high)
-        return found
-
-    def number(self, key: Key) -> float:
-        """Return a number; anything else is a problem, and NaN."""
-        value: Any = self.document.data
-        for depth, part in enumerate(key):
-            if not isinstance(value, dict) or part not in value:
-                self.report(key[: depth + 1], "the key is missing", _NUMBER)
-                return math.nan
-            value = value[part]
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not number or not math.isfinite(value):
-            self.report(key, f"{quote(value)} is no number", _NUMBER)
-            return math.nan
-        return float(value)
-
-    def report(self, key: Key, message: str, allowed: str) -> None:
-        """Collect a problem; the same one is reported once."""
-        problem = self.document.problem(key, message, allowed)
-        if problem not in self.problems:
-            self.problems.append(problem)
-
-
 def _claims(path: Path) -> bool:
     data = read_yaml(path).data
     return any(
-        isinstance(axis := data.get(f"axis_{j}"), dict)
+        isinstance(axis := data.get(name), dict)
         and ("base_anchor" in axis or "platform_anchor" in axis)
-        for j in range(ACTUATORS)
+        for name in _JOINTS
     )
 
 
