@@ -15,7 +15,7 @@ from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
 from expdesign.configuration.bodies import Bodies, BodyDescription, payload_parameters
-from expdesign.configuration.document import Document, Located, find_file, read_yaml
+from expdesign.configuration.document import Located, find_file, read_yaml
 from expdesign.configuration.errors import InputError, Problem
 from expdesign.configuration.geometry import OrRing
 from expdesign.configuration.limits import (
@@ -90,7 +90,7 @@ class RobotDescription(Section):
     alpha_axes: _Axes | None = None
     """(6, 3), first cardan axes in the base frame; of any length but zero."""
     platform_joint_axes: _Axes | None = None
-    """(6, 3), in the platform frame; of any length but zero."""
+    """(6, 3), reference axes of the platform joints, platform frame; of any length but zero."""
     platform_cardan_axes: _Axes | None = None
     """(6, 3), first axes of cardan joints at the platform that turn the screws, platform frame;
     None: the screws do not turn with the platform."""
@@ -122,27 +122,23 @@ RobotSource = Annotated[
 
 @dataclass(frozen=True, eq=False)
 class ResolvedRobot:
-    """A hexapod with all numbers for computations; read-only arrays in SI units."""
+    """A hexapod with all numbers for computations.
+
+    Fields with the name of a key have its unit, frame and shape (`RobotDescription`), as read-only
+    arrays; axes are unit vectors.
+    """
 
     name: str
     description: RobotDescription
     """The same robot as the content of a file, with every default and the run's limits, noise and
     tolerances."""
     home: Array
-    """(6,): x, y, z [m], phi, theta, psi [rad]."""
     gravity: Array
-    """(3,), base frame, m/s²."""
     base_joints: Array
-    """(6, 3), base frame, m."""
     platform_joints: Array
-    """(6, 3), platform frame, m."""
     alpha_axes: Array
-    """(6, 3), first cardan axes, unit vectors in the base frame."""
     platform_joint_axes: Array
-    """(6, 3), reference axes of the platform joints, unit vectors in the platform frame."""
     platform_cardan_axes: Array | None
-    """(6, 3), first axes of cardan joints at the platform, unit vectors in the platform frame;
-    None: the halves of the struts do not turn against each other."""
     drive: Drive
     platform: PlatformKind
     terms: tuple[Term, ...]
@@ -154,7 +150,6 @@ class ResolvedRobot:
     noise: ResolvedNoise | None
     """None when neither robot nor run states any."""
     tolerances: RobotTolerances | None
-    """None when neither robot nor run states any."""
     limits: Mapping[str, Limit]
     """By key, in the order of the catalogue, with their reserves; without limits that are open or
     implied by another one."""
@@ -249,15 +244,11 @@ def resolve_robot(
         message = "only a screw turns with the platform, and the drive has none"
         allowed = "together with drive: {screw: {lead: …}}"
         problems.append(source.problem(("platform_cardan_axes",), message, allowed))
-    warnings = []
-    if length is None:
+    scale = length
+    if scale is None:
         with np.errstate(all="ignore"):
-            length = geo.rms_radius(np.array(description.platform_joints))
-        warnings.append(
-            "limits.characteristic_length is not given: condition numbers count a rotation of "
-            f"1 rad as {length:.4g} m, the rms radius of the platform joints"
-        )
-    alpha_axes, joint_axes, thread_axes, found = _axes(source, length)
+            scale = geo.rms_radius(np.array(description.platform_joints))
+    alpha_axes, joint_axes, thread_axes, found = _axes(source, scale)
     if problems := [*problems, *found]:
         raise InputError(problems)
 
@@ -268,7 +259,7 @@ def resolve_robot(
             "platform_cardan_axes": _rows(thread_axes),
             "noise": merged_noise,
             "tolerances": merged,
-            "limits": limits_as_written(stated, length, reserve),
+            "limits": limits_as_written(stated, scale, reserve),
         }
     )
     pairs = geo.shared_pairs(np.array(written.base_joints), np.array(written.platform_joints))
@@ -292,10 +283,18 @@ def resolve_robot(
         limits=reserve.draw_in(
             {key: with_shared_joints(limit, pairs) for key, limit in stated.items()}
         ),
-        characteristic_length=length,
+        characteristic_length=scale,
         source=document.file,
     )
-    return _with_warnings(robot, document, source.key, stated, warnings, reserve.warnings(stated))
+    before = (
+        ()
+        if length is not None
+        else (
+            "limits.characteristic_length is not given: condition numbers count a rotation of "
+            f"1 rad as {scale:.4g} m, the rms radius of the platform joints",
+        )
+    )
+    return _with_warnings(robot, source, stated, before, reserve.warnings(stated))
 
 
 def _axes(
@@ -332,8 +331,7 @@ def _rows(axes: Array | None) -> tuple[tuple[float, ...], ...] | None:
 
 def _with_warnings(
     robot: ResolvedRobot,
-    document: Document,
-    key: tuple[str | int, ...],
+    source: Located[RobotDescription],
     stated: Mapping[str, Limit],
     before: Sequence[str],
     of_reserve: Sequence[str],
@@ -343,7 +341,7 @@ def _with_warnings(
     consistency = physical_consistency(
         robot.terms,
         parameters,
-        rounding_errors(document, (*key, "parameters"), parameters),
+        rounding_errors(source.document, (*source.key, "parameters"), parameters),
         robot.platform_joints,
         robot.characteristic_length,
         float(np.linalg.norm(robot.gravity)),
@@ -362,8 +360,7 @@ def _with_warnings(
     if description.identification is not None:
         warnings += description.identification.warnings
     symmetric = rigid_platform.SYMMETRIC in robot.terms
-    sums = geo.asymmetric_sums(robot.platform_joints) if symmetric else {}
-    if sums:
+    if sums := geo.asymmetric_sums(robot.platform_joints) if symmetric else {}:
         warnings.append(
             "the platform is declared symmetric, but its joints are not: `platform: general` has "
             "the five parameters for it. The sums over the joints would be zero: "

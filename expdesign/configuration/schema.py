@@ -182,7 +182,7 @@ def word_for_none(
     accepted: Callable[..., Any] = otherwise.func
 
     def check(value: object, handler: ValidatorFunctionWrapHandler) -> Any:
-        if isinstance(value, str) and value == word:
+        if value == word:
             return None
         try:
             if isinstance(otherwise, WrapValidator):
@@ -202,7 +202,7 @@ def word_or(word: str, otherwise: BeforeValidator) -> BeforeValidator:
     accepted: Callable[..., Any] = otherwise.func
 
     def check(value: object) -> Any:
-        if isinstance(value, str) and value == word:
+        if value == word:
             return value
         try:
             return accepted(value)
@@ -302,18 +302,14 @@ def exactly(count: int, items: str) -> BeforeValidator:
     wanted = f"a list of {count} {items}"
 
     def check(value: object) -> Sequence[Any]:
+        if isinstance(value, list | tuple):
+            return _counted(value, count, items, wanted)
         text, hint = quote(value).strip("'"), ""
         if count == _ENDS and len(text) <= _LONGEST_EXAMPLE and not isinstance(value, bool):
             hint = f"; to fix it: [{text}, {text}]" if isinstance(value, str | int | float) else ""
-        return _counted(_listed(value, wanted + hint), count, items, wanted)
+        raise refusal(f"{quote(value)} is not a list", wanted + hint)
 
     return BeforeValidator(check)
-
-
-def _listed(value: object, wanted: str) -> Sequence[Any]:
-    if not isinstance(value, list | tuple):
-        raise refusal(f"{quote(value)} is not a list", wanted)
-    return value
 
 
 def _counted(found: Sequence[Any], count: int, items: str, wanted: str) -> Sequence[Any]:
@@ -324,14 +320,15 @@ def _counted(found: Sequence[Any], count: int, items: str, wanted: str) -> Seque
 
 def at_least(count: int, items: str, most: int = 100) -> BeforeValidator:
     """Return a validator for a list of `count` to `most` items, a noun in the plural."""
+    wanted = f"a list of {count} or more {items}"
 
     def check(value: object) -> Sequence[Any]:
-        wanted = f"a list of {count} or more {items}"
-        found = _listed(value, wanted)
-        if not count <= len(found) <= most:
-            allowed = wanted if len(found) < count else f"{most} at most"
-            raise refusal(f"the list has {len(found)} {items}", allowed)
-        return found
+        if not isinstance(value, list | tuple):
+            raise refusal(f"{quote(value)} is not a list", wanted)
+        if not count <= len(value) <= most:
+            allowed = wanted if len(value) < count else f"{most} at most"
+            raise refusal(f"the list has {len(value)} {items}", allowed)
+        return value
 
     return BeforeValidator(check)
 
