@@ -43,7 +43,7 @@ from expdesign.solver.phases import Iteration
 from expdesign.solver.search import NoDesignError, SearchResult, search
 from expdesign.solver.starts import SearchPlan, status_text
 from expdesign.trajectory import FARTHEST, FourierTrajectory, fourier_keys
-from expdesign.workers import Monitor
+from expdesign.workers import JobJournal, Monitor
 
 _PROBES = 3
 _FEWEST_PERIODS = 2
@@ -52,7 +52,9 @@ _HOPELESS = 1e-2
 cannot be optimised into an excited one: the limits are too tight."""
 
 
-def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignResult:
+def design(
+    config: ConfigurationLike, monitor: Monitor | None = None, journal: JobJournal | None = None
+) -> DesignResult:
     """Design the optimal excitation trajectory of a run.
 
     Parameters
@@ -60,6 +62,8 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
     config : path, mapping or RunConfiguration
     monitor : Monitor, optional
         Gets every iteration and may request a stop; the result is then the best so far, marked.
+    journal : JobJournal, optional
+        Keeps the results of starts and hops, from which an interrupted design continues.
 
     Raises
     ------
@@ -90,7 +94,7 @@ def design(config: ConfigurationLike, monitor: Monitor | None = None) -> DesignR
         plan.problem.compile()
     report_progress("the first start" if workers == 1 else f"starting {workers} processes")
     try:
-        found = search(partial(plan_search, configuration), plan, monitor or Monitor())
+        found = search(partial(plan_search, configuration), plan, monitor or Monitor(), journal)
     except NoDesignError as error:
         _blame_unexcited(plan, error)
         raise
@@ -273,7 +277,7 @@ def search_status(search: SearchResult) -> tuple[str, str]:
     """
     best, finish = search.best, search.finish
     end = status_text(finish.phases[-1].status) if finish.phases else "not solved again"
-    text = f"start: {best.status}; finish: {end}"
+    text = f"start: {best.status}; finish: {end}" + (f"; {search.lost}" if search.lost else "")
     if not finish.check.passed:
         return "limits broken", text
     if search.interrupted:

@@ -20,7 +20,7 @@ from expdesign.configuration.run import GridPoint
 from expdesign.experiment.design import design
 from expdesign.experiment.result import DesignResult
 from expdesign.runfolder import OpenNumber, RowTable, StageResult, Table, described
-from expdesign.workers import Monitor
+from expdesign.workers import JobJournal, Monitor
 
 FOLDER = "designs"
 """Folder of the designs' run folders, in that of the run."""
@@ -81,19 +81,13 @@ class SweptDesign:
         return self.status in (FAILED, BROKEN)
 
     @classmethod
-    def of(
-        cls,
-        number: int,
-        point: GridPoint,
-        result: DesignResult,
-        reason: str,
-    ) -> SweptDesign:
+    def of(cls, number: int, point: GridPoint, result: DesignResult, reason: str) -> SweptDesign:
         """Return the row of the design of a point."""
         percents = {p.name: p.rel_std_percent_experiment for p in result.parameters}
         known = {name: value for name, value in percents.items() if np.isfinite(value)}
         worst = max(known, key=lambda name: known[name], default="")
-        return _row_type(tuple(point.values))(
-            **_values(point),
+        return _row(
+            point,
             number=number,
             folder=f"{FOLDER}/{point.name}",
             status=result.status,
@@ -116,8 +110,8 @@ class SweptDesign:
     def missing(cls, number: int, point: GridPoint, status: str, reason: str) -> SweptDesign:
         """Return the row of a point without a design."""
         criterion = point.configuration.run.design.criterion
-        return _row_type(tuple(point.values))(
-            **_values(point),
+        return _row(
+            point,
             number=number,
             folder="",
             status=status,
@@ -127,8 +121,9 @@ class SweptDesign:
         )
 
 
-def _values(point: GridPoint) -> dict[str, str]:
-    return {f"{_VALUE}{k}": resolved_cell(path, point) for k, path in enumerate(point.values)}
+def _row(point: GridPoint, **columns: Any) -> Any:
+    values = {f"{_VALUE}{k}": resolved_cell(path, point) for k, path in enumerate(point.values)}
+    return _row_type(tuple(point.values))(**values, **columns)
 
 
 @cache
@@ -144,14 +139,10 @@ def _row_type(paths: tuple[str, ...]) -> type[Any]:
     return make_dataclass("SweepRow", [], bases=(SweptDesign, first), frozen=True)
 
 
-def sweep_table(paths: Iterable[str]) -> RowTable[SweptDesign]:
-    """Return the table of a grid with these key paths, a column each."""
-    row = _row_type(tuple(paths))
-    return RowTable("tables/sweep.csv", SweepResult.WRITTEN_BY, row, some=True, rows_of=("number",))
-
-
 def _sweep_table(result: SweepResult) -> RowTable[SweptDesign]:
-    return sweep_table(result.grid)
+    """Return the table of a grid with a column for each key path."""
+    row = _row_type(tuple(result.grid))
+    return RowTable("tables/sweep.csv", result.WRITTEN_BY, row, some=True, rows_of=("number",))
 
 
 def _key_path(path: str) -> str:
@@ -261,7 +252,9 @@ def design_folder(folder: Path, name: str) -> Path:
     return folder / FOLDER / name
 
 
-def design_point(configuration: RunConfiguration, monitor: Monitor) -> DesignResult:
+def design_point(
+    configuration: RunConfiguration, monitor: Monitor, journal: JobJournal | None = None
+) -> DesignResult:
     """Design a point of the grid with the errors of `design`, in this process or on a cluster.
 
     Where the run states a scheduler the search of every design uses the whole cluster.
@@ -269,4 +262,4 @@ def design_point(configuration: RunConfiguration, monitor: Monitor) -> DesignRes
     if configuration.run.scheduler is None:
         alone = configuration.run.model_copy(update={"workers": 1})
         configuration = replace(configuration, run=alone)
-    return design(configuration, monitor)
+    return design(configuration, monitor, journal)

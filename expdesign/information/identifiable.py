@@ -101,12 +101,6 @@ class BaseParameters:
         """Names of the parameters that appear in combinations only, or in none."""
         return tuple(name for name in self.names if name not in self.base)
 
-    @property
-    def unseen(self) -> tuple[str, ...]:
-        """Parameters without effect on any force."""
-        seen = np.any(self.matrix != 0, axis=0)
-        return tuple(name for name, there in zip(self.names, seen, strict=True) if not there)
-
     def values(self, parameters: Array) -> Array:
         """Return β, (b,), of parameters (m,)."""
         return self.matrix @ parameters

@@ -1,6 +1,1 @@
-"""Solving the design problem: Ipopt, continuation, many starts, and the finish."""
-
-from expdesign.solver.feasibility import InfeasibleLimitsError
-from expdesign.solver.search import NoDesignError
-
-__all__ = ["InfeasibleLimitsError", "NoDesignError"]
+"""The search: starts, hops and the finish; a dense interior point method, Ipopt at the end."""

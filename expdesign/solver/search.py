@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from operator import attrgetter
 
@@ -18,10 +19,11 @@ from expdesign.solver.starts import (
     SearchPlan,
     StartResult,
     give_up,
+    report_end,
     run_start,
 )
 from expdesign.trajectory import FourierTrajectory
-from expdesign.workers import Job, JobRunner, Monitor, StoppedError
+from expdesign.workers import Job, JobJournal, JobRunner, Monitor, StoppedError
 
 GROUP = 48
 """Largest number of starts of a group. Each group has hops of its own: the best of several short
@@ -66,6 +68,8 @@ class SearchResult:
     the problem and its derivatives."""
     ended: str
     """Reason for the end of the search, in words."""
+    lost: str = ""
+    """Reason for the loss of the cluster, in words; empty: it was not lost."""
 
     @property
     def trajectory(self) -> FourierTrajectory:
@@ -83,8 +87,15 @@ class NoDesignError(ComputationError):
         self.starts = tuple(starts)
 
 
-def search(build: Callable[[], SearchPlan], plan: SearchPlan, monitor: Monitor) -> SearchResult:
+def search(
+    build: Callable[[], SearchPlan],
+    plan: SearchPlan,
+    monitor: Monitor,
+    journal: JobJournal | None = None,
+) -> SearchResult:
     """Search for the best trajectory; a request to stop ends the search with the best so far.
+
+    The loss of a cluster has the effect of a request to stop.
 
     Parameters
     ----------
@@ -93,6 +104,8 @@ def search(build: Callable[[], SearchPlan], plan: SearchPlan, monitor: Monitor) 
     plan : SearchPlan
     monitor : Monitor
         Gets every event of the search.
+    journal : JobJournal, optional
+        Keeps the results of starts and hops, from which an interrupted search continues.
 
     Raises
     ------
@@ -116,10 +129,15 @@ def search(build: Callable[[], SearchPlan], plan: SearchPlan, monitor: Monitor) 
             return False
         return time.perf_counter() - moved[0] > plan.max_seconds
 
-    clock = Monitor(lambda: is_late() or monitor.stop_requested(), report)
-    runner = JobRunner(build, plan.workers, plan.scheduler, keep_event=attrgetter("is_end"))
+    runner = JobRunner(
+        build, plan.workers, plan.scheduler, keep_event=attrgetter("is_end"), journal=journal
+    )
+    watch = Monitor(lambda: monitor.stop_requested() or runner.lost is not None, monitor.report)
+    clock = Monitor(lambda: is_late() or watch.stop_requested(), report)
     starts, motions, hops, ended = _search_groups(runner, plan, clock)
     if not motions:
+        if runner.lost is not None:
+            raise runner.lost
         if monitor.stop_requested():
             raise StoppedError("the search was stopped before any start had a result")
         states = "; ".join(sorted({start.status for start in starts}))
@@ -132,18 +150,20 @@ def search(build: Callable[[], SearchPlan], plan: SearchPlan, monitor: Monitor) 
         )
     if clock.stop_requested():
         ended = "stopped" if monitor.stop_requested() else "design.max_seconds had passed"
-    tried = _polish_best(runner, motions, monitor)
-    best = _prove_best(runner, tried, monitor)
+    tried = _polish_best(runner, motions, watch)
+    best = _prove_best(runner, tried, watch)
+    lost = "" if runner.lost is None else runner.lost.message
     every = sorted([*starts, *hops], key=attrgetter("index"))
     return SearchResult(
         best,
         next(start for start in motions if start.index == best.index),
         tuple(every),
         {polished.index: polished.merit for polished in [*tried, best]},
-        interrupted=monitor.stop_requested(),
+        interrupted=watch.stop_requested(),
         seconds=time.perf_counter() - began,
         cpu_seconds=runner.cpu_seconds,
-        ended=ended,
+        ended=lost or ended,
+        lost=lost,
     )
 
 
@@ -173,12 +193,12 @@ def _search_groups(
     ended = "all starts and hops were made"
     numbered = groups(plan.starts)
     for done, numbers in enumerate(numbered, start=1):
-        found = _run_starts(runner, numbers, clock)
+        found = _run_starts(runner, plan, numbers, clock)
         starts += found
         usable = [start for start in found if start.usable]
         wanted = plan.hops * done // len(numbered) - len(hops)
         first = plan.starts + len(hops) + 1
-        reached, made, failed = _run_hops(runner, usable, first, wanted, clock)
+        reached, made, failed = _run_hops(runner, plan, usable, (first, wanted), clock)
         motions += reached
         hops += made
         if clock.stop_requested():
@@ -190,19 +210,26 @@ def _search_groups(
     return starts, motions, hops, ended
 
 
-def _run_starts(runner: JobRunner, numbers: Sequence[int], clock: Monitor) -> list[StartResult]:
+def _start_job(plan: SearchPlan, name: str, *arguments: object) -> Job:
+    """Return the job of a start or hop; by its name a journal knows the result."""
+    sign = 1 if plan.evaluator.criterion.larger_is_better else -1
+    return Job(run_start, arguments, name, partial(report_end, sign=sign))
+
+
+def _run_starts(
+    runner: JobRunner, plan: SearchPlan, numbers: Sequence[int], clock: Monitor
+) -> list[StartResult]:
     """Return the results of starts: the best of the rough searches are refined.
 
     More of them are refined only if none of the first reaches a motion that keeps the limits.
     """
     begun = [StartResult(index, "random", np.empty(0)) for index in numbers]
-    rough: list[StartResult] = list(
-        runner.run([Job(run_start, (start, 1)) for start in begun], clock)
-    )
+    jobs = [_start_job(plan, f"start {start.index}, rough", start, 1) for start in begun]
+    rough: list[StartResult] = list(runner.run(jobs, clock))
     left = sorted((start for start in rough if not start.status), key=_rank, reverse=True)
     ended = [start for start in rough if start.status]
     while left and not any(start.usable for start in ended):
-        jobs = [Job(run_start, (start,)) for start in left[:REFINED]]
+        jobs = [_start_job(plan, f"start {start.index}", start) for start in left[:REFINED]]
         left = left[REFINED:]
         ended += runner.run(jobs, clock, after_stop=True)
     return [*ended, *(give_up(start, clock) for start in left)]
@@ -228,12 +255,17 @@ class _Origin:
 
 
 def _run_hops(
-    runner: JobRunner, motions: Sequence[StartResult], first: int, most: int, clock: Monitor
+    runner: JobRunner,
+    plan: SearchPlan,
+    motions: Sequence[StartResult],
+    numbers: tuple[int, int],
+    clock: Monitor,
 ) -> tuple[list[StartResult], list[StartResult], int]:
     """Return the best motion of every descent, all hops, and the number of last failed hops.
 
-    Hops are numbered from `first`; at most `most` are made.
+    `numbers` are that of the first hop and the largest number of hops.
     """
+    first, most = numbers
     origins = [_Origin(start) for start in motions]
     under_way: dict[int, int] = {}
     made: list[StartResult] = []
@@ -251,7 +283,7 @@ def _run_hops(
         under_way[number], begun = place, begun + 1
         origin = origins[place].start
         hop = StartResult(number, "hop", origin.variables)
-        return Job(run_start, (hop, None, origin.phases))
+        return _start_job(plan, f"hop {number}", hop, None, origin.phases)
 
     def follow(result: StartResult) -> Job | None:
         nonlocal since

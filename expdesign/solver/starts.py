@@ -5,8 +5,10 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 from operator import attrgetter
+from typing import Annotated
 
 import numpy as np
+from pydantic import BeforeValidator, ConfigDict
 
 from constraints.arrays import Array, Mask
 from expdesign.problem.design_problem import DesignProblem
@@ -107,11 +109,13 @@ class SearchPlan:
 class StartResult:
     """State and statistics of a start, a hop or a finish."""
 
+    __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True)  # a journal keeps results
+
     index: int
     """From 1; hops continue the numbers. A finish has the number of its start."""
     kind: str
     """``"random"``, ``"hop"`` or ``"finish"``."""
-    variables: Array
+    variables: Annotated[Array, BeforeValidator(lambda values: np.array(values, dtype=float))]
     """(z,), scaled variables that were reached; of a hop without phases those of its origin."""
     merit: float = -np.inf
     """The exact criterion, larger is better; −inf before the end, and without a motion that keeps
@@ -300,9 +304,17 @@ def is_hopeless(reached: PhaseResult, reference: tuple[PhaseResult, ...], *, las
 
 def give_up(start: StartResult, monitor: Monitor) -> StartResult:
     """End a start that others have left behind."""
-    violation = start.phases[-1].violation
-    _reporter(start, monitor).report("done", start.iterations, -np.inf, violation, GIVEN_UP)
-    return replace(start, status=GIVEN_UP)
+    ended = replace(start, status=GIVEN_UP)
+    report_end(monitor, ended)
+    return ended
+
+
+def report_end(monitor: Monitor, start: StartResult, sign: int = 1) -> None:
+    """Report the end of a start or of its rough search; `sign` is that of the criterion's value."""
+    phase = "done" if start.status else "waiting"
+    violation = start.phases[-1].violation if start.phases else np.inf
+    reporter = _reporter(start, monitor)
+    reporter.report(phase, start.iterations, sign * start.merit, violation, start.status)
 
 
 def _judge(plan: SearchPlan, result: StartResult, reporter: StartReporter) -> StartResult:

@@ -57,7 +57,6 @@ def test_coefficients_are_those_that_were_planted(rng):
     W[:, 5] = 0
     found = BaseParameters.of(W, NAMES, keep=np.where(np.array(list(NAMES)) == "g", 0.01, 1.0))
     assert found.regrouped == ("f", "g")
-    assert found.unseen == ("f",)
     assert found.into("g") == ("b", "d")
     assert found.into("f") == ()
     assert found.members("b") == pytest.approx({"g": 2.5})

@@ -79,7 +79,8 @@ def test_what_the_robot_file_states_keeps_its_name():
 def test_no_force_shows_what_gravity_would():
     weightless = described("palida") | {"gravity": [0, 0, 0]}
     base = structural_base(_robot(weightless))
-    assert base.regrouped == base.unseen == ("p4",)
+    assert base.regrouped == ("p4",)
+    assert base.into("p4") == ()
 
 
 def test_only_what_is_asked_for_is_judged():

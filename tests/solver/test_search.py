@@ -12,7 +12,7 @@ import pytest
 from expdesign.solver.phases import SearchEvent
 from expdesign.solver.search import GROUP, NoDesignError, groups, search
 from expdesign.solver.starts import GIVEN_UP, StartResult, run_start
-from expdesign.workers import Job, Monitor, run_jobs
+from expdesign.workers import Job, JobJournal, Monitor, run_jobs
 
 QUICK = {"max_iterations": 4}
 
@@ -435,3 +435,23 @@ def test_no_start_keeps_the_limits(run, monkeypatch):
     assert len(caught.value.starts) == 1
     assert caught.value.starts[0].merit == -np.inf
     assert caught.value.starts[0].status in str(caught.value)
+
+
+def test_a_search_continues_from_the_results_in_its_journal(build, plan, cheaper, tmp_path):
+    changed = dataclasses.replace(plan, iterations=4, starts=2, hops=2)
+
+    def searched(monitor):
+        journal = JobJournal(tmp_path / "search.jsonl", "inputs", StartResult, resume=True)
+        with cheaper():
+            return search(build(design=QUICK), changed, monitor, journal)
+
+    first, monitor = searched(Monitor()), Recorder()
+    again = searched(monitor)
+    for start, other in zip(first.starts, again.starts, strict=True):
+        np.testing.assert_array_equal(start.variables, other.variables)
+        assert (start.merit, start.phases, start.trace) == (other.merit, other.phases, other.trace)
+    np.testing.assert_array_equal(first.trajectory.vector(), again.trajectory.vector())
+    # Nothing but the finish is done again, and the display counts every start.
+    assert {event.phase for event in monitor.events} == {"waiting", "done", "finish", "finished"}
+    done = {event.start: event.objective for event in monitor.events if event.phase == "done"}
+    assert done == {start.index: start.merit for start in first.starts}
