@@ -356,12 +356,20 @@ class Settings:
         return _MINUS_ZERO.sub("", row).split()
 
 
-def on_grid(ticks: int) -> Callable[[Array, Settings], Array]:
-    """Return the function that rounds times (N,), s, to a clock of so many ticks per second.
+def round_to_clock(times: Array, _settings: Settings, *, ticks: int) -> Array:
+    """Return times (N,), s, rounded to a clock of so many ticks per second.
 
     The times count from the beginning of the table, so that rounding errors do not accumulate.
     """
-    return lambda times, _settings: np.rint(times * ticks) / ticks
+    return np.rint(times * ticks) / ticks
+
+
+def _keep_times(times: Array, _settings: Settings) -> Array:
+    return times
+
+
+def _no_values(_settings: Settings) -> Mapping[str, str]:
+    return {}
 
 
 @dataclass(frozen=True)
@@ -403,7 +411,7 @@ class TableFormat:
     """How to run the file."""
     clock: str
     """Resolution of the controller's row times."""
-    guide_values: Callable[[Settings], Mapping[str, str]] = lambda _settings: {}
+    guide_values: Callable[[Settings], Mapping[str, str]] = _no_values
     """Further values for the guide by their names in it."""
     capacity: str = "not known"
     """The controller's limits of rows, times and numbers."""
@@ -415,7 +423,7 @@ class TableFormat:
     angles: str = "deg"
     axes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Names of the axes by space."""
-    written_times: Callable[[Array, Settings], Array] = lambda times, _settings: times
+    written_times: Callable[[Array, Settings], Array] = _keep_times
     """Times (N,), s, as the file states them and the controller keeps them."""
     may_crash: str = ""
     """Program that reads a file, ``sys.argv[1]``, as `read` does, for libraries that may end the

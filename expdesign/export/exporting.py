@@ -23,7 +23,7 @@ from expdesign.export.definition import (
 )
 from expdesign.export.formats import table_formats
 from expdesign.export.read_back import ReadBack, read_back
-from expdesign.export.row_times import designed_rows
+from expdesign.export.row_times import designed_rows, sufficient_step
 from expdesign.export.text_table import write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES, POSE
 from expdesign.progress import listening, progress_prefix, report_progress
@@ -74,7 +74,7 @@ class ExportError(ComputationError):
 class Export:
     """A file that was written and checked; `digest` is its SHA-256 then.
 
-    Its companion files are `beside` it.
+    Its companion files are `beside` it; `note` is for the user, or empty.
     """
 
     path: Path
@@ -82,6 +82,7 @@ class Export:
     settings: Settings
     check: ReadBack
     beside: tuple[Path, ...] = ()
+    note: str = ""
 
 
 def _remedy(check: ReadBack, settings: Settings) -> str:
@@ -153,6 +154,14 @@ def export_table(
     """
     refuse_missing_library(section, place)
     settings = resolve_settings(section, task, place)
+    step, note = sufficient_step(settings), ""
+    if step is not None and step != settings.step:
+        note = (
+            f"{path.name}: rows {1e3 * step:g} ms apart, since straight lines between rows "
+            f"{1e3 * (settings.step or 0):g} ms apart would leave the tolerance of "
+            f"{1e6 * settings.tolerance:g} µm"
+        )
+        settings = resolve_settings(section.model_copy(update={"segment": step}), task, place)
     rows = designed_rows(settings, place)
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(path.parent)
@@ -176,7 +185,7 @@ def export_table(
         for ending in settings.form.beside.keys() - more.keys():
             # Of the table that stood here before.
             path.with_name(f"{path.stem}{ending}").unlink(missing_ok=True)
-    return Export(path, digest, settings, check, places)
+    return Export(path, digest, settings, check, places, note)
 
 
 def export_job(

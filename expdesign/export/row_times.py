@@ -43,7 +43,8 @@ COLUMNS = (
 CLOSEST = 1e-3
 """s; rows that keep the tolerances are put no closer for the sake of the limits."""
 
-_RESERVE = 0.8
+_RESERVE, _KEPT = 0.8, 0.98
+_FRACTIONS = (1, 2, 4, 5, 8, 10)
 _ROOM = 1e-5
 """Share of a limit's range that is left for the rounding of the rows, where there is so much."""
 _LEAST_ROOM = 2e-6
@@ -108,6 +109,31 @@ def _divide_segment(motion: ExecutableMotion, segment: int, longest: float) -> A
     parts = motion.periods if motion.segments[segment].name == "periods" else 1
     steps = max(1, int(np.ceil((end - begin) / parts / longest - _ROUNDING)))
     return np.linspace(begin, end, parts * steps + 1)
+
+
+def sufficient_step(settings: Settings) -> float | None:
+    """Return the time between the rows of a table, s, with which straight lines keep the tolerance.
+
+    Without a segment time it is the default, or the longest whole fraction of it that is short
+    enough; None for rows at individual times.
+    """
+    if settings.step is None or settings.section.segment is not None:
+        return settings.step
+    short = shorten(settings)
+    motion, robot = short.task.motion, short.task.robot
+    for parts in _FRACTIONS:
+        step = settings.step / parts
+        if motion.duration / step > MOST_ROWS:
+            break
+        times = uniform_times(motion, step)
+        table = ExecutedTable.of(short, ideal_rows(short, times))
+        off = 0.0
+        for middles in blocks((times[1:] + times[:-1]) / 2):
+            design = robot.inverse_kinematics(motion.sample(middles).pose)
+            off = max(off, float(np.max(np.abs(table.lengths(middles) - design))))
+        if off <= _KEPT * settings.tolerance:
+            return step
+    return settings.step
 
 
 def chosen_times(settings: Settings, place: str = "") -> Array:

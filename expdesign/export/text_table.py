@@ -36,9 +36,7 @@ def write_lines(path: Path, text: Iterable[str]) -> None:
         file.writelines(f"{line}\n" for line in text)
 
 
-def every_line(
-    rows: Rows, lines_of: Callable[[Rows], Iterable[str]], *, timed: bool = False
-) -> Iterator[str]:
+def every_line(rows: Rows, lines_of: Callable[[Rows], Iterable[str]]) -> Iterator[str]:
     """Yield one line for every row of a table; those of a repeated period are made once.
 
     Parameters
@@ -46,9 +44,8 @@ def every_line(
     rows : Rows
     lines_of : callable
         Returns a line for each row of a part of the table. The line of the first row counts only
-        in the first part; in the others this row is the last one of the part before.
-    timed : bool
-        Whether the lines state times from the beginning of the table: each is made anew.
+        in the first part; in the others this row is the last one of the part before. The times of
+        the part are those of the first of the periods.
     """
     made: list[str] | None = None
     for number, part in enumerate(rows.parts()):
@@ -57,7 +54,7 @@ def every_line(
             yield from made
             continue
         text: Iterable[str] = islice(lines_of(part), 1 if number else 0, None)
-        if repeated and not timed:
+        if repeated:
             text = made = list(text)
         yield from text
 
@@ -139,6 +136,7 @@ def numbers(
     *,
     first: int = 1,
     comment: str = "",
+    timed: bool = False,
 ) -> Iterator[Array]:
     """Yield the numbers of a table in blocks of rows, (N, count); there is at least one row.
 
@@ -152,6 +150,8 @@ def numbers(
         Number of the first line in its file.
     comment : str
         What a comment begins with; lines without anything else are left out. None by default.
+    timed : bool
+        Whether the first number is a time, which differs where the others are repeated.
     """
     table: list[list[float]] = []
     known: dict[str, list[float]] = {}
@@ -160,14 +160,17 @@ def numbers(
         code = line.partition(comment)[0].strip() if comment else line
         if comment and not code:
             continue
-        row = known.get(code)
+        time, _, key = code.partition(separator or " ") if timed else ("", "", code)
+        row = known.get(key)
         if row is None:
             cells = code.split(separator)
             if len(cells) != count:
                 raise TableError(f"line {k}: {len(cells)} {what} where there are {count}")
             row = _ordinary(code, cells) or _finite_numbers(cells, k, what.removesuffix("s"))
             if len(known) < _KNOWN:
-                known[code] = row
+                known[key] = row
+        elif timed:
+            row = [number(time, k, what.removesuffix("s")), *row[1:]]
         table.append(row)
         if len(table) == _ROWS:
             yield np.array(table)

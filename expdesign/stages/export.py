@@ -88,6 +88,8 @@ def run_export(work: Workspace) -> Outcome:
             refused.append(one)
             continue
         made.append(one)
+        if one.note:
+            work.progress.note(one.note)
         # After each table: when another one fails, this one has its description, and
         # `expdesign export` does not replace it by one with the options of an earlier run.
         files[one.path.name] = exported_table(one)
@@ -148,6 +150,8 @@ def export_one(stage: Stage, section: ExportSection, work: Workspace, out: Path 
     task = export_task(work)
     with progress_prefix(path.name):
         made = export_table(section, task, path)
+    if made.note:
+        work.progress.note(made.note)
     motion, entry = exported_motion(task), {path.name: exported_table(made)}
     if in_folder:
         known = ExportResult.known(target / RECORD)

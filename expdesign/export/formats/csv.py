@@ -20,19 +20,19 @@ _HEADER = [f"{column.name} [{column.unit}]" for column in COLUMNS]
 
 
 def _write(path: Path, rows: Rows, _settings: Settings) -> None:
-    write_lines(path, chain([",".join(_HEADER)], every_line(rows, _lines, timed=True)))
+    text = zip(rows.every_time(), every_line(rows, _lines), strict=True)
+    write_lines(path, chain([",".join(_HEADER)], (f"{time!r},{line}" for time, line in text)))
 
 
 def _lines(part: Rows) -> Iterator[str]:
-    _, *others = COLUMNS
-    table = np.column_stack([part.times, *(part.columns[column.name] for column in others)])
-    for row in table:
+    """Yield the lines of rows without their times."""
+    for row in np.column_stack([part.columns[column.name] for column in COLUMNS[1:]]):
         yield ",".join(map(repr, row.tolist()))
 
 
 def _read(path: Path, settings: Settings) -> Rows:
     text = lines_after(path, ",".join(_HEADER), "other columns than were written")
-    blocks = numbers(text, len(COLUMNS), "cells", ",", first=2)
+    blocks = numbers(text, len(COLUMNS), "cells", ",", first=2, timed=True)
     found = collect(((block[:, 0], block[:, 1:]) for block in blocks), settings)
     record = {"t": found.times}
     record |= {column.name: found.values[:, k] for k, column in enumerate(COLUMNS[1:])}

@@ -22,7 +22,7 @@ from expdesign.export.definition import (
     Settings,
     TableError,
     TableFormat,
-    on_grid,
+    round_to_clock,
     switched_at,
     switching,
 )
@@ -101,7 +101,7 @@ def _ticks(settings: Settings) -> int:
 
 
 def _written_times(times: Array, settings: Settings) -> Array:
-    return on_grid(_ticks(settings))(times, settings)
+    return round_to_clock(times, settings, ticks=_ticks(settings))
 
 
 def _milliseconds(ticks: float, settings: Settings) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from itertools import chain
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from expdesign.export.definition import (
     Settings,
     TableError,
     TableFormat,
-    on_grid,
+    round_to_clock,
 )
 from expdesign.export.repetition import collect
 from expdesign.export.text_table import (
@@ -105,5 +106,5 @@ FORMAT = TableFormat(
     axes={"strut": actuator_names("S")},
     digits=8,
     repeats=True,
-    written_times=on_grid(10**_TIME_DIGITS),
+    written_times=partial(round_to_clock, ticks=10**_TIME_DIGITS),
 )

@@ -10,6 +10,7 @@ import re
 import struct
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
+from functools import partial
 from importlib import import_module
 from itertools import chain, islice, takewhile
 from pathlib import Path
@@ -31,7 +32,7 @@ from expdesign.export.definition import (
     Settings,
     TableError,
     TableFormat,
-    on_grid,
+    round_to_clock,
 )
 from expdesign.export.repetition import collect
 from expdesign.export.ros_messages import (
@@ -430,5 +431,5 @@ FORMAT = TableFormat(
     digits=8,
     repeats=True,
     beside={_CLIENT: _client},
-    written_times=on_grid(NANOSECONDS),
+    written_times=partial(round_to_clock, ticks=NANOSECONDS),
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from functools import partial
 from itertools import chain, islice
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from expdesign.export.definition import (
     Settings,
     TableError,
     TableFormat,
-    on_grid,
+    round_to_clock,
     switched_at,
     switching,
 )
@@ -156,7 +157,7 @@ FORMAT = TableFormat(
     digits=8,
     axes={"strut": actuator_names("S"), "pose": POSE_AXES},
     repeats=True,
-    written_times=on_grid(10**_TIME_DIGITS),
+    written_times=partial(round_to_clock, ticks=10**_TIME_DIGITS),
     trigger=(
         "Output {number} of GPIO1 is on from {on} s to {off} s after the start, switched by two "
         "events in {beside}. Send its lines to the controller before every execution, with "
