@@ -1,8 +1,8 @@
-"""Systematic errors of a design's parameter estimates due to the robot's tolerances.
+"""The predicted precision of a design: random errors by noise, systematic ones by tolerances.
 
-The Gauss–Markov estimate takes the motion from the lengths, as a series of the design's harmonics.
-For a machine with deviations θ the lengths yield another motion, and the forces other parameters:
-with L = ∂l/∂ξ
+The systematic errors follow from the sensitivity of the estimate. The Gauss–Markov estimate takes
+the motion from the lengths, as a series of the design's harmonics. For a machine with deviations θ
+the lengths yield another motion, and the forces other parameters: with L = ∂l/∂ξ
 
     ∂ξ̂/∂θ = (Σ Lᵀ Δ⁻¹ L)⁻¹ Σ Lᵀ Δ⁻¹ Z_l,
     D = F⁻¹ Σ Aᵀ Σ⁻¹ (Z_f − ∂(A p)/∂ξ · ∂ξ̂/∂θ).
@@ -10,8 +10,7 @@ with L = ∂l/∂ξ
 D does not depend on the number of periods.
 
 For a change π since an identification with the same tolerances and the error D₀ θ of its parameters
-the common part of both errors cancels: with S and R of
-`expdesign.information.fisher`
+the common part of both errors cancels: with S and R of `expdesign.information.fisher`
 
     D = S⁻¹ Rᵀ (Σ Aᵀ Σ⁻¹ (Z_f − …) − F D₀).
 """
@@ -57,6 +56,97 @@ from expdesign.robot.deviation import (
     toleranced_deviations,
 )
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
+
+_WHOLE = 1e-6
+_LARGE = 100.0
+
+
+def experiment_information(
+    evaluator: Evaluator, trajectory: FourierTrajectory, configuration: RunConfiguration
+) -> tuple[Array, int]:
+    """Return F of the whole experiment, (k, k), and its number of samples."""
+    experiment = configuration.run.experiment
+    per_period = trajectory.period * experiment.sampling
+    total = int(np.ceil(experiment.periods * per_period * (1 - 1e-12)))
+    count = whole(per_period)
+    if count is not None:
+        information = evaluator.whole_information(trajectory, count) * experiment.periods
+    elif evaluator.memory is not None:
+        # The information of a period with nearly as many samples, for all of them.
+        count = max(1, round(per_period))
+        information = evaluator.whole_information(trajectory, count) * (total / count)
+    else:
+        motion = trajectory.sample(np.arange(total) / experiment.sampling)
+        information = evaluator.of_regressors(evaluator.robot.regressor(*motion), trajectory.omega)
+    # The whole prior counts, whatever the measuring time.
+    counted = total if evaluator.prior is None else evaluator.prior.samples
+    return evaluator.judged(information, counted), total
+
+
+def precision(
+    evaluator: Evaluator, information: Array, samples: int, periods: float
+) -> PredictedPrecision:
+    """Return the standard deviations of F, (k, k), over so many samples and periods."""
+    std = np.sqrt(np.diag(parameter_covariance(information, evaluator.names)))
+    named = dict(zip(evaluator.names, std.tolist(), strict=True))
+    return PredictedPrecision(samples, periods, named)
+
+
+def identified_combinations(
+    configuration: RunConfiguration, evaluator: Evaluator, information: Array
+) -> tuple[KnownCombination, ...]:
+    """Return the combinations that the whole experiment, with this information, identifies."""
+    robot = evaluator.robot
+    base = identified_base(root_of(information), evaluator.names, robot.scales[evaluator.columns])
+    # Parameters neither judged nor regrouped count as known.
+    together = configuration.run.design.parameters == "base"
+    structure = structural_base(robot) if together else BaseParameters.each(evaluator.names)
+    at = [robot.parameter_names.index(name) for name in structure.names]
+    judged = [structure.names.index(name) for name in evaluator.names]
+    covariance = np.zeros((len(at), len(at)))
+    covariance[np.ix_(judged, judged)] = parameter_covariance(information, evaluator.names)
+    scales = dict(zip(robot.parameter_names, robot.scales.tolist(), strict=True))
+    return known_combinations(base, structure, robot.parameters[at], covariance, scales)
+
+
+def parameter_precisions(robot: Robot, predicted: PredictedStd) -> Iterator[ParameterPrecision]:
+    """Yield nominal value and predicted standard deviations of every judged parameter."""
+    nominal = robot.description.parameters
+    for name, one_period in predicted.per_period.std.items():
+        experiment = predicted.experiment.std[name]
+        size = abs(nominal[name]) or np.nan
+        yield ParameterPrecision(
+            name,
+            parameter_unit(name),
+            nominal[name],
+            one_period,
+            experiment,
+            100 * one_period / size,
+            100 * experiment / size,
+            predicted.systematic.get(name, np.nan),
+        )
+
+
+def scaled_eigenvalues(information: Array, scales: Array) -> Iterator[Eigenvalue]:
+    """Yield the eigenvalues of F, (k, k), scaled to unit diagonal and by the parameters' scales."""
+    by_nominal = np.linalg.eigvalsh(information * np.multiply.outer(scales, scales))
+    values = ScaledInformation.of(information).eigenvalues()
+    for number, pair in enumerate(zip(values, by_nominal, strict=True), start=1):
+        yield Eigenvalue(number, *map(float, pair))
+
+
+def imprecise(robot: Robot, precision: PredictedPrecision) -> tuple[str, ...]:
+    """Return a warning that names the parameters the experiment does not identify, or nothing."""
+    scales = dict(zip(robot.parameter_names, robot.scales, strict=True))
+    share = {name: std / float(scales[name]) for name, std in precision.std.items()}
+    weak = [f"{n} ({_percent(value)})" for n, value in share.items() if not value <= IDENTIFIABLE]
+    if not weak:
+        return ()
+    return (
+        f"not identifiable with this experiment: {', '.join(weak)}. In brackets the predicted "
+        f"standard deviation, which is to be below {100 * IDENTIFIABLE:g} % of the value: measure "
+        "more periods, or state what is known (`estimate.fixed`, `estimate.prior`)",
+    )
 
 
 def systematic_std(
@@ -149,106 +239,12 @@ def _rows(columns: Array, white: Array) -> Array:
     return np.matmul(white, flat).reshape(flat.shape[0] * flat.shape[1], count)
 
 
-def precision(
-    evaluator: Evaluator, information: Array, samples: int, periods: float
-) -> PredictedPrecision:
-    """Return the standard deviations of F, (k, k), over so many samples and periods."""
-    std = np.sqrt(np.diag(parameter_covariance(information, evaluator.names)))
-    named = dict(zip(evaluator.names, std.tolist(), strict=True))
-    return PredictedPrecision(samples, periods, named)
-
-
-def identified_combinations(
-    configuration: RunConfiguration, evaluator: Evaluator, information: Array
-) -> tuple[KnownCombination, ...]:
-    """Return the combinations that the whole experiment, with this information, identifies."""
-    robot = evaluator.robot
-    base = identified_base(root_of(information), evaluator.names, robot.scales[evaluator.columns])
-    # What is neither judged nor regrouped counts as known.
-    together = configuration.run.design.parameters == "base"
-    structure = structural_base(robot) if together else BaseParameters.each(evaluator.names)
-    at = [robot.parameter_names.index(name) for name in structure.names]
-    judged = [structure.names.index(name) for name in evaluator.names]
-    covariance = np.zeros((len(at), len(at)))
-    covariance[np.ix_(judged, judged)] = parameter_covariance(information, evaluator.names)
-    scales = dict(zip(robot.parameter_names, robot.scales.tolist(), strict=True))
-    return known_combinations(base, structure, robot.parameters[at], covariance, scales)
-
-
-def experiment_information(
-    evaluator: Evaluator, trajectory: FourierTrajectory, configuration: RunConfiguration
-) -> tuple[Array, int]:
-    """Return F of the whole experiment, (k, k), and its number of samples."""
-    experiment = configuration.run.experiment
-    per_period = trajectory.period * experiment.sampling
-    total = int(np.ceil(experiment.periods * per_period * (1 - 1e-12)))
-    count = whole(per_period)
-    if count is not None:
-        information = evaluator.whole_information(trajectory, count) * experiment.periods
-    elif evaluator.memory is not None:
-        # What a period of nearly as many samples tells, for all of them.
-        count = max(1, round(per_period))
-        information = evaluator.whole_information(trajectory, count) * (total / count)
-    else:
-        motion = trajectory.sample(np.arange(total) / experiment.sampling)
-        information = evaluator.of_regressors(evaluator.robot.regressor(*motion), trajectory.omega)
-    # All that was known before counts, and not what is the share of a measuring time.
-    counted = total if evaluator.prior is None else evaluator.prior.samples
-    return evaluator.judged(information, counted), total
-
-
 def whole(value: float) -> int | None:
     """Return a value as an integer where it is one but for rounding, else None."""
     return round(value) if abs(value - round(value)) < _WHOLE else None
-
-
-_WHOLE = 1e-6
-
-
-def parameter_precisions(robot: Robot, predicted: PredictedStd) -> Iterator[ParameterPrecision]:
-    """Yield nominal value and predicted standard deviations of every judged parameter."""
-    nominal = robot.description.parameters
-    for name, one_period in predicted.per_period.std.items():
-        experiment = predicted.experiment.std[name]
-        size = abs(nominal[name]) or np.nan
-        yield ParameterPrecision(
-            name,
-            parameter_unit(name),
-            nominal[name],
-            one_period,
-            experiment,
-            100 * one_period / size,
-            100 * experiment / size,
-            predicted.systematic.get(name, np.nan),
-        )
-
-
-def scaled_eigenvalues(information: Array, scales: Array) -> Iterator[Eigenvalue]:
-    """Yield the eigenvalues of F, (k, k), scaled to unit diagonal and by the parameters' scales."""
-    by_nominal = np.linalg.eigvalsh(information * np.multiply.outer(scales, scales))
-    values = ScaledInformation.of(information).eigenvalues()
-    for number, pair in enumerate(zip(values, by_nominal, strict=True), start=1):
-        yield Eigenvalue(number, *map(float, pair))
-
-
-def imprecise(robot: Robot, precision: PredictedPrecision) -> tuple[str, ...]:
-    """Return a warning that names the parameters the experiment does not identify, or nothing."""
-    scales = dict(zip(robot.parameter_names, robot.scales, strict=True))
-    share = {name: std / float(scales[name]) for name, std in precision.std.items()}
-    weak = [f"{n} ({_percent(value)})" for n, value in share.items() if not value <= IDENTIFIABLE]
-    if not weak:
-        return ()
-    return (
-        f"not identifiable with this experiment: {', '.join(weak)}. In brackets the predicted "
-        f"standard deviation, which is to be below {100 * IDENTIFIABLE:g} % of the value: measure "
-        "more periods, or state what is known (`estimate.fixed`, `estimate.prior`)",
-    )
 
 
 def _percent(share: float) -> str:
     if not np.isfinite(share):
         return "without bound"
     return f"{100 * share:.2g} %" if share > _LARGE else f"{100 * share:.0f} %"
-
-
-_LARGE = 100.0

@@ -28,41 +28,168 @@ _AT_ONCE = 64
 _TRIANGLE = ca.Sparsity.lower(COORDINATES)
 
 
-def _factor(graph: HexapodGraph) -> tuple[ca.SX, list[ca.SX]]:
-    """Return the smoothed S⁻¹A, (6, m), and its inputs other than the state.
+def build_problem(
+    robot: Robot,
+    *,
+    harmonics: int,
+    frequency: tuple[float, float],
+    samples: int,
+    covariance: Array,
+    criterion: Criterion,
+    scaling: Array,
+    names: tuple[str, ...],
+) -> DesignProblem:
+    """State the design problem of a robot with its limits.
 
-    The last input is the lower triangle of S⁻¹, column after column.
+    Parameters
+    ----------
+    frequency : (float, float)
+        Bounds on the base frequency, Hz.
+    samples : int
+        Samples of one period over which F is summed.
+    covariance : (6, 6)
+        Σ, N².
+    scaling : (m,)
+        Scale of every parameter: column k of A is multiplied by it.
+    names : tuple of str
+        Parameters that the criterion judges.
     """
-    white = ca.SX.sym("white", _TRIANGLE.nnz())
-    factor = ca.mtimes(ca.SX(_TRIANGLE, white), graph.regressor_with(Friction.SMOOTH))
-    return factor, [graph.machine, graph.width, white]
+    limits = LimitModel.of(robot)
+    lowest, highest = (2 * np.pi * bound for bound in frequency)
+    middle, reach = coordinate_reach(limits)
+    variables = DesignVariables(harmonics, reach / 2, middle, (lowest, highest), highest)
+    columns = np.array([robot.parameter_names.index(name) for name in names], dtype=np.intp)
+    cost = InformationCost(
+        robot.terms,
+        robot.machine,
+        variables,
+        covariance,
+        columns,
+        scaling[columns],
+        criterion,
+        samples,
+    )
+    return DesignProblem(limits, cost, names)
 
 
-@kernel
-def _factor_kernel(terms: tuple[Term, ...]) -> Graph:
-    """State (18) → S⁻¹A (6, m)."""
-    graph = hexapod_graph(terms)
-    factor, fixed = _factor(graph)
-    return Graph("regressor", [graph.state], fixed, [factor])
+_FEWER, _LEAST = 3, 16
+"""Samples of the cost per sample of its Hessian, and the Hessian's smallest number of samples. With
+all samples the Hessian is the most expensive part of an iteration, and searches end no better (240
+starts of `palida` for `d`; 24 to 48 for the other criteria and for 1 to 12 harmonics)."""
 
 
-@kernel
-def _slope_kernel(terms: tuple[Term, ...]) -> Graph:
-    """State (18) → ∂A/∂state (18, 6 m)."""
-    graph = hexapod_graph(terms)
-    regressor = graph.regressor_with(Friction.SMOOTH)
-    slopes = ca.jacobian(ca.vec(regressor.T), graph.state).T
-    return Graph("regressor_slopes", [graph.state], [graph.machine, graph.width], [slopes])
+@dataclass(frozen=True)
+class DesignProblem:
+    """Limits, smoothed objective and variables of the design for one robot."""
 
+    limits: LimitModel
+    cost: InformationCost
+    """The smoothed objective; its `samples` and ω bounds are the user's."""
+    names: tuple[str, ...]
+    """Parameters that the criterion judges."""
+    even_scaling: Array | None = None
+    """Scaling in which F of a typical motion has a unit diagonal. Criteria that do not depend on
+    the scaling keep more digits in this one."""
 
-@kernel
-def _gradient_kernel(terms: tuple[Term, ...]) -> Graph:
-    """State (18), weights (6 m) → gradient of the weighted sum of S⁻¹A's elements (18)."""
-    graph = hexapod_graph(terms)
-    factor, fixed = _factor(graph)
-    weights = ca.SX.sym("weight", factor.numel())
-    gradient = ca.jtimes(ca.vec(factor.T), graph.state, weights, True)
-    return Graph("regressor_pulled", [graph.state, weights], fixed, [gradient])
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self.limits.robot
+
+    @property
+    def variables(self) -> DesignVariables:
+        """The scaled variables."""
+        return self.cost.variables
+
+    @property
+    def criterion(self) -> Criterion:
+        """The criterion of optimality."""
+        return self.cost.criterion
+
+    def with_variables(self, **changes: Any) -> DesignProblem:
+        """Return the same problem with other fields of its `DesignVariables`."""
+        variables = replace(self.variables, **changes)
+        return replace(self, cost=replace(self.cost, variables=variables))
+
+    def with_criterion(self, criterion: Criterion) -> DesignProblem:
+        """Return the same problem with another criterion, evenly scaled if the criterion allows."""
+        cost = replace(self.cost, criterion=criterion)
+        if criterion.invariant and self.even_scaling is not None:
+            cost = replace(cost, scaling=self.even_scaling)
+        return replace(self, cost=cost)
+
+    def with_prior(self, prior: PriorMachine | None, scaling: Array) -> DesignProblem:
+        """Return the same problem for the change of its parameters; None: no prior.
+
+        `scaling`, (m,), applies to all parameters.
+        """
+        if prior is None:
+            return self
+        every = np.arange(len(scaling), dtype=np.intp)
+        return replace(self, cost=replace(self.cost, columns=every, scaling=scaling, prior=prior))
+
+    def compile(self) -> None:
+        """Compile everything that a search evaluates, for all its processes."""
+        self.limits.compile()
+        self.cost.compile()
+
+    def states(self, x: Array, phases: Array) -> Array:
+        """Return pose, rate and acceleration of scaled variables at phases ωt, (K, 18)."""
+        return self.variables.states(x, PhaseBasis.at(phases, self.variables.harmonics))
+
+    def smooth_violations(self, x: Array, phases: Array, width: float) -> Array:
+        """Return (K, R) excess of the smooth rows over their bounds at phases; see `LimitModel`."""
+        return self.limits.smooth_violations(self.states(x, phases), width)
+
+    def program(
+        self,
+        phases: Array,
+        mask: Mask,
+        *,
+        width: float,
+        level: float,
+        samples: int,
+        margins: Array | None = None,
+        box: tuple[Array, float | None] | None = None,
+    ) -> Program:
+        """Return the nonlinear program with the rows of a mask, (K, R), at phases ωt, (K,), rad.
+
+        Parameters
+        ----------
+        width : float
+            Smoothing of dry friction, m/s.
+        level : float
+            Sharpness of the criterion's surrogate.
+        samples : int
+            Samples of one period in the cost; its Hessian has a third of them.
+        margins : (K, R), optional
+            Reduction of the natural bounds, as shares of their ranges.
+        box : ((z,), float or None), optional
+            Centre and half-width of a box about the variables; None: no box.
+        """
+        used = np.any(mask, axis=1)
+        basis = PhaseBasis.at(phases[used], self.variables.harmonics)
+        margins = None if margins is None else margins[used]
+        bounds = self.variables.bounds()
+        center, radius = box or (None, None)
+        if center is not None and radius is not None:
+            bounds = np.maximum(bounds[0], center - radius), np.minimum(bounds[1], center + radius)
+        program = Program(self.limits, self.variables, basis, mask[used], width, bounds, margins)
+        cost = replace(self.cost, samples=samples)
+        program.cost = partial(cost.value, width=width, level=level)
+        program.cost_gradient = partial(cost.gradient, width=width, level=level)
+        few = replace(cost, samples=min(samples, max(_LEAST, samples // _FEWER)))
+
+        def derivatives(x: Array) -> tuple[float, Array, Array]:
+            _, _, hessian = few.derivatives(x, width, level)
+            return *cost.gradient(x, width, level), hessian
+
+        program.cost_derivatives = derivatives
+        return program
+
+    def cost_value(self, x: Array, width: float, level: float, samples: int) -> float:
+        """Return the smoothed criterion over a number of samples of the period."""
+        return replace(self.cost, samples=samples).value(x, width, level)
 
 
 @dataclass(frozen=True)
@@ -235,165 +362,38 @@ class InformationCost:
         return slope * (self.variables.omega_scale / len(weighted))
 
 
-_FEWER, _LEAST = 3, 16
-"""Samples of the cost per sample of its Hessian, and the Hessian's smallest number of samples. With
-all samples the Hessian is the most expensive part of an iteration, and searches end no better (240
-starts of `palida` for `d`; 24 to 48 for the other criteria and for 1 to 12 harmonics)."""
+def _factor(graph: HexapodGraph) -> tuple[ca.SX, list[ca.SX]]:
+    """Return the smoothed S⁻¹A, (6, m), and its inputs other than the state.
 
-
-@dataclass(frozen=True)
-class DesignProblem:
-    """Limits, smoothed objective and variables of the design for one robot."""
-
-    limits: LimitModel
-    cost: InformationCost
-    """The smoothed objective; its `samples` and ω bounds are the user's."""
-    names: tuple[str, ...]
-    """Parameters that the criterion judges."""
-    even_scaling: Array | None = None
-    """Scaling in which F of a typical motion has a unit diagonal. Criteria that do not depend on
-    the scaling keep more digits in this one."""
-
-    @property
-    def robot(self) -> Robot:
-        """The robot."""
-        return self.limits.robot
-
-    @property
-    def variables(self) -> DesignVariables:
-        """The scaled variables."""
-        return self.cost.variables
-
-    @property
-    def criterion(self) -> Criterion:
-        """The criterion of optimality."""
-        return self.cost.criterion
-
-    def with_variables(self, **changes: Any) -> DesignProblem:
-        """Return the same problem with other fields of its `DesignVariables`."""
-        variables = replace(self.variables, **changes)
-        return replace(self, cost=replace(self.cost, variables=variables))
-
-    def with_criterion(self, criterion: Criterion) -> DesignProblem:
-        """Return the same problem with another criterion, evenly scaled if the criterion allows."""
-        cost = replace(self.cost, criterion=criterion)
-        if criterion.invariant and self.even_scaling is not None:
-            cost = replace(cost, scaling=self.even_scaling)
-        return replace(self, cost=cost)
-
-    def with_prior(self, prior: PriorMachine | None, scaling: Array) -> DesignProblem:
-        """Return the same problem for the change of its parameters; None: no prior.
-
-        `scaling`, (m,), applies to all parameters.
-        """
-        if prior is None:
-            return self
-        every = np.arange(len(scaling), dtype=np.intp)
-        return replace(self, cost=replace(self.cost, columns=every, scaling=scaling, prior=prior))
-
-    def compile(self) -> None:
-        """Compile everything that a search evaluates, for all its processes."""
-        self.limits.compile()
-        self.cost.compile()
-
-    def states(self, x: Array, phases: Array) -> Array:
-        """Return pose, rate and acceleration of scaled variables at phases ωt, (K, 18)."""
-        return self.variables.states(x, PhaseBasis.at(phases, self.variables.harmonics))
-
-    def smooth_violations(self, x: Array, phases: Array, width: float) -> Array:
-        """Return (K, R) excess of the smooth rows over their bounds at phases; see `LimitModel`."""
-        return self.limits.smooth_violations(self.states(x, phases), width)
-
-    def program(
-        self,
-        phases: Array,
-        mask: Mask,
-        *,
-        width: float,
-        level: float,
-        samples: int,
-        margins: Array | None = None,
-        box: tuple[Array, float | None] | None = None,
-    ) -> Program:
-        """Return the nonlinear program with the rows of a mask, (K, R), at phases ωt, (K,), rad.
-
-        Parameters
-        ----------
-        width : float
-            Smoothing of dry friction, m/s.
-        level : float
-            Sharpness of the criterion's surrogate.
-        samples : int
-            Samples of one period in the cost; its Hessian has a third of them.
-        margins : (K, R), optional
-            Reduction of the natural bounds, as shares of their ranges.
-        box : ((z,), float or None), optional
-            Centre and half-width of a box about the variables; None: no box.
-        """
-        used = np.any(mask, axis=1)
-        basis = PhaseBasis.at(phases[used], self.variables.harmonics)
-        margins = None if margins is None else margins[used]
-        bounds = self.variables.bounds()
-        center, radius = box or (None, None)
-        if center is not None and radius is not None:
-            bounds = np.maximum(bounds[0], center - radius), np.minimum(bounds[1], center + radius)
-        program = Program(self.limits, self.variables, basis, mask[used], width, bounds, margins)
-        cost = replace(self.cost, samples=samples)
-        program.cost = partial(cost.value, width=width, level=level)
-        program.cost_gradient = partial(cost.gradient, width=width, level=level)
-        few = replace(cost, samples=min(samples, max(_LEAST, samples // _FEWER)))
-
-        def derivatives(x: Array) -> tuple[float, Array, Array]:
-            _, _, hessian = few.derivatives(x, width, level)
-            return *cost.gradient(x, width, level), hessian
-
-        program.cost_derivatives = derivatives
-        return program
-
-    def cost_value(self, x: Array, width: float, level: float, samples: int) -> float:
-        """Return the smoothed criterion over a number of samples of the period."""
-        return replace(self.cost, samples=samples).value(x, width, level)
-
-
-def build_problem(
-    robot: Robot,
-    *,
-    harmonics: int,
-    frequency: tuple[float, float],
-    samples: int,
-    covariance: Array,
-    criterion: Criterion,
-    scaling: Array,
-    names: tuple[str, ...],
-) -> DesignProblem:
-    """State the design problem of a robot with its limits.
-
-    Parameters
-    ----------
-    frequency : (float, float)
-        Bounds on the base frequency, Hz.
-    samples : int
-        Samples of one period over which F is summed.
-    covariance : (6, 6)
-        Σ, N².
-    scaling : (m,)
-        Scale of every parameter: column k of A is multiplied by it.
-    names : tuple of str
-        Parameters that the criterion judges.
+    The last input is the lower triangle of S⁻¹, column after column.
     """
-    limits = LimitModel.of(robot)
-    lowest, highest = (2 * np.pi * bound for bound in frequency)
-    middle, reach = coordinate_reach(limits)
-    variables = DesignVariables(harmonics, reach / 2, middle, (lowest, highest), highest)
-    columns = np.array([robot.parameter_names.index(name) for name in names], dtype=np.intp)
-    cost = InformationCost(
-        robot.terms,
-        robot.machine,
-        variables,
-        covariance,
-        columns,
-        scaling[columns],
-        criterion,
-        samples,
-    )
-    return DesignProblem(limits, cost, names)
+    white = ca.SX.sym("white", _TRIANGLE.nnz())
+    factor = ca.mtimes(ca.SX(_TRIANGLE, white), graph.regressor_with(Friction.SMOOTH))
+    return factor, [graph.machine, graph.width, white]
+
+
+@kernel
+def _factor_kernel(terms: tuple[Term, ...]) -> Graph:
+    """State (18) → S⁻¹A (6, m)."""
+    graph = hexapod_graph(terms)
+    factor, fixed = _factor(graph)
+    return Graph("regressor", [graph.state], fixed, [factor])
+
+
+@kernel
+def _slope_kernel(terms: tuple[Term, ...]) -> Graph:
+    """State (18) → ∂A/∂state (18, 6 m)."""
+    graph = hexapod_graph(terms)
+    regressor = graph.regressor_with(Friction.SMOOTH)
+    slopes = ca.jacobian(ca.vec(regressor.T), graph.state).T
+    return Graph("regressor_slopes", [graph.state], [graph.machine, graph.width], [slopes])
+
+
+@kernel
+def _gradient_kernel(terms: tuple[Term, ...]) -> Graph:
+    """State (18), weights (6 m) → gradient of the weighted sum of S⁻¹A's elements (18)."""
+    graph = hexapod_graph(terms)
+    factor, fixed = _factor(graph)
+    weights = ca.SX.sym("weight", factor.numel())
+    gradient = ca.jtimes(ca.vec(factor.T), graph.state, weights, True)
+    return Graph("regressor_pulled", [graph.state, weights], fixed, [gradient])
