@@ -390,6 +390,21 @@ class Guide:
 
 
 @dataclass(frozen=True)
+class ControllerModel:
+    """Execution of a table by a controller that plans between the rows itself."""
+
+    execute: Callable[[Rows, Settings], tuple[Rows, Array]]
+    """Rows in every cycle of the controller, and the times (N,), s, of the table's rows in it."""
+    choose_times: Callable[[Settings, str], Array]
+    """Times of the rows with which the controller follows; the place of the section in the run file
+    is for messages."""
+    tolerance: Callable[[Task], float]
+    """Largest deviation of a strut's length unless one is given, m."""
+    condition: Callable[[Settings], str]
+    """Advice for a motion that the controller does not follow."""
+
+
+@dataclass(frozen=True)
 class TableFormat:
     """A file format for controller tables, with the model of the controller that executes it.
 
@@ -436,6 +451,8 @@ class TableFormat:
     """Whether its rotations are roll, pitch and yaw about fixed axes."""
     whole: bool = False
     """Whether the table also holds pose, struts and forces in SI units."""
+    controller: ControllerModel | None = None
+    """None: the controller moves on `interpolation`."""
     trigger: str = ""
     """How the output is switched, in plain words, for `guide`; ``{number}``, ``{on}``, ``{off}``
     and ``{beside}`` are filled in."""

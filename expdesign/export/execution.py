@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -58,8 +58,18 @@ def refine_times(times: Array, points: int) -> Array:
     return np.append(inner.ravel(), times[-1])
 
 
-def differences(times: Array, values: Array) -> tuple[Array, Array]:
-    """Return first and second derivatives of values (N, 6) at times (N,), at rest at both ends."""
+def differences(times: Array, values: Array, stride: int = 1) -> tuple[Array, Array]:
+    """Return first and second derivatives of values (N, 6) at times (N,), at rest at both ends.
+
+    With a `stride` they are means over so many equal steps to both sides.
+    """
+    if stride > 1:
+        step = stride * (times[1] - times[0])
+        around = np.concatenate(
+            [np.repeat(values[:1], stride, 0), values, np.repeat(values[-1:], stride, 0)]
+        )
+        before, behind = around[: -2 * stride], around[2 * stride :]
+        return (behind - before) / (2 * step), (behind - 2 * values + before) / step**2
     h = np.diff(times)[:, None]
     slopes = np.diff(values, axis=0) / h
     first, second = np.zeros_like(values), np.zeros_like(values)
@@ -79,6 +89,11 @@ class Executed:
     length_acceleration: Array
 
 
+LONGER = 0.01
+"""Largest relative difference of the measurement window's duration when a controller plans between
+the rows itself."""
+
+
 @dataclass(frozen=True, eq=False)
 class ExecutedTable:
     """A table on its way through the controller's interpolator."""
@@ -88,14 +103,48 @@ class ExecutedTable:
     """The design: it determines the assembly mode of the machine and the turns of its angles."""
     axes: Axes
     rows: Rows
+    """Of the table, or in every cycle of a controller that plans between them itself."""
     interpolation: Interpolation
+    written: Rows | None = None
+    """The table's rows for such a controller; None for others."""
+    row_times: Array | None = None
+    """(N,), s: when it reaches them; the clock is that of the design."""
+    stride: int = 1
+    """Its cycles in a row, over which accelerations are means to both sides."""
 
     @classmethod
     def of(cls, settings: Settings, rows: Rows) -> ExecutedTable:
         """Return the rows of an export on their way; of repeated periods the two in the rows."""
         form = settings.form
         task = shorten_task(settings.task) if rows.repeated else settings.task
-        return cls(task.robot, task.motion, settings.axes, rows, form.interpolation)
+        given = task.robot, task.motion, settings.axes
+        if form.controller is None:
+            return cls(*given, rows, form.interpolation)
+        cycles, times = form.controller.execute(rows, settings)
+        step = cycles.times[1] - cycles.times[0]
+        stride = max(1, round(float(np.median(np.diff(rows.times))) / step))
+        return cls(*given, cycles, form.interpolation, rows, times, stride)
+
+    @property
+    def executed_window(self) -> tuple[float, float]:
+        """Begin and end of the measurement window in the commanded motion, s."""
+        if self.written is None or self.row_times is None:
+            return self.motion.window
+        begin, end = np.interp(self.motion.window, self.written.times, self.row_times)
+        return float(begin), float(end)
+
+    @property
+    def stretch(self) -> float:
+        """Relative increase of the measurement window's duration."""
+        (first, last), (begin, end) = self.motion.window, self.executed_window
+        return (end - begin) / (last - first) - 1
+
+    @property
+    def as_written(self) -> ExecutedTable:
+        """The table on straight lines between its rows, for a controller that plans itself."""
+        if self.written is None:
+            return self
+        return replace(self, rows=self.written, written=None, row_times=None, stride=1)
 
     def between(self, times: Array) -> Executed:
         """Return the machine between the rows as well; times (N,), s.
@@ -163,7 +212,7 @@ class ExecutedTable:
     def _differences(self) -> tuple[Array, Array, Array]:
         """Coordinates at the rows with their first and second derivatives from differences."""
         rows = self._coordinates(self.rows.position, self.rows.times)
-        return (rows, *differences(self.rows.times, rows))
+        return (rows, *differences(self.rows.times, rows, self.stride))
 
     def _coordinates(self, position: Array, times: Array) -> Array:
         values = self.axes.coordinates(position)

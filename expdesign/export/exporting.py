@@ -92,6 +92,8 @@ def _remedy(check: ReadBack, settings: Settings) -> str:
         return ""
     section = settings.section
     short = "a shorter segment"
+    if settings.form.controller is not None:
+        return settings.form.controller.condition(settings)
     ways = [short if section.segment is None else f"no segment, or {short}"]
     if section.digits is not None:
         ways.append("more digits")
@@ -233,9 +235,14 @@ def resolve_settings(section: ExportSection, task: Task, place: str = "") -> Set
         axes=axes,
         digits=digits,
         step=(section.segment or task.controller_period) if form.uniform else None,
-        tolerance=section.tolerance or TOLERANCES[form.interpolation],
+        tolerance=section.tolerance or _tolerance(form, task),
         start=(start if digits is None else np.round(start, digits)) + 0.0,
     )
+
+
+def _tolerance(form: TableFormat, task: Task) -> float:
+    controller = form.controller
+    return TOLERANCES[form.interpolation] if controller is None else controller.tolerance(task)
 
 
 def _scale_task(section: ExportSection, task: Task, place: str) -> Task:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from expdesign.export.certification import LIMIT_SHARE, PathCertificate, certify_table
 from expdesign.export.definition import Interpolation, Rows, Settings, TableError
 from expdesign.export.execution import (
+    LONGER,
     ExecutedTable,
     InformationChange,
     TableDeviation,
@@ -24,6 +26,7 @@ from expdesign.export.whole_table import find_faults
 from expdesign.progress import track
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.robot import ForwardKinematicsError
+from expdesign.runfolder.fields import described
 
 STD_SHARE = 0.01
 """Largest change of a predicted standard deviation, as a share of it."""
@@ -36,6 +39,28 @@ _FINEST = 1e-3
 _LAST_DIGIT = 1.01
 _DOUBLE = 1e-13
 _COMPUTED = 1e-9
+
+
+_WIDER = 5.0
+"""Tolerances of the information for such a controller, relative to those of other tables."""
+_OF_RATES = frozenset({"strut_speed", "strut_acceleration", "actuator_force", "strut_jerk"})
+
+
+@dataclass(frozen=True)
+class ControllerCheck:
+    """Motion that a controller commands when it plans between the rows itself."""
+
+    cycle: Annotated[float, described("s", "cycle of the controller")]
+    duration: Annotated[float, described("s", "duration of the commanded motion")]
+    window: Annotated[
+        tuple[float, float], described("s", "beginning and end of the measurement window in it")
+    ]
+    acceleration: Annotated[
+        float, described("m/s^2", "largest acceleration of a strut in a single cycle")
+    ]
+    designed_acceleration: Annotated[
+        float, described("m/s^2", "largest acceleration of a strut in the design")
+    ]
 
 
 @dataclass(frozen=True)
@@ -59,6 +84,8 @@ class ReadBack:
     """The limits, and what is proved of them."""
     information: InformationChange | None = None
     """None without noise, or where the file could not be executed."""
+    controller: ControllerCheck | None = None
+    """None for a controller that moves on the format's interpolation."""
     failures: tuple[str, ...] = ()
     """What is beyond its tolerance; empty when the file is good."""
 
@@ -98,6 +125,17 @@ def read_back(path: Path, settings: Settings) -> ReadBack:
     if failures:
         # Rows of another motion: what a machine would do with them is not worth computing.
         return replace(found, failures=tuple(failures))
+    if table.row_times is not None:
+        check, trigger = _check_controller(table), table.rows.trigger
+        if trigger is not None:
+            on, off = (time - table.rows.times[0] for time in trigger)
+            trigger = float(on), float(off)
+        found = replace(found, controller=check, trigger=trigger)
+        if not abs(table.stretch) <= LONGER:
+            failures.append(
+                f"the controller takes {1 + table.stretch:.4g} times as long: {check.duration:.4g} "
+                f"s for {found.duration:.4g} s"
+            )
     try:
         found = _add_execution(found, table)
         failures += _beyond(found, table, settings)
@@ -105,7 +143,8 @@ def read_back(path: Path, settings: Settings) -> ReadBack:
     except (ForwardKinematicsError, np.linalg.LinAlgError) as trouble:
         failures.append(f"the file cannot be executed: {trouble}")
     if found.information is not None:
-        failures += _information_lost(found.information)
+        wider = 1.0 if found.controller is None else _WIDER
+        failures += _information_lost(found.information, wider)
     return replace(found, failures=tuple(failures))
 
 
@@ -140,6 +179,8 @@ def _add_execution(found: ReadBack, table: ExecutedTable) -> ReadBack:
     """Add deviations on a grid finer than the rows, and limits."""
     linear = table.interpolation is Interpolation.LINEAR
     points = FINER if linear else max(FINER, int(np.ceil(found.longest_step / _FINEST)))
+    if found.controller is not None:
+        points = 1
     grid = refine_times(table.rows.times, points)
     worst = TableDeviation()
     for times in track("reading back", tuple(blocks(grid))):
@@ -151,6 +192,25 @@ def _add_execution(found: ReadBack, table: ExecutedTable) -> ReadBack:
             worst = worst.with_worse(replace(at_rows, position=0.0, velocity=0.0))
     worst = replace(worst, position_time=float(table.rows.true_times(worst.position_time)))
     return replace(found, points=len(grid), deviation=worst, certificate=certify_table(table))
+
+
+def _check_controller(table: ExecutedTable) -> ControllerCheck:
+    """Compare the largest acceleration of a strut with the design's."""
+    times, motion = table.rows.times, table.motion
+    cycle = float(times[1] - times[0])
+    second = np.diff(table.lengths(times), 2, axis=0) / cycle**2
+    designed = (
+        np.abs(table.robot.strut_motion(*motion.sample(part)).length_acceleration).max()
+        for part in blocks(times)
+    )
+    begin, end = (time - float(times[0]) for time in table.executed_window)
+    return ControllerCheck(
+        cycle=cycle,
+        duration=float(times[-1] - times[0]),
+        window=(begin, end),
+        acceleration=float(np.abs(second).max()),
+        designed_acceleration=float(max(designed)),
+    )
 
 
 def limits_in_words(certificate: PathCertificate) -> str:
@@ -212,19 +272,20 @@ def _beyond(found: ReadBack, table: ExecutedTable, settings: Settings) -> list[s
         f"{check}, beyond it by {_share(check)}, more than the tolerance of {LIMIT_SHARE:g}"
         for check in found.limits
         if not check.violation <= LIMIT_SHARE
+        and not (found.controller is not None and check.key in _OF_RATES)
     ]
     return failures
 
 
-def _information_lost(change: InformationChange) -> list[str]:
+def _information_lost(change: InformationChange, wider: float) -> list[str]:
+    """Describe changes beyond the tolerances, which are `wider` by a factor."""
     failures = []
-    if not abs(change.log_det_change) <= LOG_DET_CHANGE:
-        failures.append(
-            f"log det F changes by {change.log_det_change:.3g}, more than {LOG_DET_CHANGE:g}"
-        )
-    if not abs(change.std_change) <= STD_SHARE:
+    log_det, std = wider * LOG_DET_CHANGE, wider * STD_SHARE
+    if not abs(change.log_det_change) <= log_det:
+        failures.append(f"log det F changes by {change.log_det_change:.3g}, more than {log_det:g}")
+    if not abs(change.std_change) <= std:
         failures.append(
             f"the predicted standard deviation of {change.parameter} changes by "
-            f"{100 * change.std_change:.2g} %, more than {100 * STD_SHARE:g} %"
+            f"{100 * change.std_change:.2g} %, more than {100 * std:g} %"
         )
     return failures

@@ -140,7 +140,16 @@ def _check_text(check: TableCheck) -> str:
     ):
         if math.isfinite(share):
             text += f", {what} {100 * share:.2g} % of their limits' range"
-    text += f"; {check.limits_in_words}"
+    controller = check.controller
+    if controller is not None:
+        text = (
+            "Executed by a model of the controller's planner in cycles of "
+            f"{1e3 * controller.cycle:g} ms: the motion takes {controller.duration:.3f} s. {text}; "
+            f"a strut accelerates by up to {controller.acceleration:.3g} m/s^2 in single cycles, "
+            f"where the design has {controller.designed_acceleration:.3g} m/s^2. Commanded motion"
+        ).replace("Read back: struts", "Struts are")
+    text += ": " if controller is not None else "; "
+    text += check.limits_in_words
     change = check.information
     if change is not None:
         text += (

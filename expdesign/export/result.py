@@ -14,7 +14,13 @@ from expdesign.export.certification import LIMIT_SHARE
 from expdesign.export.definition import Settings, Task
 from expdesign.export.execution import InformationChange
 from expdesign.export.exporting import Export
-from expdesign.export.read_back import LOG_DET_CHANGE, STD_SHARE, ReadBack, limits_in_words
+from expdesign.export.read_back import (
+    LOG_DET_CHANGE,
+    STD_SHARE,
+    ControllerCheck,
+    ReadBack,
+    limits_in_words,
+)
 from expdesign.export.row_times import SHARE
 from expdesign.mechanism.hexapod import COORDINATE_NAMES, actuator_names
 from expdesign.motion.executable import LeadRamps, lead_ramps
@@ -169,6 +175,10 @@ class TableCheck:
             "`parameter` with it; null without noise",
         ),
     ]
+    controller: Annotated[
+        ControllerCheck | None,
+        described("", "commanded motion of a controller that plans between the rows; else null"),
+    ]
     tolerances: Annotated[TableTolerances, described("", "the tolerances of the check")]
     limits_in_words: Annotated[str, described("", "the verdict on the limits")]
     certified: Annotated[
@@ -245,7 +255,7 @@ def _guide(export: Export) -> str:
     settings, check = export.settings, export.check
     form, guide = settings.form, settings.form.guide
     beside = ", ".join(path.name for path in export.beside)
-    begin, end = settings.window
+    begin, end = settings.window if check.controller is None else check.controller.window
     start = [settings.number(value) for value in settings.start]
     window = (
         f"The measurement window lasts from {begin:.6f} s to {end:.6f} s after the start of the "
@@ -306,6 +316,7 @@ def _table_check(check: ReadBack, tolerance: float) -> TableCheck:
         force_error_share=off.force,
         limits=check.limits,
         information=check.information,
+        controller=check.controller,
         tolerances=TableTolerances(tolerance),
         limits_in_words=limits_in_words(certificate),
         certified=certificate.certified,

@@ -148,6 +148,8 @@ def chosen_times(settings: Settings, place: str = "") -> Array:
     path leaves half of it: then it can be proved that the table keeps the limits.
     """
     form, motion = settings.form, settings.task.motion
+    if form.controller is not None:
+        return form.controller.choose_times(settings, place)
     longest = settings.step or settings.section.segment or STEPS[0]
     made = f"{motion.duration:.4g} s in steps of {longest:g} s"
     key = f"{place}.segment" if place else "segment"

@@ -50,6 +50,7 @@ def find_faults(
     piece : bool
         Accept any begin, end and duration.
     """
+    table = table.as_written
     settings = executed_settings(settings, table)
     rows = table.rows
     faults = _wrong_steps(rows, settings, longest_step) + _speed_jumps(table, settings, piece=piece)
@@ -73,6 +74,8 @@ def _wrong_duration(rows: Rows, settings: Settings) -> list[str]:
     wanted, longer = motion.duration, _GRID
     if settings.step is not None:
         wanted, longer = float(uniform_times(motion, settings.step)[-1]), 0.0
+    elif settings.form.controller is not None:
+        longer = float(np.max(np.diff(rows.times)))
     late = [f"the first row is at {begin:.6f} s"] if abs(begin) > _DURATION else []
     if not wanted - _DURATION <= end <= wanted + longer + _DURATION:
         late.append(f"the table lasts {end:.6f} s, the motion {wanted:.6f} s")

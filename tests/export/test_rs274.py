@@ -34,7 +34,7 @@ def interpret(file, folder):
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_it_goes_to_the_poses_of_the_design(case, tmp_path):
     work = task(*case)
-    asked = export_section(format="linuxcnc-gcode", segment="4 ms", tolerance="0.2 mm")
+    asked = export_section(format="linuxcnc-gcode")
     made = export_table(asked, work, tmp_path / "file.ngc")
     done = interpret(made.path, tmp_path)
     assert done.returncode == 0, done.stderr
@@ -51,7 +51,7 @@ def test_it_goes_to_the_poses_of_the_design(case, tmp_path):
 @pytest.mark.system("rs274")
 def test_it_refuses_a_move_without_its_time(tmp_path):
     work = task()
-    asked = export_section(format="linuxcnc-gcode", segment="4 ms", tolerance="0.2 mm")
+    asked = export_section(format="linuxcnc-gcode")
     made = export_table(asked, work, tmp_path / "file.ngc")
     lines = made.path.read_text().splitlines()
     lines[20] = lines[20].partition(" F")[0]

@@ -85,7 +85,7 @@ def test_a_table_is_the_scaled_motion_and_says_so(name, tmp_path):
 
 
 def test_a_program_in_g_code_says_so_in_a_comment(tmp_path):
-    made = exported(tmp_path, format="linuxcnc-gcode", segment=20e-3, tolerance="2 mm")
+    made = exported(tmp_path, format="linuxcnc-gcode")
     first = made.path.read_text().splitlines()[0]
     # Comments do not nest.
     assert (first.count("("), first.count(")"), "scaled by 0.3" in first) == (1, 1, True)

@@ -4,36 +4,55 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
+from functools import lru_cache
 from itertools import chain
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import numpy as np
 from pydantic import model_validator
 
 from constraints.arrays import Array
-from expdesign.configuration import ResolvedRobot
+from expdesign.configuration import InputError, ResolvedRobot
 from expdesign.configuration.errors import refusal
 from expdesign.configuration.export import ExportSection
-from expdesign.configuration.quantity import Length, Positive
+from expdesign.configuration.quantity import (
+    Acceleration,
+    Duration,
+    Length,
+    Positive,
+    Speed,
+    quantity_in,
+)
+from expdesign.configuration.schema import MOST_ROWS, repeated, require_at_most
 from expdesign.export.definition import (
     LENGTH_UNITS,
+    ControllerModel,
     Guide,
     Interpolation,
     Rows,
     Settings,
     TableError,
     TableFormat,
+    Task,
+    in_window,
     switched_at,
     switching,
 )
+from expdesign.export.execution import LONGER, ExecutedTable
+from expdesign.export.linuxcnc_planner import PlannerLimits, plan_motion
+from expdesign.export.rotation import roll_pitch_yaw
+from expdesign.export.row_times import ideal_rows, uniform_times
 from expdesign.export.text_table import every_line, lines, mark_window, number, write_lines
+from expdesign.motion.executable import ExecutableMotion
+from expdesign.progress import track
 
 AXES = ("X", "Y", "Z", "A", "B", "C")
 START_FEED = 6.0
 """1/min: the move to the start takes 10 s; a machine at the start does not move."""
 _FEED_DIGITS = 6
-_BLEND = 1e-5
+_BLEND_DIGITS = 8
 _COMMENT = re.compile(r"\([^()]*\)")
 _WORD = re.compile(r"([A-Z])([^A-Z\s]*)")
 _UNIT_CODES = {"mm": "G21", "in": "G20"}
@@ -49,10 +68,9 @@ def _written_times(times: Array, _settings: Settings) -> Array:
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
     unit = settings.axes.units[0]
-    blend = LENGTH_UNITS[unit] * (getattr(settings.section, "blend", None) or _BLEND)
     head = [
         f"({settings.title}: {unit} and degrees, A B C are roll, pitch and yaw about fixed axes)",
-        f"{_UNIT_CODES[unit]} G90 G93 G64 P{blend:.8f}",
+        f"{_UNIT_CODES[unit]} G90 G93 G64 P{_blend(settings):.{_BLEND_DIGITS}f} Q0",
         "(start)",
     ]
 
@@ -67,6 +85,12 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
     behind = switching(rows, settings, _commands(settings))
     moves = (f"{move}\n{behind[k]}" if k in behind else move for k, move in enumerate(moves))
     write_lines(path, chain(head, mark_window(moves, rows, settings, "({})"), ["M2"]))
+
+
+def _blend(settings: Settings) -> float:
+    """Return P of G64 in the table's unit of length."""
+    blend = _options(settings).blend or settings.tolerance
+    return round(LENGTH_UNITS[settings.axes.units[0]] * blend, _BLEND_DIGITS)
 
 
 def _commands(settings: Settings) -> tuple[str, str]:
@@ -109,16 +133,31 @@ def _read(path: Path, settings: Settings) -> Rows:
             positions.append(values[:-1])
             feeds.append(values[-1])
         else:
-            modes |= {f"{letter}{value}" for letter, value in words if letter != "P"}
+            modes |= _modes(words, k, settings)
             if modes - header:
                 raise TableError(f"line {k}: '{code[:40]}' is none of our codes")
     if not ended:
         raise TableError("the program has no M2 at its end")
-    if any(feed <= 0 for feed in feeds):
-        raise TableError("a feed is not positive")
+    _check_feeds(feeds)
     times = np.concatenate([[0.0], np.cumsum(60 / np.array(feeds[1:]))])
     rows = Rows(times, np.array(positions).reshape(-1, len(AXES))).checked()
     return switched_at(switched, rows)
+
+
+def _check_feeds(feeds: list[float]) -> None:
+    if any(feed <= 0 for feed in feeds):
+        raise TableError("a feed is not positive")
+    if feeds and feeds[0] != START_FEED:
+        raise TableError(f"F of the move to the start is {feeds[0]:g}, not {START_FEED:g}")
+
+
+def _modes(words: list[tuple[str, str]], line: int, settings: Settings) -> set[str]:
+    """Return the codes of a line that moves nothing; P and Q of G64 are those of the export."""
+    blending = {"P": _blend(settings), "Q": 0.0}
+    for letter, value in words:
+        if letter in blending and number(value, line, f"word {letter}") != blending[letter]:
+            raise TableError(f"line {line}: {letter} is {value}, not {blending[letter]:g}")
+    return {f"{letter}{value}" for letter, value in words if letter not in blending}
 
 
 def _words(code: str, line: int) -> list[tuple[str, str]]:
@@ -166,6 +205,209 @@ def _points(kind: str, joints: Array) -> Iterator[str]:
             yield f"setp genhexkins.{kind}.{index}.{letter} {value + 0.0:.12g}"
 
 
+PLANNER_ENDING = ".planner.ini"
+_CYCLES = (10, 15, 20, 30, 50)
+"""Servo cycles of a row that are tried."""
+_MORE = 0.002
+"""Of a cycle, that a row is longer: the planner drops it. In rows of whole cycles rounding would
+decide in which of two cycles they end."""
+_TOLERANCE = 0.02
+"""Of the largest stroke of a strut."""
+_LAG = 4.0
+"""The planner lags by speed² / acceleration: a quarter of the tolerance by default."""
+_SPEED = 2.0
+_GRID = 4001
+_WITHOUT_TURN = 0.01
+_FUZZ = 1e-8
+
+
+def execute_moves(rows: Rows, settings: Settings) -> tuple[Rows, Array]:
+    """Return the rows in every servo cycle, and when the planner reaches those of the table.
+
+    The times are those of the design: the first is not 0, because the planner hastens through rows
+    slower than 0.1 units per minute.
+    """
+    limits = planner_limits(settings)
+    feeds = 60 / np.diff(rows.times)
+    planned = plan_motion(rows.position, feeds, _blend(settings), limits)
+    times = limits.period * planned.cycles
+    inside = in_window(rows.times, settings.window)
+    late = float(np.median((rows.times - times)[inside])) if np.any(inside) else 0.0
+    times = times + late
+    trigger = None
+    if rows.trigger is not None:
+        on, off = np.interp(rows.trigger, rows.times, times)
+        trigger = float(on), float(off)
+    cycles = late + limits.period * np.arange(len(planned.poses), dtype=np.float64)
+    return Rows(cycles, planned.poses, trigger=trigger), times
+
+
+def choose_row_times(settings: Settings, place: str) -> Array:
+    """Return times of rows, whole servo cycles apart, with which the planner follows the motion.
+
+    Of several the one with the smallest acceleration in a single cycle is taken. Where the planner
+    follows none of them, the table with the smallest deviation is written, and refused.
+    """
+    motion, period = settings.task.motion, planner_limits(settings).period
+    given = settings.section.segment
+    steps = [period * (cycles + _MORE) for cycles in _CYCLES] if given is None else [given]
+    made = f"{motion.duration:.4g} s in steps of {steps[-1]:g} s"
+    key = f"{place}.segment" if place else "segment"
+    require_at_most(motion.duration / steps[-1], MOST_ROWS, made, key=key)
+    most = MOST_ROWS / motion.duration
+    choices = [
+        _written_times(uniform_times(motion, step), settings) for step in steps if step * most >= 1
+    ]
+    _refuse_without_turn(settings, choices[-1], place)
+    if given is not None:
+        return choices[0]
+    judged = [_judge(settings, times) for times in track("rows of the planner", choices)]
+    return choices[min(range(len(choices)), key=judged.__getitem__)]
+
+
+def _judge(settings: Settings, times: Array) -> tuple[float, float]:
+    """Return what is smaller for better rows: excess over the tolerance, and acceleration."""
+    rows = ideal_rows(settings, times)
+    if settings.digits is not None:
+        rows = replace(rows, position=np.round(rows.position, settings.digits))
+    table = ExecutedTable.of(settings, rows)
+    at, motion, robot = table.rows.times, table.motion, settings.task.robot
+    lengths = table.lengths(at)
+    off = np.abs(lengths - robot.inverse_kinematics(motion.sample(at).pose)).max()
+    excess = max(0.0, abs(table.stretch) / LONGER - 1, off / settings.tolerance - 1)
+    return float(excess), float(np.abs(np.diff(lengths, 2, axis=0)).max())
+
+
+def _refuse_without_turn(settings: Settings, times: Array, place: str) -> None:
+    steps = np.abs(np.diff(ideal_rows(settings, times).position, axis=0))
+    still = (steps[:, 3:].max(axis=1) <= _FUZZ) & (steps[:, :3].max(axis=1) > _FUZZ)
+    if np.mean(still) > _WITHOUT_TURN:
+        raise InputError(
+            f"{100 * np.mean(still):.3g} % of the rows do not turn the platform: LinuxCNC rounds "
+            "such corners in another manner, which is not modelled",
+            key=f"{place}.format" if place else "format",
+            allowed="linuxcnc-strut",
+        )
+
+
+def planner_limits(settings: Settings) -> PlannerLimits:
+    """Return the limits of the planner in the table's units; the section may leave some open.
+
+    By default the axes may be twice as fast as in the motion, and accelerate so that the planner
+    lags by a quarter of the tolerance.
+    """
+    options = _options(settings)
+    metre = LENGTH_UNITS[settings.axes.units[0]]
+    speeds = _axis_speeds(settings.task.motion)
+    linear, angular = (max(float(part.max()), _FUZZ) for part in (speeds[:3], speeds[3:]))
+    acceleration = _LAG * _strut_speed(settings.task) ** 2 / settings.tolerance
+    values = (
+        (options.linear_speed, _SPEED * linear, metre),
+        (options.angular_speed, _SPEED * angular, _DEGREE),
+        (options.linear_acceleration, acceleration, metre),
+        (options.angular_acceleration, acceleration * angular / linear, _DEGREE),
+    )
+    found = [
+        np.full(3, _round_up(unit * default)) if given is None else unit * np.array(given)
+        for given, default, unit in values
+    ]
+    return PlannerLimits(
+        options.servo_period or settings.task.controller_period,
+        np.concatenate(found[:2]),
+        np.concatenate(found[2:]),
+        np.inf if options.path_speed is None else metre * options.path_speed,
+    )
+
+
+_DEGREE = 180 / np.pi
+
+
+def _round_up(value: float) -> float:
+    """Return a value with two digits, not below."""
+    digits = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return float(f"{np.ceil(value / digits * (1 - 1e-9)) * digits:.3g}")
+
+
+@lru_cache(maxsize=4)
+def _axis_speeds(motion: ExecutableMotion) -> Array:
+    """Return the largest speeds of the six axes, m/s and rad/s."""
+    times = np.linspace(0.0, motion.duration, _GRID)
+    pose = motion.sample(times).pose
+    values = np.hstack([pose[:, :3], roll_pitch_yaw(pose[:, 3:])])
+    return np.asarray(np.abs(np.diff(values, axis=0)).max(axis=0) / times[1])
+
+
+@lru_cache(maxsize=4)
+def _lengths(task: Task) -> Array:
+    """Return the struts' lengths on a grid of the motion, m."""
+    times = np.linspace(0.0, task.motion.duration, _GRID)
+    return task.robot.inverse_kinematics(task.motion.sample(times).pose)
+
+
+def _strut_speed(task: Task) -> float:
+    steps = np.abs(np.diff(_lengths(task), axis=0)).max()
+    return float(steps) * (_GRID - 1) / task.motion.duration
+
+
+def tolerance(task: Task) -> float:
+    """Return the largest deviation of a strut from the design: a share of the largest stroke, m."""
+    return _TOLERANCE * float(np.ptp(_lengths(task), axis=0).max())
+
+
+def condition(settings: Settings) -> str:
+    """Say with which rows and limits the planner follows the motion."""
+    limits = planner_limits(settings)
+    unit = settings.axes.units[0]
+    row = settings.section.segment or 10 * limits.period
+    speeds = _axis_speeds(settings.task.motion)
+    needed = LENGTH_UNITS[unit] * speeds[:3].max() / row, _DEGREE * speeds[3:].max() / row
+    return (
+        "LinuxCNC's planner ramps up and down in each row: it follows rows of at least ten servo "
+        f"cycles ({1e3 * 10 * limits.period:g} ms), whole cycles long, with accelerations of the "
+        f"axes of at least speed / row time, here {needed[0]:.3g} {unit}/s^2 and "
+        f"{needed[1]:.3g} deg/s^2. Raise them, use a smaller --scale, or take linuxcnc-strut: it "
+        "needs no planner"
+    )
+
+
+def planner_lines(_rows: Rows, settings: Settings) -> list[str]:
+    """Return the lines of the INI file with which the table was checked."""
+    limits = planner_limits(settings)
+    unit = settings.axes.units[0]
+    path = [f"MAX_LINEAR_VELOCITY = {limits.path_velocity:.12g}"]
+    lines = [
+        f"# Limits with which the table was executed, {unit} and degrees. With others LinuxCNC's",
+        "# planner makes another motion of it. A copy of the machine's INI file is safest: the",
+        "# accelerations count for every other move as well.",
+        "[EMCMOT]",
+        f"SERVO_PERIOD = {round(1e9 * limits.period)}",
+        *(["[TRAJ]", *path] if np.isfinite(limits.path_velocity) else []),
+    ]
+    for letter, speed, acceleration in zip(AXES, limits.velocity, limits.acceleration, strict=True):
+        lines += [
+            f"[AXIS_{letter}]",
+            f"MAX_VELOCITY = {speed:.12g}",
+            f"MAX_ACCELERATION = {acceleration:.12g}",
+        ]
+    return lines
+
+
+def _options(settings: Settings) -> GcodeOptions:
+    section = settings.section
+    return section if isinstance(section, GcodeOptions) else GcodeOptions(format=section.format)
+
+
+AngularSpeed = Annotated[float, quantity_in("rad/s")]
+AngularAcceleration = Annotated[float, quantity_in("rad/s^2")]
+_One = TypeVar("_One")
+_PerAxis = (
+    Annotated[
+        tuple[Annotated[_One, Positive], ...], repeated(3, "values", "one value for three axes")
+    ]
+    | None
+)
+
+
 class GcodeOptions(ExportSection):
     """Options of G-code for LinuxCNC."""
 
@@ -175,7 +417,19 @@ class GcodeOptions(ExportSection):
     """P of M62 and M63."""
 
     blend: Annotated[Length, Positive] | None = None
-    """Path tolerance of LinuxCNC's G64, m."""
+    """Path tolerance of LinuxCNC's G64, m; by default `tolerance`."""
+    servo_period: Annotated[Duration, Positive] | None = None
+    """`[EMCMOT]SERVO_PERIOD`, s; by default the controller's period."""
+    linear_speed: _PerAxis[Speed] = None
+    """MAX_VELOCITY of the axes X, Y, Z, m/s."""
+    angular_speed: _PerAxis[AngularSpeed] = None
+    """MAX_VELOCITY of the axes A, B, C, rad/s."""
+    linear_acceleration: _PerAxis[Acceleration] = None
+    """MAX_ACCELERATION of the axes X, Y, Z, m/s²."""
+    angular_acceleration: _PerAxis[AngularAcceleration] = None
+    """MAX_ACCELERATION of the axes A, B, C, rad/s²."""
+    path_speed: Annotated[Speed, Positive] | None = None
+    """`[TRAJ]MAX_LINEAR_VELOCITY`, m/s; by default none."""
 
     @model_validator(mode="after")
     def _check_units(self) -> GcodeOptions:
@@ -194,24 +448,34 @@ FORMAT = TableFormat(
     options=GcodeOptions,
     guide=Guide(
         before=(
-            "For a LinuxCNC machine with the kinematics genhexkins. Its geometry has to be that of "
-            "the robot file: replace the setp lines of the machine's HAL file by those of "
-            "{beside}, and load no tool offset (G49). Check that the velocity and acceleration "
-            "limits of joints and axes in the INI file are not below those of the design: the "
-            "planner would stretch the motion in time."
+            "For a LinuxCNC machine with the kinematics genhexkins. Two files have its settings: "
+            "{beside}. Make a copy of the machine's INI file and HAL files for the experiment. In "
+            "the HAL file, replace the setp lines of genhexkins: the geometry has to be that of "
+            "the robot file. In the INI file, take over the limits of the axes and the servo "
+            "period: with others the planner makes another motion of the table, and every other "
+            "move obeys them too. Load no tool offset (G49), set the feed override to 100 % and "
+            "the largest velocity to its end."
         ),
         load=(
             "Load the file. Every line is one move with its own duration (G93: F is 1/minutes). A, "
             "B and C are roll, pitch and yaw about the fixed axes x, y, z: R = Rz(C) Ry(B) Rx(A)."
         ),
-        run="Home the machine, move it to the start below, and run the file.",
+        run=(
+            "Home the machine, move it to the start below with a slow G1 in MDI, and run the file. "
+            "Its first line goes to the start in 10 s; at the start it does not move. Abort stops "
+            "the motion."
+        ),
+        record=(
+            "These are times of the planner's motion: they differ by some cycles from the design's."
+        ),
     ),
-    clock="rows of F as written; moves of the planner last whole servo cycles",
+    clock="F of G93 with 6 decimals; the planner works in whole servo cycles",
+    executed="LinuxCNC 2.9 ran it: its commands agree with a model of the planner to some nm",
     axes={"pose": AXES},
     written_times=_written_times,
-    uniform=True,
+    controller=ControllerModel(execute_moves, choose_row_times, tolerance, condition),
     fixed_angles=True,
-    beside={ENDING: geometry_lines},
+    beside={ENDING: geometry_lines, PLANNER_ENDING: planner_lines},
     trigger=(
         "M62 P{number} and M63 P{number} switch the digital output motion.digital-out-{number:02} "
         "of HAL together with the motion: it is on from {on} s to {off} s after the start. Connect "

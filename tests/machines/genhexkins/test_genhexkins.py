@@ -84,9 +84,7 @@ def test_lengths_and_poses_of_an_imported_machine(unit, metres, lead, genhexkins
 @pytest.mark.parametrize(("unit", "metres"), [(None, 1e-3), ("in", 0.0254)])
 def test_a_table_with_its_geometry_moves_the_struts_as_designed(unit, metres, genhexkins, tmp_path):
     work = task()
-    asked = export_section(
-        format="linuxcnc-gcode", segment="2 ms", tolerance="50 um", units=unit, digits=9
-    )
+    asked = export_section(format="linuxcnc-gcode", units=unit, digits=9)
     made = export_table(asked, work, tmp_path / "table.ngc")
     genhexkins.set(["setp genhexkins.spindle-offset 0", "setp genhexkins.screw-lead 0"])
     genhexkins.set(made.beside[0].read_text().splitlines())

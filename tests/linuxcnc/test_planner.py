@@ -1,0 +1,95 @@
+"""G-code in the real LinuxCNC: its planner does what the export says of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from expdesign.configuration import export_section, load_run
+from expdesign.configuration.robot import load_robot_description
+from expdesign.export.execution import ExecutedTable
+from expdesign.export.exporting import ExportError, export_table
+from expdesign.robot import robot_from
+from expdesign.trajectory import FourierTrajectory
+from tests.export.motions import spline_motion_of, task
+from tests.linuxcnc.machine import play
+
+MICROMETRE = 1e-6
+
+
+def hexapod(size):
+    """Return the shipped robot of LinuxCNC, larger or smaller."""
+    mapping = load_robot_description("linuxcnc").description.model_dump(mode="json", by_alias=True)
+    for key in ("base_joints", "platform_joints"):
+        mapping[key] = (size * np.array(mapping[key])).tolist()
+    mapping["home"] = [*(size * np.array(mapping["home"][:3])), 0, 0, 0]
+    mapping["limits"] = {}
+    return robot_from(load_run({"name": "n", "robot": mapping}).robot)
+
+
+def motion(size, amplitude, frequency):
+    """Return a task: one period of two harmonics in all coordinates between short ramps."""
+    robot = hexapod(size)
+    rng = np.random.default_rng(3)
+    scale = np.array([size, size, size, 2, 2, 2])[:, None] * amplitude * np.array([1, 0.4])
+    sine, cosine = (scale * rng.uniform(-1, 1, (6, 2)) for _ in range(2))
+    trajectory = FourierTrajectory.from_displacements(
+        2 * np.pi * frequency, robot.home, sine, cosine
+    )
+    return replace(task("linuxcnc"), robot=robot, motion=spline_motion_of(robot, trajectory))
+
+
+CASES = {
+    "linuxcnc": (1.0, 0.05, 1.0, None),
+    "small": (0.2, 0.08, 2.0, 0.3),
+    "large": (3.0, 0.01, 5.0, 0.1),
+}
+
+
+@pytest.mark.system("linuxcnc")
+@pytest.mark.parametrize("case", CASES)
+def test_the_planner_does_what_the_export_says(case, tmp_path):
+    size, amplitude, frequency, scale = CASES[case]
+    work = motion(size, amplitude, frequency)
+    made = export_table(
+        export_section(format="linuxcnc-gcode", scale=scale), work, tmp_path / "table.ngc"
+    )
+    played, said = play(made, tmp_path), made.check.controller
+    lengths = played.lengths
+    duration = said.cycle * (len(lengths) - 1)
+    assert duration == pytest.approx(said.duration, rel=0.01)
+    designed = made.settings.task.motion.duration
+    assert duration == pytest.approx(designed, rel=0.01)
+    acceleration = np.abs(np.diff(lengths, 2, axis=0)).max() / said.cycle**2
+    assert acceleration == pytest.approx(said.acceleration, rel=0.01, abs=0.01)
+    # The model itself, in every servo cycle.
+    rows = made.settings.form.read(made.path, made.settings)
+    table = ExecutedTable.of(made.settings, rows)
+    commanded = table.lengths(table.rows.times)
+    apart = min((differences(lengths, commanded, late) for late in range(-5, 30)), key=np.max)
+    assert len(apart) > 0.98 * len(lengths)
+    assert apart.max() < 0.1 * MICROMETRE
+
+
+def differences(played, commanded, late):
+    """Return by how much the struts differ in each cycle, with both at rest at the ends cut off."""
+    first, second = played[max(0, -late) :], commanded[max(0, late) :]
+    count = min(len(first), len(second))
+    return np.abs(first[:count] - second[:count]).max(axis=1)
+
+
+def test_a_motion_that_the_planner_cannot_follow_is_refused(tmp_path):
+    work = motion(1.0, 0.05, 1.0)
+    asked = export_section(
+        format="linuxcnc-gcode", linear_acceleration="2 m/s^2", angular_acceleration="200 deg/s^2"
+    )
+    with pytest.raises(ExportError, match=r"the controller takes .* at least ten servo cycles"):
+        export_table(asked, work, tmp_path / "table.ngc")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("cycles", [1, 2])
+def test_rows_of_a_few_cycles_are_refused(cycles, tmp_path):
+    asked = export_section(format="linuxcnc-gcode", segment=f"{cycles} ms")
+    with pytest.raises(ExportError, match="linuxcnc-strut"):
+        export_table(asked, motion(1.0, 0.05, 1.0), tmp_path / "table.ngc")
