@@ -25,7 +25,7 @@ from estimation.feedforward.closed_loop import ForwardDynamics, Model
 from estimation.feedforward.comparison import WIDTH, compare_feedforward
 from estimation.feedforward.result import FeedforwardResult
 from estimation.identification import estimate_parameters, estimation_result
-from estimation.identification.identified_model import identified_model
+from estimation.identification.estimate import identified_model
 from estimation.twin import Twin
 from expdesign.configuration import RunConfiguration, load_run
 from expdesign.configuration.robot import load_robot_description

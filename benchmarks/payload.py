@@ -84,7 +84,7 @@ def speed(_repetitions: int) -> Iterator[Row]:
     yield claim_row("limits kept at every instant, proved", result.status, result.check.certified)
     payload = found.payloads["gm"]
     for name, value, std in zip(
-        TEN, payload.values, np.sqrt(np.diag(payload.covariance)), strict=True
+        TEN, payload.vector, np.sqrt(np.diag(payload.covariance)), strict=True
     ):
         yield claim_row(f"one estimate: {name}", f"{value:.5g} ± {std:.2g}")
 
@@ -199,7 +199,7 @@ def _repeated(
                 raise RuntimeError("the prior is an identification")
             one = payload_estimate(best, knowledge.prior_estimate)
             std = np.sqrt(np.diag(one.covariance))
-            found.append((one.values - payload, std, interval_widths(one.freedom)))
+            found.append((one.vector - payload, std, interval_widths(one.freedom)))
     errors, std, widths = (np.array(each) for each in zip(*found, strict=True))
     return errors, std, widths
 
@@ -212,7 +212,7 @@ def _joint_bound(run: RunConfiguration, design: FourierTrajectory) -> Array:
     """
     robot, twin = robot_from(run.robot), Twin.of(run, design, seed=7)
     _, covariance = _bare(run, twin)
-    measured = twin.recorded(twin.lengths, twin.forces)
+    measured = twin.as_measurement(twin.lengths, twin.forces)
     record = fold_recording(measured, design.omega, PeriodSource.DESIGN, average=True)
     motion = HarmonicMotion.of(design, free_frequency=False)
     unknowns = np.zeros((motion.unknowns, motion.unknowns))

@@ -29,10 +29,10 @@ from estimation.estimators import ParameterEstimate, ParameterPriors
 from estimation.identification.estimation import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
-from estimation.uncertainty.consistency import consistent_estimate
+from estimation.uncertainty.consistency import ConsistentEstimate, consistent_estimate
 from expdesign.configuration import RunConfiguration
 from expdesign.configuration.robot import load_robot_description
-from expdesign.mechanism.bodies import MachineBodies
+from expdesign.mechanism.bodies import MachineBodies, RigidBody
 from expdesign.mechanism.nearest import Nearest, Projection
 from expdesign.robot import Robot, robot_from
 
@@ -194,9 +194,9 @@ def _tested(truth: Array, estimates: Iterator[ParameterEstimate]) -> Iterator[Ro
         one = consistent_estimate(robot, estimate, knowledge)
         found.append(one)
         if one is not None and robot.realisable.bodies(estimate.values) is not None:
-            apart.append(float(np.max(np.abs(one.values - estimate.values) / estimate.std)))
+            apart.append(float(np.max(np.abs(one.vector - estimate.values) / estimate.std)))
     there = [one for one in found if one is not None]
-    kept = sum(_are_of(robot, one.bodies, one.values) for one in there)
+    kept = sum(_are_of(robot, _bodies(one), one.vector) for one in there)
     count = len(found)
     yield claim_row(f"{count} of {count} are of bodies", f"{kept} of {count}", kept == count)
     most = max(apart, default=0.0)
@@ -212,7 +212,7 @@ def _tested(truth: Array, estimates: Iterator[ParameterEstimate]) -> Iterator[Ro
         f"{100 * level:.1f} ± {100 * error:.1f} % of {count}",
         level <= _LEVEL + 2.5 * error,
     )
-    rms = np.sqrt(np.mean([(one.values - truth) ** 2 for one in there], axis=0))
+    rms = np.sqrt(np.mean([(one.vector - truth) ** 2 for one in there], axis=0))
     spread = np.sqrt(np.mean([one.spread**2 for one in there], axis=0))
     ratio = rms / spread
     yield claim_row(
@@ -228,6 +228,10 @@ def _words(holds: bool) -> tuple[str, bool]:
 def _has(robot: Robot, values: Array) -> bool:
     found = robot.realisable.bodies(values)
     return found is not None and _are_of(robot, found, values)
+
+
+def _bodies(one: ConsistentEstimate) -> MachineBodies:
+    return MachineBodies(**{name: RigidBody(**vars(body)) for name, body in one.bodies.items()})
 
 
 def _are_of(robot: Robot, bodies: MachineBodies, values: Array) -> bool:

@@ -25,7 +25,7 @@ from estimation.identification.estimation import (
 )
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
-from estimation.twin.machine import drawn_machine
+from estimation.twin.machine import draw_machine
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration import RunConfiguration
 from expdesign.robot import Robot, robot_from
@@ -85,7 +85,7 @@ def _run(section: str) -> RunConfiguration:
 
 def _repetition(section: str, number: int) -> Drawn:
     run = _run(section)
-    drawn = drawn_machine(run, np.random.default_rng([0, number]))
+    drawn = draw_machine(run, np.random.default_rng([0, number]))
     with threadpool_limits(limits=1):
         twin = Twin.of(drawn.configuration, palida_design(), seed=number)
         robot = robot_from(run.robot)

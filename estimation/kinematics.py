@@ -1,16 +1,21 @@
-"""The motion that fits measured lengths best: weighted least squares in ξ with the full Δ.
+"""Kinematics from measured lengths: weighted least squares in ξ with the full Δ, or pointwise.
 
 The pose is the finite series, not the lengths: the inverse kinematics of a finite series of the
 pose has all harmonics. The fit is nonlinear and is solved by Gauss–Newton, which converges in a
 few steps because the residuals are small.
 
-How many harmonics the lengths show is decided against the noise floor. Starting from the number
-that is expected, every further harmonic is tested for amplitudes that noise does not explain (a
-score test with 12 degrees of freedom each); the highest one that is found is included with all
-below it, and the test is repeated. A strong harmonic leaks into the scores of its neighbours: in
-the end the highest ones are dropped again while their fitted amplitudes, with all others in the
-fit, are within the noise (a Wald test). A controller's tracking error shows here; what the forces
-show of it besides is judged with them (`estimation.identification.harmonics`).
+The number of harmonics is chosen against the noise floor. Starting from the expected number, every
+further harmonic is tested for amplitudes beyond the noise (a score test with 12 degrees of freedom
+each); the highest significant one is included with all below it, and the test is repeated. A strong
+harmonic leaks into the scores of its neighbours: finally the highest ones are dropped while their
+fitted amplitudes, with all others in the fit, are within the noise (a Wald test). A controller's
+tracking error is visible here; `estimation.identification.harmonics` adds the harmonics that only
+the forces show.
+
+Pointwise kinematics serve the comparison with classic practice: forward kinematics sample by
+sample, with differences between neighbours as rates and accelerations, of the poses as they are
+(``central``) or after a zero-phase low pass (``butterworth``). Their errors are large and enter the
+regressor: estimates are biased, and intervals from the forces' noise alone do not cover.
 """
 
 from __future__ import annotations
@@ -26,7 +31,7 @@ from scipy.special import erf
 
 from constraints.arrays import Array, ComplexArray
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.motion import MotionSamples, NormalEquations, Rows, whitened
+from estimation.measurement_model.motion import MotionSamples, NormalEquations, Rows, whiten_rows
 from estimation.measurement_model.prediction import (
     chunks,
     length_columns,
@@ -49,15 +54,15 @@ _MOST = 60
 _ROUNDS = 6
 _POINTS = 4096
 _NO_LINE = 1e-12
-"""Share of the energy of all lines that a line has at the least."""
+"""Smallest relevant energy of a line, relative to that of all lines."""
 
 
 class MotionFitError(ComputationError):
-    """No motion was found that has the measured lengths."""
+    """No motion with the measured lengths was found."""
 
 
 class NoMotionFoundError(MotionFitError):
-    """The iteration did not end: with so few harmonics the residuals may be too large."""
+    """The iteration did not converge: with few harmonics the residuals may be too large."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,12 +75,12 @@ class MotionFit:
     residuals: Array
     """(S, 6), measured minus fitted lengths, m."""
     wanted: int | None = None
-    """How many harmonics the lengths show, where no motion was found that has so many."""
+    """Number of harmonics in the lengths, if no motion with as many was found."""
 
 
 def fit_motion(
     robot: Robot,
-    record: PeriodicRecording,
+    recording: PeriodicRecording,
     covariance: Array,
     harmonics: int,
     *,
@@ -85,21 +90,21 @@ def fit_motion(
 ) -> MotionFit:
     """Fit a motion with H harmonics to the measured lengths.
 
-    The covariance is Δ of one sample, (6, 6), m², behind a filter that makes the noise white. By
-    default the fit starts from the forward kinematics of some of the lengths.
+    The covariance is Δ of one sample, (6, 6), m², after the whitening filter. By default the fit
+    starts from the forward kinematics of some samples.
 
     Raises
     ------
     MotionFitError
         The samples do not determine that many harmonics, or no motion has these lengths.
     """
-    if 2 * harmonics + 1 > record.samples:
+    if 2 * harmonics + 1 > recording.samples:
         raise MotionFitError(
-            f"{harmonics} harmonics need {2 * harmonics + 1} samples, there are {record.samples}"
+            f"{harmonics} harmonics need {2 * harmonics + 1} samples, there are {recording.samples}"
         )
-    first = start_motion(robot, record, min(harmonics, 5)) if start is None else start
-    motion = HarmonicMotion(first.table, record.omega, free_frequency).with_harmonics(harmonics)
-    present = length_equations(robot, record, covariance, motion, noise_filter)
+    first = start_motion(robot, recording, min(harmonics, 5)) if start is None else start
+    motion = HarmonicMotion(first.table, recording.omega, free_frequency).with_harmonics(harmonics)
+    present = length_equations(robot, recording, covariance, motion, noise_filter)
     for _ in range(_STEPS):
         try:
             step = np.asarray(sla.solve(present.matrix, present.gradient, assume_a="pos"))
@@ -107,8 +112,8 @@ def fit_motion(
             raise MotionFitError("the lengths do not determine the motion") from error
         decrement = float(step @ present.gradient)
         for halving in range(_HALVINGS):
-            trial = motion.moved(0.5**halving * step)
-            following = length_equations(robot, record, covariance, trial, noise_filter)
+            trial = motion.add_step(0.5**halving * step)
+            following = length_equations(robot, recording, covariance, trial, noise_filter)
             if following.cost <= present.cost * (1 + 1e-12):
                 motion, present = trial, following
                 break
@@ -123,11 +128,11 @@ def fit_motion(
     return MotionFit(
         motion=motion,
         covariance=np.asarray(np.linalg.inv(present.matrix), dtype=np.float64),
-        residuals=length_residuals(robot, record, motion),
+        residuals=length_residuals(robot, recording, motion),
     )
 
 
-def start_motion(robot: Robot, record: PeriodicRecording, harmonics: int) -> HarmonicMotion:
+def start_motion(robot: Robot, recording: PeriodicRecording, harmonics: int) -> HarmonicMotion:
     """Return a first motion: forward kinematics of some samples, and a Fourier series of them.
 
     Raises
@@ -135,28 +140,28 @@ def start_motion(robot: Robot, record: PeriodicRecording, harmonics: int) -> Har
     MotionFitError
         The forward kinematics found no pose.
     """
-    # Evenly in phase: a stride through samples that are not averaged could meet a few phases only.
-    order = np.argsort(np.mod(record.omega * record.lengths.times, 2 * np.pi), kind="stable")
-    rows = order[:: max(1, record.samples // _START_POINTS)]
-    lengths, times = record.lengths.values[rows], record.lengths.times[rows]
+    # Evenly in phase: a stride through single samples could hit few phases only.
+    order = np.argsort(np.mod(recording.omega * recording.lengths.times, 2 * np.pi), kind="stable")
+    rows = order[:: max(1, recording.samples // _START_POINTS)]
+    lengths, times = recording.lengths.values[rows], recording.lengths.times[rows]
     try:
         poses = robot.forward_kinematics(lengths)
     except ForwardKinematicsError as error:
         raise MotionFitError(f"no pose has the measured lengths: {error}") from error
-    basis = PhaseBasis.at(record.omega * times, min(harmonics, (len(times) - 1) // 2)).value
+    basis = PhaseBasis.at(recording.omega * times, min(harmonics, (len(times) - 1) // 2)).value
     table = np.asarray(np.linalg.lstsq(basis, poses, rcond=None)[0].T, dtype=np.float64)
-    return HarmonicMotion(table, record.omega)
+    return HarmonicMotion(table, recording.omega)
 
 
-def length_residuals(robot: Robot, record: PeriodicRecording, motion: HarmonicMotion) -> Array:
+def length_residuals(robot: Robot, recording: PeriodicRecording, motion: HarmonicMotion) -> Array:
     """Return measured minus modelled lengths, (S, 6), m."""
-    basis = PhaseBasis.at(motion.omega * record.lengths.times, motion.harmonics).value
-    return record.lengths.values - robot.inverse_kinematics(basis @ motion.table.T)
+    basis = PhaseBasis.at(motion.omega * recording.lengths.times, motion.harmonics).value
+    return recording.lengths.values - robot.inverse_kinematics(basis @ motion.table.T)
 
 
 def length_equations(
     robot: Robot,
-    record: PeriodicRecording,
+    recording: PeriodicRecording,
     covariance: Array,
     motion: HarmonicMotion,
     noise_filter: WhiteningFilter | None = None,
@@ -164,21 +169,21 @@ def length_equations(
     """Return the normal equations of ξ from the lengths, whose covariance is Δ, (6, 6)."""
 
     def rows(part: slice) -> Rows:
-        lengths, columns = length_columns(robot, motion.at(record.lengths.times[part]))
-        return record.lengths.values[part] - lengths, columns, record.lengths.counts[part]
+        lengths, columns = length_columns(robot, motion.at(recording.lengths.times[part]))
+        return recording.lengths.values[part] - lengths, columns, recording.lengths.counts[part]
 
-    return NormalEquations.of(map(rows, chunks(record.samples)), covariance, noise_filter)
+    return NormalEquations.of(map(rows, chunks(recording.samples)), covariance, noise_filter)
 
 
-def most_harmonics(record: PeriodicRecording) -> int:
-    """Return how many harmonics are looked for: the sampling bears no more."""
-    per_period = record.samples if record.averaged else record.period / record.step
-    return int(min(_MOST, (per_period - 1) // 4, (record.samples - 1) // 8))
+def most_harmonics(recording: PeriodicRecording) -> int:
+    """Return the largest number of harmonics that the sampling allows."""
+    per_period = recording.samples if recording.averaged else recording.period / recording.step
+    return int(min(_MOST, (per_period - 1) // 4, (recording.samples - 1) // 8))
 
 
 def choose_harmonics(
     robot: Robot,
-    record: PeriodicRecording,
+    recording: PeriodicRecording,
     covariance: Array,
     least: int,
     *,
@@ -189,24 +194,23 @@ def choose_harmonics(
 ) -> MotionFit:
     """Fit the motion with the harmonics that exceed the noise.
 
-    The motion has `least` of them for certain, and the search begins at those expected; the
-    covariance is Δ of one sample, (6, 6), m². Where no motion of this machine has the harmonics
-    that the lengths show, as when joints are elsewhere than stated and a pose is near singular, it
-    is the last one that was found.
+    The motion has at least `least` harmonics, and the search begins at the expected number; the
+    covariance is Δ of one sample, (6, 6), m². If no motion of this machine has all harmonics of the
+    lengths, for example near a singular pose with wrong joints, the last one found is returned.
 
     Raises
     ------
     MotionFitError
-        No motion has these lengths, with however many harmonics.
+        No motion has these lengths, for any number of harmonics.
     """
-    most = most_harmonics(record)
+    most = most_harmonics(recording)
     first = max(least, min(expected or least, most))
     level = _FAMILY_LEVEL / max(most - least, 1)
 
     def fitted(count: int, begin: HarmonicMotion | None) -> MotionFit:
         return fit_motion(
             robot,
-            record,
+            recording,
             covariance,
             count,
             start=begin,
@@ -215,7 +219,7 @@ def choose_harmonics(
         )
 
     def begun(count: int) -> MotionFit:
-        """Fit with that many, or with more where the residuals of so few are too large."""
+        """Fit with this number, or with more if the residuals are too large."""
         try:
             return fitted(count, start)
         except NoMotionFoundError as error:
@@ -233,7 +237,7 @@ def choose_harmonics(
         if harmonics >= most:
             break
         found = np.flatnonzero(
-            _p_values(robot, record, covariance, fit, most, noise_filter) < level
+            _p_values(robot, recording, covariance, fit, most, noise_filter) < level
         )
         if not len(found):
             break
@@ -263,7 +267,7 @@ def _highest_needed(fit: MotionFit, least: int, level: float) -> int:
 
 def _p_values(
     robot: Robot,
-    record: PeriodicRecording,
+    recording: PeriodicRecording,
     covariance: Array,
     fit: MotionFit,
     most: int,
@@ -271,25 +275,25 @@ def _p_values(
 ) -> Array:
     """Return the p-value of each harmonic above the fit's, tested on the fit's residuals."""
     white, motion = whitening(covariance), fit.motion
-    rows = np.arange(record.samples)
-    if not record.averaged:
+    rows = np.arange(recording.samples)
+    if not recording.averaged:
         # Evenly in phase, so that no harmonic is an alias of another.
-        order = np.argsort(np.mod(motion.omega * record.lengths.times, 2 * np.pi), kind="stable")
-        rows = order[:: max(1, record.samples // _POINTS)]
-    phases = motion.omega * record.lengths.times[rows]
+        order = np.argsort(np.mod(motion.omega * recording.lengths.times, 2 * np.pi), kind="stable")
+        rows = order[:: max(1, recording.samples // _POINTS)]
+    phases = motion.omega * recording.lengths.times[rows]
     poses = PhaseBasis.at(phases, motion.harmonics).value @ motion.table.T
     _, jacobian = robot.lengths_and_jacobian(poses)
-    residual, counts = fit.residuals[rows], record.lengths.counts[rows]
+    residual, counts = fit.residuals[rows], recording.lengths.counts[rows]
     inverse = white.T @ white
     if noise_filter is None:
-        score = np.einsum("sri,sr->si", jacobian, whitened(residual, inverse, counts**2))
-        slope = whitened(jacobian, white, counts)
+        score = np.einsum("sri,sr->si", jacobian, whiten_rows(residual, inverse, counts**2))
+        slope = whiten_rows(jacobian, white, counts)
         curvature = np.einsum("sri,srj->sij", slope, slope)
     else:
-        weighted = whitened(noise_filter(residual), inverse, counts**2)
+        weighted = whiten_rows(noise_filter(residual), inverse, counts**2)
         score = np.einsum("sri,sr->si", jacobian, noise_filter(weighted))
         gains = noise_filter.gain @ (inverse * counts[0]) @ noise_filter.gain
-        turned = _turned_information(jacobian, gains, float(phases[0]))
+        turned = _turn_information(jacobian, gains, float(phases[0]))
     values = []
     for harmonic in range(motion.harmonics + 1, most + 1):
         sin, cos = np.sin(harmonic * phases), np.cos(harmonic * phases)
@@ -307,14 +311,14 @@ def _p_values(
     return np.array(values)
 
 
-def _turned_information(
+def _turn_information(
     jacobian: Array, weights: ComplexArray, phase: float
 ) -> Callable[[int], Array]:
-    """Return a function of the information on the sine and cosine of a harmonic, (12, 12).
+    """Return a function for the information on sine and cosine of a harmonic, (12, 12).
 
-    Of a period's slopes of the lengths to the pose, (N, 6, 6), weighted line by line,
-    (N // 2 + 1, 6, 6), whose first sample has this phase, rad. A harmonic turns the few lines of
-    the slopes by its number.
+    `jacobian` contains the slopes of the lengths to the pose over a period, (N, 6, 6), `weights`
+    those of every line, (N // 2 + 1, 6, 6), `phase` that of the first sample, rad. A harmonic
+    shifts the few lines of the slopes by its number.
     """
     count = len(jacobian)
     lines = np.fft.fft(jacobian, axis=0) / np.sqrt(count)
@@ -342,54 +346,54 @@ _GAP = 1.5
 
 @dataclass(frozen=True, eq=False)
 class PointwiseMotion:
-    """States λ, λ̇, λ̈, (R, 18), at those rows of the record, (R,), whose neighbours are known."""
+    """States λ, λ̇, λ̈, (R, 18), at the rows of the recording, (R,), with known neighbours."""
 
     rows: NDArray[np.intp]
     state: Array
 
 
 def pointwise_motion(
-    robot: Robot, record: PeriodicRecording, *, cutoff: float | None = None
+    robot: Robot, recording: PeriodicRecording, *, cutoff: float | None = None
 ) -> PointwiseMotion:
     """Return poses by forward kinematics and their differences.
 
     Parameters
     ----------
     cutoff : float, optional
-        Of the zero-phase Butterworth filter (order 4 forward and backward), Hz; none: no filter.
+        Of the zero-phase Butterworth filter (order 4 in both directions), Hz; None: no filter.
 
     Raises
     ------
     MotionFitError
         The stamps jitter, the channels have different delays, or a length has no pose.
     """
-    if record.stamped:
+    if recording.stamped:
         raise MotionFitError(
             "pointwise differentiation needs uniform time; stamped data need the Fourier fit"
         )
-    if not np.allclose(record.lengths.times, record.forces.times, rtol=0, atol=1e-9):
+    if not np.allclose(recording.lengths.times, recording.forces.times, rtol=0, atol=1e-9):
         raise MotionFitError(
             "pointwise differentiation cannot shift channels by their delays; use the Fourier fit"
         )
-    gap = np.max(np.diff(record.lengths.times)) if record.samples > 1 else 0.0
-    if gap > _GAP * record.step:
+    gap = np.max(np.diff(recording.lengths.times)) if recording.samples > 1 else 0.0
+    if gap > _GAP * recording.step:
         raise MotionFitError(
             "pointwise differentiation needs a sample at every step; use the Fourier fit where "
             "some were lost"
         )
     try:
-        poses = robot.forward_kinematics(record.lengths.values)
+        poses = robot.forward_kinematics(recording.lengths.values)
     except ForwardKinematicsError as error:
         raise MotionFitError(f"no pose has the measured lengths: {error}") from error
-    count, wrap = len(poses), record.averaged
-    # A mean period goes on with its own beginning; single samples end where they end.
+    count, wrap = len(poses), recording.averaged
+    # A mean period is continued periodically; single samples are not.
     pad = count if wrap else 0
     extended = np.concatenate([poses[count - pad :], poses, poses[:pad]]) if wrap else poses
     if cutoff is not None:
-        sections = scipy.signal.butter(_FILTER_ORDER, cutoff, fs=1 / record.step, output="sos")
+        sections = scipy.signal.butter(_FILTER_ORDER, cutoff, fs=1 / recording.step, output="sos")
         extended = scipy.signal.sosfiltfilt(sections, extended, axis=0)
-    rate = (extended[2:] - extended[:-2]) / (2 * record.step)
-    acceleration = (extended[2:] - 2 * extended[1:-1] + extended[:-2]) / record.step**2
+    rate = (extended[2:] - extended[:-2]) / (2 * recording.step)
+    acceleration = (extended[2:] - 2 * extended[1:-1] + extended[:-2]) / recording.step**2
     state = np.concatenate([extended[1:-1], rate, acceleration], axis=1)
     if wrap:
         return PointwiseMotion(np.arange(count), state[pad - 1 : pad - 1 + count])
@@ -399,7 +403,7 @@ def pointwise_motion(
 
 
 def expected_signs(robot: Robot, motion: HarmonicMotion, times: Array, spread: Array) -> Array:
-    """Return E[sign] of the rates that the terms use, (S, s), at the times given, s.
+    """Return the expected signs of the terms' rates, (S, s), at times in s.
 
     `spread` is their standard deviation, (S, s), as of `rate_spread`; 0 gives the plain signs.
     """
@@ -407,7 +411,7 @@ def expected_signs(robot: Robot, motion: HarmonicMotion, times: Array, spread: A
 
 
 def signs_along(robot: Robot, sampled: MotionSamples, spread: Array) -> Array:
-    """Return the same signs along a motion that is sampled already."""
+    """Return the expected signs along a sampled motion."""
     kernel = sliding_rate_kernel(robot.terms)
     (rates,) = kernel(sampled.state(), robot.geometry_vector)
     doubtful = spread > 0
@@ -422,5 +426,5 @@ def rate_spread(robot: Robot, motion: HarmonicMotion, times: Array, covariance: 
     for part in chunks(len(times)):
         sampled = motion.at(times[part])
         _, slope = sliding_kernel(robot.terms)(sampled.state(), robot.geometry_vector)
-        parts.append(np.linalg.norm(sampled.moved(slope, factor), axis=2))
+        parts.append(np.linalg.norm(sampled.apply_steps(slope, factor), axis=2))
     return np.concatenate(parts)

@@ -1,4 +1,4 @@
-"""The formats of control models: which files each has, and what tests them here."""
+"""Formats of control models: their files, and self-tests on this computer."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ OUTPUTS = (
     ("lengths", "m", "coordinate of actuator"),
     ("rates", "m/s", "speed of actuator"),
 )
-"""Of the pose, its rate and acceleration: name, unit and meaning."""
+"""Outputs for pose, rate and acceleration: name, unit and meaning."""
 REASONS = (
     "the struts cannot hold the platform in this pose",
     "no pose of the measured lengths was found in which the struts hold the platform",
     "the pose of the measured lengths is turned by more than 45 deg from the one before",
 )
-"""What a status of the C functions says, from 1. The search meets the first one's poses on its way;
-where it ends in one it says the second."""
+"""Meanings of the status of the C functions, from 1. The search may pass poses of the first kind;
+if it ends in one, the status is the second."""
 
 
 class Variable(NamedTuple):
@@ -60,24 +60,24 @@ class Variable(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Six numbers that belong together."""
+    """A vector of six numbers."""
 
     name: str
     unit: str
-    """Of an actuator's numbers; of those of the pose what follows the coordinate's own."""
+    """Unit of an actuator's number; for the pose, the suffix of the coordinate's unit."""
     meaning: str
-    """What comes before the coordinate's meaning, or the number of the actuator."""
+    """Text before the coordinate's meaning, or before the number of the actuator."""
     causality: Literal["input", "output", "parameter"]
     of: tuple[str, ...] = ()
-    """Of an output: the inputs that it depends on."""
+    """Inputs on which an output depends."""
     start: Array | None = None
-    """Of what is no output; None: zeros."""
+    """Start values of an input or parameter; None: zeros."""
     of_pose: bool = False
-    """Whether there is one for each coordinate of the pose; else one for each actuator."""
+    """One number for each coordinate of the pose; otherwise one for each actuator."""
 
     @property
     def variables(self) -> list[Variable]:
-        """Its numbers one by one."""
+        """The single numbers."""
         start = np.zeros(ACTUATORS) if self.start is None else self.start
         if self.of_pose:
             each = [
@@ -96,10 +96,7 @@ class Block:
 
 
 def blocks(model: ControlModel) -> tuple[Block, ...]:
-    """Return all blocks in their order.
-
-    The last ones are of the forward kinematics, which need nothing of what comes before.
-    """
+    """Return all blocks in their order; the last ones belong to the forward kinematics."""
     home, functions = model.robot.home, model.functions
     lengths = model.robot.inverse_kinematics(home)
     return (
@@ -137,17 +134,17 @@ def blocks(model: ControlModel) -> tuple[Block, ...]:
 
 
 _EARLIEST = (1980, 1, 1, 0, 0, 0)
-"""The time in an archive: the same model makes the same bytes."""
+"""Time stamp in an archive, so that equal models have equal bytes."""
 
 
 @dataclass(frozen=True)
-class Made:
-    """The files of a model, by name, and what their self-tests have shown here."""
+class ModelFiles:
+    """Files of a model, by name, with the results of their self-tests here."""
 
     files: Mapping[str, bytes]
     tests: tuple[SelfTest, ...] = ()
     untested: str = ""
-    """Why there is no self-test, in words; empty when there is one."""
+    """Reason for a missing self-test; otherwise empty."""
 
 
 @dataclass(frozen=True)
@@ -155,17 +152,17 @@ class ModelFormat:
     """A format of control models."""
 
     title: str
-    make: Callable[[ControlModel, Path], Made]
-    """Make the files of a model; the folder is empty, and its own to work in."""
+    make: Callable[[ControlModel, Path], ModelFiles]
+    """Function that creates the files of a model; it may use the given empty folder."""
 
 
-def _c(model: ControlModel, folder: Path) -> Made:
+def _c(model: ControlModel, folder: Path) -> ModelFiles:
     filled = context(model, C)
     files = _c_files(model, filled) | {"Makefile": _text("Makefile.j2", filled)}
     return _self_test_report(model, files, folder)
 
 
-def _simulink(model: ControlModel, folder: Path) -> Made:
+def _simulink(model: ControlModel, folder: Path) -> ModelFiles:
     filled = context(model, C) | _signals(model)
     name = model.prefix
     own = {
@@ -176,15 +173,15 @@ def _simulink(model: ControlModel, folder: Path) -> Made:
     return replace(made, files={**made.files, **own})
 
 
-def _python(model: ControlModel, folder: Path) -> Made:
+def _python(model: ControlModel, folder: Path) -> ModelFiles:
     name = f"{model.prefix}.py"
     files = {name: _text("module.py.j2", context(model, NUMPY))}
     _put(folder, files, model)
     by = f"Python {platform.python_version()}"
-    return Made(files, (run_self_test([sys.executable, name], folder, "double", by),))
+    return ModelFiles(files, (run_self_test([sys.executable, name], folder, "double", by),))
 
 
-def _fmu(model: ControlModel, folder: Path) -> Made:
+def _fmu(model: ControlModel, folder: Path) -> ModelFiles:
     compiler, place = find_compiler(), _binaries()
     if compiler is None:
         raise ComputationError(
@@ -193,7 +190,7 @@ def _fmu(model: ControlModel, folder: Path) -> Made:
         )
     filled, name = context(model, C), model.prefix
     sources = _c_files(model, filled)
-    # Of the code, so that units that differ have another one.
+    # Different units have different identifiers.
     guid = "{" + str(uuid.uuid5(uuid.NAMESPACE_URL, _digest(sources[f"{name}.c"]))) + "}"
     filled |= {"guid": guid} | _signals(model)
     wrapper = f"{name}_fmu.c"
@@ -240,19 +237,21 @@ def _c_files(model: ControlModel, filled: dict[str, Any]) -> dict[str, bytes]:
     }
 
 
-def _self_test_report(model: ControlModel, files: dict[str, bytes], folder: Path) -> Made:
+def _self_test_report(model: ControlModel, files: dict[str, bytes], folder: Path) -> ModelFiles:
     """Build the self-test in double and single precision, and run both; none without compiler."""
     _put(folder, files, model)
     compiler = find_compiler()
     if compiler is None:
-        return Made(files, untested="there is no C compiler here: neither tested nor measured")
+        return ModelFiles(
+            files, untested="there is no C compiler here: neither tested nor measured"
+        )
     sources, by = (f"{model.prefix}.c", f"{model.prefix}_selftest.c"), compiler_name(compiler)
     tests = []
     for precision, flags in (("double", ()), ("float", ("-DEXPDESIGN_FLOAT",))):
         program = f"selftest-{precision}"
         build(compiler, folder, sources, program, *flags)
         tests.append(run_self_test([str(folder / program)], folder, precision, by))
-    return Made(files, tuple(tests))
+    return ModelFiles(files, tuple(tests))
 
 
 def _put(folder: Path, files: Mapping[str, bytes], model: ControlModel) -> None:
@@ -389,7 +388,7 @@ def run_self_test(command: Sequence[str], folder: Path, precision: str, by: str)
 
 
 def compiler_name(compiler: str) -> str:
-    """Return the first line that a compiler says of itself."""
+    """Return the first line of a compiler's version text."""
     said = _run([compiler, "--version"], Path.cwd()).stdout.splitlines()
     return said[0] if said else Path(compiler).name
 

@@ -86,7 +86,7 @@ class ControlModel:
 
     @property
     def largest_force(self) -> float:
-        """Limit of the actuators' forces, N; where there is none, the largest of the vectors."""
+        """Limit of the actuators' forces, N; without a limit, the largest force of the vectors."""
         limit = self.robot.limit("actuator_force")
         return float(abs(self.vectors.forces).max() if limit is None else max(limit.upper))
 
@@ -105,10 +105,10 @@ class ModelFunction:
     function: ca.Function
     """(inputs, geometry (g), constants (c), parameters (m)) → outputs.
 
-    Forces are given as Gᵀ column by column, w, and f of Q = G⁻ᵀ w + f: solving by elimination with
-    pivots is a hundred times more exact in single precision than what CasADi writes for it. Where
-    friction depends on the load of the actuators, which is such a Q itself, its w and f come
-    before, and it is the last input.
+    Forces are given as Gᵀ column by column, w, and f of Q = G⁻ᵀ w + f: elimination with pivots is a
+    hundred times more exact in single precision than CasADi's own solution. If friction depends on
+    the load of the actuators, which is such a Q itself, the load's w and f come first, and the load
+    is the last input.
     """
     loaded: bool = False
     """Whether it depends on the load."""
@@ -300,16 +300,9 @@ VECTORS = ArrayTable("test_vectors.csv", WRITTEN_BY, Vectors)
 
 
 def vectors_of(robot: Robot, width: float, count: int, seed: int) -> Vectors:
-    """Return states within the robot's limits, and what its own graph returns there.
+    """Return `count` states within the robot's limits, with the outputs of its graph there.
 
-    Parameters
-    ----------
-    robot : Robot
-    width : float
-        Of the sign of dry friction, m/s; 0: the exact one.
-    count : int
-        Of the states.
-    seed : int
+    `width` is that of the sign of dry friction, m/s; 0 for the exact sign.
     """
     states = random_states(robot, count, seed)
     motion = robot.strut_motion(*np.split(states, 3, axis=1))

@@ -124,9 +124,9 @@ def uncertainty_lines(model: ControlModel) -> tuple[str, ...]:
 
 _OUTPUTS = {"lengths": ("lengths",), "rates": ("rates",), "slope": ("lengths", "matrix")}
 _FORCES, _LOAD = ("transposed", "forces", "along"), ("transposed", "load", "along")
-"""What is stored in C and Python by the functions of `model_functions`."""
+"""Variables in C and Python for the outputs of `model_functions`."""
 _CARRIED = "carry(matrix, along, load)"
-"""Makes the load of its wrench."""
+"""Call that computes the load from its wrench."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ class Body:
 
 
 def context(model: ControlModel, language: Language) -> dict[str, Any]:
-    """Return what templates are filled with: bodies of functions, constants and vectors."""
+    """Return the context of the templates: bodies of functions, constants and vectors."""
     constants = robot_constants(model)
     groups = [constant.places for constant in constants]
     *geometry, own, parameters = groups
@@ -271,7 +271,7 @@ class Language:
 
     number: Callable[[float], str]
     called: Callable[[str], str]
-    """Name of a function of math.h → what calls it."""
+    """Name of a function of math.h → its call."""
     chosen: str
     """The value of `a` where `holds`, else that of `b`."""
     end: str = ""
@@ -317,18 +317,18 @@ def lines(
     function : casadi.Function
         Of SX, its inputs and outputs dense.
     inputs, outputs : sequence of str sequences
-        What every element is called, column by column.
+        Names of the elements, column by column.
     language : Language
     calls : mapping
-        Output → what to call once it is written. CasADi has the instructions in the order of the
-        outputs, so that what is needed for later ones alone comes after.
+        Output → call after its last element. CasADi sorts the instructions by the outputs, so that
+        those of later outputs follow.
 
     Raises
     ------
     UnknownInstructionError
         An operation has no form there.
     """
-    # What an input, or a constant, is called is put in where it is used.
+    # Names of inputs and constants are inserted at their use.
     held: dict[int, str] = {}
     variables: dict[str, None] = {}
     statements: list[str] = []

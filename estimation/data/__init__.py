@@ -1,1 +1,1 @@
-"""Measured data: what a recording holds, and how files of many formats become one."""
+"""Measured data: recordings, and their files in many formats."""

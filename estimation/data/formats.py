@@ -33,27 +33,26 @@ _COMMAND = f"from {__name__} import serve; serve()"
 
 @dataclass(frozen=True)
 class FileFormat:
-    """A format that measurements come in, declared in :mod:`estimation.data.readers`."""
+    """Format of recordings, declared in :mod:`estimation.data.readers`."""
 
     title: str
-    """For messages and the documentation."""
+    """Name in messages and in the documentation."""
     extensions: tuple[str, ...]
     """Lower case, with the dot."""
     read: Callable[[Path, DataSection], RawTable]
-    """``read(path, section)``: lists the columns of the file, has
-    :func:`estimation.data.table.pick` choose, and loads those. An `InputError` says what is
-    wrong; any other exception counts as a damaged file."""
+    """``read(path, section)`` lists the columns of the file, picks those of the channels with
+    :func:`estimation.data.table.pick_columns`, and loads them. Any exception except `InputError`
+    counts as a damaged file."""
     library: str | None = None
     extra: str | None = None
-    """The optional library that it needs, and by what to install it: ``pip install
-    expdesign[extra]``."""
+    """Optional library, and its extra: ``pip install expdesign[extra]``."""
     may_crash: bool = False
-    """True for a library that can end the process on damaged files: it is read in another one, to
-    which the functions go by their names."""
+    """True for a library that may crash on damaged files: it runs in a separate process, to which
+    the functions are passed by name."""
     accepts: Callable[[Path], bool] | None = None
-    """``accepts(path)``, for formats that share an extension."""
+    """``accepts(path)``, for formats with a common extension."""
     folder_file: str = ""
-    """The file by which a folder is of this format; without one no folder is."""
+    """File that identifies a folder of this format; empty if folders are not read."""
 
     def claims(self, path: Path) -> bool:
         """Return whether an existing file or folder has this format."""
@@ -70,7 +69,7 @@ class FileFormat:
         InputError
             The file cannot be read, is damaged, or does not have the columns.
         RuntimeError
-            The process that reads it could not be started.
+            The reading process could not be started.
         """
         return (self._load_apart if self.may_crash else self.load_here)(path, section)
 
@@ -135,11 +134,11 @@ def _bytes_of(path: Path) -> int:
 
 
 def serve() -> None:
-    """Be the other process: read what standard input names, write a pickle to standard output."""
+    """Serve as the separate process: read a pickle from standard input, write one to output."""
     answers = os.dup(1)
-    os.dup2(2, 1)  # what a library prints is not part of the answer
+    os.dup2(2, 1)  # output of a library is not part of the answer
     file_format, path, section = pickle.load(sys.stdin.buffer)
-    # A damaged size may ask for any.
+    # A damaged size may request any amount.
     limit = min(_MEMORY + _MEMORY_PER_BYTE * _bytes_of(path), _MOST_MEMORY)
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -1,4 +1,4 @@
-"""From a file in any known format to a checked measurement in SI units."""
+"""Reading of recordings: from a file in any known format to a checked measurement in SI units."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from constraints.arrays import Array
 from constraints.plugins import declarations
 from estimation.data import readers
 from estimation.data.formats import FileFormat
-from estimation.data.measurement import Measurement, lost_samples, time_base
+from estimation.data.measurement import Measurement, time_base
 from estimation.data.table import (
     MOST_PROBLEMS,
     RawTable,
@@ -64,18 +64,15 @@ def format_of(path: Path) -> FileFormat:
             message = "this folder is no rosbag2 recording"
         allowed = f"{known}, or the folder of a rosbag2 recording"
         raise InputError(message, path, allowed=allowed)
-    if found.library is not None and not _require_library(found.library):
+    try:
+        missing = found.library is not None and importlib.util.find_spec(found.library) is None
+    except ValueError:  # a module without a specification, such as a blocked one
+        missing = True
+    if missing:
         message = f"{found.title} is read with {found.library}, which is not installed"
         install = f"after: pip install expdesign[{found.extra}]"
         raise InputError(message, path, allowed=install)
     return found
-
-
-def _require_library(library: str) -> bool:
-    try:
-        return importlib.util.find_spec(library) is not None
-    except ValueError:  # a module without a specification, such as one that was blocked
-        return False
 
 
 def read_measurement(
@@ -88,9 +85,9 @@ def read_measurement(
     path : path
         A file in one of the formats of :mod:`estimation.data.readers`, or a rosbag2 folder.
     section : DataSection
-        How its columns map to channels; the defaults are those of ``measurement.csv``.
+        Columns, units, signs and time; the defaults are those of ``measurement.csv``.
     robot : ResolvedRobot or Robot
-        Whose lengths they are: for the number of rows needed and for plausibility.
+        The measured robot: its parameters need as many rows, its limits show implausible lengths.
 
     Raises
     ------
@@ -104,21 +101,19 @@ def read_measurement(
 def measurement_of(
     table: RawTable, section: DataSection, robot: ResolvedRobot | Robot
 ) -> Measurement:
-    """Return the measurement in a table, wherever it comes from; arguments as `read_measurement`.
-
-    Raises
-    ------
-    InputError
-        Its content cannot be used: every defect with column and row.
-    """
+    """Return the measurement in a table; arguments and exceptions as of `read_measurement`."""
     machine = robot if isinstance(robot, Robot) else Robot(robot)
     description, home = machine.description, None
     if section.length_offsets == "home":
-        # Those of the actuators: on a thread they are not the distances of the joints.
+        # Lengths of the actuators: on a thread they are not the distances of the joints.
         home = machine.inverse_kinematics(machine.home)
-    table, notes = in_si(table, section, home)
-    table = _within(table, section)
-    refuse_few_rows(table, len(description.parameter_names))
+    table, notes = convert_to_si(table, section, home)
+    table = _trim(table, section)
+    parameters = len(description.parameter_names)
+    if len(table) < parameters:
+        rows = f"{len(table)} row{'' if len(table) == 1 else 's'}"
+        message = f"{rows} of data, but the robot has {parameters} parameters"
+        raise InputError(message, table.file, allowed=f"at least {parameters} rows")
     refuse_cells(table, tuple(table.values), section.decimal)
     refuse_periods(table)
     base = time_base(table, section)
@@ -137,20 +132,17 @@ def measurement_of(
         jitter=base.jitter,
         lost=base.lost,
         source=str(table.file),
-        warnings=(*notes, *lost_samples(table, base)),
+        warnings=(*notes, *base.warnings),
     )
 
 
-def _within(table: RawTable, section: DataSection) -> RawTable:
-    """Return the table without the rows before the trigger and from the end on.
-
-    In these anything may stand.
-    """
+def _trim(table: RawTable, section: DataSection) -> RawTable:
+    """Return the rows from `data.start` to `data.end`; the others are not checked."""
     time = table.values["t"]
     finite = time[np.isfinite(time)]
     if (section.start is None and section.end is None) or len(finite) == 0:
         return table
-    # A stamp that jitters just below a limit is the first one after it.
+    # A stamp slightly before a limit, due to jitter, counts as the first one after it.
     slack = section.time_tolerance * float(np.median(np.diff(finite))) if len(finite) > 1 else 0.0
     first, end = 0, len(table)
     if section.start is not None:
@@ -166,26 +158,21 @@ def _within(table: RawTable, section: DataSection) -> RawTable:
     return table.part(first, end)
 
 
-def in_si(
+def convert_to_si(
     table: RawTable, section: DataSection, home: Array | None = None
 ) -> tuple[RawTable, tuple[str, ...]]:
-    """Return the table in s, m and N by the struts' channels, and warnings.
+    """Convert a table to the struts' channels in s, m and N; return it with warnings.
 
-    A column's unit is that of the file, else that of `section.units` for the channel or its
-    group, else SI. Currents are multiplied by the force constants. Then a length or force is
+    The unit of a column comes from the file, from `section.units` for the channel or its group, or
+    is SI. Currents are multiplied by the force constants. Then a length or force is
     sign · channel + offset, and q1 of the file is the length of the first strut of
-    `section.order`.
-
-    Parameters
-    ----------
-    home : (6,), optional
-        Lengths at home, m: for offsets that are called so.
+    `section.order`. `home` contains the lengths at home, (6,), m, for ``offset: home``.
 
     Raises
     ------
     InputError
-        The file names a unit that is unknown, of another quantity, or not that of
-        `section.units`; currents without force constants, or these without currents.
+        A unit in the file is unknown, of another quantity, or contradicts `section.units`; or
+        currents and force constants are not both given.
     """
     values = dict(table.values)
     problems: list[Problem] = []
@@ -215,11 +202,11 @@ def in_si(
     if problems:
         raise InputError(problems)
     table = replace(table, values=values)
-    return _by_strut(_signed(table, section, home), section), tuple(warnings)
+    return _sort_by_strut(_apply_signs(table, section, home), section), tuple(warnings)
 
 
-def _signed(table: RawTable, section: DataSection, home: Array | None) -> RawTable:
-    """Return sign · channel + offset of lengths and forces."""
+def _apply_signs(table: RawTable, section: DataSection, home: Array | None) -> RawTable:
+    """Return sign · channel + offset for lengths and forces."""
     offsets = {"q": section.length_offsets, "Q": section.force_offsets}
     if offsets["q"] == "home":
         if home is None:
@@ -236,8 +223,8 @@ def _signed(table: RawTable, section: DataSection, home: Array | None) -> RawTab
     return replace(table, values=values)
 
 
-def _by_strut(table: RawTable, section: DataSection) -> RawTable:
-    """Return the table with the channels of the struts where those of the file stood."""
+def _sort_by_strut(table: RawTable, section: DataSection) -> RawTable:
+    """Rename the channels of the file to those of the struts."""
     names = {
         channel: f"{channel[0]}{_strut(channel, section) + 1}"
         for channel in (*LENGTH_CHANNELS, *FORCE_CHANNELS)
@@ -246,7 +233,7 @@ def _by_strut(table: RawTable, section: DataSection) -> RawTable:
         return table
     return replace(
         table,
-        # Columns in their usual order, whatever that of the struts.
+        # The order of the columns stays the usual one.
         values={name: table.values[_in_file(name, section)] for name in table.values},
         columns={
             name: table.columns.get(file := _in_file(name, section), RecordedColumn(file))
@@ -257,28 +244,23 @@ def _by_strut(table: RawTable, section: DataSection) -> RawTable:
 
 
 def _strut(channel: str, section: DataSection) -> int:
-    """Return the strut, from zero, that a length or force of the file is of."""
+    """Return the strut, from zero, of a length or force of the file."""
     return section.channel_order(channel[0])[int(channel[1]) - 1] - 1
 
 
 def _in_file(channel: str, section: DataSection) -> str:
-    """Return what the channel of a strut is called in the file."""
+    """Return the file's name for the channel of a strut."""
     if channel not in LENGTH_CHANNELS and channel not in FORCE_CHANNELS:
         return channel
     return f"{channel[0]}{section.channel_order(channel[0]).index(int(channel[1])) + 1}"
 
 
-def unit_factor(channel: str, table: RawTable, section: DataSection) -> float:
-    """Return what one unit of a strut's length is in SI, for a table that `in_si` took."""
-    return _factor(_in_file(channel, section), channel, table, section)[0]
-
-
 def _factor(
     channel: str, place: str, table: RawTable, section: DataSection
 ) -> tuple[float, Quantity | None, list[str]]:
-    """Return the SI factor and quantity of a column's unit, None without a unit; warnings.
+    """Return the SI factor and quantity of a column's unit (None without one), and warnings.
 
-    `channel` is that of the file, `place` its position in the table.
+    `channel` is its name in the file, `place` its key in the table.
     """
     stated = section.units.get(channel, section.units.get(channel[0]))
     given = table.columns[place].unit if place in table.columns else None
@@ -308,26 +290,18 @@ def _factor(
 
 
 _UNITS = ("m", "mm", "cm", "in", "ft", "µm", "dm", "km")
-"""Units that are tried when the lengths do not fit, the likeliest first."""
+"""Units that are tried if the lengths are implausible, the most likely first."""
 _ZERO_AT_HOME = "; it would fit if the channel read zero at home: data.offset: home"
 _NEAR_HOME = 0.25
-"""Share of the stroke within which a motion about home has its middle."""
+"""Largest distance of a motion's middle from home, as a share of the stroke."""
 _MARGIN = 0.1
-"""By how much of the longest length the middle of a recording may be out of range: limits may be
-stated for the design only, a unit is wrong by a factor of 2.5 at least."""
-
-
-def refuse_few_rows(table: RawTable, parameters: int) -> None:
-    """Refuse fewer rows than the robot has parameters."""
-    if len(table) < parameters:
-        rows = f"{len(table)} row{'' if len(table) == 1 else 's'}"
-        message = f"{rows} of data, but the robot has {parameters} parameters"
-        raise InputError(message, table.file, allowed=f"at least {parameters} rows")
+"""Distance, relative to the longest length, by which the median may be out of range: limits may
+hold for the design only, and a wrong unit is a factor of at least 2.5."""
 
 
 @dataclass(frozen=True, eq=False)
 class LengthRange:
-    """Lengths that a robot's struts can have: (6,) each, m, and where they are from."""
+    """Possible lengths of a robot's struts, (6,) each, m, and their origin."""
 
     lower: Array
     upper: Array
@@ -335,15 +309,15 @@ class LengthRange:
 
     @classmethod
     def of(cls, robot: ResolvedRobot) -> LengthRange:
-        """Return the limits on the strut lengths; where there are none, the scale of the robot.
+        """Return the limits on the strut lengths; without limits, half to twice those at home.
 
-        That is half to twice the length at home, more than a telescope can do.
+        No telescope has a larger range.
         """
         home = robot.struts_at(robot.home).lengths
         limit = robot.limits.get("strut_length")
         if limit is None:
             return cls(home / 2, home * 2, "half to twice the lengths at home")
-        # What is kept free is for motions as they are driven: a recording may go there.
+        # The reserve is for designs: a recording may use it.
         low, high = limit.stated_bounds
         lower = np.where(np.isfinite(low) & (low > 0), low, home / 2)
         return cls(lower, np.where(np.isfinite(high), high, home * 2), limit.origin)
@@ -354,7 +328,7 @@ class LengthRange:
         return (middle >= self.lower - margin) & (middle <= self.upper + margin)
 
     def problem(self, table: RawTable, strut: int, row: int, message: str) -> Problem:
-        """Return the record of a length that this strut cannot have."""
+        """Describe an impossible length of a strut."""
         span = f"{self.lower[strut]:.4g} to {self.upper[strut]:.4g} m, {self.origin}"
         return table.problem(f"strut {strut + 1} is {message}", LENGTH_CHANNELS[strut], row, span)
 
@@ -362,7 +336,7 @@ class LengthRange:
 def refuse_implausible_lengths(
     table: RawTable, lengths: Array, robot: ResolvedRobot, section: DataSection
 ) -> None:
-    """Refuse strut lengths, (T, 6), m, that this robot cannot have: wrong units, wild values."""
+    """Refuse impossible strut lengths, (T, 6), m: wrong units, outlying values."""
     allowed = LengthRange.of(robot)
     middle = np.median(lengths, axis=0)
     outside = (lengths < allowed.lower) | (lengths > allowed.upper)
@@ -370,7 +344,7 @@ def refuse_implausible_lengths(
     for strut in np.flatnonzero(~allowed.fits(middle)).tolist():
         message = f"around {middle[strut]:.4g} m long, out of this robot's range"
         row = int(np.argmax(outside[:, strut]))
-        hint = _hint(middle, strut, table, section, robot)
+        hint = _hint(allowed, middle, strut, table, section, robot)
         problems.append(allowed.problem(table, strut, row, message + hint))
     if problems:
         raise InputError(problems)
@@ -384,14 +358,20 @@ def refuse_implausible_lengths(
 
 
 def _hint(
-    middle: Array, strut: int, table: RawTable, section: DataSection, robot: ResolvedRobot
+    allowed: LengthRange,
+    middle: Array,
+    strut: int,
+    table: RawTable,
+    section: DataSection,
+    robot: ResolvedRobot,
 ) -> str:
-    """Return how a strut's median length would fit: in another unit, counted otherwise."""
-    allowed, home = LengthRange.of(robot), robot.struts_at(robot.home).lengths
+    """Suggest a unit, sign or offset with which a strut's median length is plausible."""
+    home = robot.struts_at(robot.home).lengths
     signs = np.array(section.channel_signs("q"))
     offsets = home if section.length_offsets == "home" else np.array(section.length_offsets)
     positions = signs * (middle - offsets)
-    in_file = positions / [unit_factor(each, table, section) for each in LENGTH_CHANNELS]
+    factors = [_factor(_in_file(c, section), c, table, section)[0] for c in LENGTH_CHANNELS]
+    in_file = positions / factors
     units = {u: allowed.fits(offsets + signs * in_file * LENGTH.parse(f"1 {u}")) for u in _UNITS}
     from_home = not np.any(offsets)
     stroke = allowed.upper - allowed.lower
@@ -401,7 +381,7 @@ def _hint(
         and np.all(allowed.fits(home + signs * positions))
         and not any(map(np.all, units.values()))
     ):
-        # One cause for all six goes before units that fit single struts by chance.
+        # A common cause for all six precedes units that fit single struts by chance.
         return _ZERO_AT_HOME
     for unit, fits in units.items():
         if fits[strut]:

@@ -1,4 +1,4 @@
-"""Raw table: the columns of the channels as the file has them."""
+"""Raw table of a recording: its columns, their assignment to channels, and their defects."""
 
 from __future__ import annotations
 
@@ -18,24 +18,23 @@ from expdesign.configuration.estimate import CHANNELS
 from expdesign.configuration.schema import MOST_SAMPLES, require_at_most
 
 OPTIONAL = frozenset({"period"})
-"""Channels that a file need not have."""
+"""Channels that a file may lack."""
 _WITH_UNIT = re.compile(r"(.*?\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 _MOST_SHOWN = 30
 
 
 @dataclass(frozen=True)
 class RecordedColumn:
-    """A column as the file names it.
-
-    `text` is its full name, as messages show it and `data.columns` may give it, `name` the same
-    without a unit, and `short` without the struct or group that it is in; each is the one before
-    unless given. By its place the reader finds it: a position or path, different for each column.
-    """
+    """A column under the names in its file; each name defaults to the one before."""
 
     text: str
+    """Full name, for messages and `data.columns`."""
     place: Any = None
+    """Position or path in the file, different for each column."""
     name: str = ""
+    """Full name without the unit."""
     short: str = ""
+    """Name without the unit and without the struct or group."""
     unit: str | None = None
 
     def __post_init__(self) -> None:
@@ -45,7 +44,7 @@ class RecordedColumn:
 
     @property
     def label(self) -> str:
-        """Its full name as messages show it: short, on one line, without control codes."""
+        """Full name for messages: short, on one line, without control codes."""
         return label(self.text)
 
     @property
@@ -55,7 +54,7 @@ class RecordedColumn:
 
 
 def label(text: str) -> str:
-    """Return a text from a file as messages show it: without quotes unlike `shown`."""
+    """Return a text from a file for messages, without quotation marks."""
     return quote(text).removeprefix("'").removesuffix("'")
 
 
@@ -73,18 +72,18 @@ def header_column(text: str, place: Any) -> RecordedColumn:
     )
 
 
-def pick(
+def pick_columns(
     columns: Sequence[RecordedColumn],
     names: Mapping[str, str],
     file: Path,
     line: int | None = None,
     optional: Collection[str] = OPTIONAL,
 ) -> dict[str, RecordedColumn]:
-    """Return the column of every channel.
+    """Pick the column of every channel.
 
-    A name is the full one, the one without its unit, or the one without its struct or group when
-    that is unique. Without a name in `names`, a channel's column is called like the channel, or is
-    the column of a matrix: q3 is ``q3`` or ``q(:,3)``.
+    A column is found by its full name, its name without the unit, or its name without struct or
+    group, if that is unique. By default its name is that of the channel, or that of the column of a
+    matrix: q3 is ``q3`` or ``q(:,3)``.
 
     Parameters
     ----------
@@ -93,21 +92,31 @@ def pick(
     file, line
         For messages.
     optional : collection of str
-        Channels that may be missing when `names` does not name them.
+        Channels that may be missing, unless `names` contains them.
 
     Raises
     ------
     InputError
-        Columns that are missing, with the nearest name; that several have the name of; or that
-        would be two channels at once.
+        Columns are missing (with the nearest name), ambiguous, or assigned to two channels.
     """
     place = Problem("", file, line)
     found: dict[str, RecordedColumn] = {}
     missing: dict[str, str] = {}
     problems: list[Problem] = []
     for channel in CHANNELS:
-        wanted = (names[channel],) if channel in names else _default_names(channel)
-        matches = next((some for n in wanted if (some := _columns_named(n.strip(), columns))), ())
+        wanted = [names.get(channel, channel)]
+        if channel not in names and channel[1:].isdigit():
+            wanted.append(f"{channel[0]}(:,{channel[1]})")
+        # The most exact spelling that any column has.
+        matches = next(
+            (
+                some
+                for name in wanted
+                for level in range(3)
+                if (some := [c for c in columns if c.spellings[level] == name.strip()])
+            ),
+            [],
+        )
         if len(matches) == 1:
             found[channel] = matches[0]
         elif matches:
@@ -120,16 +129,6 @@ def pick(
     if problems:
         raise InputError(problems)
     return found
-
-
-def _default_names(channel: str) -> tuple[str, ...]:
-    return (channel, f"{channel[0]}(:,{channel[1]})") if len(channel) == 2 else (channel,)  # noqa: PLR2004 - q1…Q6
-
-
-def _columns_named(name: str, columns: Sequence[RecordedColumn]) -> Sequence[RecordedColumn]:
-    """Return the columns of a name, in the most exact of its spellings that any has."""
-    levels = ([c for c in columns if c.spellings[level] == name] for level in range(3))
-    return next((level for level in levels if level), [])
 
 
 def _ambiguous(
@@ -192,22 +191,22 @@ MOST_PROBLEMS = 5
 
 @dataclass(frozen=True, eq=False)
 class RawTable:
-    """Columns of a file by channel."""
+    """Columns of a file, by channel."""
 
     file: Path
     values: Mapping[str, Array]
     """Channel → (T,), numbers in the file's unit; NaN where there is no number."""
     columns: Mapping[str, RecordedColumn]
-    """Channel → what the file calls the column, and its unit."""
+    """Channel → its column in the file."""
     row_noun: RowNoun = "sample"
-    """What the rows are to the user. Lines are those of an editor, the header being line 1; samples
-    and messages count from one."""
+    """Noun for a row. Lines count as in an editor, the header being line 1; samples and messages
+    count from one."""
     first_row: int = 1
     """Number of the first row."""
     rows: NDArray[np.int64] | None = None
-    """(T,), numbers of the rows where they do not follow each other."""
+    """(T,), numbers of the rows if they are not consecutive."""
     texts: Mapping[tuple[str, int], str] = field(default_factory=dict)
-    """(channel, row from zero) → what stands in a cell that is no finite number."""
+    """(channel, row from zero) → text of a cell without a finite number."""
 
     def __len__(self) -> int:
         """Return the number of rows T."""
@@ -222,13 +221,13 @@ class RawTable:
         return f"{self.row_noun} {self.row_number(row)}"
 
     def column_name(self, channel: str) -> str:
-        """Return what the file calls a channel."""
+        """Return the file's name for a channel."""
         return self.columns[channel].label if channel in self.columns else channel
 
     def problem(
         self, message: str, channel: str, row: int | None = None, allowed: str | None = None
     ) -> Problem:
-        """Return the record of what is wrong with a column, or with one of its cells."""
+        """Describe a defect of a column, or of one of its cells."""
         if row is None or self.row_noun == "line":
             line = None if row is None else self.row_number(row)
             return Problem(message, self.file, line, self.column_name(channel), allowed)
@@ -236,7 +235,7 @@ class RawTable:
         return Problem(message, self.file, key=key, allowed=allowed)
 
     def header_problem(self, message: str, channel: str, allowed: str | None = None) -> Problem:
-        """Return the record of what is wrong with what the file says about a column."""
+        """Describe a defect in the header of a column."""
         line = HEADER_LINE if self.row_noun == "line" else None
         return Problem(message, self.file, line, self.column_name(channel), allowed)
 
@@ -258,14 +257,14 @@ class RawTable:
 
 
 def refuse_long(count: int, file: Path) -> None:
-    """Refuse a recording with more rows than are read."""
+    """Refuse a recording with too many rows."""
     require_at_most(count, MOST_SAMPLES, "the recording is too long", file)
 
 
 def refuse(problems: Sequence[Problem], file: Path, what: str, count: int | None = None) -> None:
-    """Raise when there are problems: the first ones, and how many more `what` there are.
+    """Raise the first of the problems, if any, and the number of further ones, `what`.
 
-    `count` is their number where only the first ones were made.
+    `count` is their total number if only the first ones were created.
     """
     if not problems:
         return
@@ -277,12 +276,12 @@ def refuse(problems: Sequence[Problem], file: Path, what: str, count: int | None
 def refuse_rows(
     rows: NDArray[np.intp], problem: Callable[[int], Problem], file: Path, what: str
 ) -> None:
-    """Raise when there are rows with a problem, as `refuse`; only the first ones are made."""
+    """Raise the problems of rows, as `refuse`; only the first ones are created."""
     refuse([problem(int(row)) for row in rows[:MOST_PROBLEMS]], file, what, len(rows))
 
 
 def refuse_cells(table: RawTable, channels: Sequence[str], decimal: str) -> None:
-    """Refuse cells of these channels that are no finite numbers."""
+    """Refuse cells of these channels without a finite number."""
     found, count = list[tuple[int, int]](), 0
     for place, channel in enumerate(channels):
         rows = np.flatnonzero(~np.isfinite(table.values[channel]))
@@ -297,7 +296,7 @@ def refuse_cells(table: RawTable, channels: Sequence[str], decimal: str) -> None
 def _cell(table: RawTable, channel: str, row: int, decimal: str) -> Problem:
     text = table.texts.get((channel, row))
     if text is None:
-        if table.row_noun == "line":  # one of very many, whose texts are not kept
+        if table.row_noun == "line":  # one of very many, without a stored text
             return table.problem("the cell is no finite number", channel, row)
         found = table.values[channel][row]
         return table.problem("NaN" if np.isnan(found) else "an infinite value", channel, row)
@@ -310,7 +309,7 @@ def _cell(table: RawTable, channel: str, row: int, decimal: str) -> Problem:
 
 
 def refuse_periods(table: RawTable) -> None:
-    """Refuse numbers of periods that are not whole, or that fall."""
+    """Refuse period numbers that are not whole, or that decrease."""
     values = table.values.get("period")
     if values is None:
         return

@@ -19,14 +19,14 @@ from typing import Annotated
 import numpy as np
 
 from estimation.diagnostics.finding import Assumption, Finding, join_words, name_channels
-from estimation.diagnostics.hypothesis import Hypothesis
-from estimation.diagnostics.joint_system import JointSystem, SolvedSystem
-from estimation.diagnostics.linearisation import Linearisation, Signature
-from estimation.diagnostics.periodic_forces import (
+from estimation.diagnostics.hypothesis import (
+    Hypothesis,
     PeriodicForce,
     PitchScan,
     periodic_force,
 )
+from estimation.diagnostics.joint_system import JointSystem, SolvedSystem
+from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.search import (
     PERIODIC,
     EffectCandidate,

@@ -154,15 +154,15 @@ class _Recording:
     """Rows of one experiment, and the model along alternative lengths."""
 
     def __init__(self, robot: Robot, experiment: Experiment, priors: ParameterPriors) -> None:
-        record = experiment.record
+        recording = experiment.recording
         if experiment.fit is None:
             raise ValueError("pointwise kinematics have no Fourier series")
         self.robot, self.motion = robot, experiment.fit.motion
         count = len(robot.parameter_names)
         self.free, self.start = priors.free[:count], priors.start[:count]
-        self.lengths_at, self.lengths, _ = _thin_rows(record.lengths)
-        self.forces_at, forces, counts = _thin_rows(record.forces)
-        self.share = len(forces) / len(record.forces.values)
+        self.lengths_at, self.lengths, _ = _thin_rows(recording.lengths)
+        self.forces_at, forces, counts = _thin_rows(recording.forces)
+        self.share = len(forces) / len(recording.forces.values)
         lower = np.linalg.cholesky(experiment.noise.forces.covariance)
         self._inverse = sla.solve_triangular(lower, np.eye(ACTUATORS), lower=True)
         self._weights = np.sqrt(counts)
@@ -272,7 +272,7 @@ class _Recording:
 
 
 def _thin_rows(channels: Channels) -> tuple[Array, Array, Array]:
-    """Return times, values and counts of a limited number of rows of a record's channels."""
+    """Return times, values and counts of a limited number of rows of a recording's channels."""
     most = _SINGLE_ROWS if channels.repeats is None else _ROWS
     rows = np.unique(np.linspace(0, len(channels.values) - 1, most).astype(np.intp))
     return channels.times[rows], channels.values[rows], channels.counts[rows]

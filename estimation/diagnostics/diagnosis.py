@@ -240,7 +240,7 @@ def _diagnose_experiment(
         case.search_system.with_effects(*tolerated),
         part,
         families,
-        experiment.record.step,
+        experiment.recording.step,
         experiments=shares,
     )
     tolerant = case.system.with_effects(*tolerated)
@@ -296,8 +296,8 @@ def _noise_tests(
     case: _Case, priors: ParameterPriors, estimate: ParameterEstimate | None, level: float
 ) -> NoiseTests:
     """Test the noise, with its effect on the standard deviations of an estimate."""
-    record, noise, part = case.experiment.record, case.experiment.noise, case.part
-    tests = noise_tests(record, noise, part.force_rows, part.length_rows, level)
+    recording, noise, part = case.experiment.recording, case.experiment.noise, case.part
+    tests = noise_tests(recording, noise, part.force_rows, part.length_rows, level)
     if estimate is None:
         return tests
     k, ratio, p = estimate.largest_colour_ratio()

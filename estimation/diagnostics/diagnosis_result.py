@@ -7,10 +7,9 @@ from typing import Annotated
 
 from estimation.diagnostics.attribution import Attribution, Effect
 from estimation.diagnostics.finding import DiagnosisVerdict
-from estimation.diagnostics.hypothesis import DelayTest, HypothesisResult
+from estimation.diagnostics.hypothesis import DelayTest, HypothesisResult, PeriodicForce
 from estimation.diagnostics.noise_result import Histogram, NoiseCovariances, Quantiles
 from estimation.diagnostics.noise_tests import Drifts, Normalities, Normality, Whitenesses
-from estimation.diagnostics.periodic_forces import PeriodicForce
 from estimation.diagnostics.residuals import (
     BinRow,
     ChiSquare,

@@ -372,7 +372,7 @@ def check_motion_onset(experiments: Sequence[Experiment]) -> tuple[Finding, ...]
     """Return a finding for every experiment whose recording begins before the motion."""
     found = []
     for number, experiment in enumerate(experiments, 1):
-        begin = experiment.record.moves_from
+        begin = experiment.recording.motion_onset
         if begin is not None:
             finding = replace(
                 _MOVING.report_failure(f"the struts do not move before {begin:.4g} s"),

@@ -8,6 +8,10 @@ all forces scales all parameters without any residual: it is not observable.
 
 The other families are terms that the robot may lack (inertia of the drives, friction depending on
 speed or load, offsets, cables), and deviations of the machine from its file.
+
+A hum at a multiple of the motion's frequency is the same in every period: contrasts between periods
+cancel it, and the mean over the periods keeps it. In the mean residuals it is one line, at the
+nearest multiple of the base frequency.
 """
 
 from __future__ import annotations
@@ -56,7 +60,8 @@ def list_hypotheses(
     """
     own = parameter_hypothesis(effects.part, names, held_out=held_out)
     others = [
-        *drive_hypotheses(effects),
+        _inertia(effects),
+        *_friction(effects),
         *_forces(effects),
         *_geometric_errors(effects),
         _delay(effects),
@@ -257,7 +262,7 @@ def _geometric_errors(effects: CandidateEffects) -> Iterator[Hypothesis]:
 
 def _delay(effects: CandidateEffects) -> Hypothesis:
     """Return the delay of the forces, by its secants."""
-    step = effects.experiment.record.step
+    step = effects.experiment.recording.step
     has_motion = effects.motion is not None
     seconds = tuple(steps * step for steps in _DELAYS) if has_motion else ()
     secants = [effects.delay(each) for each in seconds]
@@ -284,12 +289,6 @@ def _delay(effects: CandidateEffects) -> Hypothesis:
         number=".3g",
         unit=lambda _: "ms",
     )
-
-
-def drive_hypotheses(effects: CandidateEffects) -> Iterator[Hypothesis]:
-    """Yield effects of the drives: inertia, friction near standstill, friction by load."""
-    yield _inertia(effects)
-    yield from _friction(effects)
 
 
 def _inertia(effects: CandidateEffects) -> Hypothesis:
@@ -367,32 +366,32 @@ def _all_and_each(columns: Signature) -> Signature:
     return Signature.concatenate([whole, columns])
 
 
-def hidden_hums(record: PeriodicRecording) -> tuple[tuple[float, int], ...]:
+def hidden_hums(recording: PeriodicRecording) -> tuple[tuple[float, int], ...]:
     """Return the mains frequencies, Hz, within one line of a multiple of the motion's frequency.
 
     Each is returned with that multiple; all are below half of the sampling frequency. For a single
     period none is returned, since every frequency would be.
     """
-    if record.periods < _FEWEST_PERIODS:
+    if recording.periods < _FEWEST_PERIODS:
         return ()
-    base = 1 / record.period
+    base = 1 / recording.period
     found = []
-    for frequency in mains_frequencies(1 / record.step, _MULTIPLES):
+    for frequency in mains_frequencies(1 / recording.step, _MULTIPLES):
         multiple = round(frequency / base)
-        if multiple and abs(frequency - multiple * base) < base / record.periods:
+        if multiple and abs(frequency - multiple * base) < base / recording.periods:
             found.append((frequency, multiple))
     return tuple(found)
 
 
 def hum_hypotheses(effects: CandidateEffects) -> Iterator[Hypothesis]:
     """Yield the family of hums that contrasts between periods cancel, if there are any."""
-    part, record = effects.part, effects.experiment.record
-    hidden = hidden_hums(record)
+    part, recording = effects.part, effects.experiment.recording
+    hidden = hidden_hums(recording)
     if not hidden:
         return
     columns = []
     for _, multiple in hidden:
-        angle = multiple * record.omega * record.forces.times
+        angle = multiple * recording.omega * recording.forces.times
         pair = np.stack([np.sin(angle), np.cos(angle)], axis=1)
         each = np.einsum("tp,ij->tijp", pair, np.eye(ACTUATORS))
         columns.append(part.cells.mean(each.reshape(len(angle), ACTUATORS, -1)))

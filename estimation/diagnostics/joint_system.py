@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation, Signature
-from estimation.measurement_model.motion import NormalEquations, whitened
+from estimation.measurement_model.motion import NormalEquations, whiten_rows
 from estimation.processing import NoiseEstimate, NoiseModel
 from estimation.processing.spectrum import WhiteningFilter
 from expdesign.information.fisher import ScaledInformation, whitening
@@ -189,11 +189,13 @@ def joint_systems(
         RowWhitening.of(noise.lengths, part.length_counts)
         for part, noise in zip(parts, noises, strict=True)
     ]
+    nothing = NormalEquations(0.0, np.zeros((0, 0)), np.zeros(0))
     measured = [
-        _length_equations(part, rows) for part, rows in zip(parts, length_rows, strict=True)
+        nothing if part.lengths is None else rows.equations(part.lengths, part.length_columns)
+        for part, rows in zip(parts, length_rows, strict=True)
     ]
     own = [
-        rows.equations(part.forces, part.columns).with_motion(motion).eliminated(count)
+        rows.equations(part.forces, part.columns).with_motion(motion).eliminate(count)
         for part, rows, motion in zip(parts, force_rows, measured, strict=True)
         if len(parts) > 1 and not held_out
     ]
@@ -224,12 +226,6 @@ def joint_systems(
     return systems
 
 
-def _length_equations(part: Linearisation, rows: RowWhitening) -> NormalEquations:
-    if part.lengths is None:
-        return NormalEquations(0.0, np.zeros((0, 0)), np.zeros(0))
-    return rows.equations(part.lengths, part.length_columns)
-
-
 @dataclass(frozen=True, eq=False)
 class RowWhitening:
     """Scaling of the rows of forces or lengths to unit covariance."""
@@ -250,7 +246,7 @@ class RowWhitening:
     def __call__(self, values: Array) -> Array:
         """Whiten residuals, (R, 6), or columns, (R, 6, q)."""
         rows = values if self.filter is None else self.filter(values)
-        return whitened(rows, self.white, self.counts)
+        return whiten_rows(rows, self.white, self.counts)
 
     def equations(self, residuals: Array, columns: Array) -> NormalEquations:
         """Return the normal equations of residuals, (R, 6), and their columns, (R, 6, u)."""

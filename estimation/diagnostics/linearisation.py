@@ -4,10 +4,11 @@ Near the estimate the residuals of the forces are e = ε − A δp − G δξ, G
 lengths r = ε_l − L δξ, L = ∂l/∂ξ. Every diagnostic uses this linearisation, so that each of them
 accounts for the errors of the parameters and of the motion.
 
-Samples of equal phase form one row. Averaged records have the same phases in every period. In other
-records a cell contains the samples within one controller step of the phase, near replicates in the
-sense of the lack-of-fit test. Residuals and columns of the model are averaged over the same cells
-with the same weights; the only approximation is a constant model error within a step.
+Samples of equal phase form one row. Averaged recordings have the same phases in every period. In
+other recordings a cell contains the samples within one controller step of the phase, near
+replicates in the sense of the lack-of-fit test. Residuals and columns of the model are averaged
+over the same cells with the same weights; the only approximation is a constant model error within a
+step.
 
 A `Signature` contains the columns that an effect adds to the forces and lengths.
 """
@@ -36,7 +37,7 @@ from estimation.measurement_model.prediction import (
 )
 from estimation.processing import NoiseEstimate, NoiseModel
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.mechanism.term import Term, parameters_of
+from expdesign.mechanism.term import parameters_of
 from expdesign.mechanism.terms import term_definitions
 from expdesign.robot import Robot
 from expdesign.robot.deviation import (
@@ -55,7 +56,7 @@ class PhaseCells:
     """Assignment of rows to cells of equal phase."""
 
     index: NDArray[np.intp] | None
-    """(T,), cell of each row; None: every row is its own cell (averaged records)."""
+    """(T,), cell of each row; None: every row is its own cell (averaged recordings)."""
     weights: Array
     """(T,), number of samples (or weight) of each row."""
     totals: Array
@@ -126,7 +127,7 @@ class Linearisation:
     speed: Array
     """(R, 6), strut lengths and rates along the motion, m and m/s."""
     force_rows: Array
-    """(T, 6), residuals of the record's single rows, N."""
+    """(T, 6), residuals of the recording's single rows, N."""
     length_rows: Array | None
     """(T, 6), residual lengths of the single rows, m."""
     cells: PhaseCells
@@ -166,7 +167,7 @@ def linearise(
     motion : HarmonicMotion or None
         None: the pointwise motion of the experiment.
     """
-    record, times = experiment.record, experiment.times
+    recording, times = experiment.recording, experiment.times
     cells = _cells(experiment, times, experiment.counts)
     length_cells = PhaseCells.rows(np.zeros(0))
     lengths, length_columns = None, np.zeros((0, ACTUATORS, 0))
@@ -185,17 +186,18 @@ def linearise(
         ]
         regressors, slope = map(np.concatenate, zip(*parts, strict=True))
         sign_variance = _sign_variance(robot, state, signs, values)
-        length_times = record.lengths.times
-        length_cells = _cells(experiment, length_times, record.lengths.counts)
-        lengths = length_residuals(robot, record, motion)
+        length_times = recording.lengths.times
+        length_cells = _cells(experiment, length_times, recording.lengths.counts)
+        lengths = length_residuals(robot, recording, motion)
         slopes = [
-            predict_lengths(robot, motion, length_times[part])[1] for part in chunks(record.samples)
+            predict_lengths(robot, motion, length_times[part])[1]
+            for part in chunks(recording.samples)
         ]
         length_columns = length_cells.mean(np.concatenate(slopes))
     rows = experiment.forces - regressors @ values
     struts = robot.strut_motion(*np.split(state, 3, axis=1))
     return Linearisation(
-        times=times if cells.index is None else cells.mean(np.mod(times, record.period)),
+        times=times if cells.index is None else cells.mean(np.mod(times, recording.period)),
         counts=cells.totals,
         forces=cells.mean(rows),
         regressors=cells.mean(regressors),
@@ -205,7 +207,7 @@ def linearise(
         lengths=None if lengths is None else length_cells.mean(lengths),
         length_counts=length_cells.totals,
         length_columns=length_columns,
-        force_scatter=record.forces.scatter if cells.index is None else cells.scatter(rows),
+        force_scatter=recording.forces.scatter if cells.index is None else cells.scatter(rows),
         position=cells.mean(struts.length),
         speed=cells.mean(struts.length_rate),
         force_rows=rows,
@@ -216,10 +218,10 @@ def linearise(
 
 
 def _cells(experiment: Experiment, times: Array, counts: Array) -> PhaseCells:
-    record = experiment.record
-    if record.averaged:
+    recording = experiment.recording
+    if recording.averaged:
         return PhaseCells.rows(counts)
-    return PhaseCells.of(times, counts, record.period, record.step)
+    return PhaseCells.of(times, counts, recording.period, recording.step)
 
 
 def _sign_variance(robot: Robot, state: Array, signs: Array, values: Array) -> Array:
@@ -323,7 +325,9 @@ class CandidateEffects:
             first += own
         changed = Robot(replace(robot.description, constants=tuple(held)), robot.load_parameters)
         regressors = self._regressors(changed, signs)
-        columns = slice(*_columns_of(robot.terms, name))
+        place = [term.name for term in robot.terms].index(name)
+        first = len(parameters_of(robot.terms[:place]))
+        columns = slice(first, first + len(robot.terms[place].parameters))
         return self._of_forces(self.part.cells.mean(regressors[:, :, columns]))
 
     def missing_term(self, name: str) -> Signature:
@@ -360,7 +364,7 @@ class CandidateEffects:
         """
         if self.motion is None:
             raise ValueError("pointwise kinematics cannot be shifted in time")
-        change = (self._forces(self.motion.delayed(seconds)) - self._forces_in_time) / seconds
+        change = (self._forces(self.motion.delay_by(seconds)) - self._forces_in_time) / seconds
         return self._of_forces(self.part.cells.mean(change)[:, :, None])
 
     @cached_property
@@ -384,11 +388,11 @@ class CandidateEffects:
             each for each in deviations(robot) if each.group in _GEOMETRIC or each.name in inexact
         ]
         signs = experiment.signs(robot, motion)
-        own_clock = experiment.record.own_clock
+        own_clock = experiment.recording.own_clock
         forces = deviation_forces(
             robot, motion, experiment.times, signs, self.values, wanted, own_clock=own_clock
         )
-        times = experiment.record.lengths.times
+        times = experiment.recording.lengths.times
         lengths = deviation_lengths(robot, motion, times, wanted, own_clock=own_clock)
         columns = Signature(part.cells.mean(forces), part.length_cells.mean(lengths))
         return columns, tuple(each.name for each in wanted)
@@ -424,7 +428,7 @@ class CandidateEffects:
         )
         if motion is None or experiment.fit is None:
             return robot, None
-        times = experiment.record.forces.times
+        times = experiment.recording.forces.times
         if not robot.graph.rates:
             return robot, np.zeros((len(times), 0))
         return robot, experiment.signs_for_robot(robot, motion)
@@ -432,15 +436,9 @@ class CandidateEffects:
     def _regressors(self, robot: Robot, signs: Array | None) -> Array:
         """Return the regressors of another robot at the samples, (T, 6, m)."""
         if self.motion is not None and signs is not None:
-            return regressors_along(robot, self.motion, self.experiment.record.forces.times, signs)
+            return regressors_along(
+                robot, self.motion, self.experiment.recording.forces.times, signs
+            )
         if self.experiment.pointwise is None:
             raise ValueError("an experiment has a fitted or a pointwise motion")
         return regressors_at(robot, self.experiment.pointwise)
-
-
-def _columns_of(terms: Sequence[Term], name: str) -> tuple[int, int]:
-    """Return the first column of a term, and the one after its last."""
-    names = [term.name for term in terms]
-    place = names.index(name)
-    first = len(parameters_of(tuple(terms[:place])))
-    return first, first + len(terms[place].parameters)

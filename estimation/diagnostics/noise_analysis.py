@@ -54,10 +54,9 @@ _NOTICEABLE = 0.05
 _CLOSE, _FINE, _COARSE = 0.01, 8, 3
 """Smallest eigenvalue of a correlation that is not close to singular; digits if it is, or not."""
 _WIDTH = 78
-_KINDS = {"force": ("N", 1.0), "length": ("mm", 1e3)}
 
 
-def analyse_noise(record: PeriodicRecording, source: str = "") -> NoiseResult:
+def analyse_noise(recording: PeriodicRecording, source: str = "") -> NoiseResult:
     """Analyse the noise of a recording of two periods or more; `source` is its file.
 
     Raises
@@ -65,38 +64,41 @@ def analyse_noise(record: PeriodicRecording, source: str = "") -> NoiseResult:
     ValueError
         There is a single period, and therefore no scatter.
     """
-    still = _find_constant(record.lengths)
+    lengths = recording.lengths
+    rows = lengths.values if lengths.periods is None else lengths.periods.reshape(-1, ACTUATORS)
+    # The resolution of constant channels hides their noise.
+    still: Mask = np.ptp(rows, axis=0) <= _ROUNDING * np.max(np.abs(rows), axis=0)
     if np.any(still):
-        record = replace(record, lengths=_remove_rounding_noise(record.lengths, still))
-    forces, lengths = record.forces.noise(), record.lengths.noise()
-    if forces is None or lengths is None:
+        recording = replace(recording, lengths=_remove_rounding_noise(recording.lengths, still))
+    forces, of_lengths = recording.forces.noise(), recording.lengths.noise()
+    if forces is None or of_lengths is None:
         raise ValueError(
-            f"{record.periods:.3g} periods show no scatter between periods: an analysis of the "
+            f"{recording.periods:.3g} periods show no scatter between periods: an analysis of the "
             "noise needs two or more"
         )
-    noise = NoiseModel(forces, lengths)
+    noise = NoiseModel(forces, of_lengths)
     # Residuals of a long Fourier series; values if there are separate periods.
     force_rows, length_rows = (
-        each.values if each.periods is not None else record.about_series(each)[1]
-        for each in (record.forces, record.lengths)
+        each.values if each.periods is not None else recording.fit_series(each)[1]
+        for each in (recording.forces, recording.lengths)
     )
     report_progress("tests of the noise")
-    tests = noise_tests(record, noise, force_rows, None if np.any(still) else length_rows)
+    tests = noise_tests(recording, noise, force_rows, None if np.any(still) else length_rows)
     report_progress("spectrum of the forces", 0, 2)
-    force_density, force_hum = noise_density(record.forces, record.step)
+    force_density, force_hum = noise_density(recording.forces, recording.step)
     report_progress("spectrum of the lengths", 1, 2)
-    length_density, length_hum = noise_density(record.lengths, record.step)
+    length_density, length_hum = noise_density(recording.lengths, recording.step)
     searches = {"force": force_hum, "length": length_hum}
     result = NoiseResult(
         **covariance_fields(noise),
         recording=source,
-        rows=record.rows,
-        periods=float(record.periods),
-        period=float(record.period),
-        averaged=record.averaged,
-        at_rest=record.source is PeriodSource.REST,
+        rows=recording.rows,
+        periods=float(recording.periods),
+        period=float(recording.period),
+        averaged=recording.averaged,
+        at_rest=recording.source is PeriodSource.REST,
         force_std=np.sqrt(np.diag(forces.covariance)),
-        length_std=np.sqrt(np.diag(lengths.covariance)),
+        length_std=np.sqrt(np.diag(of_lengths.covariance)),
         whiteness=tests.whiteness,
         normality=tests.normality,
         drift=tests.drift,
@@ -113,13 +115,6 @@ def analyse_noise(record: PeriodicRecording, source: str = "") -> NoiseResult:
         block=None,
     )
     return replace(result, block=noise_block(result))
-
-
-def _find_constant(channels: Channels) -> Mask:
-    """Return the constant channels, (6,): their resolution hides the noise."""
-    rows = channels.values if channels.periods is None else channels.periods.reshape(-1, ACTUATORS)
-    extent: Mask = np.ptp(rows, axis=0) <= _ROUNDING * np.max(np.abs(rows), axis=0)
-    return extent
 
 
 def _remove_rounding_noise(channels: Channels, still: Mask) -> Channels:
@@ -199,7 +194,7 @@ def noise_block(noise: NoiseResult) -> str:
     freedoms = {"force": noise.force_freedom, "length": noise.length_freedom}
     densities = {"force": noise.force_density, "length": noise.length_density}
     covariances = {"force": noise.force_covariance, "length": noise.length_covariance}
-    for kind, (unit, factor) in _KINDS.items():
+    for kind, (factor, unit) in _UNITS.items():
         covariance = covariances[kind]
         std = np.sqrt(np.diag(covariance))
         if not np.all(std > 0):

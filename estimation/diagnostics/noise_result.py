@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Protocol, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import scipy
@@ -16,6 +16,7 @@ from estimation.processing import Channels, NoiseModel
 from estimation.processing.hum import HumSearch, find_hum
 from estimation.processing.noise import NoiseEstimate
 from estimation.processing.spectrum import NoiseLines, smoothed_spectrum
+from estimation.uncertainty.intervals import correlation
 from expdesign.configuration.noise import COHERENCIES, FREQUENCY, PAIRS
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import (
@@ -97,11 +98,9 @@ def covariance_rows(noise: NoiseCovariances) -> tuple[CovarianceRow, ...]:
 
 def correlation_of(covariance: Array) -> Array:
     """Return the correlation, (6, 6); zero for a channel without noise."""
-    std = np.sqrt(np.diag(covariance))
-    size = np.multiply.outer(std, std)
-    correlation: Array = np.divide(covariance, size, out=np.zeros_like(size), where=size > 0)
-    np.fill_diagonal(correlation, 1.0)
-    return correlation
+    found = correlation(covariance)
+    np.fill_diagonal(found, 1.0)
+    return found
 
 
 _HISTOGRAM_REACH = 4.2
@@ -154,29 +153,9 @@ class Quantiles:
         )
 
 
-class NoisePictures(Protocol):
-    """Data of the figures of the noise."""
-
-    @property
-    def noise(self) -> NoiseCovariances:
-        """Covariances of forces and lengths."""
-
-    @property
-    def force_normality(self) -> Normality:
-        """Test of the distribution of the forces' noise."""
-
-    @property
-    def histogram(self) -> Histogram:
-        """Distribution of the forces' noise."""
-
-    @property
-    def quantiles(self) -> Quantiles:
-        """Quantiles of the forces' noise."""
-
-
 @dataclass(frozen=True, eq=False)
 class HumComponent:
-    """HumComponent in the noise."""
+    """Sinusoid of the mains in the noise."""
 
     quantity: Annotated[str, described("", "force or length")]
     frequency: Annotated[float, described("Hz", "frequency of the sinusoid")]
@@ -314,9 +293,13 @@ def noise_density(channels: Channels, step: float) -> tuple[NoiseDensity, HumSea
     frequencies, density = frequencies[rows], density[rows]
     extra = np.array([line.frequency for line in hum.lines])
     every = np.union1d(frequencies, extra)
-    density = _interpolate(every, frequencies, density)
+    columns = [np.interp(every, frequencies, each) for each in density.reshape(len(density), -1).T]
+    density = np.stack(columns, axis=1).reshape(-1, *density.shape[1:])
     # There are fewer rows than lines: the densities are scaled to the exact variance.
-    size = np.sqrt(np.diag(lines.covariance) / _integrate(every, density))
+    diagonal = np.einsum("kii->ki", density).real
+    steps = np.diff(every)[:, None]
+    variance = np.sum((diagonal[1:] + diagonal[:-1]) / 2 * steps, axis=0)
+    size = np.sqrt(np.diag(lines.covariance) / variance)
     density = density * size[:, None] * size
     diagonal = np.einsum("kii->ki", density).real
     root = np.sqrt(diagonal)
@@ -381,18 +364,6 @@ def _select_rows(frequencies: Array, density: Array, close: float) -> Array:
             break
         rows = np.union1d(rows, [worst])
     return rows
-
-
-def _interpolate(places: Array, frequencies: Array, density: ComplexArray) -> ComplexArray:
-    flat = density.reshape(len(density), -1)
-    columns = [np.interp(places, frequencies, column) for column in flat.T]
-    return np.stack(columns, axis=1).reshape(-1, *density.shape[1:])
-
-
-def _integrate(frequencies: Array, density: ComplexArray) -> Array:
-    steps = np.diff(frequencies)[:, None]
-    diagonal = np.einsum("kii->ki", density).real
-    return np.sum((diagonal[1:] + diagonal[:-1]) / 2 * steps, axis=0)
 
 
 def _round_digits(values: Array) -> Array:

@@ -7,7 +7,7 @@ D'Agostino and Pearson (the paper's Fig. 4). Drift between periods: one-way anal
 their means.
 
 Contrasts between periods contain noise and no signal, independently of the model. The tests of
-whiteness, of drift and of a hum use them; `why_not_compared` states why a record has none.
+whiteness, of drift and of a hum use them; `why_not_compared` states why a recording has none.
 """
 
 from __future__ import annotations
@@ -281,13 +281,13 @@ class NoiseTests:
 
 
 def noise_tests(
-    record: PeriodicRecording,
+    recording: PeriodicRecording,
     noise: NoiseModel,
     forces: Array,
     lengths: Array | None,
     level: float = NOISE,
 ) -> NoiseTests:
-    """Test the noise of a record.
+    """Test the noise of a recording.
 
     Distribution and drift are tested after the whitening filters.
 
@@ -296,15 +296,15 @@ def noise_tests(
     noise : NoiseModel
         Noise with the filters and spectra in use.
     forces, lengths : (T, 6)
-        Residuals of the record's rows, used if periods cannot be compared; None: there are none.
+        Residuals of the recording's rows, used if periods cannot be compared; None: there are none.
     """
     samples, white, normal, change = _test_channels(
-        record, record.forces.periods, noise.forces.filter, forces, level
+        recording, recording.forces.periods, noise.forces.filter, forces, level
     )
     if samples is None or normal is None or change is None:
         raise AssertionError("forces leave residuals")
     lengths_tested = _test_channels(
-        record, record.lengths.periods, noise.lengths.filter, lengths, level
+        recording, recording.lengths.periods, noise.lengths.filter, lengths, level
     )
     _, length_white, length_normal, length_change = lengths_tested
     counted = noise.forces.lines is not None
@@ -312,19 +312,19 @@ def noise_tests(
         counted = counted and noise.lengths.lines is not None
     return NoiseTests(
         samples.reshape(-1, forces.shape[1]),
-        Whitenesses(white, length_white, counted=counted, refused=why_not_compared(record)),
+        Whitenesses(white, length_white, counted=counted, refused=why_not_compared(recording)),
         Normalities(
             "residuals" if white is None else "periods",
             normal,
             length_normal,
-            record.weight_taken if record.robust else None,
+            recording.weight_taken if recording.robust else None,
         ),
         Drifts(change, length_change),
     )
 
 
 def _test_channels(
-    record: PeriodicRecording,
+    recording: PeriodicRecording,
     periods: Array | None,
     noise_filter: WhiteningFilter | None,
     rows: Array | None,
@@ -346,28 +346,28 @@ def _test_channels(
         count, phases, channels = periods.shape
         values = (periods - periods.mean(axis=0)).reshape(-1, channels)
         change = drift(values, np.repeat(np.arange(count), phases), phases, level)
-    elif record.averaged and (reason := why_not_compared(record)):
+    elif recording.averaged and (reason := why_not_compared(recording)):
         change = Drift(refused=reason, level=level)
     elif rows is not None:
-        block = np.arange(len(rows)) * max(1, round(record.periods)) // len(rows)
+        block = np.arange(len(rows)) * max(1, round(recording.periods)) // len(rows)
         change = drift(rows, block, 0, level)
     return samples, white, None if samples is None else normality(samples, level), change
 
 
-def why_not_compared(record: PeriodicRecording) -> str:
+def why_not_compared(recording: PeriodicRecording) -> str:
     """Return the reason why periods are not compared sample by sample; empty if they are."""
-    if record.averaged and record.forces.periods is not None:
-        few = len(record.forces.periods) < _FEWEST
+    if recording.averaged and recording.forces.periods is not None:
+        few = len(recording.forces.periods) < _FEWEST
         return "a comparison needs two or more periods" if few else ""
-    if record.lost:
-        missing = "1 sample is" if record.lost == 1 else f"{record.lost} samples are"
+    if recording.lost:
+        missing = "1 sample is" if recording.lost == 1 else f"{recording.lost} samples are"
         return (
             f"{missing} missing in the recording: periods are compared sample by sample only "
             "if it is complete"
         )
-    if record.stamped:
+    if recording.stamped:
         return "stamped samples have different times in every period"
     return (
         "samples have different times in every period if the frequency is estimated or a period is "
-        f"not a whole number of samples ({record.period / record.step:.6g})"
+        f"not a whole number of samples ({recording.period / recording.step:.6g})"
     )

@@ -140,7 +140,7 @@ def linear_residual_covariances(
             noise = experiment.noise.forces
             weighted = np.matmul(np.linalg.inv(weighting), raw.regressors[:, :, raw.free])
             if noise.filter is not None:
-                weighted = noise.filter.undone(weighted)  # H C H = Σ: H C W A = Σ H⁻¹ W A
+                weighted = noise.filter.invert(weighted)  # H C H = Σ: H C W A = Σ H⁻¹ W A
             partner[:, :, :k] = np.matmul(noise.covariance, weighted) * scale
         covariances.append(
             _force_residual_covariance(part, experiment, columns, cross, covariance, partner)
@@ -251,8 +251,11 @@ def _choose_noise(
     experiment: Experiment, choose: Callable[[NoiseEstimate, Channels], NoiseEstimate]
 ) -> NoiseModel:
     """Choose the noise of forces and lengths; the experiment's own object if both stay."""
-    noise, record = experiment.noise, experiment.record
-    forces, lengths = choose(noise.forces, record.forces), choose(noise.lengths, record.lengths)
+    noise, recording = experiment.noise, experiment.recording
+    forces, lengths = (
+        choose(noise.forces, recording.forces),
+        choose(noise.lengths, recording.lengths),
+    )
     if forces is noise.forces and lengths is noise.lengths:
         return noise
     return NoiseModel(forces, lengths)

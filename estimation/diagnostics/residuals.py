@@ -38,7 +38,7 @@ from estimation.diagnostics.significance import (
     ratio_tail,
 )
 from estimation.estimators.experiment import Experiment
-from estimation.measurement_model.motion import whitened
+from estimation.measurement_model.motion import whiten_rows
 from expdesign.information.fisher import whitening
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import Column, Numbers, OpenNumber, described, sized, strutwise
@@ -246,7 +246,7 @@ class VarianceComparison:
 
 def variance_comparison(experiment: Experiment, part: Linearisation) -> VarianceComparison:
     """Compare variances as in the paper; of averaged periods, over the single samples."""
-    single, periods = part.force_rows, experiment.record.forces.periods
+    single, periods = part.force_rows, experiment.recording.forces.periods
     noise = np.diag(experiment.noise.forces.covariance)
     averaged = 0.0
     if periods is not None:
@@ -335,8 +335,8 @@ class GainDriftTest:
 
 def gain_drift(experiment: Experiment, part: Linearisation, level: float) -> GainDriftTest:
     """Test the recording of one experiment, linearised at its estimate, for drifting gains."""
-    if experiment.record.averaged and experiment.record.forces.periods is None:
-        return GainDriftTest(why_not_compared(experiment.record), level)
+    if experiment.recording.averaged and experiment.recording.forces.periods is None:
+        return GainDriftTest(why_not_compared(experiment.recording), level)
     blocks, predicted = _split_periods(experiment, part)
     periods = len(blocks)
     if periods < _FEWEST_PERIODS:
@@ -416,7 +416,7 @@ def _split_periods(experiment: Experiment, part: Linearisation) -> tuple[list[Ar
     """Return residuals and predicted forces, (n, 6) each, of every whole period."""
     predicted = experiment.forces - part.force_rows
     whitening_filter = experiment.noise.forces.filter
-    periods = experiment.record.forces.periods
+    periods = experiment.recording.forces.periods
     if periods is not None:
         if experiment.pointwise is not None:
             periods = periods[:, experiment.pointwise.rows]
@@ -424,10 +424,10 @@ def _split_periods(experiment: Experiment, part: Linearisation) -> tuple[list[Ar
             predicted = whitening_filter(predicted)
             periods = np.stack([whitening_filter(period) for period in periods])
         return [period - predicted for period in periods], [predicted] * len(periods)
-    record = experiment.record
+    recording = experiment.recording
     times = experiment.times - experiment.times[0]
-    number = np.floor(times / record.period * (1 + 1e-12)).astype(int)
-    rows = [np.flatnonzero(number == k) for k in range(int(record.periods))]
+    number = np.floor(times / recording.period * (1 + 1e-12)).astype(int)
+    rows = [np.flatnonzero(number == k) for k in range(int(recording.periods))]
     return [part.force_rows[each] for each in rows], [predicted[each] for each in rows]
 
 
@@ -436,6 +436,6 @@ def _fit_period(rest: Array, predicted: Array, white: Array) -> tuple[Array, Arr
     unit = np.broadcast_to(np.eye(ACTUATORS), (len(rest), ACTUATORS, ACTUATORS))
     columns = np.concatenate([predicted[:, :, None] * unit, unit], axis=2)
     ones = np.ones(len(rest))
-    rows = whitened(columns, white, ones).reshape(rest.size, -1)
+    rows = whiten_rows(columns, white, ones).reshape(rest.size, -1)
     inverse: Array = np.asarray(np.linalg.inv(rows.T @ rows), dtype=np.float64)
-    return inverse @ (rows.T @ whitened(rest, white, ones).ravel()), inverse
+    return inverse @ (rows.T @ whiten_rows(rest, white, ones).ravel()), inverse

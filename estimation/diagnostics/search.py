@@ -15,7 +15,15 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from constraints.arrays import Array
-from estimation.diagnostics.hypothesis import Hypothesis, HypothesisTest, evaluate_hypothesis
+from estimation.diagnostics.hypothesis import (
+    Hypothesis,
+    HypothesisTest,
+    PitchScan,
+    evaluate_hypothesis,
+    log_exceedance,
+    periodic_columns,
+    scan_pitches,
+)
 from estimation.diagnostics.joint_system import (
     ConditionalScores,
     EffectFit,
@@ -24,12 +32,6 @@ from estimation.diagnostics.joint_system import (
     SolvedSystem,
 )
 from estimation.diagnostics.linearisation import Linearisation, Signature
-from estimation.diagnostics.periodic_forces import (
-    PitchScan,
-    log_exceedance,
-    periodic_columns,
-    scan_pitches,
-)
 from estimation.diagnostics.significance import log_tail
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.progress import track

@@ -37,7 +37,7 @@ class RefinedMotion:
 class Experiment:
     """Measured forces and the motion estimated from the measured lengths."""
 
-    record: PeriodicRecording
+    recording: PeriodicRecording
     noise: NoiseModel
     fit: MotionFit | None
     """None after pointwise differentiation."""
@@ -51,32 +51,32 @@ class Experiment:
 
     @classmethod
     def from_fit(
-        cls, robot: Robot, record: PeriodicRecording, noise: NoiseModel, fit: MotionFit
+        cls, robot: Robot, recording: PeriodicRecording, noise: NoiseModel, fit: MotionFit
     ) -> Experiment:
         """Build an experiment from a fitted motion."""
-        spread = rate_spread(robot, fit.motion, record.forces.times, fit.covariance)
-        return cls.along(robot, record, noise, fit, spread)
+        spread = rate_spread(robot, fit.motion, recording.forces.times, fit.covariance)
+        return cls.along(robot, recording, noise, fit, spread)
 
     @classmethod
     def along(
         cls,
         robot: Robot,
-        record: PeriodicRecording,
+        recording: PeriodicRecording,
         noise: NoiseModel,
         fit: MotionFit,
         spread: Array,
     ) -> Experiment:
         """Build an experiment from a motion and the spread of its rates (zero: a known motion)."""
-        signs = expected_signs(robot, fit.motion, record.forces.times, spread)
-        regressors = regressors_along(robot, fit.motion, record.forces.times, signs)
-        return cls(record, noise, fit, spread, regressors)
+        signs = expected_signs(robot, fit.motion, recording.forces.times, spread)
+        regressors = regressors_along(robot, fit.motion, recording.forces.times, signs)
+        return cls(recording, noise, fit, spread, regressors)
 
     @classmethod
     def from_points(
-        cls, robot: Robot, record: PeriodicRecording, noise: NoiseModel, motion: PointwiseMotion
+        cls, robot: Robot, recording: PeriodicRecording, noise: NoiseModel, motion: PointwiseMotion
     ) -> Experiment:
         """Build an experiment from pointwise kinematics."""
-        return cls(record, noise, None, None, regressors_at(robot, motion), motion)
+        return cls(recording, noise, None, None, regressors_at(robot, motion), motion)
 
     def of_robot(self, robot: Robot) -> Experiment:
         """Return the experiment with the regressors A of another robot along the same motion."""
@@ -92,7 +92,7 @@ class Experiment:
         The motion stays. The friction of the new terms may depend on other rates; their standard
         deviations follow from the same fit.
         """
-        fit, refined, times = self.fit, self.refined_motion, self.record.forces.times
+        fit, refined, times = self.fit, self.refined_motion, self.recording.forces.times
         if fit is None:
             return self.of_robot(robot)
         if refined is not None:
@@ -127,27 +127,27 @@ class Experiment:
         return self.fit.motion if self.refined_motion is None else self.refined_motion.motion
 
     def select_rows(self, values: Array) -> Array:
-        """Return the rows of the record's values, (S, …), at which the motion is known: (R, …)."""
+        """Return the rows of the values, (S, …), at which the motion is known: (R, …)."""
         return values if self.pointwise is None else values[self.pointwise.rows]
 
     @property
     def forces(self) -> Array:
         """(R, 6) measured forces at the samples with a known motion, N."""
-        return self.select_rows(self.record.forces.values)
+        return self.select_rows(self.recording.forces.values)
 
     @property
     def counts(self) -> Array:
         """(R,) number of single samples averaged in each row."""
-        return self.select_rows(self.record.forces.counts)
+        return self.select_rows(self.recording.forces.counts)
 
     @property
     def times(self) -> Array:
         """(R,) times of the rows, s."""
-        return self.select_rows(self.record.forces.times)
+        return self.select_rows(self.recording.forces.times)
 
     def signs(self, robot: Robot, motion: HarmonicMotion) -> Array:
         """Return the expected friction signs along a motion, (S, s)."""
-        times = self.record.forces.times
+        times = self.recording.forces.times
         return expected_signs(robot, motion, times, self.spread_along(motion))
 
     def spread_along(self, motion: HarmonicMotion) -> Array:
@@ -161,7 +161,7 @@ class Experiment:
         """Return the expected friction signs for the terms of another robot, (S, s)."""
         if self.fit is None:
             raise ValueError("pointwise kinematics have no spread of their rates")
-        refined, times = self._matching_refined_motion(motion), self.record.forces.times
+        refined, times = self._matching_refined_motion(motion), self.recording.forces.times
         covariance = self.fit.covariance if refined is None else refined.covariance
         spread = rate_spread(robot, motion, times, covariance)
         return expected_signs(robot, motion, times, spread)
@@ -174,7 +174,9 @@ class Experiment:
 
     def regressors(self, robot: Robot, motion: HarmonicMotion) -> Array:
         """Return A at the force samples along a motion, (S, 6, m)."""
-        return regressors_along(robot, motion, self.record.forces.times, self.signs(robot, motion))
+        return regressors_along(
+            robot, motion, self.recording.forces.times, self.signs(robot, motion)
+        )
 
 
 def regressors_at(robot: Robot, motion: PointwiseMotion) -> Array:

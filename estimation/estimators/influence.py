@@ -102,7 +102,7 @@ class Influence:
         if self.length_gain is None or self.motion is None:
             return
         gain, noise = self.length_gain.T, self.experiment.noise.lengths
-        channels, motion = self.experiment.record.lengths, self.motion
+        channels, motion = self.experiment.recording.lengths, self.motion
         responses = (
             (part, self._length_response(motion, part, gain))
             for part in chunks(len(channels.times))
@@ -137,7 +137,7 @@ class Influence:
         if self.machine is not None:
             lengths = self.machine.lengths(self.experiment, motion, part)
             return np.concatenate([lengths.deviations, lengths.slope], axis=2) @ gain
-        times = self.experiment.record.lengths.times[part]
+        times = self.experiment.recording.lengths.times[part]
         return length_columns(self.robot, motion.at(times))[1].times(gain)
 
     def _force_response(self) -> Iterator[Part]:
@@ -148,7 +148,7 @@ class Influence:
             for part in chunks(len(experiment.counts)):
                 yield part, experiment.fitted_regressors[part][:, :, self.free] @ gain
             return
-        times, spread = experiment.record.forces.times, experiment.spread_along(motion)
+        times, spread = experiment.recording.forces.times, experiment.spread_along(motion)
         for part in chunks(len(times)):
             if self.machine is not None:
                 seen = self.machine.forces(experiment, motion, self.values, part)
@@ -170,7 +170,7 @@ class Influence:
         """Return the covariance due to the noise of the lengths; None where K is unknown."""
         if self.length_gain is None:
             return None
-        noise, counts = self.experiment.noise.lengths, self.experiment.record.lengths.counts
+        noise, counts = self.experiment.noise.lengths, self.experiment.recording.lengths.counts
         return _covariance(self.lengths(), noise, counts, noise.weighting_loss)
 
 
@@ -184,13 +184,13 @@ def difference_covariance(first: Sequence[Influence], second: Sequence[Influence
     total, own_rows = np.zeros(()), np.eye(int(np.count_nonzero(first[0].free)))
     for pair in zip(first, second, strict=True):
         one, other = (each.of(own_rows) for each in pair)
-        record, noise = one.experiment.record, one.experiment.noise
+        recording, noise = one.experiment.recording, one.experiment.noise
         for parts, own, counts in (
-            (zip(one.forces(), other.forces(), strict=True), noise.forces, record.forces.counts),
+            (zip(one.forces(), other.forces(), strict=True), noise.forces, recording.forces.counts),
             (
                 zip(one.lengths(), other.lengths(), strict=True),
                 noise.lengths,
-                record.lengths.counts,
+                recording.lengths.counts,
             ),
         ):
             apart = ((part, mine - others) for (part, mine), (_, others) in parts)

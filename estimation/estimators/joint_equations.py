@@ -58,17 +58,17 @@ def force_equations(
     covariance : (6, 6)
         Its inverse weights the rows after the filter.
     """
-    record = experiment.record
+    recording = experiment.recording
     spread = experiment.spread_along(motion)
 
     def rows(part: slice) -> Rows:
-        sampled = motion.at(record.forces.times[part])
+        sampled = motion.at(recording.forces.times[part])
         signs = signs_along(robot, sampled, spread[part])
         regressors, columns = force_columns(robot, sampled, signs, values, free)
-        residuals = record.forces.values[part] - regressors @ values
-        return residuals, columns, record.forces.counts[part]
+        residuals = recording.forces.values[part] - regressors @ values
+        return residuals, columns, recording.forces.counts[part]
 
-    return NormalEquations.of(map(rows, chunks(record.samples)), covariance, noise_filter)
+    return NormalEquations.of(map(rows, chunks(recording.samples)), covariance, noise_filter)
 
 
 def joint_equations(
@@ -85,7 +85,7 @@ def joint_equations(
     """
     noise = experiment.noise
     lengths = length_equations(
-        robot, experiment.record, noise.lengths.covariance, motion, noise.lengths.filter
+        robot, experiment.recording, noise.lengths.covariance, motion, noise.lengths.filter
     )
     if forces is None:
         own = noise.forces.covariance, noise.forces.filter
@@ -96,7 +96,7 @@ def joint_equations(
 def reduced_information(equations: Sequence[NormalEquations], priors: ParameterPriors) -> Array:
     """Return the information F_p of all experiments and the priors, (k, k)."""
     count = int(np.count_nonzero(priors.free))
-    return priors.precision + sum(each.eliminated(count).information for each in equations)
+    return priors.precision + sum(each.eliminate(count).information for each in equations)
 
 
 def cramer_rao_covariance(
@@ -189,8 +189,8 @@ class PerturbedMachine:
         With `jumps`, the derivative to a delay includes the jumps of dry friction, averaged over
         the position of the samples: a single sample does not show when a sign changed.
         """
-        times = experiment.record.forces.times[part]
-        own = experiment.record.own_clock
+        times = experiment.recording.forces.times[part]
+        own = experiment.recording.own_clock
         motion, true_times = self._correct_clock(motion, times - self.delay, own_clock=own)
         spread = experiment.spread_along(motion)
         signs = expected_signs(self.robot, motion, true_times, spread[part])
@@ -220,15 +220,15 @@ class PerturbedMachine:
     ) -> Array:
         """Return the contribution of dry friction's jumps to the column of a delay, (S, 6, 1)."""
         state = motion.at(times).state()
-        step = experiment.record.step
+        step = experiment.recording.step
         return delay_of_jumps(self.robot, state, signs, values, step)[:, :, None]
 
     def lengths(
         self, experiment: Experiment, motion: HarmonicMotion, part: slice
     ) -> MeasuredLengths:
         """Predict a part of an experiment's length samples at ξ."""
-        times = experiment.record.lengths.times[part]
-        own = experiment.record.own_clock
+        times = experiment.recording.lengths.times[part]
+        own = experiment.recording.own_clock
         motion, true_times = self._correct_clock(motion, times, own_clock=own)
         lengths, slope = predict_lengths(self.robot, motion, true_times)
         columns = deviation_lengths(self.robot, motion, true_times, self.chosen, own_clock=own)
@@ -242,14 +242,14 @@ class PerturbedMachine:
         free: NDArray[np.bool_],
     ) -> NormalEquations:
         """Return the normal equations of the free parameters, θ and ξ, in this order."""
-        lengths, noise = experiment.record.lengths, experiment.noise
+        lengths, noise = experiment.recording.lengths, experiment.noise
 
         def length_rows(part: slice) -> Rows:
             found = self.lengths(experiment, motion, part)
             columns = np.concatenate([found.deviations, found.slope], axis=2)
             return lengths.values[part] - found.values, columns, lengths.counts[part]
 
-        parts = chunks(experiment.record.samples)
+        parts = chunks(experiment.recording.samples)
         of_motion = NormalEquations.of(
             map(length_rows, parts), noise.lengths.covariance, noise.lengths.filter
         )
@@ -269,7 +269,7 @@ class PerturbedMachine:
 
         The inverse of the covariance, (6, 6), weights the rows after the filter.
         """
-        forces = experiment.record.forces
+        forces = experiment.recording.forces
 
         def rows(part: slice) -> Rows:
             found = self.forces(experiment, motion, values, part)
@@ -277,7 +277,7 @@ class PerturbedMachine:
             residuals = forces.values[part] - found.regressors @ values
             return residuals, np.concatenate(columns, axis=2), forces.counts[part]
 
-        parts = chunks(experiment.record.samples)
+        parts = chunks(experiment.recording.samples)
         return NormalEquations.of(map(rows, parts), covariance, noise_filter)
 
     @property

@@ -242,7 +242,7 @@ class _Problem:
         count = int(np.count_nonzero(known.free))
         information = known.precision
         gradient = information @ (known.prior_mean - values)[known.free]
-        eliminated = [each.eliminated(count, damping) for each in equations]
+        eliminated = [each.eliminate(count, damping) for each in equations]
         for each in eliminated:
             information = information + each.information
             gradient = gradient + each.gradient
@@ -257,5 +257,5 @@ class _Problem:
         for each, whole, motion in zip(eliminated, equations, motions, strict=True):
             decrement += float(each.offset @ whole.gradient[count:])
             step = each.offset - each.slope @ move
-            new_motions.append(motion.moved(step))
+            new_motions.append(motion.add_step(step))
         return _Move(new, new_motions, decrement, eliminated)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import scipy
+from pydantic import BeforeValidator
 
 from constraints.arrays import Array
 from estimation.estimators.influence import (
@@ -22,6 +23,7 @@ from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.motion import NormalEquations
 from expdesign.mechanism.bodies import ENTRIES, RigidBody, inertia_of
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
+from expdesign.runfolder import Numbers, described
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -196,18 +198,36 @@ ABOUT_CENTRE = ("cx", "cy", "cz", *(f"{name}_centre" for name in TEN[4:]))
 """Names of the derived quantities: centre of mass, and inertia about it."""
 
 
-@dataclass(frozen=True, eq=False)
-class PayloadEstimate:
-    """Ten parameters of a payload with their covariance, SI, in the order of `TEN`."""
+def _read_freedoms(value: object) -> Array:
+    freedom = np.array(value, dtype=np.float64)  # None becomes NaN
+    return np.where(np.isnan(freedom), np.inf, freedom)
 
-    values: Array
-    """(10,)."""
-    covariance: Array
-    """(10, 10), total covariance: of the new recordings and of the identification before."""
-    covariance_systematic: Array
-    """(10, 10), its part due to the tolerances."""
-    freedom: Array
-    """(10,), degrees of freedom of the standard deviations."""
+
+Freedoms = Annotated[Array, BeforeValidator(_read_freedoms)]
+"""(m,) degrees of freedom of standard deviations; infinite where exact, null in a file."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PayloadEstimate:
+    """The ten parameters of a payload: mass, sx … sz, Ixx … Iyz about the TCP, platform frame."""
+
+    values: Annotated[dict[str, float], described("SI", "by parameter")]
+    covariance: Annotated[
+        Numbers,
+        described("SI", "10 × 10, of the new recordings and of the identification before"),
+    ]
+    covariance_systematic: Annotated[
+        Numbers, described("SI", "its share that the robot's tolerances make, 10 × 10")
+    ]
+    freedom: Annotated[
+        Freedoms,
+        described("1", "(10,) degrees of freedom behind the standard deviations; null: endless"),
+    ]
+
+    @property
+    def vector(self) -> Array:
+        """(10,), the parameters, SI, in the order of `TEN`."""
+        return np.array([self.values[name] for name in TEN])
 
 
 def payload_estimate(estimate: ParameterEstimate, before: PriorEstimate) -> PayloadEstimate:
@@ -232,7 +252,12 @@ def payload_estimate(estimate: ParameterEstimate, before: PriorEstimate) -> Payl
     with np.errstate(divide="ignore"):
         freedom = 2 * np.diag(total) ** 2 / unknown
     values = transfer @ (estimate.joint_values[:count] - before.unloaded.values)
-    return PayloadEstimate(values, total, systematic, freedom)
+    return PayloadEstimate(
+        values=dict(zip(TEN, values.tolist(), strict=True)),
+        covariance=total,
+        covariance_systematic=systematic,
+        freedom=freedom,
+    )
 
 
 def _noise_variance_uncertainty(estimate: ParameterEstimate, transfer: Array) -> Array:

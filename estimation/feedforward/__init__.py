@@ -1,1 +1,1 @@
-"""What the identified model buys: the twin under a position controller, with and without it."""
+"""Benefit of the identified model: the twin under a position controller with feed-forward."""

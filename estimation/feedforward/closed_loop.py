@@ -21,7 +21,7 @@ import numpy as np
 
 from constraints.arrays import Array, Mask
 from estimation.feedforward.result import CaseName
-from estimation.twin.disturbances import quantised
+from estimation.twin.disturbances import quantise
 from expdesign.configuration import ComputationError
 from expdesign.configuration.experiment import Cogging, FeedforwardSection
 from expdesign.evaluation.batch import Graph, kernel
@@ -109,7 +109,7 @@ def follow_motion(
         if k % _REPORT_EVERY == 0:
             report_progress("following the motion", k, count)
         states[:, k], lengths[:, k] = state, length
-        measured = quantised(length + task.noise[k], task.resolution)
+        measured = quantise(length + task.noise[k], task.resolution)
         error = task.lengths[k] - measured
         lost = ~(np.max(np.abs(error), axis=1) < _LOST)  # NaN too
         if np.any(lost):

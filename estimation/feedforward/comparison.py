@@ -30,9 +30,9 @@ from estimation.feedforward.result import (
     StrutRow,
     Tracking,
 )
-from estimation.identification.identified_model import IdentifiedModel
+from estimation.identification.estimate import IdentifiedModel
 from estimation.identification.recording import estimated_machine
-from estimation.twin.disturbances import Repeated, force_factors, noise_sources, repetition_stream
+from estimation.twin.disturbances import Repeated, force_gains, noise_sources, repetition_stream
 from estimation.validation.motions import broken_limits, motion_name, motion_of_run
 from expdesign.configuration import ComputationError, RunConfiguration
 from expdesign.configuration.experiment import Cogging
@@ -340,7 +340,7 @@ def true_machine(
         robot = robot_from(configuration.truth or configuration.robot)
         gains = np.ones((len(times), ACTUATORS))
         if section.force_constant is not None:
-            gains = force_factors(section.force_constant, times, float(times[-1]))
+            gains = force_gains(section.force_constant, times, float(times[-1]))
         return TrueMachine("twin", Model(robot, robot.parameters), section.cogging, gains)
     estimate, bounds = saved.estimate, parameters_of(machine.robot.terms)
     values, covariance = estimate.values, estimate.joint

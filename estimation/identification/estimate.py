@@ -1,51 +1,68 @@
-"""From recordings to identified parameters with their uncertainty and a diagnosis."""
+"""From recordings to identified parameters with their uncertainty and a diagnosis.
+
+`identified_robot` writes the file `identified-robot.yaml`; `identified_model` takes parameters and
+covariance from a stored result, for predictions of other motions.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
-from estimation.diagnostics.diagnosis_result import ResidualDiagnosis
+from estimation.diagnostics.diagnosis_result import Diagnosis, ResidualDiagnosis
+from estimation.diagnostics.finding import Status
 from estimation.diagnostics.noise_result import covariance_fields
 from estimation.estimators import (
     ParameterEstimate,
+    ParameterPriors,
     SystematicUncertainty,
     covariance_ml_less_gm,
 )
-from estimation.estimators.result import TEN
 from estimation.identification.estimation import Estimation, estimate_parameters
 from estimation.identification.estimator_result import (
-    BodyResult,
-    ConsistentResult,
     ConstantResult,
     DeviationResult,
-    PayloadResult,
     SystematicResult,
 )
-from estimation.identification.identified_model import identified_robot
 from estimation.identification.recording import PreparedRecording
 from estimation.identification.result import (
     EstimatedMotion,
     EstimatedRecording,
+    EstimateFile,
     EstimationResult,
     EstimatorResult,
     WeightingNoise,
 )
 from estimation.uncertainty.consistency import ConsistentEstimate
-from expdesign.configuration import ConfigurationLike
-from expdesign.information.identifiable import listed
-from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.configuration import ConfigurationLike, InputError
+from expdesign.configuration.estimate import EstimateSection
+from expdesign.configuration.robot import RobotDescription
+from expdesign.configuration.run import robot_yaml
+from expdesign.configuration.tolerances import (
+    Identification,
+    IdentifiedDeviation,
+    RobotTolerances,
+    identified_name,
+    machine_name,
+)
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.robot import Robot, robot_from
-from expdesign.robot.deviation import apply_deviations, estimated_constants, toleranced_deviations
+from expdesign.robot.deviation import (
+    Deviation,
+    apply_deviations,
+    as_in_a_file,
+    deviations,
+    estimated_constants,
+    toleranced_deviations,
+)
 from expdesign.trajectory import FourierKeys, FourierTrajectory, fourier_keys
-
-_RARE = 0.01
-"""Smallest p value that is stated: the test ends before it can resolve smaller ones."""
-_NEAR = 1e-3
-"""Smallest distance, in σ, that is stated."""
 
 
 def estimate(
@@ -120,7 +137,7 @@ def estimation_result(
 
 
 def _recording(prepared: PreparedRecording) -> EstimatedRecording:
-    recording, noise = prepared.experiment.record, prepared.experiment.noise
+    recording, noise = prepared.experiment.recording, prepared.experiment.noise
     fit = prepared.experiment.fit
     free = fit is not None and fit.motion.free_frequency
     return EstimatedRecording(
@@ -152,7 +169,7 @@ def _recording(prepared: PreparedRecording) -> EstimatedRecording:
 def _estimator(estimation: Estimation, found: ParameterEstimate) -> EstimatorResult:
     priors, name = estimation.priors, found.estimator
     motions = [
-        motion.delayed(recording.experiment.record.origin).trajectory
+        motion.delay_by(recording.experiment.recording.origin).trajectory
         for motion, recording in zip(found.motions, estimation.recordings, strict=False)
     ]
     return EstimatorResult(
@@ -171,8 +188,8 @@ def _estimator(estimation: Estimation, found: ParameterEstimate) -> EstimatorRes
         covariance_systematic=found.covariance_systematic,
         systematic=_systematic(found.systematic),
         constants=tuple(_constants(robot_from(estimation.configuration.robot), found.systematic)),
-        payload=_payload(estimation, name),
-        consistent=_consistent(estimation.consistent[name], estimation.robot),
+        payload=estimation.payloads.get(name),
+        consistent=estimation.consistent[name],
         combinations=estimation.combinations[name],
         base_parameters=priors.identified_combinations(
             estimation.robot, found.values, found.covariance
@@ -229,77 +246,10 @@ def _constants(robot: Robot, systematic: SystematicUncertainty | None) -> Iterat
             )
 
 
-def _payload(estimation: Estimation, estimator: str) -> PayloadResult | None:
-    payload = estimation.payloads.get(estimator)
-    if payload is None:
-        return None
-    return PayloadResult(
-        values=dict(zip(TEN, payload.values.tolist(), strict=True)),
-        covariance=payload.covariance,
-        covariance_systematic=payload.covariance_systematic,
-        freedom=payload.freedom,
-    )
-
-
-def _consistent(found: ConsistentEstimate | None, robot: Robot) -> ConsistentResult | None:
-    if found is None:
-        return None
-    known = robot.realisable.bodies(robot.parameters) is not None
-    return ConsistentResult(
-        values=dict(zip(robot.parameter_names, found.values.tolist(), strict=True)),
-        moved=found.moved,
-        exchanged=found.exchanged,
-        distance=found.distance,
-        p=found.p,
-        significant=found.significant,
-        active=found.active,
-        spread=found.spread,
-        low=found.low,
-        high=found.high,
-        bodies={
-            name: BodyResult(mass=body.mass, moment=body.moment, inertia=body.inertia)
-            for name, body in vars(found.bodies).items()
-        },
-        text=consistency_text(found, known=known),
-    )
-
-
-def consistency_text(found: ConsistentEstimate, *, known: bool) -> str:
-    """Return the physical consistency of an estimate in words.
-
-    Parameters
-    ----------
-    found : ConsistentEstimate
-    known : bool
-        The parameters of the robot file are physically consistent.
-    """
-    if found.exchanged:
-        kind, others = "combinations", f" (with other values of {listed(found.exchanged)})"
-    else:
-        kind, others = "parameters", ""
-    if found.realisable:
-        return f"physically consistent: these {kind} belong to a possible set of bodies{others}"
-    distance = (
-        f"not physically consistent: the nearest consistent {kind}{others} are "
-        f"{max(found.distance, _NEAR):.2g} σ away, at the limit of {', '.join(found.active)}; "
-    )
-    share = f"{100 * found.p:.3g} % at most" if found.p > _RARE else f"less than {100 * _RARE:g} %"
-    chance = f"noise alone makes such a distance in {share} of the cases"
-    if not found.significant:
-        return f"{distance}{chance}: no reason for doubt"
-    doubt = "the model may lack an effect, or a tolerance or the noise is stated too small"
-    if not known:
-        doubt += (
-            ". The parameters of the robot file are physically inconsistent as well: so is a "
-            "correct estimate of a twin with these parameters"
-        )
-    return f"{distance}{chance}: {doubt}"
-
-
 def _motion(estimation: Estimation, number: int) -> EstimatedMotion:
     """Evaluate the best estimate at the samples of a recording, counted from 1."""
     experiment, motion = estimation.experiments[number - 1], estimation.best.motions[number - 1]
-    recording, robot = experiment.record, estimation.robot
+    recording, robot = experiment.recording, estimation.robot
     length_state = motion.at(recording.lengths.times).state()
     return EstimatedMotion(
         recording.forces.times + recording.origin,
@@ -333,3 +283,211 @@ _NO_TOLERANCES = {
     False: "the robot file gives no tolerances",
     True: "its tolerances are left out (estimate.systematic: none)",
 }
+
+
+def identified_robot(estimation: Estimation, diagnosis: Diagnosis | None) -> str:
+    """Return the robot file with the parameters of the best estimate.
+
+    With `estimate.consistent` these are the nearest physically consistent parameters.
+
+    Estimated joints, gravity and constants replace those of the robot, with their standard
+    deviations as tolerances. Tolerances of the measurement stay. A constant with `estimate: true`
+    keeps it, with this tolerance as its prior.
+    """
+    robot, best = robot_from(estimation.configuration.robot), estimation.best
+    found = best.systematic
+    description = robot.description.description
+    if found is not None and found.estimated:
+        tolerances = _tolerances(description, robot, best)
+        moved = as_in_a_file(apply_deviations(robot, found.deviations, found.values).description)
+        description = moved.model_copy(update={"tolerances": tolerances})
+    parameters = dict(zip(estimation.priors.names, best.values.tolist(), strict=True))
+    if (near := _replacement(estimation)) is not None:
+        parameters = near.values
+    description = description.model_copy(
+        update={
+            "name": identified_name(description.name),
+            "parameters": parameters,
+            "identification": _identification(estimation, diagnosis),
+        }
+    )
+    return robot_yaml(description)
+
+
+def _replacement(estimation: Estimation) -> ConsistentEstimate | None:
+    """Return the consistent parameters where the run asks for them; None: the estimate itself."""
+    wanted = estimation.configuration.run.estimate.consistent
+    return estimation.consistent[estimation.best.estimator] if wanted else None
+
+
+def _identification(estimation: Estimation, diagnosis: Diagnosis | None) -> Identification:
+    best, robot = estimation.best, robot_from(estimation.configuration.robot)
+    found = best.systematic
+    verdict = None if diagnosis is None else diagnosis.verdict
+    # Deviations without a tolerance are random: their errors are in that covariance.
+    inexact = np.zeros(0, dtype=bool)
+    response = shared = np.zeros((len(best.values), 0))
+    constants = [one.name for one in estimated_constants(robot)]
+    joint = slice(len(best.values) + len(constants))
+    entries: list[tuple[Deviation, float, float]] = []
+    if found is not None:
+        inexact = np.isfinite([one.std for one in found.deviations])
+        whole = zip(found.deviations, found.values.tolist(), found.std.tolist(), strict=True)
+        entries = [entry for entry in whole if np.isfinite(entry[0].std)]
+        response = np.concatenate([found.response, np.asarray(found.left)])[joint, inexact]
+        shared = found.joint_scaled_response[joint]
+    return Identification(
+        run=estimation.configuration.run.name,
+        estimator=best.estimator,
+        verdict="not judged" if verdict is None else verdict.status.value,
+        summary="" if verdict is None else verdict.summary,
+        parameters=estimation.priors.names,
+        constants=tuple(constants),
+        unconstrained=() if _replacement(estimation) is None else tuple(best.values.tolist()),
+        covariance_random=_nested_tuples(best.joint_random[joint, joint]),
+        covariance_systematic=_nested_tuples(shared @ shared.T),
+        deviations=tuple(
+            IdentifiedDeviation(name=one.name, tolerance=one.std, value=value, std=std)
+            for one, value, std in entries
+        ),
+        response=_nested_tuples(response) if entries else (),
+    )
+
+
+def _tolerances(description: RobotDescription, robot: Robot, best: ParameterEstimate) -> Any:
+    """Return the tolerances of the robot, reduced to the standard deviations of the estimate."""
+    given, found = description.tolerances, best.systematic
+    constants = [one.group.split(".")[1:] for one in estimated_constants(robot)]
+    if found is None or (given is None and not constants):
+        return given
+    given = given or RobotTolerances()
+    left: dict[str, float] = {}
+    for one, std in zip(found.deviations, found.std.tolist(), strict=True):
+        if one.of_the_machine:
+            left.setdefault(one.name, std)  # a later entry of the name is the error of a prior
+    changes: dict[str, Any] = {}
+    for group in ("base_joints", "platform_joints"):
+        if getattr(given, group) is not None:
+            changes[group] = tuple(
+                tuple(left.get(f"{group[:-1]}_{j}_{axis}", 0.0) for axis in ("x", "y", "z"))
+                for j in range(1, ACTUATORS + 1)
+            )
+    tilts = [std for name, std in left.items() if name.startswith("gravity_")]
+    if tilts:
+        changes["gravity"] = float(np.sqrt(np.mean(np.square(tilts))))
+    terms = {term: dict(own) for term, own in (given.terms or {}).items()}
+    for term, name in constants:
+        terms.setdefault(term, {})[name] = 0.0
+    if terms:
+        changes["terms"] = {
+            term: {name: left.get(f"{term}_{name}", std) for name, std in own.items()}
+            for term, own in terms.items()
+        }
+    return given.model_copy(update=changes)
+
+
+def _nested_tuples(matrix: Array) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(row) for row in matrix.tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedModel:
+    """Parameters with their covariance, to predict with."""
+
+    path: Path
+    """The `estimate.json` they come from, for messages."""
+    estimate: ParameterEstimate
+    """Without motions."""
+    priors: ParameterPriors
+    doubt: str = ""
+    """Serious findings of its diagnosis, in words; empty: none."""
+
+
+def identified_model(
+    result: EstimateFile, path: Path, robot: Robot, estimator: str | None = None
+) -> IdentifiedModel:
+    """Return the model that an estimator identified, by default the best one.
+
+    Parameters
+    ----------
+    result : EstimateFile
+    path : Path
+        The place of its file, for messages.
+    robot : Robot
+        The robot whose motions are predicted.
+    estimator : str, optional
+
+    Raises
+    ------
+    InputError
+        The estimate belongs to another robot, or the estimator is unknown.
+    """
+    names, key = result.parameters, result.best if estimator is None else estimator
+    for wrong, message, allowed in (
+        (
+            names != robot.parameter_names,
+            f"its parameters are not those of the robot {robot.name}",
+            ", ".join(robot.parameter_names),
+        ),
+        (
+            machine_name(result.robot) != machine_name(robot.name),
+            f"it is an estimate of the robot {result.robot!r}, not of {robot.name!r}",
+            robot.name,
+        ),
+        (
+            key not in result.estimators,
+            f"it has no estimator '{key}'",
+            ", ".join(result.estimators),
+        ),
+    ):
+        if wrong:
+            raise InputError(message, file=path, key="--estimate", allowed=allowed)
+    entry = result.estimators[key]
+    fixed: dict[str, float | None] = {name: entry.values[name] for name in result.fixed}
+    estimate = ParameterEstimate(
+        estimator=key,
+        values=np.array([entry.values[name] for name in names]),
+        covariance=entry.covariance,
+        systematic=_restore_systematic(entry.systematic, robot),
+        covariance_forces=entry.covariance_forces,
+        covariance_kinematics=entry.covariance_kinematics,
+        freedom=entry.freedom,
+        colour=np.where(np.isnan(entry.colour), 1.0, entry.colour),
+        influences=(),
+        motions=(),
+        cost=entry.cost,
+        iterations=entry.iterations,
+        converged=entry.converged,
+        status=entry.status,
+        seconds=entry.seconds,
+        covariance_joint=entry.covariance_joint,
+    )
+    priors = ParameterPriors.of(robot, EstimateSection(fixed=fixed))
+    return IdentifiedModel(path, estimate, priors, _doubt(result))
+
+
+def _doubt(result: EstimateFile) -> str:
+    verdict = None if result.diagnostics is None else result.diagnostics.verdict
+    if verdict is None or verdict.status is Status.ACCEPTED:
+        return ""
+    return "; ".join(finding.contradiction for finding in verdict.failed if finding.serious)
+
+
+def _restore_systematic(
+    found: SystematicResult | None, robot: Robot
+) -> SystematicUncertainty | None:
+    """Return the systematic uncertainty; None for deviations that the robot does not have."""
+    known = {one.name: one for one in (*deviations(robot), *estimated_constants(robot))}
+    if found is None or any(one.name not in known for one in found.deviations):
+        return None
+    return SystematicUncertainty(
+        tuple(
+            replace(known[one.name], std=one.tolerance if np.isfinite(one.tolerance) else np.inf)
+            for one in found.deviations
+        ),
+        found.response,
+        np.array([one.value for one in found.deviations]),
+        np.array([one.std for one in found.deviations]),
+        estimated=found.estimated,
+        left=found.left,
+    )

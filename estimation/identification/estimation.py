@@ -66,7 +66,7 @@ def estimate_parameters(
     robot = robot_from(configuration.robot)
     priors = parameter_priors(configuration, robot)
     refuse_ml_without_fit(configuration, section.estimators, "estimate")
-    designs = _one_each(design, len(data))
+    designs = _match_designs(design, len(data))
     # One thread: the products are small, and the order of their sums must not depend on cores.
     with threadpool_limits(limits=1, user_api="blas"):
         pairs = tuple(zip(data, designs, strict=True))
@@ -323,7 +323,7 @@ def refuse_ml_without_fit(
         )
 
 
-def _one_each(
+def _match_designs(
     design: FourierTrajectory | Sequence[FourierTrajectory | None] | None, count: int
 ) -> list[FourierTrajectory | None]:
     if design is None or isinstance(design, FourierTrajectory):
@@ -363,7 +363,7 @@ def _warnings(
     found = []
     for recording in recordings:
         where = f"{recording.source}: " if recording.source and len(recordings) > 1 else ""
-        dropped = recording.experiment.record.dropped
+        dropped = recording.experiment.recording.dropped
         if dropped:
             found.append(f"{where}{dropped} rows of incomplete periods were left out")
         noise = recording.experiment.noise

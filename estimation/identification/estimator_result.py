@@ -1,4 +1,4 @@
-"""Results of one estimator beside its parameters: systematic errors, consistency, payload.
+"""Further results of one estimator: systematic errors, physical consistency, payload.
 
 Each part is stored under the estimator in `estimate.json`, and as rows of a table.
 """
@@ -10,23 +10,14 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from pydantic import BeforeValidator
 
 from constraints.arrays import Array
-from estimation.estimators.result import ABOUT_CENTRE, TEN, about_centre
+from estimation.estimators.result import ABOUT_CENTRE, TEN, PayloadEstimate, about_centre
+from estimation.uncertainty.consistency import ConsistentEstimate
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.mechanism.terms import parameter_unit
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
-from expdesign.runfolder import Numbers, OpenNumber, OpenNumbers, described
-
-
-def _infinite(value: object) -> Array:
-    freedom = np.array(value, dtype=np.float64)  # None becomes NaN
-    return np.where(np.isnan(freedom), np.inf, freedom)
-
-
-Freedoms = Annotated[Array, BeforeValidator(_infinite)]
-"""(m,) degrees of freedom of standard deviations; infinite where exact, null in a file."""
+from expdesign.runfolder import Numbers, OpenNumber, described
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -162,51 +153,6 @@ def deviation_rows(estimator: str, result: SystematicResult) -> Iterator[Deviati
         yield DeviationRow(estimator, one.name, one.group, one.unit, *numbers)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BodyResult:
-    """One body, in the frame of docs/model.md."""
-
-    mass: Annotated[float, described("kg", "mass")]
-    moment: Annotated[Numbers, described("kg m", "(3,) first moment about the frame's origin")]
-    inertia: Annotated[
-        Numbers, described("kg m^2", "3 × 3 about the frame's origin, products as matrix entries")
-    ]
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ConsistentResult:
-    """The nearest physically consistent parameters to an estimate."""
-
-    values: Annotated[dict[str, float], described("SI", "by parameter")]
-    moved: Annotated[
-        OpenNumbers,
-        described("1", "(m,) values less estimate in σ, of base parameters by their combinations"),
-    ]
-    exchanged: Annotated[
-        tuple[str, ...],
-        described("", "held parameters that took other values: no force shows which they have"),
-    ]
-    distance: Annotated[
-        float, described("1", "from the estimate, standard deviations; 0: bodies have it")
-    ]
-    p: Annotated[
-        float, described("1", "how often noise makes that distance where bodies have the truth")
-    ]
-    significant: Annotated[bool, described("", "p is below 5 %")]
-    active: Annotated[tuple[str, ...], described("", "conditions and bounds that it stands at")]
-    spread: Annotated[
-        OpenNumbers,
-        described("SI", "(m,) root mean square error by simulation; null: fixed"),
-    ]
-    low: Annotated[OpenNumbers, described("SI", "(m,) lower ends of the 95 % intervals")]
-    high: Annotated[OpenNumbers, described("SI", "(m,) upper ends")]
-    bodies: Annotated[
-        dict[str, BodyResult],
-        described("", "ring, stator, slider and platform that have the values: one of many sets"),
-    ]
-    text: Annotated[str, described("", "in words")]
-
-
 @dataclass(frozen=True)
 class ConsistentRow:
     """One parameter of an estimate and of the nearest physically consistent parameters."""
@@ -239,7 +185,7 @@ def consistent_rows(
     estimator: str,
     values: dict[str, float],
     covariance: Array,
-    result: ConsistentResult,
+    result: ConsistentEstimate,
 ) -> Iterator[ConsistentRow]:
     """Yield the rows of all parameters; `covariance`, (m, m), is that of the estimate."""
     std = np.sqrt(np.diag(covariance))
@@ -291,24 +237,6 @@ _UNITS = tuple(parameter_unit(name) for name in OF_A_BODY.values())
 _UNITS_ABOUT_CENTRE = ("m",) * 3 + _UNITS[4:]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PayloadResult:
-    """The ten parameters of a payload: mass, sx … sz, Ixx … Iyz about the TCP, platform frame."""
-
-    values: Annotated[dict[str, float], described("SI", "by parameter")]
-    covariance: Annotated[
-        Numbers,
-        described("SI", "10 × 10, of the new recordings and of the identification before"),
-    ]
-    covariance_systematic: Annotated[
-        Numbers, described("SI", "its share that the robot's tolerances make, 10 × 10")
-    ]
-    freedom: Annotated[
-        Freedoms,
-        described("1", "(10,) degrees of freedom behind the standard deviations; null: endless"),
-    ]
-
-
 @dataclass(frozen=True)
 class PayloadRow:
     """One number of a payload by one estimator."""
@@ -342,10 +270,13 @@ class PayloadRow:
     ci_high: Annotated[OpenNumber, described("see unit", "upper end of the 95 % interval")]
 
 
-def payload_rows(estimator: str, result: PayloadResult) -> Iterator[PayloadRow]:
+def payload_rows(estimator: str, result: PayloadEstimate) -> Iterator[PayloadRow]:
     """Yield the ten parameters, then centre and inertia about it by the delta method."""
-    values = np.array([result.values[name] for name in TEN])
-    covariance, systematic = result.covariance, result.covariance_systematic
+    values, covariance, systematic = (
+        result.vector,
+        result.covariance,
+        result.covariance_systematic,
+    )
     widths = interval_widths(result.freedom)
     yield from _rows(estimator, TEN, _UNITS, values, (covariance, systematic), widths)
     if values[0] > _SURE * np.sqrt(covariance[0, 0]):

@@ -1,16 +1,16 @@
 """Number of harmonics of the executed motion, from lengths and forces together.
 
-Accelerations weigh harmonic k with k²: forces show harmonics of which the lengths show nothing, and
-a motion without them biases the parameters. All numbers of harmonics are judged at once, on the
-joint normal equations of (p, ξ) with the most harmonics that may be: the Cholesky factor of ξ's
-part, its unknowns in the order of the harmonics, holds the least cost of every shorter series. A
-harmonic more is twelve unknowns more; the number that is taken has the least cost plus two for each
-unknown (Akaike): it is exceeded by chance in a few of a hundred recordings, which costs next to
-nothing, and many weak harmonics are found together. A single one far above the others does not pay
-for those between: what it takes off the cost is tested by itself, and it is taken, too.
+Accelerations weight harmonic k with k²: the forces show harmonics below the noise of the lengths,
+and a motion without them biases the parameters. All numbers of harmonics are judged at once, on the
+joint normal equations of (p, ξ) with the most harmonics allowed: the Cholesky factor of ξ's part,
+its unknowns in the order of the harmonics, contains the least cost of every shorter series. A
+harmonic is twelve unknowns; the chosen number has the least cost plus two for each unknown
+(Akaike). By chance it is exceeded in a few of a hundred recordings, which costs next to nothing,
+and many weak harmonics are found together. A single strong harmonic far above the others does not
+pay for those between: its reduction of the cost is tested separately.
 
-Forces may lack something else, such as cogging, which harmonics would imitate. The lengths tell:
-where they contradict the further harmonics that the forces want, these are no motion.
+Forces may lack another effect, such as cogging, which harmonics would imitate. If the lengths
+contradict the further harmonics of the forces, these are not a motion.
 """
 
 from __future__ import annotations
@@ -50,59 +50,58 @@ _DETERMINED = 1e-10
 """Smallest relevant eigenvalue of the scaled information on the parameters."""
 
 
-def whole_motion(
-    robot: Robot, experiment: Experiment, knowledge: ParameterPriors
+def refine_motion(
+    robot: Robot, experiment: Experiment, priors: ParameterPriors
 ) -> RefinedMotion | None:
     """Return the motion supported by forces and lengths together; None for the fitted one.
 
-    The experiment's motion was fitted to the lengths with the harmonics that these show; the whole
-    one has more.
+    The experiment's motion was fitted to the lengths; the refined one has more harmonics.
 
     Raises
     ------
     ValueError
         The experiment has pointwise kinematics.
     """
-    fit, record = experiment.fit, experiment.record
+    fit, recording = experiment.fit, experiment.recording
     if fit is None:
         raise ValueError("pointwise kinematics have no harmonics")
-    least, most = fit.motion.harmonics, most_harmonics(record)
+    least, most = fit.motion.harmonics, most_harmonics(recording)
     if least >= most:
         return None
-    values = _first_estimate(experiment, knowledge)
+    values = _first_estimate(experiment, priors)
     motion = fit.motion.with_harmonics(most)
     noise = experiment.noise
     own = noise.forces.covariance, noise.forces.filter
-    forces = force_equations(robot, experiment, motion, values, knowledge.free, *own)
+    forces = force_equations(robot, experiment, motion, values, priors.free, *own)
     lengths = length_equations(
-        robot, record, noise.lengths.covariance, motion, noise.lengths.filter
+        robot, recording, noise.lengths.covariance, motion, noise.lengths.filter
     )
-    off = (knowledge.prior_mean - values)[knowledge.free]
-    joint = forces.with_motion(lengths).with_prior(knowledge.precision, off)
-    series = _Series(least, motion, knowledge, joint, lengths)
-    wanted = series.wanted()
-    if wanted == least or series.contradicted(wanted):
+    off = (priors.prior_mean - values)[priors.free]
+    joint = forces.with_motion(lengths).with_prior(priors.precision, off)
+    series = _Series(least, motion, priors, joint, lengths)
+    wanted = series.choose_number()
+    if wanted == least or series.lengths_contradict(wanted):
         return None
     whole, covariance = series.motion_with(wanted)
-    spread = rate_spread(robot, whole, record.forces.times, covariance)
+    spread = rate_spread(robot, whole, recording.forces.times, covariance)
     return RefinedMotion(whole, covariance, spread)
 
 
-def _first_estimate(experiment: Experiment, knowledge: ParameterPriors) -> Array:
+def _first_estimate(experiment: Experiment, priors: ParameterPriors) -> Array:
     """Return Gauss–Markov parameters, (m,), of minimum norm if there are several solutions."""
-    free, start = knowledge.free, knowledge.start
+    free, start = priors.free, priors.start
     rest = experiment.forces - experiment.fitted_regressors @ start
     rows = (rest, experiment.fitted_regressors[:, :, free], experiment.counts)
     noise = experiment.noise.forces
     fitted = NormalEquations.of([rows], noise.covariance, noise.filter)
-    off = (knowledge.prior_mean - start)[free]
-    gradient = fitted.gradient + knowledge.precision @ off
+    off = (priors.prior_mean - start)[free]
+    gradient = fitted.gradient + priors.precision @ off
     values = start.copy()
-    values[free] += _solved(fitted.matrix + knowledge.precision, gradient)
+    values[free] += _solve(fitted.matrix + priors.precision, gradient)
     return values
 
 
-def _solved(information: Array, gradient: Array) -> Array:
+def _solve(information: Array, gradient: Array) -> Array:
     """Return F⁺ g, g (k,) or (k, n): zero in directions that the data do not determine."""
     scaled = ScaledInformation.of(information)
     scales = np.where(scaled.scales > 0, scaled.scales, np.inf)
@@ -120,15 +119,15 @@ class _Series:
     least: int
     motion: HarmonicMotion
     """Where they were taken."""
-    knowledge: ParameterPriors
+    priors: ParameterPriors
     joint: NormalEquations
     lengths: NormalEquations
     """Of (p, ξ) from forces, lengths and prior, and of ξ from the lengths alone."""
 
-    def wanted(self) -> int:
+    def choose_number(self) -> int:
         """Return the number of harmonics that forces and lengths support together."""
         places = _places(self.motion, self.motion.harmonics)
-        count = int(np.count_nonzero(self.knowledge.free))
+        count = int(np.count_nonzero(self.priors.free))
         order = np.concatenate([count + places, np.arange(count)])
         size = len(places)
         matrix, gradient = self.joint.matrix[np.ix_(order, order)], self.joint.gradient[order]
@@ -142,7 +141,7 @@ class _Series:
             n = len(_places(self.motion, harmonics))
             information = matrix[size:, size:] - slope[:n].T @ slope[:n]
             rest = gradient[size:] - slope[:n].T @ offset[:n]
-            reductions.append(offset[:n] @ offset[:n] + rest @ _solved(information, rest))
+            reductions.append(offset[:n] @ offset[:n] + rest @ _solve(information, rest))
         gains = np.diff(reductions)
         if not len(gains):
             return self.least
@@ -150,11 +149,11 @@ class _Series:
         single = scipy.stats.chi2.sf(gains, _UNKNOWNS) < _FAMILY_LEVEL / len(gains)
         return self.least + max([cheapest, *(np.flatnonzero(single) + 1).tolist()])
 
-    def contradicted(self, harmonics: int) -> bool:
+    def lengths_contradict(self, harmonics: int) -> bool:
         """Test whether the lengths contradict the further harmonics of the forces.
 
-        What forces and lengths say together differs from what the lengths say alone by an error
-        whose covariance is the difference of both covariances (Hausman, Econometrica 46, 1978).
+        The covariance of the difference between the estimates from forces and lengths and from the
+        lengths alone is the difference of both covariances (Hausman, Econometrica 46, 1978).
         """
         places = _places(self.motion, harmonics)
         new = slice(len(_places(self.motion, self.least)), None)
@@ -174,18 +173,18 @@ class _Series:
         step, covariance = self._together(places)
         moved = np.zeros(self.motion.unknowns)
         moved[places] = step
-        motion = self.motion.moved(moved).with_harmonics(harmonics)
+        motion = self.motion.add_step(moved).with_harmonics(harmonics)
         own = np.argsort(_places(motion, harmonics))
         return motion, covariance[np.ix_(own, own)]
 
     def _together(self, places: NDArray[np.intp]) -> tuple[Array, Array]:
         """Return the step of some unknowns of ξ, and their covariance, with p eliminated."""
-        count = int(np.count_nonzero(self.knowledge.free))
+        count = int(np.count_nonzero(self.priors.free))
         inner = self.joint.matrix[np.ix_(count + places, count + places)]
         cross = self.joint.matrix[count + places, :count]
         outer = self.joint.matrix[:count, :count]
         right = np.column_stack([cross.T, self.joint.gradient[:count]])
-        solved = _solved(outer, right)
+        solved = _solve(outer, right)
         matrix = inner - cross @ solved[:, :-1]
         return _motion_alone(matrix, self.joint.gradient[count + places] - cross @ solved[:, -1])
 

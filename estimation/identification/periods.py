@@ -1,4 +1,4 @@
-"""Period of a recording: from the design, the file, the run, or the data."""
+"""Choice of the period of a recording: from the design, the file, the run, or the data."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from estimation.processing import PeriodicRecording, fold_recording
 from estimation.processing.period import (
     PeriodError,
     PeriodSource,
-    at_rest,
     changes_after,
-    moves_from,
-    omega_at_rest,
+    choose_omega_at_rest,
+    find_motion_onset,
+    is_at_rest,
     omega_from_column,
     omega_from_data,
-    refined_omega,
+    refine_omega,
     resolution_only,
 )
 from expdesign.configuration import InputError, RunConfiguration
@@ -67,9 +67,9 @@ def choose_omega(
         else:
             omega, source = omega_from_data(data), PeriodSource.DATA
     except PeriodError as error:
-        raise _refused(data, str(error)) from error
+        raise _unsuitable(data, str(error)) from error
     if configuration.run.estimate.frequency == "estimated" and source is not PeriodSource.DATA:
-        omega = refined_omega(data, omega, _FREQUENCY_REACH)
+        omega = refine_omega(data, omega, _FREQUENCY_REACH)
     if source is not PeriodSource.DATA:
         _refuse_other_period(data, omega, source)
     return float(omega), source
@@ -90,7 +90,7 @@ def _refuse_other_period(data: Measurement, omega: float, source: PeriodSource) 
         seen = f"; the lengths repeat after {2 * np.pi / omega_from_data(data):.6g} s"
     except PeriodError:
         seen = "; no other period was found either"
-    raise _refused(
+    raise _unsuitable(
         data, f"the lengths do not repeat with the {source.value}'s period of {period:.6g} s{seen}"
     )
 
@@ -98,7 +98,7 @@ def _refuse_other_period(data: Measurement, omega: float, source: PeriodSource) 
 def period_warning(
     robot: Robot,
     data: Measurement,
-    record: PeriodicRecording,
+    recording: PeriodicRecording,
     motion: HarmonicMotion,
     covariance: Array,
 ) -> str:
@@ -111,32 +111,32 @@ def period_warning(
     UnsuitableDataError
         The difference is too large for a clock error.
     """
-    if record.source not in (PeriodSource.DESIGN, PeriodSource.FREQUENCY):
+    if recording.source not in (PeriodSource.DESIGN, PeriodSource.FREQUENCY):
         return ""
-    error, std = clock_error(robot, record, motion, covariance)
-    duration = record.periods * record.period
-    if abs(error) < _CLEARLY_OFF * std or abs(error) * duration < record.step:
+    error, std = clock_error(robot, recording, motion, covariance)
+    duration = recording.periods * recording.period
+    if abs(error) < _CLEARLY_OFF * std or abs(error) * duration < recording.step:
         return ""
-    off = refined_omega(data, record.omega, _LOOK) / record.omega - 1
-    if abs(off) * duration < record.step:
+    off = refine_omega(data, recording.omega, _LOOK) / recording.omega - 1
+    if abs(off) * duration < recording.step:
         return ""
     seen = (
-        f"the lengths repeat after {record.period / (1 + off):.7g} s, the {record.source.value}'s "
-        f"period is {record.period:.7g} s"
+        f"the lengths repeat after {recording.period / (1 + off):.7g} s, the "
+        f"{recording.source.value}'s period is {recording.period:.7g} s"
     )
     if abs(off) > _FREQUENCY_REACH:
-        raise _refused(data, seen)
+        raise _unsuitable(data, seen)
     return f"{seen} ({100 * off:+.3g} % in frequency): use `estimate.frequency: estimated`"
 
 
 def clock_error(
-    robot: Robot, record: PeriodicRecording, motion: HarmonicMotion, covariance: Array
+    robot: Robot, recording: PeriodicRecording, motion: HarmonicMotion, covariance: Array
 ) -> tuple[float, float]:
     """Return the relative clock error of the recording against `motion`, and its std.
 
-    With a frequency that is off by the share ε the periods move against each other: at time t the
-    lengths are l(t) + ε t l̇(t). The part of it that grows from period to period is what a fitted
-    motion leaves of the lengths; its slope tells ε.
+    With a frequency error of the share ε the periods are shifted against each other: at time t the
+    lengths are l(t) + ε t l̇(t). The part that grows from period to period remains in the residuals
+    of a fitted motion; its slope is ε.
 
     Parameters
     ----------
@@ -150,31 +150,31 @@ def clock_error(
     First order: valid for shifts of a small part of a period. With less than two periods the std is
     inf.
     """
-    pose, rate, _ = np.split(motion.at(record.lengths.times).state(), 3, axis=1)
+    pose, rate, _ = np.split(motion.at(recording.lengths.times).state(), 3, axis=1)
     lengths, jacobian = robot.lengths_and_jacobian(pose)
     speeds = np.einsum("sij,sj->si", jacobian, rate)
     weighted = speeds @ np.linalg.inv(covariance)
-    if record.lengths.periods is not None:
-        count = len(record.lengths.periods)
-        late = (np.arange(count) - (count - 1) / 2) * record.period
-        moved = np.tensordot(late, record.lengths.periods, axes=1)
+    if recording.lengths.periods is not None:
+        count = len(recording.lengths.periods)
+        late = (np.arange(count) - (count - 1) / 2) * recording.period
+        moved = np.tensordot(late, recording.lengths.periods, axes=1)
         known = float(np.sum(late**2) * np.sum(speeds * weighted))
         right = float(np.sum(moved * weighted))
     else:
-        # Whole periods: what of ε t l̇ repeats with them is in the fitted motion already.
-        elapsed = record.lengths.times - np.min(record.lengths.times)
-        late = np.floor(elapsed / record.period + _ON_TIME) * record.period
-        late -= np.average(late, weights=record.lengths.counts)
-        counted = late * record.lengths.counts
+        # Whole periods: the periodic part of ε t l̇ is in the fitted motion already.
+        elapsed = recording.lengths.times - np.min(recording.lengths.times)
+        late = np.floor(elapsed / recording.period + _ON_TIME) * recording.period
+        late -= np.average(late, weights=recording.lengths.counts)
+        counted = late * recording.lengths.counts
         known = float(np.sum((counted * late)[:, None] * speeds * weighted))
-        right = float(np.sum(counted[:, None] * (record.lengths.values - lengths) * weighted))
-    if record.periods < 2 or known <= 0:  # noqa: PLR2004 - a slope takes two
+        right = float(np.sum(counted[:, None] * (recording.lengths.values - lengths) * weighted))
+    if recording.periods < 2 or known <= 0:  # noqa: PLR2004 - a slope takes two
         return 0.0, np.inf
     return right / known, float(1 / np.sqrt(known))
 
 
-def _refused(data: Measurement, message: str) -> UnsuitableDataError:
-    begin = moves_from(data)
+def _unsuitable(data: Measurement, message: str) -> UnsuitableDataError:
+    begin = find_motion_onset(data)
     if begin is not None:
         return UnsuitableDataError(
             f"{message}; the struts do not move before {begin:.4g} s",
@@ -220,49 +220,51 @@ def fold_noise_recording(
     dead = np.flatnonzero(np.ptp(data.forces, axis=0) == 0) + 1
     if len(dead):
         where = f"actuator{'s' * (len(dead) > 1)} {', '.join(map(str, dead))}"
-        raise _not_repeated(data, f"the forces do not change at all ({where}): are they connected?")
+        raise _without_periods(
+            data, f"the forces do not change at all ({where}): are they connected?"
+        )
     same = np.triu(np.abs(np.corrcoef(np.diff(data.forces, axis=0).T)) > _SAME, 1)
     if np.any(same):
         first, second = np.argwhere(same)[0] + 1
         message = f"the forces of actuators {first} and {second} are the same recording"
-        raise _not_repeated(data, f"{message}: look at `data.columns` and the cables")
+        raise _without_periods(data, f"{message}: look at `data.columns` and the cables")
     if all(resolution_only(column) for column in data.lengths.T):
         return _at_rest(data)
     try:
         omega, source = choose_omega(configuration, data, design)
-        record = fold_recording(data, omega, source)
+        recording = fold_recording(data, omega, source)
     except (UnsuitableDataError, PeriodError) as error:
-        if at_rest(data):
+        if is_at_rest(data):
             return _at_rest(data)
         if certain:
-            raise _not_repeated(data, str(error)) from error
-        record = _of_its_own(data)
-    if record.periods < _TWO:
-        if at_rest(data):
+            raise _without_periods(data, str(error)) from error
+        recording = _of_its_own(data)
+    if recording.periods < _TWO:
+        if is_at_rest(data):
             return _at_rest(data)
-        raise _not_repeated(
+        raise _without_periods(
             data,
-            f"{record.periods:.3g} periods show no scatter between periods: the noise of a "
+            f"{recording.periods:.3g} periods show no scatter between periods: the noise of a "
             "recording takes two periods or more, or a machine at rest",
         )
-    return record
+    return recording
 
 
 def _of_its_own(data: Measurement) -> PeriodicRecording:
     try:
         return fold_recording(data, omega_from_data(data), PeriodSource.DATA)
     except PeriodError as error:
-        raise _not_repeated(data, f"{error}, and the machine is not at rest") from error
+        raise _without_periods(data, f"{error}, and the machine is not at rest") from error
 
 
 def _at_rest(data: Measurement) -> PeriodicRecording:
     try:
-        return fold_recording(data, omega_at_rest(data), PeriodSource.REST)
+        return fold_recording(data, choose_omega_at_rest(data), PeriodSource.REST)
     except PeriodError as error:
-        raise _not_repeated(data, str(error)) from error
+        raise _without_periods(data, str(error)) from error
 
 
-def _not_repeated(data: Measurement, message: str) -> UnsuitableDataError:
+def _without_periods(data: Measurement, message: str) -> UnsuitableDataError:
     return UnsuitableDataError(
         message,
         file=Path(data.source) if data.source else None,

@@ -18,7 +18,7 @@ from estimation.estimators import (
     SystematicUncertainty,
     linear_estimate,
 )
-from estimation.identification.harmonics import whole_motion
+from estimation.identification.harmonics import refine_motion
 from estimation.identification.periods import (
     UnsuitableDataError,
     choose_omega,
@@ -95,33 +95,35 @@ def prepare_recording(
     omega, source = choose_omega(configuration, data, design)
     free = section.frequency == "estimated"
     try:
-        record = fold_recording(
+        recording = fold_recording(
             data, omega, source, average=not free, robust=section.loss == "huber"
         )
     except PeriodError as error:
         file = Path(data.source) if data.source else None
         raise UnsuitableDataError(str(error), file) from error
-    noise = choose_noise(configuration, record, data.source)
-    record = record.behind(noise)
+    noise = choose_noise(configuration, recording, data.source)
+    recording = recording.as_weighted(noise)
     if section.differentiation != "fourier":
-        motion = pointwise_motion(robot, record, cutoff=_cutoff(configuration, record, design))
+        motion = pointwise_motion(
+            robot, recording, cutoff=_cutoff(configuration, recording, design)
+        )
         # Pointwise differentiation does not use the spectrum.
-        experiment = Experiment.from_points(robot, record, noise.taken_for_white(), motion)
+        experiment = Experiment.from_points(robot, recording, noise.as_white(), motion)
         return PreparedRecording(data.source, experiment, None, data.jitter)
-    noise, fit = _fitted(configuration, robot, record, noise, design)
+    noise, fit = _fit_motion(configuration, robot, recording, noise, design)
     warnings = []
     if not free:
         own = noise.lengths.covariance
-        warnings.append(period_warning(robot, data, record, fit.motion, own))
+        warnings.append(period_warning(robot, data, recording, fit.motion, own))
     if fit.wanted is not None:
         warnings.append(
             f"the lengths show {fit.wanted} harmonics, but no motion of the machine described has "
             "so many: joints or zeros of lengths are elsewhere than stated. The motion is taken "
             f"with {fit.motion.harmonics}"
         )
-    experiment = Experiment.from_fit(robot, record, noise, fit)
+    experiment = Experiment.from_fit(robot, recording, noise, fit)
     if section.harmonics is None and not held_out:
-        whole = whole_motion(robot, experiment, ParameterPriors.of(robot, section))
+        whole = refine_motion(robot, experiment, ParameterPriors.of(robot, section))
         experiment = replace(experiment, refined_motion=whole)
     return PreparedRecording(
         data.source,
@@ -162,17 +164,17 @@ def _least(design: FourierTrajectory | None) -> int:
 
 
 def _cutoff(
-    configuration: RunConfiguration, record: PeriodicRecording, design: FourierTrajectory | None
+    configuration: RunConfiguration, recording: PeriodicRecording, design: FourierTrajectory | None
 ) -> float | None:
     section = configuration.run.estimate
     if section.differentiation != "butterworth":
         return None
     highest = configuration.run.trajectory.harmonics if design is None else design.harmonics
-    cutoff = section.cutoff or _CUTOFF * highest / record.period
-    if cutoff >= 0.5 / record.step:
+    cutoff = section.cutoff or _CUTOFF * highest / recording.period
+    if cutoff >= 0.5 / recording.step:
         raise InputError(
             f"a cutoff of {cutoff:.4g} Hz is not below half the sampling rate, "
-            f"{0.5 / record.step:.4g} Hz",
+            f"{0.5 / recording.step:.4g} Hz",
             file=configuration.file,
             key="estimate.cutoff",
             allowed="a lower frequency, or faster sampling",
@@ -180,10 +182,10 @@ def _cutoff(
     return cutoff
 
 
-def _fitted(
+def _fit_motion(
     configuration: RunConfiguration,
     robot: Robot,
-    record: PeriodicRecording,
+    recording: PeriodicRecording,
     noise: NoiseModel,
     design: FourierTrajectory | None,
 ) -> tuple[NoiseModel, MotionFit]:
@@ -192,14 +194,14 @@ def _fitted(
     fitting = partial(choose_harmonics, least=_least(design), expected=expected)
     if section.harmonics is not None:
         fitting = partial(fit_motion, harmonics=section.harmonics)
-    start = _start(robot, record, design, expected)
+    start = _start(robot, recording, design, expected)
     # An unknown Δ comes from the fit that it weights: a few iterations settle both.
     rounds = _RESIDUAL_ROUNDS if noise.lengths.includes_model_error else 1
     for remaining in reversed(range(rounds)):
         fitted = partial(
             fitting,
             robot,
-            record,
+            recording,
             noise.lengths.covariance,
             start=start,
             free_frequency=section.frequency == "estimated",
@@ -209,12 +211,12 @@ def _fitted(
         except NoMotionFoundError:
             if noise.lengths.filter is None:
                 raise
-            # What repeats in no period, as with a clock that is off, is no noise: its spectrum
-            # is nothing to weight with.
-            noise = noise.taken_for_white()
+            # Deviations that repeat in no period, as with a wrong clock, are not noise: their
+            # spectrum is no weight.
+            noise = noise.as_white()
             fit = fitted()
         if noise.lengths.includes_model_error:
-            found = residual_noise(fit.residuals, record.lengths.counts, len(fit.covariance))
+            found = residual_noise(fit.residuals, recording.lengths.counts, len(fit.covariance))
             noise = replace(noise, lengths=found)
         if remaining:
             start = fit.motion
@@ -222,10 +224,10 @@ def _fitted(
 
 
 def _start(
-    robot: Robot, record: PeriodicRecording, design: FourierTrajectory | None, harmonics: int
+    robot: Robot, recording: PeriodicRecording, design: FourierTrajectory | None, harmonics: int
 ) -> HarmonicMotion:
     try:
-        return start_motion(robot, record, harmonics)
+        return start_motion(robot, recording, harmonics)
     except MotionFitError:
         if design is None:
             raise
@@ -240,14 +242,14 @@ _FEWEST_FREEDOM = 14.0
 
 
 def choose_noise(
-    configuration: RunConfiguration, record: PeriodicRecording, source: str = ""
+    configuration: RunConfiguration, recording: PeriodicRecording, source: str = ""
 ) -> NoiseModel:
     """Choose Σ and Δ of one sample.
 
-    The scatter between periods when it has 250 degrees of freedom, (M − 1) N, as two periods of
-    many samples have; with less what robot or run give; else the scatter, however little there is
-    of it; else the residuals, in which case the covariances are first ones only and come anew from
-    the residuals of the fits (`residual_noise`). Forces and lengths are chosen each for itself.
+    In this order: the scatter between periods, if it has 250 degrees of freedom, (M − 1) N; the
+    noise of robot or run; the scatter with fewer degrees of freedom; the residuals about a Fourier
+    series, preliminary covariances that the residuals of the fits replace (`residual_noise`).
+    Forces and lengths are treated separately.
 
     Raises
     ------
@@ -262,7 +264,7 @@ def choose_noise(
         "forces": None if noise is None else noise.force_covariance,
         "lengths": None if noise is None else noise.length_covariance,
     }
-    measured = {"forces": record.forces, "lengths": record.lengths}
+    measured = {"forces": recording.forces, "lengths": recording.lengths}
     missing = [name for name, covariance in given.items() if covariance is None]
     if wanted == "given" and missing:
         raise InputError(
@@ -274,7 +276,7 @@ def choose_noise(
         )
     if wanted == "estimated" and any(each.scatter is None for each in measured.values()):
         raise InputError(
-            f"estimate.noise is 'estimated', but {record.periods:.3g} periods do not show the "
+            f"estimate.noise is 'estimated', but {recording.periods:.3g} periods do not show the "
             "scatter between periods",
             file=configuration.file,
             key="estimate.noise",
@@ -289,7 +291,7 @@ def choose_noise(
             return repeated
         if stated is not None:
             return NoiseEstimate(stated, np.inf, "given")
-        first, _ = record.about_series(measured[name])
+        first, _ = recording.fit_series(measured[name])
         # Means over periods scatter less than the single samples that a covariance is stated for.
         covariance = first.covariance * float(np.mean(measured[name].counts))
         return NoiseEstimate(covariance, first.freedom, "residuals")
@@ -306,7 +308,7 @@ def choose_noise(
         stated = None if noise is None else getattr(noise, f"{name.removesuffix('s')}_spectrum")
         if own.source != "given" or stated is None or channels.repeats is None:
             return own
-        return with_stated_spectrum(own, stated, record, origin)
+        return with_stated_spectrum(own, stated, recording, origin)
 
     return NoiseModel(
         with_spectrum("forces", found.forces), with_spectrum("lengths", found.lengths)
@@ -316,7 +318,7 @@ def choose_noise(
 def with_stated_spectrum(
     noise: NoiseEstimate,
     stated: NoiseSpectrum,
-    record: PeriodicRecording,
+    recording: PeriodicRecording,
     origin: SpectrumOrigin = "auto",
 ) -> NoiseEstimate:
     """Add a known spectrum to the noise, at the multiples of the motion's ω.
@@ -326,7 +328,7 @@ def with_stated_spectrum(
     UnsuitableDataError
         The spectrum ends below half of the sampling frequency.
     """
-    sampling, samples = 1 / record.step, record.samples
+    sampling, samples = 1 / recording.step, recording.samples
     if not stated.covers(sampling):
         raise UnsuitableDataError(
             f"the spectrum given for the noise ends at a sampling of {stated.highest:g} Hz, the "
@@ -334,7 +336,7 @@ def with_stated_spectrum(
             allowed="a spectrum of this sampling, or estimate.noise: estimated",
         )
     count = samples // 2 + 1
-    matrices = stated.harmonics(1 / record.period, count, sampling, record.rows).value
+    matrices = stated.harmonics(1 / recording.period, count, sampling, recording.rows).value
     lines = NoiseLines(matrices.astype(np.complex128), samples, np.inf)
     weights = None if origin == "white" else given_filter(noise.covariance, lines.matrices, samples)
     return replace(noise, lines=lines, filter=weights)
@@ -358,9 +360,9 @@ def _refuse_singular(letter: str, noise: NoiseEstimate, source: str) -> None:
 
 
 def residual_noise(residuals: Array, counts: Array, used: int) -> NoiseEstimate:
-    """Return the covariance of a fit's residuals, (R, 6), that used so many parameters.
+    """Return the covariance of the residuals, (R, 6), of a fit with `used` parameters.
 
-    Each row stands for as many samples as `counts` says, (R,) or (S,) of the record.
+    `counts` are the numbers of samples in the rows, (R,), or in those of the recording, (S,).
     """
     freedom = max(len(residuals) - used / residuals.shape[1], 1.0)
     weights = counts if len(counts) == len(residuals) else np.full(len(residuals), np.mean(counts))
@@ -394,7 +396,7 @@ def apply_calibration(data: Measurement, machine: PerturbedMachine) -> Measureme
 
 
 def linearise_at_load(
-    robot: Robot, experiments: Sequence[Experiment], knowledge: ParameterPriors
+    robot: Robot, experiments: Sequence[Experiment], priors: ParameterPriors
 ) -> tuple[Robot, tuple[Experiment, ...]]:
     """Return the robot with its friction at the estimated load, and the experiments with its A.
 
@@ -409,24 +411,24 @@ def linearise_at_load(
     if not robot.graph.loaded:
         return robot, present
     for _ in range(_ROUNDS):
-        robot = robot.with_load_at(linear_estimate(robot, present, knowledge, "gm").values)
+        robot = robot.with_load_at(linear_estimate(robot, present, priors, "gm").values)
         present = tuple(experiment.of_robot(robot) for experiment in present)
     return robot, present
 
 
 def with_residual_noise(
-    robot: Robot, experiments: Sequence[Experiment], knowledge: ParameterPriors
+    robot: Robot, experiments: Sequence[Experiment], priors: ParameterPriors
 ) -> tuple[Experiment, ...]:
     """Return the experiments with an unknown Σ estimated from Gauss–Markov residuals."""
     present = list(experiments)
-    used = int(np.count_nonzero(knowledge.free)) // len(present)
+    used = int(np.count_nonzero(priors.free)) // len(present)
     unknown = [n for n, e in enumerate(present) if e.noise.forces.includes_model_error]
     for _ in range(_ROUNDS if unknown else 0):
-        values = linear_estimate(robot, present, knowledge, "gm").values
+        values = linear_estimate(robot, present, priors, "gm").values
         for number in unknown:
             experiment = present[number]
             rest = experiment.forces - experiment.fitted_regressors @ values
-            own = residual_noise(rest, experiment.record.forces.counts, used)
+            own = residual_noise(rest, experiment.recording.forces.counts, used)
             noise = replace(experiment.noise, forces=own)
             present[number] = replace(experiment, noise=noise)
     return tuple(present)

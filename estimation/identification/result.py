@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, astuple, dataclass
-from typing import Annotated, ClassVar
+from dataclasses import asdict, astuple, dataclass, fields
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -15,17 +15,14 @@ from estimation.diagnostics.diagnosis_result import (
     RecordingTables,
 )
 from estimation.diagnostics.noise_result import CovarianceRow, NoiseCovariances, covariance_rows
-from estimation.estimators.result import TEN
+from estimation.estimators.result import TEN, Freedoms, PayloadEstimate
 from estimation.identification.estimator_result import (
     BudgetRow,
-    ConsistentResult,
     ConsistentRow,
     ConstantResult,
     ConstantRow,
     DeviationRow,
-    Freedoms,
     OfEstimator,
-    PayloadResult,
     PayloadRow,
     SystematicResult,
     budget_rows,
@@ -34,7 +31,8 @@ from estimation.identification.estimator_result import (
     payload_rows,
 )
 from estimation.identification.term_selection import Selection
-from estimation.selection.selection import SelectionRow
+from estimation.selection import SelectionRow
+from estimation.uncertainty.consistency import ConsistentEstimate
 from estimation.uncertainty.intervals import Combination, ParameterRow, correlation
 from expdesign.configuration import Problem
 from expdesign.configuration.tolerances import IDENTIFIED_ROBOT
@@ -165,11 +163,11 @@ class EstimatorResult:
         described("", "constants of terms that were estimated, as in tables/constants.csv"),
     ]
     payload: Annotated[
-        PayloadResult | None,
+        PayloadEstimate | None,
         described("", "what the platform carries beyond the machine identified before; null: none"),
     ]
     consistent: Annotated[
-        ConsistentResult | None,
+        ConsistentEstimate | None,
         described("", "the nearest physically consistent parameters; null: excluded by fixed ones"),
     ]
     combinations: Annotated[
@@ -278,51 +276,47 @@ class EstimateFile(RunFile):
         return self.estimators[self.best]
 
     def contradictions(self) -> Iterator[Problem]:
-        """Yield what is not of these parameters, estimators and recordings."""
+        """Yield contents that contradict the parameters, estimators and recordings."""
         names = self.parameters
-        count, of = len(names), "parameters"
+        count, of, of_both = len(names), "parameters", "parameters and deviations"
         square = (count, count)
         yield from unknown_names("best", [self.best], self.estimators, "estimators")
         yield from unknown_names("fixed", self.fixed, names, of)
         yield from wrong_covariance("cramer_rao_covariance", self.cramer_rao_covariance, count, of)
-        key, difference = "covariance_ml_less_gm", self.covariance_ml_less_gm
-        yield from wrong_shape(key, difference, square, of)
+        # Place in the file, object, shape, owner of the rows, and names of arrays.
+        shapes: list[tuple[str, Any, tuple[int, ...], str, tuple[str, ...]]] = [
+            ("", self, square, of, ("covariance_ml_less_gm",))
+        ]
         for name, found in self.estimators.items():
-            place = f"estimators.{name}"
-            yield from wrong_names(f"{place}.values", found.values, names, of)
+            place, system = f"estimators.{name}.", found.systematic
+            others = 0 if system is None else len(system.deviations)
+            yield from wrong_names(f"{place}values", found.values, names, of)
             for key in ("covariance", "covariance_forces"):
-                yield from wrong_covariance(f"{place}.{key}", getattr(found, key), count, of)
-            for key in ("covariance_kinematics", "covariance_systematic"):
-                # Rounding may make these shares negative.
-                yield from wrong_shape(f"{place}.{key}", getattr(found, key), square, of)
-            for key in ("freedom", "colour"):
-                yield from wrong_shape(f"{place}.{key}", getattr(found, key), (count,), of)
-            if found.payload is not None:
-                own = found.payload
-                yield from wrong_names(f"{place}.payload.values", own.values, TEN, "a payload")
-                for key in ("covariance", "covariance_systematic"):
-                    matrix = getattr(own, key)
-                    path = f"{place}.payload.{key}"
-                    yield from wrong_shape(path, matrix, (len(TEN),) * 2, "a payload")
-                path = f"{place}.payload.freedom"
-                yield from wrong_shape(path, own.freedom, (len(TEN),), "a payload")
-            if found.consistent is not None:
-                yield from wrong_names(
-                    f"{place}.consistent.values", found.consistent.values, names, of
-                )
-                for key in ("moved", "spread", "low", "high"):
-                    numbers = getattr(found.consistent, key)
-                    yield from wrong_shape(f"{place}.consistent.{key}", numbers, (count,), of)
-            others = 0
-            if found.systematic is not None:
-                others = len(found.systematic.deviations)
-                for key, shape in (("response", (count, others)), ("left", (others, others))):
-                    matrix, path = getattr(found.systematic, key), f"{place}.systematic.{key}"
-                    yield from wrong_shape(path, matrix, shape, f"{of} and deviations")
+                yield from wrong_covariance(f"{place}{key}", getattr(found, key), count, of)
+            # Rounding may make these shares negative.
+            shares = "covariance_kinematics", "covariance_systematic"
+            shapes.append((place, found, square, of, shares))
+            shapes.append((place, found, (count,), of, ("freedom", "colour")))
+            if (payload := found.payload) is not None:
+                own, size = f"{place}payload.", len(TEN)
+                yield from wrong_names(f"{own}values", payload.values, TEN, "a payload")
+                shares = "covariance", "covariance_systematic"
+                shapes.append((own, payload, (size, size), "a payload", shares))
+                shapes.append((own, payload, (size,), "a payload", ("freedom",)))
+            if (near := found.consistent) is not None:
+                own = f"{place}consistent."
+                yield from wrong_names(f"{own}values", near.values, names, of)
+                shapes.append((own, near, (count,), of, ("moved", "spread", "low", "high")))
+            if system is not None:
+                own = f"{place}systematic."
+                shapes.append((own, system, (count, others), of_both, ("response",)))
+                shapes.append((own, system, (others, others), of_both, ("left",)))
             if (joint := found.covariance_joint) is not None:
                 size = min(max(len(joint), count), count + others)
-                key = f"{place}.covariance_joint"
-                yield from wrong_covariance(key, joint, size, f"{of} and deviations")
+                yield from wrong_covariance(f"{place}covariance_joint", joint, size, of_both)
+        for place, part, shape, owner, keys in shapes:
+            for key in keys:
+                yield from wrong_shape(f"{place}{key}", getattr(part, key), shape, owner)
         if self.diagnostics is not None:
             tested, recordings = self.diagnostics.experiments, len(self.recordings)
             yield from wrong_count("diagnostics.experiments", tested, recordings, "recordings")
@@ -369,13 +363,10 @@ class EstimationResult(EstimateFile, StageResult):
         if self.diagnostics is None:
             return ()
         parts = zip(self.tables, self.diagnostics.experiments, self.recordings, strict=True)
+        names = [field.name for field in fields(RecordingTables)]
         return tuple(
             RecordingDiagnosis(
-                residuals=tables.residuals,
-                dependence=tables.dependence,
-                pitches=tables.pitches,
-                histogram=tables.histogram,
-                quantiles=tables.quantiles,
+                **{name: getattr(tables, name) for name in names},
                 tests=tests,
                 noise=recording.noise,
             )

@@ -15,8 +15,7 @@ from estimation.identification.recording import (
     linearise_at_load,
     with_residual_noise,
 )
-from estimation.selection.evidence import Evidence
-from estimation.selection.selection import Judge, SelectionRow, select
+from estimation.selection import Evidence, Judge, SelectionRow, select
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
 from expdesign.configuration.estimate import DEFAULT_LEVEL, SelectionCriterion
 from expdesign.configuration.parameters import FurtherTerms, TermDescription
@@ -31,7 +30,7 @@ CAVEAT = (
     "to another model, and a term that is weak enters only where noise makes it look strong: its "
     "estimate is then too large. A term that was not chosen is not shown to be zero."
 )
-"""What is to be known of intervals after a selection."""
+"""Note on intervals after a selection."""
 
 SAME_MOTION = (
     "held out were periods of the motion that was fitted: what the model lacks is the same in all "
@@ -47,7 +46,7 @@ UNSETTLED = (
 
 
 def without_bounds(names: Sequence[str]) -> str:
-    """Say what is to be known of terms that were chosen beside bounds of these parameters."""
+    """Return a note on a selection with bounds on these parameters."""
     return (
         f"the bounds of {listed(names)} (estimate.bounds) had no part in the choice: with them χ² "
         "would not be distributed as χ². The estimate keeps them, and a term that was chosen for a "
@@ -56,12 +55,12 @@ def without_bounds(names: Sequence[str]) -> str:
 
 
 _ROUNDS = 3
-"""How often terms are chosen at most, each time at the constants found with those chosen before."""
+"""Largest number of selections, each at the constants found with the previous one."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Selection:
-    """Which of the candidates were added to the robot's terms, and why."""
+    """Selection of candidates for the robot's terms."""
 
     by: Annotated[SelectionCriterion, described("", "criterion: bic, f or holdout")]
     level: Annotated[float | None, described("1", "of the F tests; null with other criteria")]
@@ -94,7 +93,7 @@ class Selection:
 
     @property
     def warnings(self) -> list[str]:
-        """What is to be known of how they were chosen, in words."""
+        """Notes on the selection in words."""
         found = []
         if self.chosen:
             found.append(f"estimate.select added {', '.join(self.chosen)}: {CAVEAT}")
@@ -115,32 +114,26 @@ class Selection:
     ) -> Self | None:
         """Choose among the candidates of the run; None without any.
 
-        Where a term that is chosen has constants to be estimated, these are found with the terms
-        chosen, and the choice is made again at them: what a wrong constant leaves of a term others
-        imitate.
-
-        Parameters
-        ----------
-        robot : Robot
-            That of the run, by whose kinematics the motions of the experiments were found.
+        If a chosen term has constants to be estimated, these are estimated with the chosen terms,
+        and the selection is repeated: other terms imitate the error of a wrong constant. `robot` is
+        that of the run, with whose kinematics the motions were fitted.
 
         Raises
         ------
         InputError
-            The recordings hold nothing out that could be predicted, or no parameter of a candidate
-            is estimated.
+            The recordings leave no data to predict, or no parameter of a candidate is estimated.
         UnidentifiableError
-            They do not determine the parameters of the robot's own terms.
+            The recordings do not determine the parameters of the robot's own terms.
         """
         section = configuration.run.estimate.select
         if section is None:
             return None
-        last = cls._at(configuration, robot, experiments, held(section.candidates))
+        last = cls._at(configuration, robot, experiments, hold_constants(section.candidates))
         for _ in range(1, _ROUNDS):
             if not any(c.estimate for term in last.added for c in term.constants.values()):
                 return last
             machine = _found(add_terms(configuration, last.added), experiments)
-            judged = held(_with_constants_of(machine, section.candidates))
+            judged = hold_constants(_with_constants_of(machine, section.candidates))
             before, last = last, cls._at(configuration, robot, experiments, judged)
             if set(last.chosen) == set(before.chosen):
                 return last
@@ -160,8 +153,8 @@ class Selection:
             raise ValueError("the run has no candidates")
         wide = robot_from(add_terms(configuration, judged).robot)
         terms = {term.name: term for term in wide.terms}
-        knowledge = ParameterPriors.of(wide, configuration.run.estimate)
-        estimated = {n for n, free in zip(knowledge.names, knowledge.free, strict=True) if free}
+        priors = ParameterPriors.of(wide, configuration.run.estimate)
+        estimated = {n for n, free in zip(priors.names, priors.free, strict=True) if free}
         blocks = {
             one.name: tuple(p.name for p in terms[one.name].parameters if p.name in estimated)
             for one in section.candidates
@@ -173,12 +166,12 @@ class Selection:
                 key="estimate.select.candidates",
                 allowed="terms that say something that the robot's own do not",
             )
-        unbounded = np.full(len(knowledge.names), np.inf)
-        knowledge = replace(knowledge, lower=-unbounded, upper=unbounded)
-        own = np.isin(knowledge.names, robot.parameter_names)
-        without = replace(knowledge, free=knowledge.free & own)
+        unbounded = np.full(len(priors.names), np.inf)
+        priors = replace(priors, lower=-unbounded, upper=unbounded)
+        own = np.isin(priors.names, robot.parameter_names)
+        without = replace(priors, free=priors.free & own)
         present = with_residual_noise(
-            wide, [experiment.with_terms_of(wide) for experiment in experiments], knowledge
+            wide, [experiment.with_terms_of(wide) for experiment in experiments], priors
         )
         wide, loaded = linearise_at_load(wide, present, without)
         found = linear_estimate(wide, loaded, without, "gm")
@@ -188,7 +181,7 @@ class Selection:
             wide, loaded = machine, tuple(each.of_robot(machine) for each in loaded)
         level = (section.level or DEFAULT_LEVEL) if section.by == "f" else None
         try:
-            evidence = Evidence.of(wide, loaded, knowledge, found.values, blocks)
+            evidence = Evidence.of(wide, loaded, priors, found.values, blocks)
             needs = {name: terms[name].beside for name in blocks if terms[name].beside in blocks}
             judge = Judge(evidence, section.by, level or DEFAULT_LEVEL, needs)
         except LinAlgError as error:
@@ -214,20 +207,18 @@ class Selection:
 def _found(configuration: RunConfiguration, experiments: Sequence[Experiment]) -> Robot:
     """Return the robot of a run with its constants as GM finds them together with parameters."""
     robot = robot_from(configuration.robot)
-    knowledge = ParameterPriors.of(robot, configuration.run.estimate)
+    priors = ParameterPriors.of(robot, configuration.run.estimate)
     present = with_residual_noise(
-        robot, [experiment.with_terms_of(robot) for experiment in experiments], knowledge
+        robot, [experiment.with_terms_of(robot) for experiment in experiments], priors
     )
-    robot, loaded = linearise_at_load(robot, present, knowledge)
-    return estimated_machine(
-        robot, linear_estimate(robot, loaded, knowledge, "gm").systematic
-    ).robot
+    robot, loaded = linearise_at_load(robot, present, priors)
+    return estimated_machine(robot, linear_estimate(robot, loaded, priors, "gm").systematic).robot
 
 
 def _with_constants_of(
     robot: Robot, candidates: Sequence[TermDescription]
 ) -> tuple[TermDescription, ...]:
-    """Return candidates with the constants of those that a robot has."""
+    """Return candidates with the constants of a robot's terms."""
     values = iter(robot.description.constants)
     known = {
         term.name: {key: next(values) for key in term.constants}
@@ -239,10 +230,10 @@ def _with_constants_of(
     )
 
 
-def held(candidates: Sequence[TermDescription]) -> tuple[TermDescription, ...]:
-    """Return terms whose constants are taken as written, where the run would estimate them.
+def hold_constants(candidates: Sequence[TermDescription]) -> tuple[TermDescription, ...]:
+    """Return terms with fixed constants, even those that the run would estimate.
 
-    A constant of a force that is not there yet moves nothing.
+    Constants of a missing force have no effect.
     """
     return tuple(
         _with(term, {key: {"estimate": False} for key in term.constants}) for term in candidates

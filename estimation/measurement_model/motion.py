@@ -1,4 +1,10 @@
-"""The motion ξ that estimation knows: a Fourier series of the pose, and how samples follow it."""
+"""The motion ξ, a Fourier series of the pose, its columns, and weighted normal equations.
+
+Rows are residuals r with columns U and noise of the covariance Σ, each the mean of c samples. In
+the equations of (p, ξ) the parameters are coupled with the motion of every experiment, but the
+motions not with each other: over several experiments the matrix is an arrow, and the motions are
+eliminated one experiment at a time.
+"""
 
 from __future__ import annotations
 
@@ -47,14 +53,14 @@ class HarmonicMotion:
 
     @classmethod
     def of(cls, trajectory: FourierTrajectory, *, free_frequency: bool = False) -> HarmonicMotion:
-        """Take the motion of a trajectory."""
+        """Build the motion of a trajectory."""
         table = np.concatenate(
             [trajectory.lambda0[:, None], trajectory.sine, trajectory.cosine], axis=1
         )
         return cls(table, trajectory.omega, free_frequency)
 
     def with_harmonics(self, harmonics: int) -> HarmonicMotion:
-        """Return the motion with more harmonics, the new ones zero, or with the first few."""
+        """Return the motion with more harmonics, the new ones zero, or with fewer."""
         old = self.harmonics
         few = min(old, harmonics)
         table = np.zeros((COORDINATES, 2 * harmonics + 1))
@@ -63,8 +69,8 @@ class HarmonicMotion:
         table[:, harmonics + 1 : harmonics + 1 + few] = self.table[:, old + 1 : old + 1 + few]
         return replace(self, table=table)
 
-    def delayed(self, time: float) -> HarmonicMotion:
-        """Return the motion that does at t what this one does at t − time, s."""
+    def delay_by(self, time: float) -> HarmonicMotion:
+        """Return the motion delayed by a time, s."""
         h = self.harmonics
         phases = self.omega * time * np.arange(1, h + 1)
         cos, sin = np.cos(phases), np.sin(phases)
@@ -72,7 +78,7 @@ class HarmonicMotion:
         parts = [self.table[:, :1], sines * cos + cosines * sin, cosines * cos - sines * sin]
         return replace(self, table=np.concatenate(parts, axis=1))
 
-    def moved(self, step: Array) -> HarmonicMotion:
+    def add_step(self, step: Array) -> HarmonicMotion:
         """Return the motion with ξ + step."""
         size = self.table.size
         omega = self.omega + float(step[size]) if self.free_frequency else self.omega
@@ -97,7 +103,7 @@ class MotionSamples:
     """(S, H + 1), e^{ikωt}, k = 0 … H."""
 
     def rates(self, orders: int) -> ComplexArray:
-        """Return (ikω)^d, what derivatives d < `orders` make of the waves, (orders, H + 1)."""
+        """Return (ikω)^d, the factors of the waves' derivatives d < `orders`, (orders, H + 1)."""
         rate = 1j * self.motion.omega * np.arange(self.motion.harmonics + 1)
         return np.asarray(np.vander(rate, orders, increasing=True).T, dtype=np.complex128)
 
@@ -124,7 +130,7 @@ class MotionSamples:
         return self.waves.view(np.float64) @ wanted.reshape(-1, h + 1).view(np.float64).T
 
     def chain(self, slope: Array) -> Array:
-        """Carry slopes to the pose and its n − 1 first derivatives, (S, r, 6 n), over to ξ."""
+        """Convert slopes to the pose and n − 1 derivatives, (S, r, 6 n), to slopes to ξ."""
         count, rows, depth = slope.shape
         table, orders = self.motion.table, depth // COORDINATES
         by_order = slope.reshape(count, rows, orders, COORDINATES).transpose(0, 1, 3, 2)
@@ -135,8 +141,8 @@ class MotionSamples:
             return result
         return np.concatenate([result, self.frequency_column(slope)], axis=2)
 
-    def moved(self, slope: Array, steps: Array) -> Array:
-        """Return what steps of ξ, (x, t), do to what has the same slopes: (S, r, t)."""
+    def apply_steps(self, slope: Array, steps: Array) -> Array:
+        """Return the effect of steps of ξ, (x, t), on quantities with these slopes: (S, r, t)."""
         table, depth, count = self.motion.table, slope.shape[2], steps.shape[1]
         rows = steps[: table.size].reshape(*table.shape, count).transpose(0, 2, 1)
         states = self._derivatives(
@@ -148,8 +154,8 @@ class MotionSamples:
         return result
 
     def frequency_column(self, slope: Array) -> Array:
-        """Carry the same slopes over to ω, (S, r, 1)."""
-        # A higher frequency runs through the same phases sooner.
+        """Convert the same slopes to those to ω, (S, r, 1)."""
+        # A higher frequency reaches the same phases earlier.
         omega, derivatives = self.motion.omega, self.state(first=1)
         rate, acceleration, jerk = np.split(derivatives, 3, axis=1)
         stretch = self.times[:, None] / omega
@@ -163,19 +169,19 @@ class MotionSamples:
 
 
 def of_table(waves: ComplexArray) -> Array:
-    """Return what belongs to 1, sin kφ, cos kφ, (…, 2 H + 1), of that of e^{ikφ}, (…, H + 1)."""
+    """Convert coefficients of e^{ikφ}, (…, H + 1), to those of 1, sin kφ, cos kφ, (…, 2 H + 1)."""
     one, others = waves[..., :1].real, waves[..., 1:]
     return np.concatenate([one, others.imag, others.real], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
 class MotionColumns:
-    """Columns U of k + x unknowns at S samples of six channels, those of ξ last."""
+    """Columns U of k + x unknowns, ξ last, at S samples of six channels."""
 
     others: Array
-    """(S, 6, k), of what is not the motion."""
+    """(S, 6, k), of the other unknowns."""
     slope: Array
-    """(S, 6, 6 n), to the pose and its n − 1 first derivatives."""
+    """(S, 6, 6 n), slope to the pose and its n − 1 first derivatives."""
     sampled: MotionSamples
     """The motion at the samples."""
 
@@ -186,7 +192,7 @@ class MotionColumns:
     def times(self, steps: Array) -> Array:
         """Return U s, (S, 6, t), of steps of the unknowns, (k + x, t)."""
         own = self.others.shape[2]
-        return self.others @ steps[:own] + self.sampled.moved(self.slope, steps[own:])
+        return self.others @ steps[:own] + self.sampled.apply_steps(self.slope, steps[own:])
 
     def products(self, residuals: Array, weights: Array) -> Array:
         """Return (r, U)ᵀ W (r, U), (1 + k + x, 1 + k + x), with residuals r, (S, 6).
@@ -255,7 +261,7 @@ def _sums(values: Array, waves: ComplexArray) -> ComplexArray:
 
 
 Rows = tuple[Array, Array | MotionColumns, Array]
-"""Residuals (S, 6), columns (S, 6, u), written down or not, and counts (S,)."""
+"""Residuals (S, 6), columns (S, 6, u), explicit or not, and counts (S,)."""
 
 
 class Filter(Protocol):
@@ -268,20 +274,19 @@ class Filter(Protocol):
         """Return rows, (R, 6, …), with the inner products of the filtered series."""
 
 
-def filtered(parts: Iterable[Rows], whitening_filter: Filter) -> Rows:
-    """Put parts together and filter them; every sample is the mean of as many."""
-    written = ((rest, _written(columns), counts) for rest, columns, counts in parts)
+def filter_rows(parts: Iterable[Rows], whitening_filter: Filter) -> Rows:
+    """Concatenate and filter parts with equal counts."""
+    written = (
+        (rest, columns.dense() if isinstance(columns, MotionColumns) else columns, counts)
+        for rest, columns, counts in parts
+    )
     residuals, columns, counts = (np.concatenate(each) for each in zip(*written, strict=True))
     rest, rows = whitening_filter.rows(residuals), whitening_filter.rows(columns)
     return rest, rows, np.full(len(rest), counts[0])
 
 
-def _written(columns: Array | MotionColumns) -> Array:
-    return columns.dense() if isinstance(columns, MotionColumns) else columns
-
-
-def whitened(values: Array, white: Array, counts: Array) -> Array:
-    """Return residuals (S, 6) or columns (S, 6, u) scaled to unit covariance by S: S Σ Sᵀ = 1."""
+def whiten_rows(values: Array, white: Array, counts: Array) -> Array:
+    """Scale residuals (S, 6) or columns (S, 6, u) to unit covariance by S: S Σ Sᵀ = 1."""
     columns = values.reshape(*values.shape[:2], int(np.prod(values.shape[2:])))
     if len(counts) and np.all(counts == counts[0]):  # one pass over large columns less
         return np.matmul(white * np.sqrt(counts[0]), columns).reshape(values.shape)
@@ -290,7 +295,7 @@ def whitened(values: Array, white: Array, counts: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """The weighted sum of squares around where its rows were taken: cost − 2 gᵀs + sᵀ N s."""
+    """Weighted sum of squares about a point: cost − 2 gᵀs + sᵀ N s."""
 
     cost: float
     """Σ c rᵀ Σ⁻¹ r."""
@@ -305,24 +310,24 @@ class NormalEquations:
     ) -> NormalEquations:
         """Sum over the rows of one kind of channel, part by part (at least one).
 
-        A filter makes their noise white first; it takes all samples of a period.
+        A filter whitens their noise first; it needs all samples of a period.
         """
         white = whitening(covariance)
         products = np.zeros(())
         if whitening_filter is not None:
-            parts = [filtered(parts, whitening_filter)]
+            parts = [filter_rows(parts, whitening_filter)]
         for residuals, columns, counts in parts:
             if isinstance(columns, MotionColumns):
                 weights = white * np.sqrt(counts)[:, None, None]
                 products = products + columns.products(residuals, weights)
                 continue
             both = np.concatenate([residuals[:, :, None], columns], axis=2)
-            rows = whitened(both, white, counts).reshape(-1, both.shape[2])
+            rows = whiten_rows(both, white, counts).reshape(-1, both.shape[2])
             products = products + rows.T @ rows
         return cls(float(products[0, 0]), products[1:, 1:], products[1:, 0])
 
     def with_motion(self, motion: NormalEquations) -> NormalEquations:
-        """Add what the lengths say of ξ, the last of the unknowns."""
+        """Add the information of the lengths on ξ, the last unknowns."""
         first = len(self.gradient) - len(motion.gradient)
         matrix, gradient = self.matrix.copy(), self.gradient.copy()
         matrix[first:, first:] += motion.matrix
@@ -330,14 +335,14 @@ class NormalEquations:
         return NormalEquations(self.cost + motion.cost, matrix, gradient)
 
     def with_prior(self, precision: Array, off: Array) -> NormalEquations:
-        """Add a prior of the first unknowns: its precision, (k, k), and its mean less theirs."""
+        """Add a prior of the first unknowns: precision, (k, k), and mean minus values."""
         own = slice(len(off))
         matrix, gradient = self.matrix.copy(), self.gradient.copy()
         matrix[own, own] += precision
         gradient[own] += precision @ off
         return NormalEquations(self.cost + float(off @ precision @ off), matrix, gradient)
 
-    def eliminated(self, kept: int, damping: float = 0.0) -> Elimination:
+    def eliminate(self, kept: int, damping: float = 0.0) -> Elimination:
         """Eliminate all unknowns but the first `kept`.
 
         Raises
@@ -361,7 +366,7 @@ class NormalEquations:
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
-    """Normal equations of the parameters alone, and the motion that goes with a step s of them."""
+    """Normal equations of the parameters alone, and the optimal motion for a step s of them."""
 
     information: Array
     """(k, k), F_pp − F_pξ F_ξξ⁻¹ F_ξp."""

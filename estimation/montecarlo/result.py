@@ -286,7 +286,7 @@ class MonteCarloResult(RunFile, StageResult):
         """Return the statistics of every free parameter; none without an estimate."""
         return {row.parameter: row for row in self.rows if row.estimator == estimator}
 
-    def estimated(self, estimator: str) -> tuple[tuple[Repetition, RepetitionEstimate], ...]:
+    def estimates_of(self, estimator: str) -> tuple[tuple[Repetition, RepetitionEstimate], ...]:
         """Return the repetitions with an estimate of an estimator."""
         pairs = ((r, r.outcomes[estimator]) for r in self.repetitions)
         return tuple((r, outcome) for r, outcome in pairs if not outcome.error)
@@ -318,7 +318,7 @@ def parameter_statistics(
     Notes
     -----
     The interval of RMSE/bound is that of a root of a scaled χ². K errors without a bias have K
-    degrees of freedom; a bias b beside a spread σ makes the mean square steadier,
+    degrees of freedom; with a bias b and a spread σ the mean square has more,
     K (σ² + b²)² / (σ⁴ + 2 σ² b²). That of the coverage is Clopper's and Pearson's.
     """
     count = len(errors)
@@ -401,7 +401,7 @@ def share_interval(share: float, trials: float) -> tuple[float, float]:
 
 
 def _root_interval(root: float, freedom: float) -> tuple[float, float]:
-    """Return the 95 % interval of a root mean square with so many degrees of freedom."""
+    """Return the 95 % interval of a root mean square with these degrees of freedom."""
     tail = (1 - LEVEL) / 2
     quantiles = scipy.stats.chi2.ppf([1 - tail, tail], freedom)
     low, high = root * np.sqrt(freedom / quantiles)

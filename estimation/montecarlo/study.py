@@ -294,11 +294,11 @@ class Workbench:
     def bound(self) -> Array:
         """Return the Cramér–Rao bound as a covariance, (m, m), SI; zero for fixed parameters.
 
-        At the true parameters along the executed motion, whose harmonics are the kinematic
-        unknowns, with the true noise, the exact signs of dry friction, and all samples of the
-        experiment. A prior counts as data. The model is that of the run's robot, whatever machine
-        is measured. Noise with a spectrum counts line by line where a period is a whole number of
-        samples, and for white elsewhere.
+        The bound holds at the true parameters along the executed motion, whose harmonics are the
+        kinematic unknowns, with the true noise, the exact signs of dry friction, and all samples of
+        the experiment. Priors count as data. The model is that of the run's robot, for any measured
+        machine. Coloured noise counts line by line if a period is a whole number of samples,
+        otherwise as white.
 
         Raises
         ------
@@ -307,8 +307,8 @@ class Workbench:
         """
         twin, truth = self.twin, self.twin.truth
         free_frequency = self.configuration.run.estimate.frequency == "estimated"
-        measured = twin.recorded(twin.lengths, twin.forces)
-        record = fold_recording(
+        measured = twin.as_measurement(twin.lengths, twin.forces)
+        recording = fold_recording(
             measured, truth.executed.omega, PeriodSource.DESIGN, average=not free_frequency
         )
         motion = HarmonicMotion.of(truth.executed, free_frequency=free_frequency)
@@ -316,15 +316,15 @@ class Workbench:
         known = MotionFit(
             motion=motion,
             covariance=np.zeros((motion.unknowns, motion.unknowns)),
-            residuals=np.zeros((record.samples, ACTUATORS)),
+            residuals=np.zeros((recording.samples, ACTUATORS)),
         )
         noise = NoiseModel(
-            _known_noise(twin.force_noise, record), _known_noise(twin.length_noise, record)
+            _known_noise(twin.force_noise, recording), _known_noise(twin.length_noise, recording)
         )
         values = truth.values_of(self.robot.parameter_names)
         robot = self.robot.with_load_at(values)
-        spread = np.zeros((record.samples, robot.graph.signs.numel()))
-        experiment = Experiment.along(robot, record, noise, known, spread)
+        spread = np.zeros((recording.samples, robot.graph.signs.numel()))
+        experiment = Experiment.along(robot, recording, noise, known, spread)
         return cramer_rao_covariance(robot, [experiment], [motion], self.priors, values)
 
     def _outcomes(
@@ -341,11 +341,11 @@ class Workbench:
         return {name: _outcome(found[name]) for name in wanted}
 
 
-def _known_noise(source: NoiseSource, record: PeriodicRecording) -> NoiseEstimate:
+def _known_noise(source: NoiseSource, recording: PeriodicRecording) -> NoiseEstimate:
     plain = NoiseEstimate(source.covariance, np.inf, "given")
-    if source.spectrum is None or not record.averaged:
+    if source.spectrum is None or not recording.averaged:
         return plain
-    return with_stated_spectrum(plain, source.spectrum, record)
+    return with_stated_spectrum(plain, source.spectrum, recording)
 
 
 def _outcome(estimate: ParameterEstimate) -> RepetitionEstimate:

@@ -1,4 +1,4 @@
-"""From a recording to what the estimators work on: periods, means over periods, noise."""
+"""Processing of recordings for the estimators: periods, means over periods, noise."""
 
 from estimation.processing.noise import NoiseEstimate, NoiseModel
 from estimation.processing.period import PeriodError, PeriodSource

@@ -1,8 +1,8 @@
 """Hum of the mains in repeated periods: sinusoids at 50 or 60 Hz and their multiples.
 
 The mean over the periods, and with it the motion, is removed first. A sinusoid of frequency f
-keeps the share g = 1 − |D|² of its power, D the mean of its phase factors over the periods; at a
-multiple of the base frequency g = 0, and no contrast shows it.
+keeps the share g = 1 − |D|² of its power, D being the mean of its phase factors over the periods;
+at a multiple of the base frequency g = 0, and no contrast between periods shows it.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ HUM = 0.001
 
 _MULTIPLES = 10
 _WANDER = 1e-3
-"""By how much the frequency of the mains is off at most, as a share."""
+"""Largest relative deviation of the mains frequency."""
 _OVERSAMPLING = 4
 _SEEN = 0.2
-"""Share of a sinusoid's power that must be left."""
+"""Smallest visible share of a sinusoid's power."""
 _NEAR, _FAR = 8, 24
-"""Lines beside a frequency that tell what is there without a hum."""
+"""Range of neighbouring lines, for the spectrum without hum."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +40,10 @@ class HumLine:
     coefficients: ComplexArray
     """(6,), c of Re c exp(2πi f t), t from the first sample."""
     amplitudes: Array
-    """(6,), what they are without the share of the noise: N or m."""
+    """(6,), corrected for the noise, N or m."""
 
     def values(self, samples: int, step: float) -> Array:
-        """Return the sinusoid at so many samples, (samples, 6)."""
+        """Return the sinusoid at the samples of a recording, (samples, 6)."""
         turns = np.exp(2j * np.pi * self.frequency * step * np.arange(samples))
         return np.multiply.outer(turns, self.coefficients).real
 
@@ -55,34 +55,34 @@ class HumSearch:
     lines: tuple[HumLine, ...]
     """In the order of their frequencies."""
     hidden: tuple[float, ...]
-    """Multiples of the mains, Hz, too near to a multiple of the base frequency to be seen."""
+    """Multiples of the mains, Hz, too close to a multiple of the base frequency to be visible."""
     p: float
-    """Smallest p, corrected for all frequencies; 1 where none was looked at."""
+    """Smallest p, corrected for all frequencies; 1 without any."""
 
     def values(self, samples: int, step: float) -> Array:
-        """Return the hum that was found at so many samples, (samples, 6)."""
+        """Return the detected hum at the samples of a recording, (samples, 6)."""
         return sum((line.values(samples, step) for line in self.lines), np.zeros((samples, 1)))
 
 
 def mains_frequencies(sampling: float, multiples: int = _MULTIPLES) -> Iterator[float]:
-    """Yield multiples of the mains below half of a sampling, Hz, each once, increasing."""
+    """Yield the multiples of the mains up to half of the sampling frequency, Hz, ascending."""
     every = {mains * k for mains in MAINS for k in range(1, multiples + 1)}
     yield from sorted(frequency for frequency in every if 2 * frequency < sampling)
 
 
 def find_hum(periods: Array, step: float, spectrum: ComplexArray, freedom: float) -> HumSearch:
-    """Look for the hum of the mains.
+    """Search repeated periods for a hum of the mains.
 
     Parameters
     ----------
     periods : (M, N, 6)
         Repeated periods, M ≥ 2.
     step : float
-        s.
+        Time between two samples, s.
     spectrum : (N // 2 + 1, 6, 6)
-        Of the noise of one sample, smoothed, at the lines of a period.
+        Smoothed spectrum of one sample's noise at the lines of a period.
     freedom : float
-        Degrees of freedom behind it.
+        Degrees of freedom of the spectrum.
     """
     count, samples, channels = periods.shape
     rest = (periods - periods.mean(axis=0)).reshape(count * samples, channels)
@@ -97,7 +97,7 @@ def find_hum(periods: Array, step: float, spectrum: ComplexArray, freedom: float
         if not len(grid):
             continue
         tried += len(grid)
-        local = _Periodogram(rest, samples, _beside(spectrum, centre * samples * step))
+        local = _Periodogram(rest, samples, _background(spectrum, centre * samples * step))
         statistic = local.statistic(grid * step)
         top = int(np.argmax(statistic))
         peaks.append((float(statistic[top]), float(grid[top]), local))
@@ -114,14 +114,14 @@ def find_hum(periods: Array, step: float, spectrum: ComplexArray, freedom: float
 
 @dataclass(frozen=True, eq=False)
 class _Periodogram:
-    """Sinusoids in periods whose mean was taken out, and how much they are above the noise."""
+    """Sinusoids in the deviations from the mean period, and their significance."""
 
     rest: Array
     """(M N, 6)."""
     samples: int
     """N."""
     spectrum: ComplexArray
-    """(6, 6), of the noise beside the frequencies."""
+    """(6, 6), of the noise at neighbouring frequencies."""
 
     def coefficients(self, cycles: Array) -> ComplexArray:
         """Return c of Re c exp(2πi n cycles) at sample n, (K, 6), of cycles per sample, (K,)."""
@@ -165,8 +165,8 @@ def _share_left(turns: Array, count: int) -> Array:
     return 1 - np.abs(factors.mean(axis=1)) ** 2
 
 
-def _beside(spectrum: ComplexArray, line: float) -> ComplexArray:
-    """Return the mean spectrum around a line, (6, 6), without the line itself."""
+def _background(spectrum: ComplexArray, line: float) -> ComplexArray:
+    """Return the mean spectrum of the neighbours of a line, (6, 6)."""
     distance = np.abs(np.arange(len(spectrum)) - line)
     chosen = (distance >= _NEAR) & (distance <= _FAR)
     if not np.any(chosen):

@@ -1,4 +1,4 @@
-"""Covariances of one sample, as given or from repeated periods, and weights against outliers."""
+"""Covariances of one sample, given or from repeated periods, and weights against outliers."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from constraints.arrays import Array
 from estimation.processing.spectrum import NoiseLines, WhiteningFilter
 
 NORMAL_MEDIAN = 0.6745
-"""Median of |x| for a standard normal x: turns a median absolute deviation into a std."""
+"""Median of |x| for a standard normal x: ratio of a median absolute deviation to a std."""
 
 _CUT = 4.0
-"""Normalised distance up to which a sample has its full weight: one in 16 000 normal ones is
-beyond it in one channel, so that clean data keep their efficiency and their covariance."""
+"""Normalised distance up to which a sample has full weight. One in 16 000 normal samples of a
+channel exceeds it, so that clean data keep their efficiency and covariance."""
 
 ENOUGH_FREEDOM = 250.0
-"""Degrees of freedom from which on the scatter between periods is preferred to what is given: the
-inverse of a 6 × 6 covariance is then 3 % too large on average (ν / (ν − 7)), which standard
-deviations count, and weights from it lose as little."""
+"""Degrees of freedom from which on the scatter between periods is preferred to a given covariance.
+The inverse of a 6 × 6 covariance is then 3 % too large on average (ν / (ν − 7)), which the standard
+deviations include, and the weights lose as little efficiency."""
 
 FEWEST_PERIODS = 3
-"""Periods from which on the median over them tells which sample is the odd one."""
+"""Smallest number of periods whose median identifies an outlier."""
 
 _MOST_PAIRS = 20
 _ROUNDS = 3
@@ -31,24 +31,24 @@ _NEARLY_ALL = 0.95
 
 @dataclass(frozen=True, eq=False)
 class NoiseEstimate:
-    """The covariance of one kind of channel."""
+    """Noise of the forces or of the lengths."""
 
     covariance: Array
     """(6, 6), of one sample."""
     freedom: float
-    """Degrees of freedom that it rests on; inf when it was given."""
+    """Degrees of freedom of the covariance; inf if it was given."""
     source: str = "estimated"
     """``"estimated"`` (scatter between periods), ``"given"`` (robot or run file) or ``"residuals"``
     (of the fit itself: it includes the error of the model)."""
     lines: NoiseLines | None = None
-    """Its spectrum at the lines of a period; None: the noise is taken for white."""
+    """Spectrum at the lines of a period; None: the noise counts as white."""
     filter: WhiteningFilter | None = None
-    """Makes it white before it is weighted with; None: nothing speaks against white noise, or
-    nothing is known."""
+    """Whitening filter, applied before weighting; None: the noise is white, or its colour
+    unknown."""
 
     @property
     def weights_freedom(self) -> float:
-        """Degrees of freedom behind the weights, of one line where these differ; inf when given."""
+        """Degrees of freedom of the weights (with a filter, of one line); inf if given."""
         return self.freedom if self.filter is None else min(self.freedom, self.filter.freedom)
 
     @property
@@ -61,18 +61,18 @@ class NoiseEstimate:
         return f"{known}; weights: {weights}"
 
     def as_weighted_with(self) -> NoiseEstimate:
-        """Return the noise that the weights are right for: white, or of the filter's spectrum."""
+        """Return the noise with optimal weights: white, or of the filter's spectrum."""
         if self.filter is None:
             return replace(self, lines=None)
         return replace(self, lines=NoiseLines(self.filter.spectrum, self.filter.samples, np.inf))
 
-    def taken_for_white(self) -> NoiseEstimate:
-        """Return the covariance alone, for rows that are not the samples of a period."""
+    def as_white(self) -> NoiseEstimate:
+        """Return white noise of the same covariance, for rows that are not samples of a period."""
         return replace(self, lines=None, filter=None)
 
     @property
     def weighting_loss(self) -> float:
-        """Variance of an estimate relative to the one stated by the weights that are made of it.
+        """Ratio of the actual variance of an estimate to that stated by the estimated weights.
 
         Notes
         -----
@@ -88,7 +88,7 @@ class NoiseEstimate:
 
     @property
     def includes_model_error(self) -> bool:
-        """True when it comes from the residuals of the model of these channels itself."""
+        """True if it comes from residuals of the model of these channels."""
         return self.source == "residuals"
 
     def std_error(self) -> Array:
@@ -107,12 +107,12 @@ class NoiseModel:
 
     @classmethod
     def given(cls, forces: Array, lengths: Array) -> NoiseModel:
-        """Take covariances that are known."""
+        """Build the noise model from known covariances."""
         return cls(NoiseEstimate(forces, np.inf, "given"), NoiseEstimate(lengths, np.inf, "given"))
 
-    def taken_for_white(self) -> NoiseModel:
-        """Return the covariances alone."""
-        return NoiseModel(self.forces.taken_for_white(), self.lengths.taken_for_white())
+    def as_white(self) -> NoiseModel:
+        """Return white noise of the same covariances."""
+        return NoiseModel(self.forces.as_white(), self.lengths.as_white())
 
     @property
     def source(self) -> str:
@@ -122,14 +122,14 @@ class NoiseModel:
 
 
 def scatter_between_periods(values: Array, weights: Array) -> NoiseEstimate:
-    """Return the covariance of the scatter about the mean over the periods.
+    """Return the covariance of M ≥ 2 periods, (M, N, 6), about their mean.
 
-    Of M ≥ 2 periods of N samples, (M, N, 6); weights, (M, N) from 0 to 1, let samples count less.
+    Weights, (M, N), from 0 to 1, reduce the influence of single samples.
 
     Notes
     -----
-    With (M − 1) N degrees of freedom for full weights. Squares count with the square of their
-    weight: what is far off enough to lose weight is no noise.
+    With full weights it has (M − 1) N degrees of freedom. Squares are multiplied by the square of
+    their weights: outliers are not noise.
     """
     total = weights.sum(axis=0)
     mean = np.einsum("mn,mnj->nj", weights, values) / total[:, None]
@@ -150,13 +150,12 @@ def scatter_about_series(
 ) -> tuple[NoiseEstimate, Array]:
     """Return the covariance of the scatter about a Fourier series, and the residuals (T, 6).
 
-    Weights, (T,) from 0 to 1, let samples count less.
+    Weights, (T,), from 0 to 1, reduce the influence of single samples.
 
     Notes
     -----
-    For periods that are not a whole number of samples, or stamps that jitter: there are no equal
-    phases whose scatter could be taken. The series is long enough to follow the jumps of dry
-    friction to well below the noise.
+    For periods that are not a whole number of samples, or stamps with jitter: no phase occurs
+    twice. The series is long enough to follow the jumps of dry friction to well below the noise.
     """
     size = 2 * harmonics + 1
     w = np.ones(len(times)) if weights is None else weights
@@ -182,10 +181,10 @@ def scatter_about_series(
 
 
 def series_harmonics(rows: int, rows_per_period: float) -> int:
-    """Return how many harmonics the series of `scatter_about_series` has.
+    """Return the number of harmonics for `scatter_about_series`.
 
-    At most a tenth of the rows may be spent on it, and less than a third of what the sampling of
-    a period resolves.
+    Its coefficients are at most a tenth of the rows, its harmonics less than a third of those that
+    the sampling of a period resolves.
     """
     return int(max(1, min(160, rows // 20, rows_per_period // 3)))
 
@@ -195,15 +194,15 @@ def huber_weights(values: Array) -> Array:
 
     Notes
     -----
-    The weight is min(1, (4/d)²) with d the largest distance among the six channels from the median
-    over the periods, in robust standard deviations: the square bounds an outlier's influence on
-    means and on covariances. The scale comes from differences of periods, which hold twice the
-    variance whatever M is; a median of few periods follows them, and its distances are too small.
+    The weight is min(1, (4/d)²), d being the largest distance among the six channels from the
+    median over the periods, in robust standard deviations: the square bounds an outlier's influence
+    on means and on covariances. The scale comes from differences of periods, with twice the
+    variance for any M; distances from the median of few periods would be too small.
 
     Raises
     ------
     ValueError
-        Fewer than three periods: their median does not tell which sample is the odd one.
+        Fewer than three periods: their median does not identify an outlier.
     """
     periods = len(values)
     if periods < FEWEST_PERIODS:
@@ -211,7 +210,7 @@ def huber_weights(values: Array) -> Array:
     firsts = range(0, periods, max(1, periods // _MOST_PAIRS))
     differences = np.concatenate([values[i] - values[i - 1] for i in firsts])
     scale = _robust_std(differences) / np.sqrt(2)
-    # A sample's distance from the mean of all others has this much more than its own variance.
+    # Standard deviation of a sample's distance from the mean of all others.
     return _weights(values - np.median(values, axis=0), scale * np.sqrt(periods / (periods - 1)))
 
 
@@ -220,7 +219,7 @@ def series_weights(
 ) -> tuple[NoiseEstimate, Array]:
     """Return the covariance about a Fourier series and a weight for every sample, (T,).
 
-    As `huber_weights`, with distances from the series, which is fitted again with the weights.
+    As `huber_weights`, with distances from the series, which is refitted with the weights.
     """
     weights = np.ones(len(times))
     scatter, residuals = scatter_about_series(times, values, omega, harmonics)
@@ -231,10 +230,10 @@ def series_weights(
 
 
 def _robust_std(values: Array) -> Array:
-    """Return the standard deviation of each column, (6,), whatever a few outliers are."""
+    """Return a standard deviation of each column, (6,), that is robust against a few outliers."""
     size = np.abs(values)
     middle = np.median(size, axis=0) / NORMAL_MEDIAN
-    # Where more than half is exactly zero, as after coarse quantisation, the median says nothing.
+    # With more than half exactly zero, as after coarse quantisation, the median is useless.
     most = np.minimum(size, np.quantile(size, _NEARLY_ALL, axis=0))
     return np.where(middle > 0, middle, np.sqrt(np.mean(most**2, axis=0)))
 

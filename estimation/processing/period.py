@@ -1,4 +1,4 @@
-"""The period of a recording: from the design, the file, or the data themselves."""
+"""Period of a recording, from its period column or its lengths; recordings at rest."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from estimation.processing.noise import series_basis
 _CLEAR_PEAK = 0.5
 _WHOLE_DRIFT = 0.01
 _WHOLE_MARKS = 0.03
-"""Steps by which a marked period may drift over the recording and still be a whole number."""
+"""Largest drift over the recording, in steps, of a marked period that counts as whole."""
 _COARSE_HARMONICS = 6
 _SEARCH_HARMONICS = 30
 _ACCURACY = 1e-10
 _FEWEST_PERIODS = 1.5
 _MULTIPLES = (2, 3)
 _MUCH_BETTER = 4.0
-"""How much less the lengths must change over a multiple of a period for that to be the period."""
+"""Ratio of the changes of the lengths over a period and over its multiple, for the latter."""
 
 
 class PeriodSource(Enum):
@@ -34,7 +34,7 @@ class PeriodSource(Enum):
     FREQUENCY = "trajectory.frequency"
     DATA = "data"
     REST = "rest"
-    """The machine does not move: any length serves."""
+    """The machine does not move: the parts of the recording are arbitrary."""
 
 
 class PeriodError(ValueError):
@@ -42,12 +42,12 @@ class PeriodError(ValueError):
 
 
 def omega_from_column(data: Measurement) -> float:
-    """Return ω, rad/s, from the rows at which the period column counts on.
+    """Return ω, rad/s, from the rows at which the period column increases.
 
     Raises
     ------
     PeriodError
-        Fewer than two periods are marked, or the column does not count on by one.
+        Fewer than two periods are marked, or the column does not increase by one.
     """
     if data.period is None:
         raise PeriodError("the data have no period column")
@@ -58,9 +58,9 @@ def omega_from_column(data: Measurement) -> float:
         row = int(changes[np.diff(data.period)[changes - 1] != 1][0])
         raise PeriodError(f"the period column does not count on by one at sample {row + 1}")
     # Each change is late by up to one step: the marks give the period to about a step, the lengths
-    # refine it. A whole number of samples that is as good is taken as such.
+    # refine it. A whole number of samples is preferred within that accuracy.
     slope = float(np.polyfit(np.arange(len(changes)), data.time[changes], 1)[0])
-    omega = refined_omega(data, 2 * np.pi / slope)
+    omega = refine_omega(data, 2 * np.pi / slope)
     if data.stamped:
         return omega
     per_period = 2 * np.pi / (omega * data.step)
@@ -69,10 +69,9 @@ def omega_from_column(data: Measurement) -> float:
 
 
 def omega_from_data(data: Measurement) -> float:
-    """Estimate ω, rad/s, from the recording alone.
+    """Estimate ω, rad/s, from the lengths alone.
 
-    The autocorrelation of the lengths gives the period to a step, the residual of a Fourier
-    series refines it.
+    Their autocorrelation gives the period to a step, the residual of a Fourier series refines it.
 
     Raises
     ------
@@ -101,24 +100,24 @@ def omega_from_data(data: Measurement) -> float:
         raise PeriodError(
             "the lengths do not repeat within the recording: no period was found in it"
         )
-    # The first peak that is about as good as the best one: later ones are multiples.
+    # The first peak that is nearly as high as the highest: later ones are multiples.
     peaks = np.flatnonzero(
         (usable[1:-1] >= usable[:-2]) & (usable[1:-1] >= usable[2:]) & (usable[1:-1] > 0.9 * best)
     )
     peaks = peaks[peaks + 1 > below[0]] + 1
     lag = int(peaks[0]) if len(peaks) else int(below[0] + np.argmax(after))
-    return _fundamental(data, refined_omega(data, 2 * np.pi / (lag * data.step)))
+    return _fundamental(data, refine_omega(data, 2 * np.pi / (lag * data.step)))
 
 
 def _fundamental(data: Measurement, omega: float) -> float:
-    """Return ω, or its half or third if the lengths repeat much better two or three periods later.
+    """Return ω, or its half or third if the lengths repeat much better after two or three periods.
 
-    A second harmonic much larger than the first makes halves of a period look alike.
+    With a second harmonic much larger than the first, the halves of a period look alike.
     """
     period = 2 * np.pi / omega
 
     def change(later: float) -> float:
-        """Return the mean square of the change, drift left out."""
+        """Return the mean square of the change, without drift."""
         return float(np.mean(np.var(changes_after(data, later), axis=0)))
 
     shares = {1: change(period)}
@@ -128,21 +127,21 @@ def _fundamental(data: Measurement, omega: float) -> float:
     best = min(shares, key=shares.__getitem__)
     if best == 1 or shares[1] < _MUCH_BETTER * shares[best]:
         return omega
-    return refined_omega(data, omega / best)
+    return refine_omega(data, omega / best)
 
 
 def changes_after(data: Measurement, period: float) -> Array:
-    """Return how much the lengths change over a period, s, from every row that has a later one."""
+    """Return the changes of the lengths over a period, s, for all rows with a later period."""
     later = data.time + period
     inside = later <= data.time[-1]
     columns = [np.interp(later[inside], data.time, column) for column in data.lengths.T]
     return np.stack(columns, axis=1) - data.lengths[inside]
 
 
-def refined_omega(data: Measurement, omega: float, spread: float | None = None) -> float:
-    """Return the ω near the one given, rad/s, whose Fourier series fits the lengths best.
+def refine_omega(data: Measurement, omega: float, spread: float | None = None) -> float:
+    """Refine ω, rad/s, to the Fourier series that fits the lengths best.
 
-    `spread` is how far to look to either side, relative; by default one step of the period.
+    The search reaches `spread`, relative, to either side; by default one step of the period.
     """
     times = data.time - data.time[0]
     per_period = 2 * np.pi / (omega * data.step)
@@ -150,7 +149,7 @@ def refined_omega(data: Measurement, omega: float, spread: float | None = None) 
     reach = 1.0 / per_period if spread is None else spread
     most = int(max(1, min(per_period // 4, len(times) // 8)))
     few, many = min(_COARSE_HARMONICS, most), min(_SEARCH_HARMONICS, most)
-    # A basin is as wide as the phase of the highest harmonic lets it be at the recording's end.
+    # The phase of the highest harmonic at the end of the recording limits the width of a basin.
     spacing = 1 / (4 * few * max(periods, 1.0))
     count = int(np.ceil(reach / spacing))
     points = omega * (1 + spacing * np.arange(-count, count + 1))
@@ -189,23 +188,23 @@ def whole_samples(omega: float, step: float, periods: float) -> int | None:
 
 
 _LEFT, _AWAY = 0.01, 0.04
-"""Shares of the way of a strut at which it has left its place, and is away from it."""
+"""Shares of a strut's stroke that define the beginning of a motion and a clear departure."""
 _SUDDEN = 5.0
-"""How much longer than from one to the other it was at rest: what begins smoothly, as the fifth
-power of time, takes 3.2 times as long to leave."""
+"""Smallest ratio of the time at rest to the time between both. A motion that begins smoothly, with
+the fifth power of time, has a ratio of 3.2."""
 _NOISE = 6.0
-"""Standard deviations of a length that are no motion."""
+"""Distance, in standard deviations of a length, that is not a motion."""
 _FEWEST = 10
 """Rows."""
 _AGAIN = 0.5
-"""Share of that time for which the struts are in the same place again where they rest in every
-period."""
+"""Share of that time for which the struts rest at the same place again if every period has a
+rest."""
 
 
-def moves_from(data: Measurement) -> float | None:
-    """Return when the struts begin to move, s, in the recording's time; None: with the first row.
+def find_motion_onset(data: Measurement) -> float | None:
+    """Return the beginning of the motion, s, in the recording's time; None: the first row.
 
-    A machine that rests in every period has no other rest before the first one.
+    A rest in every period does not count as rest before the motion.
     """
     lengths = data.lengths
     if len(lengths) < _FEWEST:
@@ -233,23 +232,23 @@ def moves_from(data: Measurement) -> float | None:
 
 
 def _runs(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Return where two flags follow each other: one alone may be an outlier."""
+    """Return the indices of two consecutive flags: a single one may be an outlier."""
     return np.flatnonzero(flags[:-1] & flags[1:])
 
 
 _PARTS = 10
 _FEWEST_PARTS = 3
 _FEWEST_ROWS = 20
-"""Of a part: fewer show no autocorrelation."""
+"""Smallest number of rows of a part: fewer show no autocorrelation."""
 _STILL = 10.0
-"""Variance about a straight line over that of neighbours, up to which a length is at rest: noise
-with a memory of 0.9 has as much, and a motion much more that can be told from the noise at all."""
+"""Largest ratio of the variance about a straight line to that of neighbours for a length at rest.
+Noise with a memory of 0.9 has this ratio, a visible motion a much larger one."""
 _FEW = 4
-"""Values up to which it is the resolution of the measurement that is seen, and no motion."""
+"""Largest number of different values that the resolution alone explains."""
 
 
-def at_rest(data: Measurement) -> bool:
-    """Return whether all lengths stand still, but for noise and a slow drift."""
+def is_at_rest(data: Measurement) -> bool:
+    """Return whether all lengths are constant except for noise and a slow drift."""
     return all(_still(data.time, column) for column in data.lengths.T)
 
 
@@ -262,15 +261,15 @@ def _still(times: Array, values: Array) -> bool:
 
 
 def resolution_only(values: Array) -> bool:
-    """Return whether a channel, (T,), has a few values only: constant, or its last digits."""
+    """Return whether a channel, (T,), is constant up to its last digits."""
     return len(np.unique(values)) <= _FEW
 
 
-def omega_at_rest(data: Measurement) -> float:
-    """Return ω, rad/s, of the equal parts into which a recording at rest is divided.
+def choose_omega_at_rest(data: Measurement) -> float:
+    """Choose ω, rad/s, of the equal parts into which a recording at rest is divided.
 
-    A part is a whole number of samples, chosen with its harmonics as distant as possible from
-    the multiples of the mains frequency: anything that repeats in every part is removed.
+    A part is a whole number of samples. Its harmonics are as distant as possible from the multiples
+    of the mains frequency, because the mean over the parts is removed.
 
     Raises
     ------
@@ -288,6 +287,6 @@ def omega_at_rest(data: Measurement) -> float:
     mains = np.array(list(mains_frequencies(1 / data.step)))
     turns = np.multiply.outer(lengths * data.step, mains)
     nearest = np.min(np.abs(turns - np.round(turns)), axis=1, initial=1.0)
-    # Of those that are about as far away the longest wastes the fewest samples.
+    # Among nearly equal distances, the longest part leaves out the fewest samples.
     far = np.flatnonzero(nearest >= 0.9 * np.max(nearest))
     return float(2 * np.pi / (lengths[far[-1]] * data.step))

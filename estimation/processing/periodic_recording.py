@@ -1,8 +1,8 @@
-"""Input of the estimators: the samples of one motion, averaged over periods where possible.
+"""Periodic recording, the input of the estimators: samples, averaged over periods if possible.
 
-A period that is a whole number of samples repeats the same phases: their mean and scatter are
-sufficient statistics, even with lost samples. Otherwise, and with
-stamps that jitter, every sample keeps its own time and nothing is rounded.
+A period of a whole number of samples repeats the same phases: their mean and scatter are sufficient
+statistics, even with lost samples. Otherwise, and for stamps with jitter, every sample keeps its
+time and nothing is rounded.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from estimation.processing.noise import (
     series_harmonics,
     series_weights,
 )
-from estimation.processing.period import PeriodError, PeriodSource, moves_from, whole_samples
+from estimation.processing.period import PeriodError, PeriodSource, find_motion_onset, whole_samples
 from estimation.processing.spectrum import NoiseLines, WhiteningFilter, estimated_filter
 from expdesign.configuration.estimate import SpectrumOrigin
 
 _REPEATED = 2
 
 _MOST_LOST = 0.1
-"""Share of the samples, or of their weight, that the noise's spectrum does without."""
+"""Largest share of missing samples, or of lost weight, for a spectrum of the noise."""
 
 _Collected = tuple[Array, Array, NoiseEstimate | None, Array | None, Array | None]
 """Values, counts, scatter, periods and repeats of `Channels`."""
@@ -41,35 +41,35 @@ _Collected = tuple[Array, Array, NoiseEstimate | None, Array | None, Array | Non
 
 @dataclass(frozen=True, eq=False)
 class Channels:
-    """Forces (N) or lengths (m) of a record."""
+    """Forces (N) or lengths (m) of a recording."""
 
     times: Array
-    """(S,), when they were what was recorded, s: stamps less the channels' delay."""
+    """(S,), s: time stamps minus the delay of the channels."""
     values: Array
     """(S, 6), means over the periods, or single samples."""
     counts: Array
-    """(S,), how many samples (or how much weight) each mean is made of."""
+    """(S,), number of samples (or weight) of each mean."""
     scatter: NoiseEstimate | None
-    """Covariance of one sample from the repetition; None with less than two periods."""
+    """Covariance of one sample from the repetition; None with fewer than two periods."""
     periods: Array | None
-    """(M, N, 6), the single periods, when they could be averaged and no sample is missing."""
+    """(M, N, 6), single periods, if they were averaged and no sample is missing."""
     repeats: Array | None = None
-    """(M, N, 6), the same as far as the samples count: the mean stands in place of the rest of an
-    outlier, and of what is missing. None where that would be much, or all samples at a phase."""
+    """(M, N, 6), the same with missing samples, and the lost weight of outliers, replaced by the
+    mean. None if too many are missing, or all samples at a phase."""
 
-    def behind(self, noise_filter: WhiteningFilter | None) -> Channels:
-        """Return the same with means that count alike where a filter makes their noise white.
+    def as_weighted(self, noise_filter: WhiteningFilter | None) -> Channels:
+        """Return the channels with equal counts, as a whitening filter requires.
 
-        It takes means of one size. What counts differ by is little: see `repeats`.
+        The counts differ little: see `repeats`.
         """
         if noise_filter is None:
             return self
         return replace(self, counts=np.full_like(self.counts, np.mean(self.counts)))
 
     def noise(self, spectrum: SpectrumOrigin = "auto") -> NoiseEstimate | None:
-        """Return the scatter with its spectrum and the filter for it, as `estimate.spectrum` says.
+        """Return the scatter with its spectrum and filter, according to `estimate.spectrum`.
 
-        White noise is assumed where there are too few periods for a spectrum, or no `repeats`.
+        With too few periods for a spectrum, or without `repeats`, the noise counts as white.
         """
         empirical = self.empirical_noise
         if spectrum == "auto" or empirical is None or empirical.lines is None:
@@ -99,27 +99,27 @@ class PeriodicRecording:
     omega: float
     """rad/s."""
     source: PeriodSource
-    """Where ω came from."""
+    """Source of ω."""
     forces: Channels
     lengths: Channels
     periods: float
     rows: int
     dropped: int
-    """Rows of the recording that were used, and those of incomplete periods that were not."""
+    """Number of rows in use, and of those in incomplete periods, which are left out."""
     step: float
     """Between two rows of the recording, s."""
     stamped: bool
     averaged: bool
-    """True when the samples are means over whole periods."""
+    """True if the samples are means over whole periods."""
     robust: bool = False
-    """True when samples that are far from their fellows count less."""
+    """True if outliers have less weight (Huber)."""
     lost: int = 0
-    """Samples that are missing among those that were used."""
+    """Number of missing samples among the rows in use."""
     origin: float = 0.0
-    """What was taken off the recording's times, s: whole periods, so that phases are those of the
-    recording. Far from the origin phases and ω could not be told from each other."""
-    moves_from: float | None = None
-    """When the struts begin to move, s, in the recording's time; None: with the first row."""
+    """Time subtracted from the recording's times, s: whole periods, which keeps the phases. Far
+    from the origin, phases and ω would be correlated."""
+    motion_onset: float | None = None
+    """Beginning of the motion, s, in the recording's time; None: the first row."""
 
     @property
     def samples(self) -> int:
@@ -128,12 +128,12 @@ class PeriodicRecording:
 
     @property
     def own_clock(self) -> bool:
-        """True when ω comes from the recording itself, in its own clock."""
+        """True if ω comes from the recording, in the recorder's clock."""
         return self.source in (PeriodSource.COLUMN, PeriodSource.DATA)
 
     @property
     def weight_taken(self) -> float:
-        """How many samples' worth of weight outliers of forces and lengths have lost."""
+        """Weight lost by outliers of forces and lengths, in samples."""
         kept = self.forces.counts.sum() + self.lengths.counts.sum()
         return float(max(2 * self.rows - kept, 0.0))
 
@@ -142,15 +142,15 @@ class PeriodicRecording:
         """Length of a period, s."""
         return float(2 * np.pi / self.omega)
 
-    def behind(self, noise: NoiseModel) -> PeriodicRecording:
-        """Return the record as it is weighted with this noise."""
+    def as_weighted(self, noise: NoiseModel) -> PeriodicRecording:
+        """Return the recording with the counts that the filters of this noise require."""
         forces, lengths = noise.forces.filter, noise.lengths.filter
         return replace(
-            self, forces=self.forces.behind(forces), lengths=self.lengths.behind(lengths)
+            self, forces=self.forces.as_weighted(forces), lengths=self.lengths.as_weighted(lengths)
         )
 
-    def about_series(self, channels: Channels) -> tuple[NoiseEstimate, Array]:
-        """Return the scatter of its channels about a long Fourier series, and the residuals."""
+    def fit_series(self, channels: Channels) -> tuple[NoiseEstimate, Array]:
+        """Return the scatter of the channels about a long Fourier series, and the residuals."""
         per_period = self.samples if self.averaged else self.period / self.step
         harmonics = series_harmonics(self.samples, per_period)
         return scatter_about_series(channels.times, channels.values, self.omega, harmonics)
@@ -164,7 +164,7 @@ def fold_recording(
     average: bool = True,
     robust: bool = False,
 ) -> PeriodicRecording:
-    """Bring a recording into the form that the estimators work on.
+    """Fold a recording into periods, for the estimators.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def fold_recording(
     average : bool
         Average over the periods if they are a whole number of samples.
     robust : bool
-        Let samples that are far from their fellows count less (Huber).
+        Reduce the weight of outliers (Huber).
 
     Raises
     ------
@@ -184,7 +184,7 @@ def fold_recording(
     start = _first_row(data)
     places = data.places[start:] - data.places[start]
     available = int(places[-1]) + 1
-    # A last period that lacks less than a sample is complete.
+    # A last period is complete if less than a sample is missing.
     complete = int(np.floor(available / per_period + (1 - 1e-9) / per_period))
     if complete < 1:
         raise PeriodError(
@@ -207,7 +207,7 @@ def fold_recording(
         period = 2 * np.pi / omega
         origin = float(np.floor(middle / period) * period)
         times = data.time[used] - origin
-        # A last period that lacks less than a sample counts as whole.
+        # A last period counts as whole if less than a sample is missing.
         reach = (int(places[rows - 1]) + 1) / per_period
         nearest = round(reach)
         periods = nearest if abs(reach - nearest) * per_period < 1 else reach
@@ -217,7 +217,7 @@ def fold_recording(
         )
     return PeriodicRecording(
         omega=omega,
-        moves_from=moves_from(data),
+        motion_onset=find_motion_onset(data),
         source=source,
         forces=Channels(times - data.force_delay, *collected(data.forces[used])),
         lengths=Channels(times - data.length_delay, *collected(data.lengths[used])),
@@ -234,13 +234,13 @@ def fold_recording(
 
 
 def _first_row(data: Measurement) -> int:
-    """Return the first row of a complete period: a first one shorter than the second is none."""
+    """Return the first row of a complete period: a first period shorter than the second is not."""
     if data.period is None:
         return 0
     changes = np.flatnonzero(np.diff(data.period) != 0) + 1
     if not len(changes):
         return 0
-    # In steps, not rows: of the first one as many may be missing as of any other.
+    # In steps, not rows: samples of the first period may be missing, too.
     ends = [*data.places[changes], data.places[-1] + 1]
     first, second = int(ends[0]), int(ends[1] - ends[0])
     return int(changes[0]) if first < second - 1 else 0
@@ -257,14 +257,14 @@ class _Phases:
     @property
     def present(self) -> Mask:
         """(M, N), whether there is a row."""
-        return self.arranged(np.ones((len(self.places), 1)))[:, :, 0] > 0
+        return self.arrange(np.ones((len(self.places), 1)))[:, :, 0] > 0
 
     @property
     def seen(self) -> Mask:
         """(N,), whether any period has a row at this phase."""
         return np.any(self.present, axis=0)
 
-    def arranged(self, values: Array) -> Array:
+    def arrange(self, values: Array) -> Array:
         """Return rows, (T, c), period by period, (M, N, c); zeros where there are none."""
         result = np.zeros((self.periods * self.samples, values.shape[1]))
         result[self.places] = values
@@ -274,11 +274,11 @@ class _Phases:
 def _mean_period(
     times: Array, omega: float, phases: _Phases, values: Array, *, robust: bool
 ) -> _Collected:
-    periods, present, seen = phases.arranged(values), phases.present, phases.seen
+    periods, present, seen = phases.arrange(values), phases.present, phases.seen
     weights = present.astype(float)
     complete = bool(np.all(present))
     if not complete:
-        # An absent sample is no outlier: it stands where the others of its phase do.
+        # A missing sample takes the mean of its phase, and is no outlier.
         mean = periods.sum(axis=0) / np.maximum(weights.sum(axis=0), 1.0)[:, None]
         periods = np.where(present[:, :, None], periods, mean)
     if robust and len(periods) >= FEWEST_PERIODS:
@@ -286,7 +286,7 @@ def _mean_period(
     elif robust:
         harmonics = series_harmonics(len(values), phases.samples)
         own = series_weights(times, values, omega, harmonics)[1]
-        weights = phases.arranged(own[:, None])[:, :, 0]
+        weights = phases.arrange(own[:, None])[:, :, 0]
     periods, weights = periods[:, seen], weights[:, seen]
     counts = weights.sum(axis=0)
     mean = np.einsum("mn,mnj->nj", weights, periods) / counts[:, None]

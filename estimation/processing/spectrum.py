@@ -1,12 +1,15 @@
-"""Noise spectrum, smoothed over neighbouring lines with a width chosen by the data.
+"""Noise spectrum, smoothed with a width chosen by the data, and the filter that whitens the noise.
 
-The spectrum at a line is the mean over its neighbours without the line itself. Weights made of it
-are then independent of the line's own contrasts, and a variance that is computed from these (a
-sandwich) is valid for any weights. Only a line that exceeds its neighbours, such as
-a drive's hum, keeps its own size. What is smoothed is flat already but for what an
-autoregressive model of each channel leaves (prewhitening: Blackman and Tukey, 1958). The order of
-that model and the number of neighbours are those that predict the lines left out best (Beltrão and
-Bloomfield, J. Time Series Analysis 8, 1987).
+The spectrum at a line is the mean over its neighbours without the line itself. Weights from it are
+then independent of the line's own contrasts, and a variance computed from these (a sandwich
+estimator) is valid for any weights. Only a line that exceeds its neighbours, such as a drive's hum,
+keeps its own size. The spectrum is flattened before smoothing by an autoregressive model of each
+channel (prewhitening: Blackman and Tukey, 1958). Model order and number of neighbours are those
+that predict the omitted lines best (Beltrão and Bloomfield, J. Time Series Analysis 8, 1987).
+
+Weighting every line of the DFT with the inverse of its 6 × 6 spectrum C̄ is equivalent to filtering
+measurement and model with H, H C̄ Hᴴ = Σ, and weighting with Σ⁻¹ (Pintelon and Schoukens, *System
+Identification*, 2012, chapter 9): every method for white noise is valid after the filter.
 """
 
 from __future__ import annotations
@@ -25,15 +28,15 @@ from expdesign.noise import lines_of, multiplicity, series_of
 _ORDERS = (0, 1, 2, 4, 8)
 _HALF_WIDTHS = (8, 24, 72, 216)
 _FEWEST_FREEDOM = 24.0
-"""Complex degrees of freedom of a smoothed 6 × 6 spectrum, at the least."""
+"""Smallest number of complex degrees of freedom of a smoothed 6 × 6 spectrum."""
 _CLEARLY_BETTER = 5.0
-"""Gain in log likelihood, beside one for each parameter, below which noise counts as white."""
+"""Gain in log likelihood, minus one per parameter, below which noise counts as white."""
 _STANDING_OUT = 0.01
-"""Probability that any line of noise is taken for one that stands out."""
+"""Probability of a false peak among all lines."""
 _FEWEST_CONTRASTS = 6
-"""From which on one channel's own size at one line is known well enough to weight with."""
+"""Smallest number of contrasts for a separate size of each channel at one line."""
 _MIDDLE_WIDTH = 32
-"""Neighbours among which lines that stand out are looked for."""
+"""Number of neighbours in the search for peaks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,17 +46,17 @@ class SmoothedSpectrum:
     matrices: ComplexArray
     """(L, 6, 6)."""
     freedom: float
-    """Complex degrees of freedom of one line, the median over all of them."""
+    """Median of the lines' complex degrees of freedom."""
     order: int
-    """Of the autoregressive model."""
+    """Order of the autoregressive model."""
     half_width: int | None
     """Neighbours to either side; None: all lines."""
     standing_out: Mask
-    """(L,), lines that keep their own size."""
+    """(L,), peaks, which keep their own size."""
 
     @property
     def words(self) -> str:
-        """How it was smoothed."""
+        """Description of the smoothing."""
         parts = [
             "the mean over all lines"
             if self.half_width is None
@@ -69,9 +72,9 @@ class SmoothedSpectrum:
 def smoothed_spectrum(
     lines: NoiseLines, covariance: Array, *, always: bool = False
 ) -> SmoothedSpectrum | None:
-    """Return the spectrum that predicts the lines best; None when that is white noise of Σ.
+    """Return the spectrum that predicts the lines best; None if that is white noise of Σ.
 
-    With `always` the best one that is not constant is returned, where there is any.
+    With `always`, the best spectrum that is not constant is returned, if there is one.
     """
     white, *others = _candidates(lines, covariance)
     best = max(others, key=lambda each: each.likelihood, default=None)
@@ -85,12 +88,12 @@ def smoothed_spectrum(
 @dataclass(frozen=True, eq=False)
 class _Candidate:
     smooth: ComplexArray
-    """(L, 6, 6) or, all alike, (6, 6), of what is flat already."""
+    """(L, 6, 6), or (6, 6) if constant: smoothed spectrum after prewhitening."""
     own: Array
-    """(L, 6), size of lines that stand out: 1 for all others."""
+    """(L, 6), relative size of peaks; 1 for all other lines."""
     standing_out: Mask
     filters: ComplexArray
-    """(L, 6), what made it flat."""
+    """(L, 6), response of the prewhitening filters."""
     freedom: float
     order: int
     half_width: int | None
@@ -108,7 +111,7 @@ class _Candidate:
 
 
 def _candidates(lines: NoiseLines, covariance: Array) -> Iterator[_Candidate]:
-    """Yield spectra, that of white noise first, with Whittle's likelihood less their parameters."""
+    """Yield spectra, white noise first, with Whittle's likelihood minus their parameters."""
     widest = lines.samples // 4 - 1
     for order in _ORDERS:
         filters = _prewhitening(lines, order)
@@ -171,12 +174,12 @@ def _colour_test(matrices: ComplexArray, response: ComplexArray) -> ComplexArray
 def _neighbours(lines: NoiseLines, width: int, kept: Array) -> tuple[ComplexArray, Array]:
     """Return the mean over ± width lines without the line itself, (L, 6, 6), and its freedom.
 
-    NaN where no line is kept.
+    It is NaN without any kept line.
     """
     samples, count = lines.samples, len(kept)
     own = np.arange(count)
-    # Beyond zero and N/2 stand the conjugates of the lines, which are no lines of their own: the
-    # line itself is there once more, and others count once.
+    # Beyond zero and N/2 follow the conjugates of the same lines: the line itself occurs twice, and
+    # the others count once.
     double = (own > 0) & (2 * own < samples)
     itself = double & ((2 * own <= width) | (own + width >= samples - own))
 
@@ -186,7 +189,7 @@ def _neighbours(lines: NoiseLines, width: int, kept: Array) -> tuple[ComplexArra
         sums = np.cumsum(np.concatenate([np.zeros_like(circle[:1]), circle]), axis=0)
         return (sums[2 * width + 1 :] - sums[: -2 * width - 1])[:count]
 
-    # Whole numbers, but for the rounding of the sums.
+    # Whole numbers except for the rounding of the sums.
     weight = np.rint(windows(kept.astype(np.complex128)).real - kept * (1 + itself))
     whole = lines.matrices * kept[:, None, None]
     total = windows(whole) - whole - np.where(itself[:, None, None], whole.conj(), 0)
@@ -215,7 +218,8 @@ def _own_size(lines: NoiseLines, spectrum: ComplexArray, freedom: Array) -> Arra
 def _likelihood(flat: NoiseLines, smooth: ComplexArray, own: Array, filters: ComplexArray) -> float:
     """Return Whittle's log likelihood of the lines, each predicted by its smoothed neighbours.
 
-    These are lines that the filters have made flat, (L, 6); the likelihood is that of them before.
+    `flat` are the lines after the prewhitening filters, (L, 6); the likelihood refers to the
+    original ones.
     """
     scaled = replace(flat, matrices=_colour_test(flat.matrices, 1 / own.astype(np.complex128)))
     _, logarithm = np.linalg.slogdet(smooth)
@@ -225,11 +229,16 @@ def _likelihood(flat: NoiseLines, smooth: ComplexArray, own: Array, filters: Com
 
 
 def contrasts(periods: Array) -> Array:
-    """Return pure noise out of repeated periods, (M, N, 6): (M − 1, N, 6).
+    """Return the contrasts of repeated periods, (M, N, 6): pure noise, (M − 1, N, 6).
 
-    Every period less the mean of those before it, scaled to the variance of one sample: no model
-    takes part, and the series are independent of each other for independent noise, unlike
-    deviations from the mean over all periods.
+    Every period minus the mean of the previous ones, scaled to the variance of one sample. No model
+    is involved and, unlike deviations from the mean, contrasts of independent noise are
+    independent.
+
+    Examples
+    --------
+    >>> contrasts(np.array([[[1.0]], [[3.0]]])).round(3).tolist()
+    [[[1.414]]]
     """
     before = np.cumsum(periods, axis=0)[:-1]
     number = np.arange(1, len(periods), dtype=float)[:, None, None]
@@ -238,18 +247,18 @@ def contrasts(periods: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class NoiseLines:
-    """The spectrum of the noise of one sample of six channels at the lines of a period."""
+    """Spectrum of one sample's noise in six channels at the lines of a period."""
 
     matrices: ComplexArray
     """(N // 2 + 1, 6, 6), Hermitian; their mean over all N lines is the covariance of a sample."""
     samples: int
     """N, of a period."""
     freedom: float
-    """Complex degrees of freedom behind every line: contrasts; inf when it was given."""
+    """Complex degrees of freedom of every line (number of contrasts); inf if it was given."""
 
     @classmethod
     def of(cls, periods: Array) -> NoiseLines:
-        """Estimate it from repeated periods, (M, N, 6), M ≥ 2."""
+        """Estimate the spectrum from repeated periods, (M, N, 6), M ≥ 2."""
         noise = contrasts(periods)
         lines = np.fft.rfft(noise, axis=1) / np.sqrt(noise.shape[1])
         matrices = np.einsum("mli,mlj->lij", lines, lines.conj()) / len(noise)
@@ -262,9 +271,9 @@ class NoiseLines:
         return np.asarray(np.einsum("l,lij->ij", times, self.matrices.real))
 
     def spread(self, columns: ComplexArray) -> tuple[Array, Array]:
-        """Return Σ Re vᴴ C v over all N lines for columns v, (L, 6, k): (k, k); its shares.
+        """Return Σ Re vᴴ C v over all N lines for columns v, (L, 6, k): (k, k), and its shares.
 
-        These are those of every line in the diagonal, (L, k).
+        The shares, (L, k), are those of every line in the diagonal.
         """
         mixed = np.matmul(self.matrices, columns) * multiplicity(self.samples)[:, None, None]
         flat, other = (each.reshape(-1, columns.shape[2]) for each in (columns, mixed))
@@ -281,12 +290,12 @@ class NoiseLines:
 
 
 _SHOWN = 0.1
-"""Share of a jump up to which a filter may still show it."""
+"""Largest remaining share of a jump."""
 
 
 @dataclass(frozen=True, eq=False)
 class WhiteningFilter:
-    """Filters series of one period, circularly; the noise behind it is white."""
+    """Circular filter for series of one period; the filtered noise is white."""
 
     gain: ComplexArray
     """(N // 2 + 1, 6, 6), H, Hermitian."""
@@ -295,18 +304,18 @@ class WhiteningFilter:
     spectrum: ComplexArray
     """(N // 2 + 1, 6, 6), C̄ of one sample's noise."""
     smoothing: str
-    """How the spectrum was found, in words."""
+    """Origin of the spectrum in words."""
     freedom: float
-    """Degrees of freedom behind one line's spectrum; inf when it was given."""
+    """Degrees of freedom of one line's spectrum; inf if it was given."""
     loss: float
-    """Variance of an estimate relative to the one stated by weights from this spectrum."""
+    """Ratio of the actual variance of an estimate to that stated by weights from this spectrum."""
 
     def __call__(self, values: Array) -> Array:
         """Return series, (N, 6, …), filtered."""
         return self._through(self.gain, values)
 
-    def undone(self, values: Array) -> Array:
-        """Return the series, (N, 6, …), that the filter makes these of."""
+    def invert(self, values: Array) -> Array:
+        """Return the series, (N, 6, …), before the filter."""
         return self._through(np.asarray(np.linalg.inv(self.gain), dtype=np.complex128), values)
 
     def rows(self, values: Array) -> Array:
@@ -314,16 +323,16 @@ class WhiteningFilter:
 
         Their inner products are those of the filtered series.
         """
-        lines = _moved(self.gain, lines_of(values))
+        lines = _apply_gain(self.gain, lines_of(values))
         lines *= np.sqrt(multiplicity(self.samples)).reshape(-1, *(1,) * (lines.ndim - 1))
         return np.concatenate([lines.real, lines.imag])
 
     def reach(self, std: Array) -> int:
-        """Return how far from a jump it is seen, in samples: a quarter of the period at most.
+        """Return the reach of a jump's effect, in samples: a quarter of the period at most.
 
-        The jump has the size of the noise's standard deviation, (6,), in one channel, and its
-        remainder is the sum of the impulse response from there on. (A share of the response itself
-        will not do: with more memory it falls off alike, but is larger.)
+        The jump has the size of the noise's standard deviation, (6,), in one channel; its remaining
+        effect is the sum of the impulse response from there on. (A share of the response itself is
+        no measure: with more memory it decays alike, but is larger.)
         """
         impulse = np.zeros((self.samples, ACTUATORS, ACTUATORS))
         impulse[0] = np.diag(std)
@@ -332,17 +341,17 @@ class WhiteningFilter:
         return min(int(np.max(np.flatnonzero(shown) + 1, initial=0)), self.samples // 4)
 
     def _through(self, gain: ComplexArray, values: Array) -> Array:
-        return series_of(_moved(gain, lines_of(values)), self.samples)
+        return series_of(_apply_gain(gain, lines_of(values)), self.samples)
 
 
-def _moved(gain: ComplexArray, lines: ComplexArray) -> ComplexArray:
-    """Return the gain's product with lines, (L, 6, …), of any further dimensions."""
+def _apply_gain(gain: ComplexArray, lines: ComplexArray) -> ComplexArray:
+    """Return the gain's product with lines, (L, 6, …)."""
     flat = np.matmul(gain, lines.reshape(*lines.shape[:2], -1))
     return np.asarray(flat.reshape(lines.shape), dtype=np.complex128)
 
 
 def filter_to(covariance: Array, spectrum: ComplexArray) -> ComplexArray:
-    """Return the Hermitian H with H C̄ Hᴴ = Σ of every line: the one that is nearest to unity."""
+    """Return the Hermitian H with H C̄ Hᴴ = Σ of every line that is nearest to unity."""
     values, vectors = np.linalg.eigh(spectrum)
     root = np.einsum("lij,lj,lkj->lik", vectors, np.sqrt(values), vectors.conj())
     inverse = np.einsum("lij,lj,lkj->lik", vectors, 1 / np.sqrt(values), vectors.conj())
@@ -352,7 +361,7 @@ def filter_to(covariance: Array, spectrum: ComplexArray) -> ComplexArray:
 
 
 def given_filter(covariance: Array, spectrum: ComplexArray, samples: int) -> WhiteningFilter:
-    """Return the filter of noise whose spectrum at the lines of a period is known."""
+    """Return the filter for noise with a known spectrum at the lines of a period."""
     gain = filter_to(covariance, spectrum)
     return WhiteningFilter(gain, samples, spectrum, "the spectrum given", freedom=np.inf, loss=1.0)
 
@@ -362,8 +371,8 @@ def estimated_filter(
 ) -> WhiteningFilter | None:
     """Return the filter for measured lines; None if white noise is not rejected.
 
-    With `always` the best one is returned even so; None is then left for periods of too few
-    samples to smooth over.
+    With `always`, the best filter is returned; None only for periods with too few samples to
+    smooth.
     """
     found = smoothed_spectrum(lines, covariance, always=always)
     if found is None:
@@ -375,9 +384,9 @@ def estimated_filter(
 
 
 def _loss(freedom: float, channels: int = ACTUATORS) -> float:
-    """Return E[C̄⁻¹ C C̄⁻¹] / E[C̄⁻¹] of a complex Wishart matrix C̄: 1 for endless freedom."""
+    """Return E[C̄⁻¹ C C̄⁻¹] / E[C̄⁻¹] of a complex Wishart matrix C̄: 1 for infinite freedom."""
     if np.isinf(freedom):
         return 1.0
-    # Fewer leave no mean of the inverse.
+    # With fewer, the mean of the inverse does not exist.
     nu = max(freedom, channels + 2.0)
     return nu**2 / ((nu - channels) ** 2 - 1)

@@ -1,8 +1,8 @@
 """Disturbances of a simulated experiment: tracking error, noise, cogging, drift and others.
 
-Each has a separate random stream, so that none depends on the others being switched on. All
-streams are spawned from a seed by the key (repetition, purpose). Repetitions count from 1; the key
-0 is that of the experiment itself, whose draws all repetitions share.
+Each has a separate random stream, independent of the other disturbances. All streams are spawned
+from a seed by the key (repetition, purpose). Repetitions count from 1; the key 0 belongs to the
+experiment, whose draws all repetitions share.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _EXPERIMENT = 0
 
 
 class Shared(IntEnum):
-    """Random draws of the experiment that all its repetitions share."""
+    """Random draws of the experiment, shared by all its repetitions."""
 
     TRACKING_ERROR = 0
     DRIFT = 1
@@ -53,7 +53,7 @@ class Repeated(IntEnum):
 
 
 def experiment_stream(seed: int, purpose: Shared) -> np.random.Generator:
-    """Return the stream of what all repetitions share."""
+    """Return the stream of a draw that all repetitions share."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_EXPERIMENT, purpose)))
 
 
@@ -61,21 +61,19 @@ def repetition_stream(seed: int, repetition: int, purpose: Repeated) -> np.rando
     """Return a stream of one repetition, counted from 1."""
     if repetition < 1:
         raise ValueError(f"repetitions count from 1; there is no repetition {repetition}")
-    # The child that SeedSequence(seed, spawn_key=(repetition,)).spawn() gives at that place.
+    # The same child as that of SeedSequence(seed, spawn_key=(repetition,)).spawn().
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(repetition, purpose)))
 
 
-def executed_motion(
+def execute_design(
     design: FourierTrajectory, error: TrackingError | None, rng: np.random.Generator
 ) -> FourierTrajectory:
-    """Return the motion that the machine makes of a designed one.
+    """Add the tracking error of a controller to a designed motion.
 
-    A controller that repeats a periodic command repeats its error, too: the deviation of each
-    pose coordinate is a Fourier series in the harmonics first … last of the same ω. Its
-    amplitudes are drawn from one normal distribution and scaled so that the root mean square of
-    the deviation over one period is exactly the size given: `position` for x, y, z and `angle`
-    for φ, θ, ψ.
-    Without an error the design stays as it is.
+    The error is periodic as the command: the deviation of each pose coordinate is a Fourier series
+    in the harmonics first … last of the same ω. Its amplitudes are drawn from one normal
+    distribution and scaled to the given root mean square over one period: `position` for x, y, z
+    and `angle` for φ, θ, ψ. Without an error the design is returned.
     """
     if error is None or error.position == error.angle == 0:
         return design
@@ -94,36 +92,36 @@ def executed_motion(
 
 
 def cogging_force(lengths: Array, cogging: Cogging) -> Array:
-    """Return what cogging of linear motors adds to the forces, (T, 6), N.
+    """Return the cogging of linear motors in the forces, (T, 6), N.
 
-    It is amplitude · sin(2π q/pitch + phase) of the true lengths q, (T, 6), m.
-
-    The sign is that of friction in the model: it is the force that the actuator gives beyond the
-    model's, Q = A p + c(q). The attraction between magnets and iron that pulls the slider out at
-    a length q is therefore −c(q).
+    It is c(q) = amplitude · sin(2π q/pitch + phase) at the true lengths q, (T, 6), m, with the sign
+    of friction in the model: Q = A p + c(q). The attraction between magnets and iron that pulls the
+    slider out is therefore −c(q).
     """
     angle = 2 * np.pi * lengths / np.asarray(cogging.pitch) + np.asarray(cogging.phase)
     return np.asarray(cogging.amplitude) * np.sin(angle)
 
 
-def final_drift(size: float, rng: np.random.Generator) -> Array:
-    """Return the drift of the six lengths at the end of the experiment, m: size with its sign."""
+def draw_final_drift(size: float, rng: np.random.Generator) -> Array:
+    """Draw the drift of the six lengths at the end of the experiment, m."""
     return size * rng.choice((-1.0, 1.0), ACTUATORS)
 
 
 def length_drift(final: Array, time: Array, duration: float) -> Array:
     """Return the drift of the lengths, (T, 6), m, at times from the start, (T,), s.
 
-    As of a machine that warms up, it is half a cosine to the final value, (6,), m.
+    It is half a cosine to the final value, (6,), m, as of a machine that warms up.
     """
     return np.multiply.outer((1 - np.cos(np.pi * time / duration)) / 2, final)
 
 
-def gross_errors(outliers: Outliers, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Return the gross errors of lengths (m) and forces (N), (count, 6) each; mostly zeros.
+def draw_gross_errors(
+    outliers: Outliers, count: int, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Draw gross errors of lengths (m) and forces (N), (count, 6) each; mostly zeros.
 
-    Every sample of every channel is hit with the probability `share`, independently of the
-    others, and is then off by the size given, up or down with the same probability.
+    Every sample of every channel has an error of the given size with the probability `share`,
+    independently of the others, positive or negative with equal probability.
     """
     uniform = rng.random((count, 2 * ACTUATORS))
     up, down = uniform < outliers.share / 2, uniform >= 1 - outliers.share / 2
@@ -131,21 +129,27 @@ def gross_errors(outliers: Outliers, count: int, rng: np.random.Generator) -> tu
     return outliers.length * signs[:, :ACTUATORS], outliers.force * signs[:, ACTUATORS:]
 
 
-def quantised(values: Array, step: float) -> Array:
-    """Return the values in steps of an encoder or converter; as they are where the step is 0."""
+def quantise(values: Array, step: float) -> Array:
+    """Round values to the steps of an encoder or converter; a step of 0 leaves them unchanged.
+
+    Examples
+    --------
+    >>> quantise(np.array([0.26, 0.9]), 0.5).tolist()
+    [0.5, 1.0]
+    """
     return np.round(values / step) * step if step > 0 else values
 
 
-def force_factors(error: ForceConstantError, time: Array, duration: float) -> Array:
+def force_gains(error: ForceConstantError, time: Array, duration: float) -> Array:
     """Return measured over true force, (T, 6), at times from the start, (T,), s."""
     drift = 1 + np.multiply.outer(time / duration, np.asarray(error.drift))
     return (1 + error.common) * (1 + np.asarray(error.each)) * drift
 
 
 def hum_force(hum: HumDisturbance, time: Array, rng: np.random.Generator) -> Array:
-    """Return the hum in the measured forces, (T, 6), N, at times (T,), s.
+    """Draw the hum in the measured forces, (T, 6), N, at times (T,), s.
 
-    Its phase runs on through the whole record, whatever the periods of the motion are.
+    The phase is continuous over the whole recording, for any period of the motion.
     """
     phases = rng.uniform(0, 2 * np.pi, (len(hum.harmonics), ACTUATORS))
     if hum.phase is not None:
@@ -157,8 +161,8 @@ def hum_force(hum: HumDisturbance, time: Array, rng: np.random.Generator) -> Arr
     return found
 
 
-def kept_samples(lost: Lost, count: int, rng: np.random.Generator) -> Mask:
-    """Return for each of (T,) samples whether the recording has it."""
+def draw_kept_samples(lost: Lost, count: int, rng: np.random.Generator) -> Mask:
+    """Draw the samples that the recording keeps, (T,)."""
     if lost.share is not None:
         return rng.random(count) >= lost.share
     kept = np.ones(count, dtype=bool)
@@ -167,18 +171,18 @@ def kept_samples(lost: Lost, count: int, rng: np.random.Generator) -> Mask:
 
 
 _BLOCK = 4096
-"""Lines whose matrices are in memory at once."""
+"""Number of lines in memory at once."""
 _MOST_KEPT = 100_000
-"""Lines whose factors are kept between draws: 58 MB."""
+"""Largest number of lines with stored factors: 58 MB."""
 _RESOLVED = 2e-3
-"""By how much the variance on the lines may differ from that of the spectrum."""
+"""Largest relative error of the variance on the lines."""
 _LONGEST = 64
-"""Length of the series that is drawn, over that of the record; of the longest records less."""
+"""Largest length of the random series, over that of the recording."""
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseSource:
-    """The noise of six channels in a record of T samples."""
+    """Noise of six channels in a recording of T samples."""
 
     covariance: Array
     """(6, 6), of one sample: N² or m²."""
@@ -190,15 +194,15 @@ class NoiseSource:
     """Hz."""
 
     def draws(self, rng: np.random.Generator) -> Array:
-        """Draw the noise of a record, (T, 6)."""
+        """Draw the noise of a recording, (T, 6)."""
         if self.spectrum is None:
-            return noise_draws(self.covariance, self.count, rng)
+            return draw_noise(self.covariance, self.count, rng)
         found = np.zeros((self.count, len(self.covariance)))
         if self._continuous.parts:
             found += self._continuous_draws(rng)
         for part in self.spectrum.parts:
             if isinstance(part, SpectralHum):
-                found += hum_draws(part, np.arange(self.count) / self.sampling, rng)
+                found += draw_hum(part, np.arange(self.count) / self.sampling, rng)
         return found
 
     @cached_property
@@ -211,7 +215,7 @@ class NoiseSource:
     def _length(self) -> int:
         """Return the length L of the random series, of which T samples are used.
 
-        The DFT makes the series periodic: with twice the record's length no sample is correlated
+        The DFT makes the series periodic: with twice the length no sample is correlated
         with a repetition. A narrow band needs more, to have lines in it.
         """
         length, longest = 2 * self.count, min(_LONGEST * self.count, 2 * MOST_SAMPLES)
@@ -221,7 +225,7 @@ class NoiseSource:
         return int(next_fast_len(length, real=True))
 
     def _variance(self, length: int, wanted: Array) -> float:
-        """Return by which share the variances on the lines of a length are off at most."""
+        """Return the largest relative error of the variances on the lines of a length."""
         total = np.zeros(len(wanted))
         for block in _blocks(length // 2 + 1):
             matrices = self._matrices(block, length)
@@ -230,7 +234,7 @@ class NoiseSource:
         return float(np.max(np.abs(total / length / wanted - 1)))
 
     def _matrices(self, numbers: Array, length: int) -> ComplexArray:
-        """Return S at lines of these numbers, (L, 6, 6)."""
+        """Return S at the lines with these numbers, (L, 6, 6)."""
         frequencies = numbers * self.sampling / length
         return self._continuous.at(frequencies, self.sampling, float(self.count))
 
@@ -271,10 +275,10 @@ def _factor(matrices: ComplexArray) -> ComplexArray:
         return np.asarray(vectors * np.sqrt(np.maximum(values, 0))[:, None, :])
 
 
-def hum_draws(hum: SpectralHum, times: Array, rng: np.random.Generator) -> Array:
+def draw_hum(hum: SpectralHum, times: Array, rng: np.random.Generator) -> Array:
     """Draw lines of a spectrum at times, (T,), s: sinusoids of their size, (T, 6).
 
-    Their phases are drawn, and run on through the whole record.
+    Their phases are drawn, and continuous over the whole recording.
     """
     values, vectors = np.linalg.eigh(hum.variances)
     roots = vectors * np.sqrt(2 * np.maximum(values, 0))[:, None, :]
@@ -288,7 +292,7 @@ def hum_draws(hum: SpectralHum, times: Array, rng: np.random.Generator) -> Array
 def noise_sources(
     configuration: RunConfiguration, count: int, sampling: float
 ) -> tuple[NoiseSource, NoiseSource]:
-    """Return the noise of the forces, N, and of the lengths, m, of the true machine.
+    """Return the noise of the true machine: that of the forces, N, and of the lengths, m.
 
     Raises
     ------
@@ -310,7 +314,7 @@ def noise_covariances(configuration: RunConfiguration) -> tuple[Array, Array]:
     Raises
     ------
     InputError
-        They state no noise of the forces, or none of the lengths.
+        The noise of forces or lengths is missing.
     """
     noise = (configuration.truth or configuration.robot).noise
     given: dict[str, Any] = {
@@ -332,7 +336,7 @@ def noise_covariances(configuration: RunConfiguration) -> tuple[Array, Array]:
     return given["force"], given["length"]
 
 
-def noise_draws(covariance: Array, count: int, rng: np.random.Generator) -> Array:
-    """Draw samples, (count, 6), that are independent of each other."""
+def draw_noise(covariance: Array, count: int, rng: np.random.Generator) -> Array:
+    """Draw independent samples, (count, 6)."""
     factor = np.linalg.cholesky(covariance)
     return rng.standard_normal((count, len(covariance))) @ factor.T

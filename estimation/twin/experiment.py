@@ -1,4 +1,4 @@
-"""The digital twin: a designed motion, executed and measured as the run file describes it."""
+"""Digital twin: a designed motion or a controller table, executed and measured by the run file."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from estimation.twin.disturbances import (
     Repeated,
     Shared,
     cogging_force,
-    executed_motion,
+    draw_final_drift,
+    draw_gross_errors,
+    draw_kept_samples,
+    execute_design,
     experiment_stream,
-    final_drift,
-    force_factors,
-    gross_errors,
+    force_gains,
     hum_force,
-    kept_samples,
     length_drift,
     noise_sources,
-    quantised,
+    quantise,
     repetition_stream,
 )
 from estimation.twin.machine import Machine
@@ -51,7 +51,7 @@ from expdesign.trajectory import FourierTrajectory, PoseSamples
 
 @dataclass(frozen=True, eq=False)
 class Twin:
-    """An experiment that can be repeated as often as wanted.
+    """A simulated experiment with any number of repetitions.
 
     Motion and forces without noise are computed once, when it is built; a repetition costs its
     random draws. It can be pickled, and every process draws the same repetition k.
@@ -61,11 +61,11 @@ class Twin:
     section: ExperimentSection
     grid: SampleGrid
     lengths: Array
-    """(T, 6), what the length sensors would read without noise, outliers and quantisation, m: the
-    executed motion's lengths at the motors, the error of their zeros and the drift."""
+    """(T, 6), readings of the length sensors without noise, outliers and quantisation, m: lengths
+    of the executed motion at the motors, with the errors of their zeros and the drift."""
     forces: Array
-    """(T, 6), the same of the forces, without hum, N: those of the model with the exact friction
-    signs, and cogging, by the force constants that they are measured with."""
+    """(T, 6), the same for the forces, without hum, N: forces of the model with the exact friction
+    signs, with cogging, multiplied by the errors of the force constants."""
     length_noise: NoiseSource
     force_noise: NoiseSource
 
@@ -81,20 +81,19 @@ class Twin:
         Parameters
         ----------
         configuration : RunConfiguration
-            The nominal parameters of its true machine, `experiment.truth` or the robot, are the
-            true ones.
+            The true parameters are the nominal ones of `experiment.truth` or of the robot.
         commanded : FourierTrajectory or TableFile
-            The motion that is commanded: a designed one, or the measurement window of a
-            controller table, interpolated as its controller does.
+            The commanded motion: a designed one, or the measurement window of a controller table,
+            interpolated as by its controller.
         seed : int, optional
-            Of the repetitions; that of the experiment by default. What all repetitions share
-            (tracking error, drift) always comes from the experiment's.
+            Seed of the repetitions, by default that of the experiment, which also determines
+            tracking error and drift of all repetitions.
 
         Raises
         ------
         InputError
-            The noise is not known, the number of samples is impossible, the robot cannot make
-            this motion, or the table has fewer periods than the experiment.
+            The noise is unknown, the number of samples is impossible, the robot cannot execute
+            the motion, or the table has fewer periods than the experiment.
         """
         section = configuration.run.experiment
         design = commanded if isinstance(commanded, FourierTrajectory) else commanded.design
@@ -104,7 +103,7 @@ class Twin:
         robot = robot_from(configuration.robot)
         true = robot if configuration.truth is None else Robot(configuration.truth)
         machine = Machine(true, np.asarray(section.compliance))
-        executed = executed_motion(
+        executed = execute_design(
             design, section.tracking_error, experiment_stream(section.seed, Shared.TRACKING_ERROR)
         )
         table: ExecutedTableTruth | None = None
@@ -119,20 +118,20 @@ class Twin:
                 position_error=window_error(commanded, grid.times),
             )
             motion = TableMotion(commanded, design, executed)
-        # Rows and rounding of a table differ from period to period, as a wrong clock does.
+        # With a table or a wrong clock the periods differ.
         alike = table is None and section.clock == 0
         stamps = grid.distinct_times if alike else grid.times
         found = _measure(machine, motion, stamps / (1 + section.clock), section, configuration)
-        lengths, forces, positions = map(grid.repeated, found) if alike else found
+        lengths, forces, positions = map(grid.repeat, found) if alike else found
         if section.cogging is not None:
             forces = forces + cogging_force(positions, section.cogging)
         if section.force_constant is not None:
-            forces = forces * force_factors(section.force_constant, grid.times, grid.duration)
+            forces = forces * force_gains(section.force_constant, grid.times, grid.duration)
         if any(section.strut_length):
             lengths = lengths + np.asarray(section.strut_length)
         drift: dict[str, Any] | None = None
         if section.drift > 0:
-            final = final_drift(section.drift, experiment_stream(section.seed, Shared.DRIFT))
+            final = draw_final_drift(section.drift, experiment_stream(section.seed, Shared.DRIFT))
             lengths = lengths + length_drift(final, grid.times, grid.duration)
             drift = {"size": section.drift, "final": final}
         truth = Truth(
@@ -160,7 +159,7 @@ class Twin:
         return cls(truth, section, grid, lengths, forces, length_noise, force_noise)
 
     def measurement(self, repetition: int = 1) -> Measurement:
-        """Return what repetition `repetition`, counted from 1, measures.
+        """Return the measurement of a repetition, counted from 1.
 
         It depends on the configuration, the design, the seed and the number alone.
         """
@@ -174,22 +173,22 @@ class Twin:
         if section.hum is not None:
             forces += hum_force(section.hum, self.grid.times, stream(Repeated.HUM))
         if section.outliers is not None:
-            length_errors, force_errors = gross_errors(
+            length_errors, force_errors = draw_gross_errors(
                 section.outliers, count, stream(Repeated.OUTLIERS)
             )
             lengths += length_errors
             forces += force_errors
         if section.quantisation is not None:
-            lengths = quantised(lengths, section.quantisation.length)
-            forces = quantised(forces, section.quantisation.force)
-        found = self.recorded(
+            lengths = quantise(lengths, section.quantisation.length)
+            forces = quantise(forces, section.quantisation.force)
+        found = self.as_measurement(
             lengths, forces, f"digital twin of {truth.name}, repetition {repetition}"
         )
         if section.lost is None:
             return found
-        return without_samples(found, kept_samples(section.lost, count, stream(Repeated.LOST)))
+        return drop_samples(found, draw_kept_samples(section.lost, count, stream(Repeated.LOST)))
 
-    def recorded(self, lengths: Array, forces: Array, source: str = "") -> Measurement:
+    def as_measurement(self, lengths: Array, forces: Array, source: str = "") -> Measurement:
         """Return lengths (m) and forces (N) of all samples, (T, 6) each, as a measurement."""
         return Measurement(
             time=self.grid.times,
@@ -202,7 +201,7 @@ class Twin:
 
 
 def _spectrum(machine: ResolvedRobot, kind: str) -> dict[str, Any] | None:
-    """Return the spectrum of its noise as a file states it; None: white."""
+    """Return the spectrum of the noise as in the robot file; None: white."""
     if getattr(machine.noise, f"{kind}_spectrum", None) is None:
         return None
     found = getattr(machine.description.noise, f"{kind}_spectrum")
@@ -216,8 +215,8 @@ def _measure(
     section: ExperimentSection,
     configuration: RunConfiguration,
 ) -> tuple[Array, Array, Array]:
-    """Return what the machine is measured to do; refuse a motion that it cannot make."""
-    found = machine.measured(motion, times, section.delay)
+    """Return the readings of the sensors; refuse a motion through a singularity."""
+    found = machine.measure(motion, times, section.delay)
     if not all(np.all(np.isfinite(values)) for values in found):
         named = "robot" if configuration.truth is None else "experiment.truth"
         raise InputError(
@@ -242,8 +241,8 @@ def _refuse_lost_rows(lost: Lost | None, count: int, file: Path | None) -> None:
         )
 
 
-def without_samples(measurement: Measurement, kept: Mask) -> Measurement:
-    """Return the measurement without the samples that are not kept, (T,)."""
+def drop_samples(measurement: Measurement, kept: Mask) -> Measurement:
+    """Return the measurement with the kept samples, (T,), only."""
     if np.all(kept):
         return measurement
     period = measurement.period
@@ -260,16 +259,15 @@ def without_samples(measurement: Measurement, kept: Mask) -> Measurement:
 
 _ROUNDING = 1e-12
 _WHOLE = 1e-6
-"""Samples by which the last period may be off for all to count as whole and alike."""
-"""Rows of one measurement: more than an hour at 1 kHz."""
+"""Largest error of the last period, in samples, for equal periods of whole samples."""
 
 
 @dataclass(frozen=True)
 class SampleGrid:
-    """Samples i / sampling, i = 0, 1, …, as many as whole steps fit into all periods; Hz and s.
+    """Samples i / sampling, i = 0 … T − 1, within all periods; Hz and s.
 
-    `count` is their number T; `per_period` that of one period when it is a whole number, so that
-    every period is measured at the same phases, else None.
+    `count` is T; `per_period` is the number of samples in a period if it is whole, so that every
+    period has the same phases, otherwise None.
     """
 
     sampling: float
@@ -282,12 +280,12 @@ class SampleGrid:
     def of(
         cls, period: float, experiment: ExperimentSection, file: Path | None = None
     ) -> SampleGrid:
-        """Return the samples of an experiment; `file` is named in messages.
+        """Return the samples of an experiment; `file` appears in messages.
 
         Raises
         ------
         InputError
-            There is no sample, or there are too many to be held in memory.
+            There is no sample, or there are too many for the memory.
         """
         steps = period * experiment.sampling
         nearest = round(steps)
@@ -299,7 +297,7 @@ class SampleGrid:
             raise InputError(message, file, key="experiment.sampling", allowed="1 sample or more")
         count = int(exact * (1 + _ROUNDING))
         require_at_most(count, MOST_SAMPLES, made, file, "experiment.periods")
-        # Every sample before the end of the last period, the one at its beginning included.
+        # All samples from the beginning to the end of the last period, without the end.
         count = int(np.ceil(exact * (1 - _ROUNDING)))
         return cls(
             experiment.sampling, period, experiment.periods, count, nearest if alike else None
@@ -317,18 +315,18 @@ class SampleGrid:
 
     @property
     def distinct_times(self) -> Array:
-        """(D,) times of the samples at which the motion differs, s: one period when all agree."""
+        """(D,) times of the different samples, s: those of one period if all agree."""
         return np.arange(self.per_period or self.count) / self.sampling
 
-    def repeated(self, values: Array) -> Array:
-        """Return (T, …) values of all samples from the (D, …) of the distinct ones."""
+    def repeat(self, values: Array) -> Array:
+        """Repeat values of the distinct samples, (D, …), for all samples, (T, …)."""
         if self.per_period is None:
             return values
         return np.tile(values, (self.periods, *(1,) * (values.ndim - 1)))
 
     @property
     def period_numbers(self) -> NDArray[np.int64]:
-        """(T,) the period that each sample belongs to, from 1."""
+        """(T,) number of each sample's period, from 1."""
         samples = np.arange(self.count)
         if self.per_period is not None:
             return samples // self.per_period + 1
@@ -337,15 +335,15 @@ class SampleGrid:
 
 
 _TOLERANCE_SLACK = 1.01
-"""Of the tolerance that the table was written with."""
+"""Factor on the tolerance of the table, for rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class TableMotion:
-    """The motion that controller and machine make of a table, t = 0 where the window begins.
+    """Motion of controller and machine for a table; t = 0 is the beginning of the window.
 
-    The controller interpolates the rows; the machine follows with the same tracking error as it
-    follows the design itself: `executed` is the design with that error.
+    The controller interpolates the rows; the machine follows with the tracking error of the design:
+    `executed` is the design with that error.
     """
 
     file: TableFile
@@ -358,7 +356,7 @@ class TableMotion:
         Raises
         ------
         ForwardKinematicsError
-            The struts' lengths belong to no pose.
+            No pose has the lengths of the struts.
         """
         states = self.file.smoothed(np.asarray(times, dtype=float)).states
         if self.executed is self.design:
@@ -368,12 +366,12 @@ class TableMotion:
 
 
 def refuse_short_window(table: TableFile, periods: int, configuration_file: Path | None) -> None:
-    """Refuse an experiment that is longer than the table.
+    """Refuse an experiment longer than the table.
 
     Raises
     ------
     InputError
-        The window has fewer periods than are to be measured, or the rows end inside it.
+        The window has fewer periods than the experiment, or the rows end inside it.
     """
     if periods > table.periods:
         raise InputError(
@@ -393,12 +391,12 @@ def refuse_short_window(table: TableFile, periods: int, configuration_file: Path
 
 
 def window_error(table: TableFile, times: Array) -> float:
-    """Return how far the struts are from the design at most, m, at times in the window, s.
+    """Return the largest deviation of a strut from the design, m, at times in the window, s.
 
     Raises
     ------
     InputError
-        The table is none of this design: a strut is further away than the table's tolerance.
+        The table belongs to another design: a strut deviates by more than the table's tolerance.
     """
     robot, design = table.executed.robot, table.design
     parts = []

@@ -1,4 +1,4 @@
-"""The machine that is measured: lengths at its motors and their forces, without any noise."""
+"""Measured machine: lengths at its motors and their forces, without noise."""
 
 from __future__ import annotations
 
@@ -33,51 +33,50 @@ CARRIED = frozenset(
     )
 )
 """Terms of the bodies and of the passive joints: their forces pass through the elastic struts.
-All others, such as friction of the actuators, act beside the motor."""
+All others, such as friction of the actuators, act at the motor."""
 _BLOCK = 4096
-"""Samples whose regressors (144 values each) are in memory at once."""
+"""Number of samples with regressors (144 values each) in memory at once."""
 _STEP = 2e-5
-"""Between a state and those by which its carried force is differentiated, s."""
+"""Step of the numerical derivative of the struts' load, s."""
 _NEWTON_STEPS = 3
-"""From a pose a millimetre away the first leaves micrometres, the third nothing that a computer
-resolves."""
+"""From a distance of a millimetre, the first step leaves micrometres, the third only rounding."""
 _FURTHEST = 0.02
-"""By which struts may be bent, m: what is more is no machine, or no number."""
+"""Largest deformation of a strut, m; larger values are invalid."""
 _REACHED = 1e-9
-"""Of lengths, m."""
+"""Largest remaining error of a length, m."""
 
 
 @dataclass(frozen=True, eq=False)
 class Machine:
-    """A robot whose struts may be elastic.
+    """A robot with rigid or elastic struts.
 
-    An elastic strut has a massless spring between the motor and everything that moves. The force F
-    that it carries shortens it: l_motor − l = compliance · F, where l is the distance of the
-    joints, and F, positive when it extends, is that of bodies and passive joints. The sensor sits
-    at the motor and measures l_motor; friction of the actuator is that of the motor's speed.
+    An elastic strut has a massless spring between the motor and all moving parts. Its load F
+    shortens it: l_motor − l = compliance · F, where l is the distance of the joints, and F,
+    positive in extension, comes from bodies and passive joints. The sensor at the motor measures
+    l_motor; the friction of the actuator depends on the motor's speed.
 
-    The platform makes the motion that is commanded, as a controller with a perfect model would
-    let it, and the motors move as that takes. So F is that of a known motion, and neither the
-    equation above nor the inertia of what vibrates is approximated.
+    The platform executes the commanded motion, as with a perfect model in the controller, and the
+    motors move accordingly. F therefore belongs to a known motion, and neither the equation above
+    nor the inertia of vibrating parts is approximated.
     """
 
     robot: Robot
     compliance: Array
-    """(6,), m/N; 0: a rigid strut."""
+    """(6,), m/N; 0 for a rigid strut."""
 
-    def measured(
+    def measure(
         self, motion: Motion, times: Array, delay: float = 0.0
     ) -> tuple[Array, Array, Array]:
-        """Return what the sensors are at, without errors of theirs.
+        """Return the quantities at the sensors, without measurement errors.
 
         Parameters
         ----------
         motion : Motion
-            Of the platform.
+            Motion of the platform.
         times : (D,) array
-            When the lengths are measured, s.
+            Times of the length measurements, s.
         delay : float
-            By how much the forces lag behind, s.
+            Lag of the forces, s.
 
         Returns
         -------
@@ -86,29 +85,29 @@ class Machine:
         forces : (D, 6) array
             Forces of the actuators `delay` earlier, N.
         positions : (D, 6) array
-            The motors' lengths where these forces were given, m.
+            Lengths at the motors at the time of these forces, m.
         """
-        positions, forces = self._driven(motion, times - delay)
+        positions, forces = self._motor_states(motion, times - delay)
         lengths = positions if delay == 0 else self._lengths(motion, times)
         return lengths, forces, positions
 
     def _lengths(self, motion: Motion, times: Array) -> Array:
-        """Return the motors' lengths alone, (D, 6), m."""
+        """Return the lengths at the motors alone, (D, 6), m."""
         found = []
         for at in _blocks(times):
             with np.errstate(all="ignore"):
                 states = motion.sample(at)
                 lengths = self.robot.inverse_kinematics(states.pose)
                 if self.elastic:
-                    lengths = lengths + self.compliance * self._carried(states)
+                    lengths = lengths + self.compliance * self._load_force(states)
             found.append(lengths)
         return np.concatenate(found)
 
-    def _driven(self, motion: Motion, times: Array) -> tuple[Array, Array]:
-        """Return the motors' lengths, m, and their forces, N, (D, 6) each."""
+    def _motor_states(self, motion: Motion, times: Array) -> tuple[Array, Array]:
+        """Return lengths at the motors, m, and their forces, N, (D, 6) each."""
         lengths, forces = [], []
         for at in _blocks(times):
-            # A motion of absurd size ends in infinities, which the caller refuses.
+            # The caller refuses infinities due to absurd motions.
             with np.errstate(all="ignore"):
                 states = motion.sample(at)
                 if self.elastic:
@@ -122,19 +121,19 @@ class Machine:
 
     @property
     def elastic(self) -> bool:
-        """True where a strut is no rigid one."""
+        """True if any strut is elastic."""
         return bool(np.any(self.compliance))
 
-    def _carried(self, states: PoseSamples) -> Array:
-        """Return the force that the struts carry, (D, 6), N."""
+    def _load_force(self, states: PoseSamples) -> Array:
+        """Return the load of the struts, (D, 6), N."""
         bodies, passive, _ = self._shares()
         return self.robot.regressor(*states) @ (self.robot.parameters * (bodies | passive))
 
     def _by_springs(self, motion: Motion, times: Array, states: PoseSamples) -> tuple[Array, Array]:
         robot = self.robot
-        bodies, _, beside = self._shares()
-        carried = self._carried(states)
-        # The jumps of dry friction in the passive joints move the motor by steps, in no time.
+        bodies, _, at_motors = self._shares()
+        carried = self._load_force(states)
+        # Jumps of dry friction in the passive joints have no finite speed and are left out.
         ahead, behind = (
             robot.regressor(*motion.sample(times + step)) @ (robot.parameters * bodies)
             for step in (_STEP, -_STEP)
@@ -144,8 +143,7 @@ class Machine:
         speeds = joints.length_rate + self.compliance * (ahead - behind) / (2 * _STEP)
         if not np.max(np.abs(lengths - joints.length)) <= _FURTHEST:
             return np.full_like(lengths, np.nan), carried
-        # A state in which the joints are as far apart, and part as fast, as the motors do: what
-        # acts beside the motor depends on these.
+        # State with the lengths and speeds of the motors, for the terms at the motors.
         pose = states.pose
         for _ in range(_NEWTON_STEPS):
             reached, jacobian = robot.lengths_and_jacobian(pose)
@@ -155,7 +153,7 @@ class Machine:
             return np.full_like(lengths, np.nan), carried
         rate = np.linalg.solve(jacobian, speeds[..., None])[..., 0]
         at_motor = robot.regressor(pose, rate, states.acceleration)
-        return lengths, carried + at_motor @ (robot.parameters * beside)
+        return lengths, carried + at_motor @ (robot.parameters * at_motors)
 
     def _shares(self) -> tuple[Mask, Mask, Mask]:
         """Return masks of parameters: smooth load terms, other terms, terms outside the motor."""
@@ -175,28 +173,22 @@ def _blocks(times: Array) -> Iterator[Array]:
 
 @dataclass(frozen=True, eq=False)
 class DrawnMachine:
-    """A machine that deviates from the run's."""
+    """A random machine within the tolerances of a run's robot."""
 
     configuration: RunConfiguration
-    """The run whose true machine it is: `Twin.of` takes it. Its robot is the run's still."""
+    """Run with this true machine, for `Twin.of`; its robot is unchanged."""
     deviations: tuple[Deviation, ...]
-    """What was drawn: every entry that has a tolerance."""
+    """Drawn entries: all with a tolerance."""
     values: Array
-    """(t,), what each is off by, SI."""
+    """(t,), deviation of each entry, SI."""
 
 
-def drawn_machine(configuration: RunConfiguration, rng: np.random.Generator) -> DrawnMachine:
-    """Draw what the robot's tolerances leave open, from independent normal distributions.
+def draw_machine(configuration: RunConfiguration, rng: np.random.Generator) -> DrawnMachine:
+    """Draw deviations within the robot's tolerances from independent normal distributions.
 
-    The deviations come to those that the run states: to the joints, gravity and constants of its
-    true machine (`experiment.truth`, or the robot), and to `strut_length`, `force_constant`,
-    `delay` and `clock` of its `experiment`. Parameters and noise are the true machine's.
-
-    Parameters
-    ----------
-    configuration : RunConfiguration
-        With `tolerances` of its robot.
-    rng : numpy.random.Generator
+    They are added to those of the run: to joints, gravity and constants of its true machine
+    (`experiment.truth`, or the robot), and to `strut_length`, `force_constant`, `delay` and `clock`
+    of its `experiment`. Parameters and noise are those of the true machine.
     """
     base = configuration.truth or configuration.robot
     robot = Robot(replace(base, tolerances=configuration.robot.tolerances))

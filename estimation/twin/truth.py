@@ -1,4 +1,4 @@
-"""A simulated experiment as its run folder keeps it: `truth.json` and `measurement.csv`."""
+"""Files of a simulated experiment in its run folder: `truth.json` and `measurement.csv`."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from expdesign.trajectory import FourierKeys, FourierTrajectory, fourier_keys
 
 _WRITTEN_BY = "`expdesign simulate`"
 _FORMS = {"ar": "autoregressive", "table": "as in its file", "band": "bands"}
-"""Of a spectrum, in words."""
+"""Forms of a spectrum in words."""
 REPETITIONS = "repetitions"
 
 
@@ -52,12 +52,12 @@ MEASUREMENT = ArrayTable("measurement.csv", _WRITTEN_BY, MeasurementColumns)
 
 
 def repetition_file(repetition: int) -> str:
-    """Return where in the run folder one of several repetitions stands."""
+    """Return the path of one of several repetitions in the run folder."""
     return f"{REPETITIONS}/{repetition:04d}/{MEASUREMENT.file}"
 
 
 def write_measurement(measurement: Measurement, path: Path) -> None:
-    """Write a measurement with all digits: t, q1 … q6, Q1 … Q6 and, where known, the period."""
+    """Write a measurement with all digits: t, q1 … q6, Q1 … Q6 and the period, if known."""
     write_csv(path, pd.DataFrame(measurement.channels))
 
 
@@ -133,7 +133,7 @@ class DisturbanceKeys:
 
     @classmethod
     def of(cls, section: ExperimentSection, drift: dict[str, Any] | None) -> Self:
-        """Take them from the run; `drift` is that of the struts."""
+        """Collect the disturbances of a run; `drift` is that of the struts."""
         names = [field.name for field in fields(cls) if field.name != "drift"]
         found = section.model_dump(include=set(names))
         off = (None, 0.0, (0.0,) * ACTUATORS)
@@ -193,7 +193,7 @@ class SeedKeys:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Truth(RunFile):
-    """What is true of a simulated experiment, against which estimates are judged: `truth.json`.
+    """True values of a simulated experiment, the reference for estimates: `truth.json`.
 
     The motions begin at the first sample; `executed` is the design itself without tracking error.
     """
@@ -232,7 +232,7 @@ class Truth(RunFile):
 
     @property
     def memory(self) -> str:
-        """How the noise is spread over the frequencies: ``white``, or what has a memory."""
+        """Colour of the noise in words: ``white``, or the channels with memory."""
         named = {"forces": self.force_spectrum, "lengths": self.length_spectrum}
         coloured = []
         for kind, spectrum in named.items():
@@ -242,25 +242,27 @@ class Truth(RunFile):
         return f"with memory {' and '.join(coloured)}" if coloured else "white"
 
     def values_of(self, names: Iterable[str]) -> Array:
-        """Return the true values of parameters by their names, SI, in the order asked for."""
+        """Return the true values of parameters, SI, in the order of the names."""
         return true_values(self.parameters, names)
 
 
 def true_values(parameters: Mapping[str, float], names: Iterable[str]) -> Array:
-    """Return a machine's values of parameters by their names, SI, in the order asked for.
+    """Return a machine's values of parameters, SI, in the order of the names.
 
-    A parameter of a term that the machine does not have is zero: it has no such force.
+    Parameters of missing terms are zero.
+
+    Examples
+    --------
+    >>> true_values({"p10": 12.0}, ["p10", "cable"]).tolist()
+    [12.0, 0.0]
     """
     return np.array([parameters.get(name, 0.0) for name in names])
 
 
 def write_truth(truth: Truth, folder: Path, *, repeated: bool) -> list[Path]:
-    """Write what stands beside the measurements, `truth.json` and `columns.json`; return both.
+    """Write `truth.json` and `columns.json` next to the measurements; return their paths.
 
-    Parameters
-    ----------
-    repeated : bool
-        Whether the measurements are in `repetitions/`.
+    `repeated`: the measurements are in `repetitions/`.
     """
     table = replace(MEASUREMENT, file=f"{REPETITIONS}/*/{MEASUREMENT.file}")
     return [*truth.write(folder), describe_tables(folder, [table if repeated else MEASUREMENT])]

@@ -1,7 +1,7 @@
 """Nearest physically consistent parameters to an estimate, with a test of the difference.
 
 The estimate p̂ with covariance C does not change. In addition p̃ is reported: in the metric C⁻¹ the
-nearest parameters that belong to rigid bodies of positive mass (`expdesign.mechanism.nearest`). For
+nearest parameters of rigid bodies of positive mass (`expdesign.mechanism.nearest`). For
 base parameters p̃ is nearest in their combinations, and the parameters that regroup into them take
 any consistent values. docs/consistency.md explains the test and the standard deviations.
 """
@@ -10,15 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
 from constraints.arrays import Array
 from estimation.estimators import ParameterEstimate, ParameterPriors
 from estimation.uncertainty.intervals import interval_widths
-from expdesign.mechanism.bodies import MachineBodies
+from expdesign.information.identifiable import listed
 from expdesign.mechanism.nearest import NoBodiesError, Projection
 from expdesign.robot import Robot
+from expdesign.runfolder import Numbers, OpenNumbers, described
 
 DRAWS = 199
 """Draws for the spread, and for the test if none of them is as distant as the estimate."""
@@ -32,43 +34,65 @@ REPORTED_CHANGE = 0.01
 """Smallest reported change of a parameter without effect on the forces, in its scale."""
 NEAR = 3.0
 """Distance, in standard deviations, below which the test treats a condition as active."""
+_RARE = 0.01
+"""Smallest p that is stated: the test ends before it can resolve smaller ones."""
+_LEAST = 1e-3
+"""Smallest distance, in σ, that is stated."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BodyResult:
+    """One body, in the frame of docs/model.md."""
+
+    mass: Annotated[float, described("kg", "mass")]
+    moment: Annotated[Numbers, described("kg m", "(3,) first moment about the frame's origin")]
+    inertia: Annotated[
+        Numbers, described("kg m^2", "3 × 3 about the frame's origin, products as matrix entries")
+    ]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ConsistentEstimate:
-    """Physically consistent parameters nearest to an estimate."""
+    """The nearest physically consistent parameters to an estimate."""
 
-    estimator: str
-    values: Array
-    """(m,), p̃, SI; identical to the estimate if that is consistent."""
-    moved: Array
-    """(m,), p̃ − p̂ in standard deviations; for a base parameter the change of its combination. NaN:
-    not estimated."""
-    exchanged: tuple[str, ...]
-    """Parameters without effect on the forces, held at other values than those of p̃."""
-    distance: float
-    """√((p̂ − p̃)ᵀ C⁻¹ (p̂ − p̃)), standard deviations; for base parameters, of combinations."""
-    p: float
-    """Probability of at least this distance if the true parameters are consistent."""
-    active: tuple[str, ...]
-    """Conditions and bounds that are active at p̃."""
-    bodies: MachineBodies
-    """Rigid bodies with the parameters p̃."""
-    spread: Array
-    """(m,), root mean square error of p̃ if it is the truth; std if p̂ is consistent."""
-    low: Array
-    high: Array
-    """(m,), 95 % intervals: as wide as the estimate's, centred at p̃, within the bounds."""
+    values: Annotated[dict[str, float], described("SI", "by parameter")]
+    moved: Annotated[
+        OpenNumbers,
+        described("1", "(m,) values less estimate in σ, of base parameters by their combinations"),
+    ]
+    exchanged: Annotated[
+        tuple[str, ...],
+        described("", "held parameters that took other values: no force shows which they have"),
+    ]
+    distance: Annotated[
+        float, described("1", "from the estimate, standard deviations; 0: bodies have it")
+    ]
+    p: Annotated[
+        float, described("1", "how often noise makes that distance where bodies have the truth")
+    ]
+    significant: Annotated[bool, described("", "p is below 5 %")]
+    active: Annotated[tuple[str, ...], described("", "conditions and bounds that it stands at")]
+    spread: Annotated[
+        OpenNumbers,
+        described("SI", "(m,) root mean square error by simulation; null: fixed"),
+    ]
+    low: Annotated[OpenNumbers, described("SI", "(m,) lower ends of the 95 % intervals")]
+    high: Annotated[OpenNumbers, described("SI", "(m,) upper ends")]
+    bodies: Annotated[
+        dict[str, BodyResult],
+        described("", "ring, stator, slider and platform that have the values: one of many sets"),
+    ]
+    text: Annotated[str, described("", "in words")] = ""
+
+    @property
+    def vector(self) -> Array:
+        """(m,), the parameters, SI; identical to the estimate if that is consistent."""
+        return np.array(list(self.values.values()))
 
     @property
     def realisable(self) -> bool:
         """Whether the estimate (of base parameters: its combinations) is consistent."""
         return self.distance == 0
-
-    @property
-    def significant(self) -> bool:
-        """Whether the distance is significantly larger than noise alone explains."""
-        return self.p <= SIGNIFICANT
 
 
 def consistent_estimate(
@@ -115,19 +139,46 @@ def consistent_estimate(
     exchanged = np.flatnonzero(
         projection.regrouped & (np.abs(change) > REPORTED_CHANGE * robot.scales)
     )
-    return ConsistentEstimate(
-        estimator=estimate.estimator,
-        values=nearest.values,
+    found = ConsistentEstimate(
+        values=dict(zip(priors.names, nearest.values.tolist(), strict=True)),
         moved=projection.observable_change(change) / np.where(free, std, np.nan),
         exchanged=tuple(priors.names[k] for k in exchanged),
         distance=nearest.distance,
         p=p,
+        significant=p <= SIGNIFICANT,
         active=nearest.active,
-        bodies=nearest.bodies,
         spread=spread,
         low=np.maximum(nearest.values - half, consistent_set.lower),
         high=np.minimum(nearest.values + half, consistent_set.upper),
+        bodies={name: BodyResult(**vars(body)) for name, body in vars(nearest.bodies).items()},
     )
+    known = own.bodies(robot.parameters) is not None
+    return replace(found, text=consistency_text(found, known=known))
+
+
+def consistency_text(found: ConsistentEstimate, *, known: bool) -> str:
+    """Describe the consistency of an estimate; `known`: that of the robot file is given."""
+    if found.exchanged:
+        kind, others = "combinations", f" (with other values of {listed(found.exchanged)})"
+    else:
+        kind, others = "parameters", ""
+    if found.realisable:
+        return f"physically consistent: these {kind} belong to a possible set of bodies{others}"
+    distance = (
+        f"not physically consistent: the nearest consistent {kind}{others} are "
+        f"{max(found.distance, _LEAST):.2g} σ away, at the limit of {', '.join(found.active)}; "
+    )
+    share = f"{100 * found.p:.3g} % at most" if found.p > _RARE else f"less than {100 * _RARE:g} %"
+    chance = f"noise alone makes such a distance in {share} of the cases"
+    if not found.significant:
+        return f"{distance}{chance}: no reason for doubt"
+    doubt = "the model may lack an effect, or a tolerance or the noise is stated too small"
+    if not known:
+        doubt += (
+            ". The parameters of the robot file are physically inconsistent as well: so is a "
+            "correct estimate of a twin with these parameters"
+        )
+    return f"{distance}{chance}: {doubt}"
 
 
 def monte_carlo_p(as_far: Iterator[bool]) -> float:

@@ -147,7 +147,7 @@ class _Spread:
         if noise.lines is not None and noise.lines.samples == len(part.counts):
             lines = noise.lines.matrices[:, channel, channel].real * np.mean(1 / part.counts)
             contrasts = noise.lines.freedom
-            # As many as say the same of a sum over all lines, whose squares are too large.
+            # Degrees of freedom of the sum over all lines; its squares are too large.
             times = multiplicity(noise.lines.samples)
             spread = (times @ lines) ** 2 / (times @ lines**2) * (1 + 1 / contrasts)
             freedom = contrasts * float(spread)

@@ -19,7 +19,7 @@ from estimation.diagnostics.finding import DiagnosisVerdict, Status
 from estimation.diagnostics.residuals import ForceResiduals
 from estimation.estimators import Experiment, PerturbedMachine
 from estimation.identification import prepare_experiment
-from estimation.identification.identified_model import IdentifiedModel
+from estimation.identification.estimate import IdentifiedModel
 from estimation.identification.recording import apply_calibration, estimated_machine
 from estimation.twin import Twin
 from estimation.validation.motions import broken_limits, motion_name, motion_of_run
@@ -135,14 +135,14 @@ def _predict_motion(
     experiment = prepare_experiment(configuration, loaded, data, trajectory, held_out=True)
     diagnosis = diagnose(loaded, [experiment], saved.priors, saved.estimate, held_out=True)
     verdict = _advise_estimate_first(diagnosis.verdict) if saved.doubt else diagnosis.verdict
-    record = experiment.record
+    recording = experiment.recording
     predicted = experiment.fitted_regressors @ saved.estimate.values
     return _Prediction(
         PredictedMotion(
             name,
             motion.motion != "file",
-            record.period,
-            float(record.periods),
+            recording.period,
+            float(recording.periods),
             Diagnosis(diagnosis.estimator, verdict, diagnosis.experiments),
             None if motion.tolerance is None else motion.tolerance.text,
             prediction_errors(loaded, experiment, saved.estimate.values, motion.tolerance),

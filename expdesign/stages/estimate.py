@@ -19,7 +19,7 @@ from estimation.diagnostics import noise_analysis
 from estimation.diagnostics.noise_result import NoiseResult
 from estimation.feedforward.comparison import compare_feedforward
 from estimation.feedforward.result import FeedforwardResult
-from estimation.identification.identified_model import IdentifiedModel, identified_model
+from estimation.identification.estimate import IdentifiedModel, identified_model
 from estimation.identification.periods import fold_noise_recording
 from estimation.identification.result import EstimateFile, EstimationResult
 from estimation.validation.validate import ValidationResult, validate

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.diagnostics.noise_result import NoisePictures, NoiseResult, correlation_of
+from estimation.diagnostics.diagnosis_result import RecordingDiagnosis
+from estimation.diagnostics.noise_result import NoiseResult, correlation_of
 from results.figures.drawing import (
     ALERT,
     BLUE,
@@ -32,7 +33,7 @@ from results.notation import handy_unit, plain_number
     "mean and standard deviation; skewness, excess kurtosis and the p-value of normality.",
     height=4.3,
 )
-def noise_distribution_figure(figure: Figure, pictures: NoisePictures) -> None:
+def noise_distribution_figure(figure: Figure, pictures: NoiseResult | RecordingDiagnosis) -> None:
     """Draw a histogram per actuator; values beyond the axis count in its outer bins."""
     bins, test = pictures.histogram, pictures.force_normality
     reach = float(bins.high[-1])
@@ -70,7 +71,7 @@ def _signed(value: float) -> str:
     "distribution. Grey: where each point lies with a probability of 95 % if the noise is normal.",
     height=4.6,
 )
-def noise_quantiles_figure(figure: Figure, pictures: NoisePictures) -> None:
+def noise_quantiles_figure(figure: Figure, pictures: NoiseResult | RecordingDiagnosis) -> None:
     """Draw quantiles in standard deviations, dense in the tails, with their 95 % band."""
     found = pictures.quantiles
     for j, axes in enumerate(strut_panels(figure, "Actuator", share=True)):
@@ -95,7 +96,7 @@ _DARK = 0.6
     "intervals (right) of forces (above) and strut lengths (below).",
     height=5.6,
 )
-def noise_covariance_figure(figure: Figure, pictures: NoisePictures) -> None:
+def noise_covariance_figure(figure: Figure, pictures: NoiseResult | RecordingDiagnosis) -> None:
     """Draw the forces above and the lengths below."""
     noise = pictures.noise
     panels = figure.subplots(2, 2, gridspec_kw={"width_ratios": [1.15, 1.0]})

@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 
 from constraints.arrays import Array
 from estimation.identification.result import EstimationResult
-from estimation.selection.selection import SelectionRow
+from estimation.selection import SelectionRow
 from estimation.uncertainty.intervals import correlation
 from expdesign.experiment import DesignResult
 from expdesign.information.identifiable import IDENTIFIABLE

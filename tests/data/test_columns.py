@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from estimation.data.table import RecordedColumn, header_column, pick
+from estimation.data.table import RecordedColumn, header_column, pick_columns
 from expdesign.configuration import InputError
 from tests.data.recordings import CHANNELS
 
@@ -17,7 +17,7 @@ def _columns(*texts):
 
 def _problems(columns, names):
     with pytest.raises(InputError) as caught:
-        pick(columns, names, FILE, 1)
+        pick_columns(columns, names, FILE, 1)
     return caught.value.problems
 
 
@@ -42,22 +42,22 @@ def test_units_in_headers(text, name, unit):
 
 
 def test_names_of_the_channels_are_the_default():
-    picked = pick(_columns(*CHANNELS[::-1], "other"), {}, FILE)
+    picked = pick_columns(_columns(*CHANNELS[::-1], "other"), {}, FILE)
     assert {channel: column.text for channel, column in picked.items()} == {
         channel: channel for channel in CHANNELS
     }
 
 
 def test_period_is_taken_when_it_is_there_and_missed_when_it_is_named():
-    assert "period" in pick(_columns(*CHANNELS, "period"), {}, FILE)
+    assert "period" in pick_columns(_columns(*CHANNELS, "period"), {}, FILE)
     (problem,) = _problems(_columns(*CHANNELS), {"period": "turn"})
     assert problem.message == "there is no column 'turn' for period"
 
 
 def test_full_name_before_the_one_without_unit():
     columns = _columns("q1 [mm]", "q1", *CHANNELS[2:], "t")
-    assert pick(columns, {}, FILE)["q1"].text == "q1"
-    assert pick(columns, {"q1": "q1 [mm]"}, FILE)["q1"].text == "q1 [mm]"
+    assert pick_columns(columns, {}, FILE)["q1"].text == "q1"
+    assert pick_columns(columns, {"q1": "q1 [mm]"}, FILE)["q1"].text == "q1 [mm]"
 
 
 def test_a_missing_column_names_the_nearest_and_what_is_there():
@@ -111,7 +111,7 @@ def test_one_column_cannot_be_two_channels():
 
 def test_names_in_groups_are_enough_when_unique():
     columns = [RecordedColumn(f"rec.{c}", c, short=c) for c in CHANNELS]
-    assert pick(columns, {}, FILE)["q4"].text == "rec.q4"
+    assert pick_columns(columns, {}, FILE)["q4"].text == "rec.q4"
     problems = _problems([*columns, RecordedColumn("set.q4", "other", short="q4")], {})
     assert "'rec.q4', 'set.q4'" in problems[0].allowed
 

@@ -115,14 +115,14 @@ def _form(delimiter=",", **positions):
 
 
 def _slow(lines, form):
-    return delimited._slow(lines, iter(()), form, 2, 0, {})[0]
+    return delimited._read_cells(lines, iter(()), form, 2, 0, {})[0]
 
 
 def test_slow_and_fast_way_agree(rec):
     rows = [line.split(",") for line in _text(rec).splitlines()[1:]]
     form = _form(**{channel: k for k, channel in enumerate(CHANNELS)})
     lines = [",".join(row) for row in rows]
-    fast = delimited._fast(lines, form)
+    fast = delimited._read_numbers(lines, form)
     slow = _slow(lines, form)
     assert all(np.array_equal(fast[channel], slow[channel]) for channel in CHANNELS)
 
@@ -133,7 +133,7 @@ def test_slow_and_fast_way_agree(rec):
 )
 def test_numbers(text, number):
     assert _slow([text], _form(t=0))["t"] == number
-    assert delimited._fast([text], _form(t=0))["t"] == number
+    assert delimited._read_numbers([text], _form(t=0))["t"] == number
 
 
 @pytest.mark.parametrize(
@@ -142,7 +142,7 @@ def test_numbers(text, number):
 )
 def test_no_numbers(text):
     form = _form(";", t=0)
-    assert delimited._fast([text, "1"], form) is None
+    assert delimited._read_numbers([text, "1"], form) is None
     assert np.isnan(_slow([text or '""', "1"], form)["t"][0])
 
 

@@ -62,7 +62,7 @@ def test_candidates(twin):
 def test_nothing_is_attributed_to_noise(twin):
     """All families together, 2 % + 0.1 %: at most 7 of 100 (P = 1 %)."""
     rng = np.random.default_rng(2)
-    step = twin.experiment.record.step
+    step = twin.experiment.recording.step
     families = twin.families(held_out=False)
     found = [
         attribute(twin.system(drawn), drawn, families, step).effects

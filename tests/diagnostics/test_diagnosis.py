@@ -89,7 +89,7 @@ def test_a_diagnosis_in_a_file(laboratory, sound, tmp_path):
 def test_residuals_of_every_period_average_to_the_mean(laboratory, sound):
     experiment, estimate = sound
     diagnosis = _diagnose(laboratory, [experiment], estimate).recordings[0]
-    record, rest = experiment.record, diagnosis.residuals.forces
+    record, rest = experiment.recording, diagnosis.residuals.forces
     periods = record.forces.periods - (record.forces.values - rest)
     np.testing.assert_allclose(periods.mean(axis=0), rest, atol=1e-9)
     comparison = diagnosis.tests.variance_comparison

@@ -38,10 +38,10 @@ def _drawn(lab, sample, rng, *, drift=0.0, memory=0.0):
     noise = (noise @ np.linalg.cholesky(lab.noise.forces.covariance).T).reshape(PERIODS, -1, 6)
     time = np.linspace(-0.5, 0.5, PERIODS)[:, None, None]
     periods = predicted * (1 + drift * time) + noise
-    forces = replace(experiment.record.forces, periods=periods, values=periods.mean(axis=0))
-    record = replace(experiment.record, forces=forces)
+    forces = replace(experiment.recording.forces, periods=periods, values=periods.mean(axis=0))
+    record = replace(experiment.recording, forces=forces)
     rest = periods.mean(axis=0) - predicted
-    return replace(experiment, record=record), replace(part, force_rows=rest)
+    return replace(experiment, recording=record), replace(part, force_rows=rest)
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9])
@@ -57,8 +57,8 @@ def test_level(lab, sample, memory):
 
 def test_means_over_periods_with_lost_samples_show_no_single_period(lab, sample):
     experiment, part = sample
-    forces = replace(experiment.record.forces, periods=None)
-    lost = replace(experiment, record=replace(experiment.record, forces=forces))
+    forces = replace(experiment.recording.forces, periods=None)
+    lost = replace(experiment, recording=replace(experiment.recording, forces=forces))
     assert gain_drift(lost, part, 0.05).refused
 
 
@@ -104,7 +104,7 @@ def test_periods_of_no_whole_number_of_samples(lab):
     forces = data.forces.copy()
     forces[:, 3] *= 1 - 0.5 * np.arange(len(forces)) / len(forces)
     experiment = lab.experiment(replace(data, forces=forces), lab.noise)
-    assert not experiment.record.averaged
+    assert not experiment.recording.averaged
     result = diagnose(lab.robot, [experiment], lab.knowledge, lab.estimate([experiment]))
     found = result.recordings[0].tests.gain_drift.found
     assert [each.actuator for each in found] == [3]

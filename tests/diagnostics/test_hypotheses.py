@@ -75,8 +75,8 @@ def test_columns_along_a_motion_with_more_harmonics_than_the_lengths_show(lab):
     """They are those of an experiment whose lengths do show them."""
     fitted = lab.experiment(lab.measure(1), lab.noise)
     covariance = lab.noise.lengths.covariance
-    more = fit_motion(lab.robot, fitted.record, covariance, fitted.fit.motion.harmonics + 2)
-    shown = Experiment.from_fit(lab.robot, fitted.record, lab.noise, more)
+    more = fit_motion(lab.robot, fitted.recording, covariance, fitted.fit.motion.harmonics + 2)
+    shown = Experiment.from_fit(lab.robot, fitted.recording, lab.noise, more)
     known = RefinedMotion(more.motion, more.covariance, shown.spread)
     values = lab.robot.parameters
     found = []
@@ -98,7 +98,7 @@ def test_what_a_clock_moves_depends_on_where_the_frequency_comes_from(lab, palid
         load_run({"name": "n", "robot": palida | {"tolerances": {"clock": 1e-3}}}).robot
     )
     own = lab.experiment(lab.measure(1), lab.noise)
-    experiment = replace(own, record=replace(own.record, source=source))
+    experiment = replace(own, recording=replace(own.recording, source=source))
     motion, values = experiment.fit.motion, robot.parameters
     part = linearise(robot, experiment, values, lab.knowledge.free, motion)
     columns, _ = CandidateEffects(robot, experiment, motion, values, part).tolerance_columns()

@@ -139,7 +139,7 @@ def test_level_of_records_that_cannot_be_averaged(laboratory):
     """Whole pipeline with 200.37 samples per period: no actuator is blamed."""
     data = laboratory.measure(9, samples=200.37)
     experiment = laboratory.experiment(data)
-    assert not experiment.record.averaged
+    assert not experiment.recording.averaged
     from estimation.diagnostics.diagnosis import diagnose
 
     estimate = laboratory.estimate([experiment])

@@ -11,7 +11,7 @@ from estimation.diagnostics.residual_covariance import ResidualCovariance
 from estimation.diagnostics.residuals import chi_square
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, fold_recording
 from estimation.processing.spectrum import contrasts
-from estimation.twin.experiment import without_samples
+from estimation.twin.experiment import drop_samples
 from tests.estimation.cases import measured, trajectory
 
 
@@ -26,7 +26,7 @@ def test_contrasts_are_independent_and_have_the_noise_s_variance():
 
 
 def test_without_periods_the_residuals_serve(sound):
-    record = sound[0].record
+    record = sound[0].recording
     forces, lengths = replace(record.forces, periods=None), replace(record.lengths, periods=None)
     record = replace(record, forces=forces, lengths=lengths)
     residuals = np.random.default_rng(2).standard_normal((300, 6)) + 5
@@ -42,7 +42,7 @@ def test_lost_samples_are_why_periods_are_not_compared(lost):
     data = measured(trajectory(), 1, periods=3)
     kept = np.ones(len(data), dtype=bool)
     kept[20 : 20 + lost] = False
-    record = fold_recording(without_samples(data, kept), trajectory().omega, PeriodSource.DESIGN)
+    record = fold_recording(drop_samples(data, kept), trajectory().omega, PeriodSource.DESIGN)
     findings = analyse_noise(record).findings
     named = [each for each in findings if f"{lost} sample" in each.sentence]
     assert len(named) == (3 if lost else 0)

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from estimation.diagnostics.joint_system import JointSystem, RowWhitening
-from estimation.diagnostics.linearisation import Signature
-from estimation.diagnostics.periodic_forces import (
+from estimation.diagnostics.hypothesis import (
     critical_value,
     log_exceedance,
     periodic_columns,
     periodic_force,
     scan_pitches,
 )
+from estimation.diagnostics.joint_system import JointSystem, RowWhitening
+from estimation.diagnostics.linearisation import Signature
 
 SAMPLES = 240
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from estimation.data.measurement import Measurement
 from estimation.estimators import ParameterEstimate
-from estimation.identification.identified_model import identified_model
+from estimation.identification.estimate import identified_model
 from estimation.identification.result import EstimateFile
 from expdesign.configuration import load_run
 from expdesign.robot import load_robot

@@ -192,18 +192,18 @@ def test_combinations_that_bodies_have_are_consistent_whatever_is_held():
     assert near.realisable
     assert not near.significant
     assert set(near.exchanged) >= {f"s{j}" for j in range(1, 6)}
-    assert robot.realisable.bodies(near.values) is not None
+    assert robot.realisable.bodies(near.vector) is not None
     free = estimate.std > 0
     np.testing.assert_allclose(near.moved[free], 0, atol=1e-4)
     states = MOTION.sample(MOTION.sample_times(50))
     np.testing.assert_allclose(
-        robot.actuator_forces(*states, near.values),
+        robot.actuator_forces(*states, near.vector),
         robot.actuator_forces(*states, values),
         atol=1e-6,
     )
     # What no condition asks for stays as it is held.
     k = robot.parameter_names.index("s6")
-    assert near.values[k] == pytest.approx(30.0, abs=0.1)
+    assert near.vector[k] == pytest.approx(30.0, abs=0.1)
 
 
 def test_what_the_forces_tell_is_still_doubted():

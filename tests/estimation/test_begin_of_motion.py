@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.identification.periods import UnsuitableDataError, choose_omega
-from estimation.processing.period import moves_from
+from estimation.processing.period import find_motion_onset
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 
 MOTION = trajectory()
@@ -24,15 +24,15 @@ def after_rest(rows, data=DATA):
 
 @pytest.mark.parametrize("rows", [40, 130, 700])
 def test_the_begin_of_the_motion(rows):
-    assert moves_from(after_rest(rows)) == pytest.approx(rows * STEP, abs=4 * STEP)
+    assert find_motion_onset(after_rest(rows)) == pytest.approx(rows * STEP, abs=4 * STEP)
 
 
 def test_a_motion_from_its_first_row_on_has_none():
-    assert moves_from(DATA) is None
+    assert find_motion_onset(DATA) is None
     for begin in range(0, 200, 9):
         part = slice(begin, None)
         own = {name: getattr(DATA, name)[part] for name in ("time", "lengths", "forces")}
-        assert moves_from(replace(DATA, **own)) is None
+        assert find_motion_onset(replace(DATA, **own)) is None
 
 
 @pytest.mark.parametrize("power", [2, 3, 5])
@@ -40,7 +40,7 @@ def test_a_smooth_begin_is_motion(power):
     """From rest with a jump of the acceleration, of the jerk, and smoother still."""
     share = np.minimum(np.arange(len(DATA)) / 400, 1.0) ** power
     lengths = ROBOT.inverse_kinematics(ROBOT.home) + share[:, None] * np.linspace(0.03, 0.1, 6)
-    assert moves_from(replace(DATA, lengths=lengths)) is None
+    assert find_motion_onset(replace(DATA, lengths=lengths)) is None
 
 
 def test_a_rest_in_every_period_is_part_of_it():
@@ -48,7 +48,7 @@ def test_a_rest_in_every_period_is_part_of_it():
     periods = [part for one in np.split(DATA.lengths, 5) for part in (still, one)]
     lengths = np.vstack(periods)
     time = np.arange(len(lengths)) * STEP
-    assert moves_from(replace(DATA, time=time, lengths=lengths, forces=0 * lengths)) is None
+    assert find_motion_onset(replace(DATA, time=time, lengths=lengths, forces=0 * lengths)) is None
 
 
 def test_a_period_that_is_refused_names_the_start():

@@ -19,7 +19,7 @@ from estimation.estimators import (
     maximum_likelihood,
 )
 from estimation.estimators.result import covariance_fields
-from estimation.kinematics import _turned_information, fit_motion
+from estimation.kinematics import _turn_information, fit_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, fold_recording
 from estimation.processing.spectrum import (
@@ -159,7 +159,7 @@ def test_filtered_noise_is_white():
     size = np.einsum("lij,ji->l", lines.matrices, np.linalg.inv(SIGMA)).real / 6
     # A period's ends do not meet: what leaks is of the memory's share in the period.
     np.testing.assert_allclose(size, 1.0, atol=0.15)
-    np.testing.assert_allclose(whiten.undone(whiten(noise[0])), noise[0], atol=1e-9)
+    np.testing.assert_allclose(whiten.invert(whiten(noise[0])), noise[0], atol=1e-9)
 
 
 @pytest.mark.parametrize("samples", [60, 61])
@@ -174,7 +174,7 @@ def test_a_harmonic_turns_the_lines_of_the_slopes(samples):
     response = 1 / (1 - memory * turn[:, None])
     spectrum = response[:, :, None] * SIGMA * response.conj()[:, None, :]
     whiten, inverse = given_filter(SIGMA, spectrum, samples), np.linalg.inv(SIGMA)
-    information = _turned_information(slopes, whiten.gain @ inverse @ whiten.gain, phase)
+    information = _turn_information(slopes, whiten.gain @ inverse @ whiten.gain, phase)
     for harmonic in (1, 4, samples // 2 - 1):
         waves = (np.sin(harmonic * angle), np.cos(harmonic * angle))
         columns = np.concatenate([slopes * wave[:, None, None] for wave in waves], axis=2)
@@ -221,7 +221,7 @@ def estimated(case, known=KNOWN):
 
 def disturbed(case, forces, lengths):
     """Return the experiment with errors added to its means."""
-    record = case.record
+    record = case.recording
     record = replace(
         record,
         forces=replace(record.forces, values=record.forces.values + forces),
@@ -238,7 +238,7 @@ def test_the_influence_is_how_an_estimate_moves_with_the_data(filtered):
     # Next to no residuals: what they add to the second derivative is not in a Gauss–Newton law.
     case = experiment(memory=0.6, filtered=filtered, scale=1e-3, longer=20.0, gliding=True)
     rng = np.random.default_rng(6)
-    count = case.record.samples
+    count = case.recording.samples
     forces = 0.3 * coloured(rng, SIGMA, 1, count, 0.9)[0]
     lengths = 6 * coloured(rng, DELTA, 1, count, 0.9)[0]
     for errors in ((forces, 0 * lengths), (0 * forces, lengths)):
@@ -260,7 +260,7 @@ def test_the_covariance_is_that_of_the_noise_as_it_is(filtered):
     found = estimated(case)
     rng = np.random.default_rng(7)
     draws = 400
-    periods = [coloured(rng, each, draws, case.record.samples, 0.9) for each in (SIGMA, DELTA)]
+    periods = [coloured(rng, each, draws, case.recording.samples, 0.9) for each in (SIGMA, DELTA)]
     means = [each / np.sqrt(case.counts[0]) for each in periods]
     for estimate in found.values():
         (influence,) = estimate.influences
@@ -277,7 +277,7 @@ def test_the_covariance_is_that_of_the_noise_as_it_is(filtered):
 
 def test_white_lines_give_the_covariance_of_white_noise():
     case = experiment()
-    plain = replace(case, noise=case.noise.taken_for_white())
+    plain = replace(case, noise=case.noise.as_white())
     for name, estimate in estimated(case).items():
         expected = estimated(plain)[name]
         np.testing.assert_allclose(estimate.covariance, expected.covariance, rtol=1e-8)
@@ -321,19 +321,19 @@ def test_intervals_cover_with_the_spectrum_of_few_periods(periods, memory):
     case = experiment(memory=memory)
     (influence,) = linear_estimate(ROBOT, [case], KNOWN, "gm").influences
     rng = np.random.default_rng(8)
-    samples, hits = case.record.samples, []
+    samples, hits = case.recording.samples, []
     for _ in range(60):
         noise = [coloured(rng, each, periods, samples, memory) for each in (SIGMA, DELTA)]
         means = [each.mean(axis=0)[:, :, None] for each in noise]
         error = influence.response(lambda part: means[0][part], lambda part: means[1][part])  # noqa: B023 - called at once
         record = replace(
-            case.record,
-            forces=replace(case.record.forces, counts=np.full(samples, float(periods))),
-            lengths=replace(case.record.lengths, counts=np.full(samples, float(periods))),
+            case.recording,
+            forces=replace(case.recording.forces, counts=np.full(samples, float(periods))),
+            lengths=replace(case.recording.lengths, counts=np.full(samples, float(periods))),
         )
         seen = [replace(scatter(each), lines=NoiseLines.of(each)) for each in noise]
         # Weights as they were; the spectrum and the number of periods are this draw's.
-        known = replace(case, record=record, noise=NoiseModel(*seen))
+        known = replace(case, recording=record, noise=NoiseModel(*seen))
         share = periods / case.counts[0]
         own = replace(
             influence,
@@ -416,8 +416,8 @@ def test_where_filtered_periods_begin_and_end_are_no_outliers(memory):
         for outliers in (0, 4):
             dirty = periods.copy()
             dirty[rng.integers(10, size=outliers), rng.integers(20, 180, size=outliers), 2] += 400.0
-            channels = replace(case.record.forces, periods=dirty, values=dirty.mean(axis=0))
-            record = replace(case.record, forces=channels, periods=10.0)
+            channels = replace(case.recording.forces, periods=dirty, values=dirty.mean(axis=0))
+            record = replace(case.recording, forces=channels, periods=10.0)
             tests = noise_tests(record, NoiseModel(seen, case.noise.lengths), channels.values, None)
             normal = tests.normality.forces
             found.append((outliers, np.any(normal.with_outliers), np.any(normal.failed)))

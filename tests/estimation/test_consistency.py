@@ -8,9 +8,12 @@ import pytest
 
 from estimation.estimators import ParameterPriors
 from estimation.identification import estimate_parameters, estimation_result
-from estimation.identification.estimate import consistency_text
 from estimation.identification.result import EstimationResult
-from estimation.uncertainty.consistency import consistent_estimate, least_favourable
+from estimation.uncertainty.consistency import (
+    consistency_text,
+    consistent_estimate,
+    least_favourable,
+)
 from expdesign.configuration import load_run
 from expdesign.configuration.estimate import EstimateSection
 from expdesign.configuration.tolerances import IDENTIFIED_ROBOT as FILE
@@ -38,7 +41,7 @@ def beside(values, section=None, std=STD):
 
 def test_an_estimate_that_bodies_have_stays():
     found = beside(truth())
-    np.testing.assert_array_equal(found.values, truth())
+    np.testing.assert_array_equal(found.vector, truth())
     np.testing.assert_array_equal(found.spread, STD)
     assert (found.distance, found.p, found.active) == (0, 1, ())
     assert found.realisable
@@ -56,13 +59,13 @@ def test_one_condition_is_what_half_a_chi_square_says():
         assert found.p == pytest.approx(expected, abs=0.1)
         assert found.significant == (sigmas == 4)
         assert found.active == ("r2",)
-        assert found.values[k] == pytest.approx(0, abs=1e-6 * STD[k])
+        assert found.vector[k] == pytest.approx(0, abs=1e-6 * STD[k])
         assert found.low[k] == 0
         # Half of the errors are taken away, in other parameters nothing.
         assert found.spread[k] / STD[k] == pytest.approx(np.sqrt(0.5), rel=0.2)
         others = np.delete(found.spread / STD, k)
         np.testing.assert_allclose(others, 1, atol=0.25)
-        np.testing.assert_allclose(np.delete(found.values - values, k), 0, atol=1e-6)
+        np.testing.assert_allclose(np.delete(found.vector - values, k), 0, atol=1e-6)
 
 
 def test_the_test_begins_where_noise_goes_farthest():
@@ -94,7 +97,7 @@ def test_bounds_and_fixed_values_of_the_run_are_kept():
     values[NAMES.index("p10")] = 12.0
     std = np.where(np.array(NAMES) == "p10", 0.0, STD)
     found = beside(values, section, std)
-    named = dict(zip(NAMES, found.values.tolist(), strict=True))
+    named = found.values
     assert named["p10"] == 12
     assert named["p3"] <= 1.01
     assert named["p2"] <= named["p3"]
@@ -124,7 +127,7 @@ def test_the_identified_robot_is_one_that_bodies_have(written):
     near = result.consistent["gm"]
     assert not near.realisable  # PaLiDA's table is not, and nor is this estimate
     robot = load_robot(folder / FILE)
-    np.testing.assert_array_equal(robot.parameters, near.values)
+    np.testing.assert_array_equal(robot.parameters, near.vector)
     assert not [text for text in robot.description.warnings if "inconsistent" in text]
     assert robot.realisable.bodies(robot.parameters) is not None
 
@@ -147,7 +150,7 @@ def test_the_folder_has_both_side_by_side(written):
     assert keys.distance == near.distance
     assert keys.text
     for k, row in enumerate(record.consistent):
-        assert (row.estimate, row.consistent) == (result["gm"].values[k], near.values[k])
+        assert (row.estimate, row.consistent) == (result["gm"].values[k], near.vector[k])
         assert row.moved == pytest.approx((row.consistent - row.estimate) / row.std)
     # What stands in the file is enough to see that they are bodies.
     for body in keys.bodies.values():

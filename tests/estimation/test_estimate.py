@@ -53,7 +53,7 @@ def test_all_estimators_recover_the_parameters():
     assert result.best.estimator == "ml"
     for name in result.estimates:
         assert np.sum(pull(result, name) ** 2) / 24 < 2.5
-    record = result.recordings[0].experiment.record
+    record = result.recordings[0].experiment.recording
     assert (record.periods, record.samples) == (PERIODS, 200)
     assert result.recordings[0].harmonics == 2
     assert result.recordings[0].experiment.noise.source == "estimated"
@@ -303,7 +303,7 @@ def test_a_few_lost_samples_change_little():
     data = measured(MOTION)
     whole = estimate_parameters(run(), data, MOTION)
     result = estimate_parameters(run(), lossy(data, [17, 18, 444, 998]), MOTION)
-    record = result.recordings[0].experiment.record
+    record = result.recordings[0].experiment.recording
     assert (record.samples, record.lost, record.rows) == (200, 4, 996)
     assert record.averaged
     assert record.forces.periods is None
@@ -324,7 +324,7 @@ def test_a_few_lost_samples_change_little():
 def test_a_phase_that_every_period_lost_is_left_out():
     rows = [30 + 200 * k for k in range(PERIODS)]
     result = estimate_parameters(run({"estimators": ["gm"]}), lossy(measured(MOTION), rows), MOTION)
-    record = result.recordings[0].experiment.record
+    record = result.recordings[0].experiment.recording
     assert record.samples == 199
     assert np.max(np.diff(record.forces.times)) == pytest.approx(2 * STEP)
     assert np.sum(pull(result, "gm") ** 2) / 24 < 2.5
@@ -353,7 +353,7 @@ def test_lost_samples_and_a_period_column_with_a_beginning():
     rest = np.setdiff1d(np.arange(len(data)), missing)
     record = prepare_experiment(
         run(), ROBOT, changed(lossy(data, missing), period=numbers[rest]), MOTION
-    ).record
+    ).recording
     assert (record.periods, record.dropped) == (5, 49 + 150)
     assert record.lost == 3
 

@@ -225,7 +225,7 @@ def test_the_joint_covariance_is_that_of_all_noise(estimator, noise, memory, tol
 def _dense(experiment, estimator, memory, tolerance):
     """Return random and systematic share, and F⁻¹, by difference quotients, all samples at once."""
     motion, robot, true = experiment.motion, case.machine(), np.array([PITCH, VELOCITY])
-    times, periods = experiment.record.forces.times, experiment.record.forces.counts[0]
+    times, periods = experiment.recording.forces.times, experiment.recording.forces.counts[0]
     count, p = len(times), robot.parameters
 
     def regressor(motion, constants):
@@ -234,14 +234,14 @@ def _dense(experiment, estimator, memory, tolerance):
         return replace(robot, description=moved).regressor(*states).reshape(6 * count, -1)
 
     def lengths(step):
-        return robot.inverse_kinematics(motion.moved(step).at(times).state()[:, :6]).ravel()
+        return robot.inverse_kinematics(motion.add_step(step).at(times).state()[:, :6]).ravel()
 
     def slope(function, count, size):
         steps = size * np.eye(count)
         return np.transpose([(function(s) - function(-s)) / (2 * size) for s in steps])
 
     by_constants = slope(lambda s: regressor(motion, true * (1 + s)) @ p, 2, 1e-6) / true
-    by_motion = slope(lambda s: regressor(motion.moved(s), true) @ p, motion.unknowns, 1e-8)
+    by_motion = slope(lambda s: regressor(motion.add_step(s), true) @ p, motion.unknowns, 1e-8)
     of_lengths = slope(lengths, motion.unknowns, 1e-8)
     columns = np.concatenate([regressor(motion, true), by_constants], axis=1)
     scales = np.linalg.norm(columns, axis=0)

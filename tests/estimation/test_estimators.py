@@ -54,7 +54,7 @@ def test_least_squares_with_the_full_covariance_of_the_noise():
     rows = case.fitted_regressors.reshape(-1, 24)
     pseudo = np.linalg.pinv(rows)
     np.testing.assert_allclose(found.values, pseudo @ case.forces.ravel(), rtol=1e-8)
-    full = np.kron(np.eye(case.record.samples), NOISE.force_covariance / case.counts[0])
+    full = np.kron(np.eye(case.recording.samples), NOISE.force_covariance / case.counts[0])
     np.testing.assert_allclose(found.covariance_forces, pseudo @ full @ pseudo.T, rtol=1e-6)
 
 
@@ -65,9 +65,9 @@ def test_the_share_of_the_kinematic_noise_is_how_estimates_move_with_the_motion(
     signs = case.signs(ROBOT, case.fit.motion)
 
     def estimates(step):
-        moved = case.fit.motion.moved(step)
+        moved = case.fit.motion.add_step(step)
         # Signs as they were: their change is no part of the derivative.
-        rows = regressors_along(ROBOT, moved, case.record.forces.times, signs)
+        rows = regressors_along(ROBOT, moved, case.recording.forces.times, signs)
         for weight in (np.eye(6), inverse):
             weighted = np.einsum("nij,ik->njk", rows, weight).transpose(1, 0, 2).reshape(24, -1)
             yield np.linalg.solve(weighted @ rows.reshape(-1, 24), weighted @ case.forces.ravel())
@@ -89,7 +89,7 @@ def test_maximum_likelihood_equals_an_independent_least_squares():
     signs = case.signs(ROBOT, found.motions[0])
     force_white = np.linalg.inv(np.linalg.cholesky(NOISE.force_covariance))
     length_white = np.linalg.inv(np.linalg.cholesky(NOISE.length_covariance))
-    times = case.record.forces.times
+    times = case.recording.forces.times
     root = np.sqrt(case.counts[0])
     scales = np.concatenate([found.std, np.sqrt(np.diag(case.fit.covariance))])
 
@@ -103,7 +103,7 @@ def test_maximum_likelihood_equals_an_independent_least_squares():
         (regressors,) = kernel(frozen, signs, ROBOT.machine)
         force = (case.forces - regressors @ values[:24]) @ force_white.T
         length = (
-            case.record.lengths.values - ROBOT.inverse_kinematics(states.pose)
+            case.recording.lengths.values - ROBOT.inverse_kinematics(states.pose)
         ) @ length_white.T
         return root * np.concatenate([force.ravel(), length.ravel()])
 
@@ -193,10 +193,10 @@ def test_parameters_that_nothing_excites_are_named():
     case = experiment(0, MOTION)
     frozen = Experiment.along(
         ROBOT,
-        case.record,
+        case.recording,
         GIVEN,
         case.fit.__class__(**{**vars(case.fit), "motion": HarmonicMotion.of(slow)}),
-        np.zeros((case.record.samples, 18)),
+        np.zeros((case.recording.samples, 18)),
     )
     with pytest.raises(UnidentifiableError) as error:
         linear_estimate(ROBOT, [frozen], knowledge(), "gm")

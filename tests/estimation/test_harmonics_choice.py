@@ -12,7 +12,7 @@ from estimation.identification import estimate_parameters, prepare_experiment
 from estimation.identification.recording import prepare_recording
 from estimation.measurement_model import HarmonicMotion
 from estimation.twin import Twin
-from estimation.twin.machine import drawn_machine
+from estimation.twin.machine import draw_machine
 from expdesign.robot import robot_from
 from expdesign.trajectory import TrajectoryFile
 from tests.estimation.cases import ROBOT, measured, run, trajectory
@@ -91,7 +91,7 @@ def test_lengths_that_the_machine_described_cannot_have():
     design = TrajectoryFile.read(DESIGN).trajectory
     few = {"periods": 3, "sampling": 250 / design.period}
     known = run(tolerances=tolerances, experiment=few)
-    drawn = drawn_machine(known, np.random.default_rng([0, 3])).configuration
+    drawn = draw_machine(known, np.random.default_rng([0, 3])).configuration
     data = Twin.of(drawn, design, seed=3).measurement(1)
     recording = prepare_recording(known, robot_from(known.robot), data, design)
     fit = recording.experiment.fit

@@ -138,7 +138,7 @@ def test_expected_signs_are_the_mean_of_the_signs_of_drawn_motions():
     draws = 200
     total = np.zeros_like(expected)
     for _ in range(draws):
-        drawn = fit.motion.moved(factor @ rng.normal(size=len(factor)))
+        drawn = fit.motion.add_step(factor @ rng.normal(size=len(factor)))
         total += expected_signs(ROBOT, drawn, times, np.zeros_like(spread))
     doubtful = np.abs(expected) < 0.99
     assert np.count_nonzero(doubtful) > 50

@@ -92,7 +92,7 @@ def test_it_is_the_estimate_of_the_joint_problem(seed):
     both, prior = case.joint()
     inverse = np.linalg.inv(both.T @ both + prior)
     expected = inverse @ (both.T @ forces + prior @ np.concatenate([np.zeros(10), before]))
-    np.testing.assert_allclose(found.values, expected[:10], atol=1e-9)
+    np.testing.assert_allclose(found.vector, expected[:10], atol=1e-9)
     random = found.covariance - found.covariance_systematic
     np.testing.assert_allclose(random, inverse[:10, :10], atol=1e-9)
 
@@ -103,7 +103,7 @@ def test_what_both_recordings_share_is_counted_as_a_difference():
     moved = []
     for theta in np.eye(2):
         values = case.forces_by[:, 0] * theta[0], case.p + case.before_by @ theta
-        moved.append(case.solved(*values)[1].values - found.values)
+        moved.append(case.solved(*values)[1].vector - found.vector)
     expected = np.transpose(moved) @ np.array(moved)
     np.testing.assert_allclose(found.covariance_systematic, expected, atol=1e-9)
 
@@ -134,7 +134,7 @@ def test_constants_estimated_with_the_parameters_count_like_these():
     unloaded = UnloadedMachine(before, case.covariance, PLACES)
     earlier = PriorEstimate(before, kept, case.deviations, case.before_by, unloaded)
     payload = payload_estimate(parted, earlier)
-    np.testing.assert_allclose(payload.values, expected.values, atol=1e-9)
+    np.testing.assert_allclose(payload.vector, expected.vector, atol=1e-9)
     np.testing.assert_allclose(payload.covariance, expected.covariance, atol=1e-9)
     shares = payload.covariance_systematic, expected.covariance_systematic
     np.testing.assert_allclose(*shares, atol=1e-9)
@@ -151,7 +151,7 @@ def test_spread_over_many_machines_is_what_is_stated():
     before = case.p + case.rng.normal(size=(count, M)) @ root.T + theta @ case.before_by.T
     forces = case.regressor @ true + case.rng.normal(size=(count, 120))
     forces += theta[:, :1] @ case.forces_by.T
-    found = np.array([case.solved(*each)[1].values for each in zip(forces, before, strict=True)])
+    found = np.array([case.solved(*each)[1].vector for each in zip(forces, before, strict=True)])
     off = np.linalg.solve(np.linalg.cholesky(stated.covariance), (found - case.payload).T)
     # Ten independent normal numbers in each: mean within 4.5 and variance within 4.5 of theirs.
     assert np.max(np.abs(np.mean(off, axis=1))) < 4.5 / np.sqrt(count)
@@ -225,7 +225,7 @@ def test_the_payload_is_found(loaded):
     true = np.array([TRUE[name] for name in OF_A_BODY.values()])
     for found in loaded.payloads.values():
         random = found.covariance - found.covariance_systematic
-        off = found.values - true
+        off = found.vector - true
         assert off @ np.linalg.solve(random, off) < 35  # chi square of 10: 1 in 10 000
         assert np.sqrt(random[0, 0]) < 0.05 * true[0]
     # The robot itself is what the machine is with its payload.
@@ -237,7 +237,7 @@ def test_forces_that_are_off_by_a_share_are_off_so_for_the_payload(loaded):
     """The same force constants in both recordings: 5 % of the payload, and not of the machine."""
     found = loaded.payloads["gm"]
     std = np.sqrt(found.covariance_systematic[0, 0])
-    assert std == pytest.approx(0.05 * found.values[0], rel=0.05)
+    assert std == pytest.approx(0.05 * found.vector[0], rel=0.05)
 
 
 def test_it_is_kept_and_read_again(loaded, tmp_path):
@@ -246,11 +246,11 @@ def test_it_is_kept_and_read_again(loaded, tmp_path):
     assert [row.quantity for row in rows[:10]] == list(TEN)
     found = {row.quantity: row for row in rows if row.estimator == "gm"}
     best = loaded.payloads["gm"]
-    assert found["mass"].value == best.values[0]
+    assert found["mass"].value == best.vector[0]
     assert found["mass"].std == pytest.approx(np.sqrt(best.covariance[0, 0]))
     centre = found["sx"].value / found["mass"].value
     slope = np.zeros(10)
-    slope[:2] = [-centre / best.values[0], 1 / best.values[0]]
+    slope[:2] = [-centre / best.vector[0], 1 / best.vector[0]]
     assert found["cx"].value == pytest.approx(centre)
     assert found["cx"].std == pytest.approx(np.sqrt(slope @ best.covariance @ slope))
     assert (tmp_path / "tables" / "payload.csv").is_file()

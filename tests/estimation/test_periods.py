@@ -8,7 +8,7 @@ from estimation.processing import PeriodError, PeriodSource, fold_recording
 from estimation.processing.period import (
     omega_from_column,
     omega_from_data,
-    refined_omega,
+    refine_omega,
     whole_samples,
 )
 from expdesign.trajectory import FourierTrajectory
@@ -54,7 +54,7 @@ def test_a_clock_that_is_off_is_found():
     motion = trajectory(200)
     data = measured(motion, seed=2)
     slow = Measurement(data.time * 1.007, data.lengths, data.forces, data.step * 1.007)
-    found = refined_omega(slow, motion.omega, 0.02)
+    found = refine_omega(slow, motion.omega, 0.02)
     assert abs(found * 1.007 / motion.omega - 1) < 1e-5
 
 

@@ -14,8 +14,8 @@ def differences(function, motion):
     for k in range(motion.unknowns):
         step = np.zeros(motion.unknowns)
         step[k] = 1e-6
-        ahead = function(motion.moved(step))
-        behind = function(motion.moved(-step))
+        ahead = function(motion.add_step(step))
+        behind = function(motion.add_step(-step))
         columns.append((ahead - behind) / 2e-6)
     return np.stack(columns, axis=-1)
 

@@ -12,10 +12,9 @@ from scipy import stats
 
 from estimation.estimators import ParameterPriors, linear_estimate
 from estimation.identification import estimate_parameters, prepare_experiment, term_selection
-from estimation.identification.identified_model import identified_robot
+from estimation.identification.estimate import identified_robot
 from estimation.identification.term_selection import UNSETTLED, Selection
-from estimation.selection.evidence import Evidence, InformationShare
-from estimation.selection.selection import Judge, select, splits
+from estimation.selection import Evidence, InformationShare, Judge, select, splits
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.configuration.run import add_terms
@@ -131,7 +130,7 @@ def test_held_out_periods_are_predicted_by_fits_to_the_others(known_motion):
         columns = experiment.fitted_regressors[:, :, [n in kept for n in knowledge.names]]
         matrix = np.einsum("rik,ij,rjl->kl", columns, weight, columns)
         total = 0.0
-        periods = experiment.record.forces.periods
+        periods = experiment.recording.forces.periods
         for number, period in enumerate(periods):
             right = np.einsum("rik,ij,rj->k", columns, weight, period)
             rest = np.delete(periods, number, axis=0) - columns @ np.linalg.solve(matrix, right)

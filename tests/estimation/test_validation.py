@@ -7,7 +7,7 @@ import pytest
 from estimation.diagnostics.diagnosis_result import Diagnosis
 from estimation.diagnostics.finding import Assumption, DiagnosisVerdict, Status
 from estimation.identification import estimate_parameters, estimation_result
-from estimation.identification.identified_model import identified_model
+from estimation.identification.estimate import identified_model
 from estimation.identification.result import EstimationResult
 from estimation.validation.motions import benchmark_motion
 from estimation.validation.validate import validate

@@ -192,8 +192,8 @@ def test_failures_are_recorded_with_their_reason(monkeypatch, tmp_path):
     assert study.estimators["gm"].failures == (Failure(2, "no pose has the measured lengths"),)
     assert [each.repetition for each in study.estimators["ml"].failures] == [1, 2]
     assert "do not determine p1" in study.estimators["ml"].failures[0].reason
-    assert [r.number for r, _ in study.estimated("gm")] == [1, 3]
-    assert [r.number for r, _ in study.estimated("ml")] == [3]
+    assert [r.number for r, _ in study.estimates_of("gm")] == [1, 3]
+    assert [r.number for r, _ in study.estimates_of("ml")] == [3]
     found = repetition_rows(study)
     assert len(found) == 6
     failed = found[found["failure"] != ""]
@@ -248,7 +248,7 @@ def test_the_estimators_keep_their_promises():
     study = run_study(small(count, montecarlo={"estimators": ["ls", "gm", "ml"]}), DESIGN)
     for name in ("ls", "gm", "ml"):
         pooled = study.estimators[name].pooled
-        assert len(study.estimated(name)) == count
+        assert len(study.estimates_of(name)) == count
         # 24 parameters: a limit that chance breaks once in a thousand studies.
         assert pooled.largest_bias_t < stats.t.ppf(1 - 1e-3 / 48, count - 1)
         assert pooled.coverage == pytest.approx(0.95, abs=4 * pooled.coverage_std_error)

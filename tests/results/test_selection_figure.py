@@ -8,7 +8,7 @@ import pytest
 from matplotlib.patches import Rectangle
 
 from estimation.identification.term_selection import Selection
-from estimation.selection.selection import SelectionRow
+from estimation.selection import SelectionRow
 from expdesign.configuration.estimate import SelectSection
 from results.figures.drawing import house_style
 from results.figures.parameters import selection_figure

@@ -108,7 +108,7 @@ def test_columns_of_the_measurement():
         ("force_constant_5", forces * np.eye(6)[4], 0 * forces),
         (
             "delay",
-            (_forces(robot, motion.delayed(step), TIMES, signs) - forces) / step,
+            (_forces(robot, motion.delay_by(step), TIMES, signs) - forces) / step,
             0 * forces,
         ),
         # Stamps that run fast: what is stamped t was measured at t (1 − θ).

@@ -131,15 +131,15 @@ def test_what_no_bodies_have_goes_to_the_nearest(seed, relative, general):
     # All parameters on the way to those of other bodies are realisable, too: none is nearer.
     root = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(robot.scales, robot.scales)))
 
-    def whitened(change):
+    def whiten_rows(change):
         return root @ (change / robot.scales)
 
-    gap = whitened(values - nearest.values)
+    gap = whiten_rows(values - nearest.values)
     others = [
         made_by(robot, machine(rng) if general else even_machine(rng), rng) for _ in range(20)
     ]
     for other in (*others, 0 * values, 2 * nearest.values):
-        way = whitened(other - nearest.values)
+        way = whiten_rows(other - nearest.values)
         share = np.clip(gap @ way / (way @ way + 1e-300), 0, 1)
         assert np.linalg.norm(gap - share * way) >= nearest.distance * (1 - 1e-4) - 1e-4
 

@@ -9,7 +9,7 @@ from estimation.kinematics import expected_signs
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.prediction import deviation_forces, deviation_lengths
 from estimation.twin import Twin
-from estimation.twin.machine import drawn_machine
+from estimation.twin.machine import draw_machine
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.robot import Robot
 from tests.twin.examples import motion
@@ -32,7 +32,7 @@ def configuration(tolerances=TOLERANCES, **experiment):
 
 
 def drawn(seed=0, **more):
-    return drawn_machine(configuration(**more), np.random.default_rng(seed))
+    return draw_machine(configuration(**more), np.random.default_rng(seed))
 
 
 def spread(values):
@@ -43,7 +43,7 @@ def spread(values):
 def test_everything_is_off_by_its_tolerance():
     start = configuration()
     rng = np.random.default_rng(1)
-    machines = [drawn_machine(start, rng).configuration for _ in range(DRAWS)]
+    machines = [draw_machine(start, rng).configuration for _ in range(DRAWS)]
     close = {"rtol": 5 / np.sqrt(2 * DRAWS)}
     base = spread([m.truth.base_joints - start.robot.base_joints for m in machines])
     np.testing.assert_allclose(base, 3e-4, **close)
@@ -121,7 +121,7 @@ def test_it_stands_in_the_run_that_is_written(tmp_path):
     robot["terms"] = [*robot["terms"], {"stribeck": {"velocity": 0.05}}]
     more = TOLERANCES | {"terms": {"stribeck": {"velocity": 0.01}}}
     given = {"name": "n", "robot": robot, "tolerances": more, "experiment": {"periods": 1}}
-    found = drawn_machine(load_run(given), np.random.default_rng(6)).configuration
+    found = draw_machine(load_run(given), np.random.default_rng(6)).configuration
     assert found.truth.constants != (0.05,)
     (tmp_path / "run.yaml").write_text(resolved_yaml(found), encoding="utf-8")
     again = load_run(tmp_path / "run.yaml")

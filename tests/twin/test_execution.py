@@ -3,13 +3,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimation.twin.disturbances import executed_motion
+from estimation.twin.disturbances import execute_design
 from expdesign.configuration.experiment import TrackingError
 from tests.twin.examples import motion
 
 
 def executed(seed=0, design=None, **error):
-    return executed_motion(design or motion(), TrackingError(**error), np.random.default_rng(seed))
+    return execute_design(design or motion(), TrackingError(**error), np.random.default_rng(seed))
 
 
 @given(
@@ -56,7 +56,7 @@ def test_a_deviation_within_the_harmonics_of_the_design():
 @pytest.mark.parametrize("error", [None, TrackingError(position=0, angle=0)])
 def test_without_an_error_the_design_is_executed(error):
     design = motion()
-    assert executed_motion(design, error, np.random.default_rng(0)) is design
+    assert execute_design(design, error, np.random.default_rng(0)) is design
 
 
 def test_another_seed_is_another_deviation():

@@ -45,7 +45,7 @@ def test_motion_and_forces_follow_from_what_the_motors_measure():
     """Solved the other way round: from lengths at the motors to the pose that made them."""
     made = motion()
     times = made.sample_times(SAMPLES)
-    lengths, forces, positions = Machine(SMOOTH, COMPLIANCE).measured(made, times)
+    lengths, forces, positions = Machine(SMOOTH, COMPLIANCE).measure(made, times)
     assert positions is lengths
     poses = SMOOTH.forward_kinematics(lengths)
     first = np.abs(poses - made.sample(times).pose).max()
@@ -66,12 +66,12 @@ def test_dry_friction_turns_where_the_motor_does():
     still, turning = robot(r_alpha=0, r_beta=0), motion()
     times = turning.sample_times(2000)
     soft = Machine(still, np.full(6, 2e-5))
-    lengths, forces, _ = soft.measured(turning, times)
+    lengths, forces, _ = soft.measure(turning, times)
     dry = np.array([still.description.parameters[f"r{j}"] for j in range(1, 7)])
     joint_signs = np.sign(still.strut_motion(*turning.sample(times)).length_rate)
     motor_signs = np.sign(derivative(lengths, turning.period))
     assert np.count_nonzero(joint_signs != motor_signs) > 3
-    smooth, smooth_forces, _ = Machine(SMOOTH, soft.compliance).measured(turning, times)
+    smooth, smooth_forces, _ = Machine(SMOOTH, soft.compliance).measure(turning, times)
     np.testing.assert_allclose(smooth, lengths, atol=1e-12)
     np.testing.assert_allclose(forces - smooth_forces, dry * motor_signs, atol=1e-6)
 
@@ -85,7 +85,7 @@ def test_what_acts_beside_the_motor_does_not_bend_the_strut():
     pushed = Robot(load_run({"name": "n", "robot": mapping}).robot)
     times = motion().sample_times(50)
     (lengths, forces, _), (same, more, _) = (
-        Machine(r, COMPLIANCE).measured(motion(), times) for r in (plain, pushed)
+        Machine(r, COMPLIANCE).measure(motion(), times) for r in (plain, pushed)
     )
     np.testing.assert_array_equal(same, lengths)
     np.testing.assert_allclose(more - forces, 50.0, atol=1e-9)
@@ -95,7 +95,7 @@ def test_a_platform_that_hangs_still_is_bent_by_its_weight():
     """By virtual work, without the regressor: the struts bear what the platform weighs."""
     light = robot(**{f"p{k}": 1e-12 for k in range(1, 6)}, p9=0.0, r_alpha=0, r_beta=0)
     still = FourierTrajectory(3.0, light.home, np.zeros((6, 1)), np.zeros((6, 1)))
-    lengths, _, _ = Machine(light, COMPLIANCE).measured(still, np.zeros(1))
+    lengths, _, _ = Machine(light, COMPLIANCE).measure(still, np.zeros(1))
     jacobian = light.length_jacobian(light.home)
     weight = np.array([0, 0, light.description.parameters["p10"] * 9.81, 0, 0, 0])
     bent = lengths[0] - light.inverse_kinematics(light.home)
@@ -106,7 +106,7 @@ def test_a_platform_that_hangs_still_is_bent_by_its_weight():
 
 def test_rigid_struts_are_the_robot_itself():
     plain, times = load_robot("palida"), np.linspace(0, 3, 500)
-    lengths, forces, _ = Machine(plain, np.zeros(6)).measured(motion(), times)
+    lengths, forces, _ = Machine(plain, np.zeros(6)).measure(motion(), times)
     states = motion().sample(times)
     np.testing.assert_array_equal(lengths, plain.inverse_kinematics(states.pose))
     np.testing.assert_array_equal(forces, plain.actuator_forces(*states))
@@ -115,9 +115,9 @@ def test_rigid_struts_are_the_robot_itself():
 @pytest.mark.parametrize("compliance", [np.zeros(6), COMPLIANCE], ids=["rigid", "elastic"])
 def test_forces_lag_behind_by_the_delay(compliance):
     machine, times = Machine(SMOOTH, compliance), motion().sample_times(400)
-    lengths, forces, positions = machine.measured(motion(), times, delay=7e-4)
-    plain, _, _ = machine.measured(motion(), times)
-    earlier, driven, _ = machine.measured(motion(), times - 7e-4)
+    lengths, forces, positions = machine.measure(motion(), times, delay=7e-4)
+    plain, _, _ = machine.measure(motion(), times)
+    earlier, driven, _ = machine.measure(motion(), times - 7e-4)
     np.testing.assert_allclose(lengths, plain, atol=1e-14)
     np.testing.assert_array_equal(forces, driven)
     np.testing.assert_array_equal(positions, earlier)

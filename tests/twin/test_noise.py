@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from estimation.twin.disturbances import noise_covariances, noise_draws
+from estimation.twin.disturbances import draw_noise, noise_covariances
 from expdesign.configuration import InputError, load_run
 from tests.twin.examples import configuration
 
@@ -19,7 +19,7 @@ def noise():
 
 
 def draws(noise, kind, seed=5):
-    return noise[kind], noise_draws(noise[kind], SAMPLES, np.random.default_rng(seed))
+    return noise[kind], draw_noise(noise[kind], SAMPLES, np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize("kind", ["forces", "lengths"])

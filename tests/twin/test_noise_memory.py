@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from estimation.twin import Twin
-from estimation.twin.disturbances import NoiseSource, noise_draws
+from estimation.twin.disturbances import NoiseSource, draw_noise
 from expdesign.configuration import load_run
 from expdesign.noise import Autoregressive, Band, Hum, NoiseSpectrum, Tabulated
 from tests.twin.examples import motion
@@ -144,5 +144,5 @@ def test_white_noise_is_drawn_as_ever():
     noise = NoiseSource(COVARIANCE, None, 50, SAMPLING)
     np.testing.assert_array_equal(
         noise.draws(np.random.default_rng(5)),
-        noise_draws(COVARIANCE, 50, np.random.default_rng(5)),
+        draw_noise(COVARIANCE, 50, np.random.default_rng(5)),
     )

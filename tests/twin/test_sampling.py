@@ -19,7 +19,7 @@ def test_whole_periods():
     np.testing.assert_array_equal(found.distinct_times, np.arange(200) / 100)
     np.testing.assert_array_equal(found.period_numbers, np.repeat([1, 2, 3], 200))
     values = np.random.default_rng(0).normal(size=(200, 6))
-    np.testing.assert_array_equal(found.repeated(values), np.concatenate([values] * 3))
+    np.testing.assert_array_equal(found.repeat(values), np.concatenate([values] * 3))
 
 
 def test_a_period_that_is_not_a_whole_number_of_samples():

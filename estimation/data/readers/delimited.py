@@ -1,4 +1,4 @@
-"""Delimited text: CSV and TSV, block by block, quickly; cell by cell where all is not well."""
+"""Delimited text, CSV and TSV: blocks of numbers by NumPy, all others cell by cell."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import codecs
 import csv
 import math
 import re
-from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -24,14 +23,14 @@ from estimation.data.table import (
     RawTable,
     RecordedColumn,
     header_column,
-    pick,
+    pick_columns,
     refuse,
     refuse_long,
 )
 from expdesign.configuration import DataSection, InputError, Problem
 
 BLOCK = 4 * 1024 * 1024
-"""Characters of a block, but for its last line."""
+"""Characters of a block, without its last line."""
 LONGEST_LINE = 1024 * 1024
 """Characters."""
 _ENCODINGS = ("utf-8-sig", "cp1252")
@@ -65,49 +64,39 @@ def _no_text(path: Path) -> InputError:
 
 
 def line_blocks(path: Path) -> Iterator[list[str]]:
-    """Yield the lines of a text without their ends, some tens of thousands at once.
+    """Yield the lines of a text without their ends, tens of thousands at once.
 
-    Lines that are blank to the end of the file are none.
+    Blank lines at the end of the file are omitted.
 
     Raises
     ------
     InputError
-        It is no text, or a line is longer than any of a table.
+        It is no text, or a line is too long for a table.
     """
     with path.open(encoding=encoding_of(path)) as stream:
-        # Blank lines are told when text follows: only their number is kept until then.
-        number, blank = 0, 0
-        before: list[str] = []
-        while text := stream.read(BLOCK):
-            if not text.endswith("\n"):
-                text += stream.readline(LONGEST_LINE + 1)
-            lines = text.split("\n")
-            if not lines[-1]:
-                lines.pop()
+        number = 0
+        pending: list[str] = []
+        while lines := [line.removesuffix("\n") for line in stream.readlines(BLOCK)]:
             for n, line in enumerate(lines, number + 1):
                 if len(line) > LONGEST_LINE:
                     allowed = f"{LONGEST_LINE} characters"
                     raise InputError("the line is too long", path, n, allowed=allowed)
             number += len(lines)
-            filled = next((n for n in range(len(lines), 0, -1) if lines[n - 1].strip()), 0)
-            if not filled:
-                blank += len(lines)
-                continue
-            if before:
-                yield before
-            for begin in range(0, blank, BLOCK):
-                yield [""] * min(BLOCK, blank - begin)
-            before, blank = lines[:filled], len(lines) - filled
-        if before:
-            before[-1] = before[-1].rstrip()
-            yield before
+            if pending and any(line.strip() for line in lines):
+                yield pending
+                pending = []
+            pending += lines
+        while pending and not pending[-1].strip():
+            pending.pop()
+        if pending:
+            yield [*pending[:-1], pending[-1].rstrip()]
 
 
 _QUOTE = '"'
 _OF_NUMBERS = frozenset("0123456789+-.eE \t")
-"""Of these marks Python and this reader make the same numbers."""
+"""Characters of numbers that Python and this reader read alike."""
 _MOST_TEXTS = 100_000
-"""Cells that are no numbers and of which it is kept what stands there."""
+"""Largest number of cells without a number whose text is stored."""
 _OTHER_DELIMITERS = {";": "';'", "\t": "'\\t'", ",": "','", "|": "'|'"}
 
 
@@ -118,7 +107,7 @@ def read(path: Path, section: DataSection) -> RawTable:
     ------
     InputError
         It is no text, columns are missing, or lines have more or fewer columns than the header.
-        Cells that are no numbers become NaN, their text is in the table.
+        Cells without a number become NaN; their text is in the table.
     """
     blocks = line_blocks(path)
     header, *first = next(blocks, [""])
@@ -132,17 +121,17 @@ def read(path: Path, section: DataSection) -> RawTable:
         raise InputError(_too_long(), path, HEADER_LINE) from None
     columns = [header_column(name, position) for position, name in enumerate(names)]
     try:
-        picked = pick(columns, section.columns, path, HEADER_LINE)
+        picked = pick_columns(columns, section.columns, path, HEADER_LINE)
     except InputError as error:
         raise _with_delimiter_hint(error, path, header, delimiter) from None
     positions = {channel: columns.index(column) for channel, column in picked.items()}
     form = _Form(positions, len(names), delimiter, section.decimal)
-    return _gather_rows(path, picked, form, _Blocks(chain([first], blocks)))
+    return _gather_rows(path, picked, form, chain([first], blocks))
 
 
 @dataclass(frozen=True)
 class _Form:
-    """How the rows of a file are written: which of its columns are which channels."""
+    """Format of the rows of a file, with the positions of the channels."""
 
     positions: Mapping[str, int]
     width: int
@@ -151,59 +140,25 @@ class _Form:
     decimal: str
 
 
-class _Blocks:
-    """Blocks of lines, one after the other; the last row of one may take lines of those behind."""
-
-    def __init__(self, blocks: Iterator[list[str]]) -> None:
-        self._blocks, self._rest = blocks, deque[str]()
-
-    def __iter__(self) -> Iterator[list[str]]:
-        for lines in self._blocks:
-            yield lines
-            while self._rest:
-                rest, self._rest = self._rest, deque()
-                yield list(rest)
-
-    def further(self) -> Iterator[str]:
-        """Yield lines of the blocks behind, where they are missing then.
-
-        Raises
-        ------
-        csv.Error
-            They are longer than any line: a row that does not end would be the rest of the file.
-        """
-        length = 0
-        while length <= LONGEST_LINE:
-            while not self._rest:
-                lines = next(self._blocks, None)
-                if lines is None:
-                    return
-                self._rest.extend(lines)
-            yield (line := self._rest.popleft())
-            length += len(line) + 1
-        raise csv.Error
-
-
 def _too_long() -> str:
     longest = csv.field_size_limit()
-    return f"a cell has more than {longest} characters: perhaps a shown has no end"
+    return f"a cell has more than {longest} characters: perhaps a quote has no end"
 
 
 def _gather_rows(
-    path: Path, picked: dict[str, RecordedColumn], form: _Form, blocks: _Blocks
+    path: Path, picked: dict[str, RecordedColumn], form: _Form, blocks: Iterator[list[str]]
 ) -> RawTable:
-    """Return the table of all rows; refuse it when lines have other columns than the header."""
+    """Return the table of all rows; refuse lines with other columns than the header."""
     parts: dict[str, list[Array]] = {channel: [] for channel in picked}
     numbers: list[NDArray[np.int64]] = []
     texts: dict[tuple[str, int], str] = {}
     ragged, count = list[Problem](), 0
     line, rows, follow = HEADER_LINE + 1, 0, True
     for lines in blocks:
-        values = _fast(lines, form)
+        values = _read_numbers(lines, form)
         begins, used = np.arange(line, line + len(lines)), len(lines)
         if values is None:
-            further = blocks.further()
-            values, begins, used, wrong = _slow(lines, further, form, line, rows, texts)
+            values, begins, used, wrong = _read_cells(lines, blocks, form, line, rows, texts)
             follow = follow and len(begins) == used
             count += len(wrong)
             ragged += [Problem(text, path, n) for n, text in wrong[:MOST_PROBLEMS]]
@@ -225,9 +180,9 @@ def _gather_rows(
 
 
 def _delimiter(path: Path, section: DataSection, header: str) -> str:
-    """Return the delimiter: that of the section, for .tsv a tab when the section has the default.
+    """Return the delimiter of the section; for .tsv a tab if the section has the default.
 
-    Resolved run files state the default too, so it does not count that it was stated.
+    Resolved run files contain the default as well.
     """
     if path.suffix.lower() == ".tsv" and section.delimiter == "," and "\t" in header:
         return "\t"
@@ -248,8 +203,8 @@ def _with_delimiter_hint(error: InputError, path: Path, header: str, delimiter: 
     )
 
 
-def _fast(lines: Sequence[str], form: _Form) -> dict[str, Array] | None:
-    """Return the columns when every cell is a number, else None."""
+def _read_numbers(lines: Sequence[str], form: _Form) -> dict[str, Array] | None:
+    """Return the columns if every cell is a number, else None."""
     channels = list(form.positions)
     if not lines:
         return {channel: np.empty(0) for channel in channels}
@@ -258,7 +213,7 @@ def _fast(lines: Sequence[str], form: _Form) -> dict[str, Array] | None:
     if form.decimal != ".":
         text = "\n".join(lines)
         if "." in text:
-            return None  # it would pass for a decimal point
+            return None  # it would be read as a decimal point
         lines = text.replace(form.decimal, ".").split("\n")
     try:
         table = np.loadtxt(
@@ -270,31 +225,38 @@ def _fast(lines: Sequence[str], form: _Form) -> dict[str, Array] | None:
         )
     except ValueError:
         return None
-    # Words such as "nan" are numbers to NumPy, and lines of spaces are none: the slow path tells.
+    # NumPy reads words such as "nan" as numbers, and skips lines of spaces.
     if len(table) != len(lines) or not np.isfinite(table).all():
         return None
     return {channel: np.ascontiguousarray(table[:, k]) for k, channel in enumerate(channels)}
 
 
-def _slow(
+def _read_cells(
     lines: Sequence[str],
-    further: Iterator[str],
+    blocks: Iterator[list[str]],
     form: _Form,
     line: int,
     row: int,
     texts: dict[tuple[str, int], str],
 ) -> tuple[dict[str, Array], NDArray[np.int64], int, list[tuple[int, str]]]:
-    """Return the columns, the lines where rows begin, how many lines, and those that are wrong.
+    """Return the columns, first line of each row, number of lines, and lines with wrong columns.
 
-    The last row may take `further` lines. The first line has the number `line`, its row is number
-    `row` of the table. Cells that are no finite numbers become NaN; `texts` takes what stands
-    there. Wrong are lines with other columns than the header.
+    The next of the blocks are read, too, if the last row continues there. The first line has the
+    number `line`, its row the index `row` in the table. Cells without a finite number become NaN;
+    their text is added to `texts`.
     """
     rows: list[list[str]] = []
     numbers: list[int] = []
     ragged: list[tuple[int, str]] = []
-    reader = csv.reader((f"{text}\n" for text in chain(lines, further)), delimiter=form.delimiter)
-    begin = line
+    used = 0
+
+    def feed() -> Iterator[str]:
+        nonlocal used
+        for block in chain([lines], blocks):
+            used += len(block)
+            yield from (f"{text}\n" for text in block)
+
+    reader, begin = csv.reader(feed(), delimiter=form.delimiter), line
     try:
         for cells in reader:
             numbers.append(begin)
@@ -304,7 +266,7 @@ def _slow(
                 ragged.append((begin, message if any(cells) else "empty line"))
             rows.append(cells)
             begin = line + reader.line_num
-            if reader.line_num >= len(lines):
+            if reader.line_num >= used:
                 break
     except csv.Error:
         ragged.append((begin, _too_long()))
@@ -312,15 +274,14 @@ def _slow(
     if not ragged:
         columns = list(zip(*rows, strict=True)) or [()] * form.width
         for channel, position in form.positions.items():
-            values[channel], wrong = _numbers(columns[position], form.decimal)
+            values[channel], wrong = _parse_cells(columns[position], form.decimal)
             room = _MOST_TEXTS - len(texts)
             texts |= {(channel, row + n): text for n, text in wrong[: max(room, 0)]}
-    used = max(len(lines), reader.line_num)
     return values, np.array(numbers, dtype=np.int64), used, ragged
 
 
-def _numbers(cells: Sequence[str], decimal: str) -> tuple[Array, list[tuple[int, str]]]:
-    """Return cells as numbers, NaN where there is none; and where that is, with what is there."""
+def _parse_cells(cells: Sequence[str], decimal: str) -> tuple[Array, list[tuple[int, str]]]:
+    """Return the numbers of cells, NaN without one; and index and text of the cells without one."""
     if decimal == "." and _OF_NUMBERS.issuperset("".join(cells)):
         with suppress(ValueError):
             values = np.array(list(map(float, cells)))

@@ -14,12 +14,12 @@ from scipy.io import loadmat
 
 from constraints.arrays import Array
 from estimation.data.formats import FileFormat
-from estimation.data.table import NUMERIC, RawTable, RecordedColumn, pick, refuse_long
+from estimation.data.table import NUMERIC, RawTable, RecordedColumn, pick_columns, refuse_long
 from expdesign.configuration import DataSection
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _PLACES = (0, 512)
-"""Where the signature stands: at the start, or after the user block of MATLAB."""
+"""Positions of the signature: at the start, or after the user block of MATLAB."""
 
 _UNIT_ATTRIBUTES = ("units", "unit")
 _MOST_COLUMNS = 256
@@ -47,7 +47,7 @@ def read_matlab(path: Path, section: DataSection) -> RawTable:
             for name, short, array in _numeric(value, variable, variable):
                 arrays[name] = array
                 columns += _array_columns(name, short, array.shape, name)
-    picked = pick(columns, section.columns, path)
+    picked = pick_columns(columns, section.columns, path)
     _refuse_long(picked, path)
     return RawTable(path, _load_columns(picked, arrays.__getitem__), picked)
 
@@ -67,7 +67,7 @@ def read_hdf5(path: Path, section: DataSection, separator: str = "/") -> RawTabl
                 columns.extend(_dataset_columns(item, separator))
 
         file.visititems(visit)
-        picked = pick(columns, section.columns, path)
+        picked = pick_columns(columns, section.columns, path)
         _refuse_long(picked, path)
 
         def load(place: tuple[str, str | None]) -> NDArray[Any]:

@@ -12,7 +12,14 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.data.formats import FileFormat
-from estimation.data.table import NUMERIC, OPTIONAL, RawTable, RecordedColumn, pick, refuse_long
+from estimation.data.table import (
+    NUMERIC,
+    OPTIONAL,
+    RawTable,
+    RecordedColumn,
+    pick_columns,
+    refuse_long,
+)
 from expdesign.configuration import DataSection, InputError, Problem
 
 _MASTER = "time stamps"
@@ -33,7 +40,7 @@ def read(path: Path, section: DataSection) -> RawTable:
 
 
 def _table(file: Any, path: Path, section: DataSection) -> RawTable:
-    picked = pick(list(_columns(file)), section.columns, path, optional=OPTIONAL | {"t"})
+    picked = pick_columns(list(_columns(file)), section.columns, path, optional=OPTIONAL | {"t"})
     if "t" not in section.columns:
         picked.pop("t", None)
     signals: dict[str, Any] = {}

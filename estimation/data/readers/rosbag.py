@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from estimation.data.formats import FileFormat
-from estimation.data.table import RawTable, RecordedColumn, pick, refuse, refuse_long
+from estimation.data.table import RawTable, RecordedColumn, pick_columns, refuse, refuse_long
 from expdesign.configuration import (
     FORCE_CHANNELS,
     LENGTH_CHANNELS,
@@ -53,7 +53,7 @@ def read(path: Path, section: DataSection) -> RawTable:
             raise InputError(
                 f"there are no messages {_MESSAGE} in it", path, allowed="a topic of them"
             )
-        picked = pick(columns, _joint_names(section.columns, columns), path)
+        picked = pick_columns(columns, _joint_names(section.columns, columns), path)
         topic = _one_topic(picked, path)
         refuse_long(sum(connection.msgcount for connection in topics[topic]), path)
         return _table(bag, topics[topic], picked, path)

@@ -1,1 +1,0 @@
-"""Selection of the model terms that the data support, block by block of the regressor."""
