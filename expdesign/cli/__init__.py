@@ -73,7 +73,7 @@ def _run() -> int:
         sys.stdout.flush()
     except OSError as error:
         sys.stderr.write(f"failed: standard output: {error.strerror}\n")
-        # What is left to be written would fail again when the process ends.
+        # The rest of the output would fail again when the process ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         status = status or _FAILED
     return status
@@ -93,7 +93,7 @@ class _Undemanding(io.FileIO):
 def _undemanding(stream: Any) -> Any:
     """Return a stream for the same messages that does not fail."""
     buffer = getattr(stream, "buffer", None)
-    raw = getattr(buffer, "raw", buffer)  # Python may have been told to use no buffer
+    raw = getattr(buffer, "raw", buffer)  # Python may use no buffer
     if type(raw) is not io.FileIO or not isinstance(stream, io.TextIOWrapper):
         return stream
     return io.TextIOWrapper(

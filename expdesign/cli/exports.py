@@ -120,7 +120,7 @@ def _stated(name: str, file: str | None, configuration: RunConfiguration) -> Exp
     if len(named) > 1:
         stems = [entry.stem for entry in named]
         raise InputError(
-            f"the run has {len(named)} tables of {name}, each with options of its own"
+            f"the run has {len(named)} tables of {name}, each with other options"
             + ("" if file is None else f", and none of them is '{file}'"),
             file=configuration.file,
             key="--file",

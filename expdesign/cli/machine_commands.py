@@ -39,7 +39,7 @@ def init(
             "--from",
             "FILE",
             "A file of another program that describes the machine, such as LinuxCNC's INI and HAL; "
-            "several times for several. Options override what it says.",
+            "several times for several. Options override it.",
         ),
     ] = None,
     as_json: JsonOption = False,
@@ -60,7 +60,7 @@ MachineOption = Annotated[
     bool,
     flag_option(
         "--machine",
-        "Print the machine at home in place of the configuration, with the reach of every "
+        "Print the machine at home instead of the configuration, with the reach of every "
         "coordinate, and draw it.",
     ),
 ]
@@ -179,8 +179,8 @@ def model(
         option(
             "--smoothing",
             "SPEED",
-            "Width of the sign of dry friction, such as '2 mm/s': tanh in place of the sign. 0: "
-            "the exact one.",
+            "Width of the sign of dry friction, such as '2 mm/s': tanh instead of the sign. 0: the "
+            "exact one.",
         ),
     ] = "0",
     as_json: JsonOption = False,

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
 from pydantic_core import PydanticCustomError
 
-from constraints.arrays import Array
 from estimation.controlmodel import FOLDER
 from estimation.controlmodel.formats import FORMATS, ControlModelFile
 from estimation.controlmodel.model import (
@@ -34,7 +33,7 @@ from expdesign.robot.deviation import FORCE_CONSTANT, deviations, estimated_cons
 from expdesign.runfolder.files import atomic_write
 from expdesign.runfolder.manifest import Manifest, file_hash, package_versions
 from expdesign.stages.execution import refuse_unwritable
-from expdesign.stages.stage import Outcome, Progress, short
+from expdesign.stages.stage import Progress, short
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 from results.render.terminal import print_view
 from results.views.export import control_models_view
@@ -45,15 +44,35 @@ _SAME_UNIT = 1e-6
 
 
 def write_model(source: str, name: str, out: Path | None, width: str, *, as_json: bool) -> None:
-    """Write the control model of a run folder's estimate, or of a robot."""
+    """Write the control model of a run folder's estimate, or of a robot; test it where possible.
+
+    Parameters
+    ----------
+    source : str
+        A run folder with an estimate, a robot file, or the name of a robot that ships.
+    name : str
+        Name of the format.
+    out : Path or None
+        The folder; ``model/<format>`` in the run folder, or in ``runs/<robot>``, by default.
+    width : str
+        Width of the sign of dry friction, such as ``"2 mm/s"``; ``"0"``: the exact one.
+    as_json : bool
+
+    Raises
+    ------
+    InputError
+        There is no estimate, robot or format of the name.
+    ComputationError
+        The format cannot be made here, or its self-test fails.
+    """
     speed = _speed(width)
-    with working("model") as terminal:
-        outcome = export_model(source, name, out, speed, terminal)
+    with working("model") as progress:
+        target, result = _written_model(source, name, out, speed, progress)
     if as_json:
-        write_json({"status": 0, **outcome.summary})
-        return
-    view = control_models_view({short(outcome.folder): outcome.result})
-    print_view(view, results(), short(outcome.folder))
+        write_json({"status": 0, "folder": str(target), **result.as_data()})
+    else:
+        place = short(target)
+        print_view(control_models_view({place: result}), results(), place)
 
 
 def _speed(text: str) -> float:
@@ -68,35 +87,15 @@ def _speed(text: str) -> float:
     return speed
 
 
-def export_model(
+def _written_model(
     source: str, name: str, out: Path | None, width: float, progress: Progress
-) -> Outcome:
-    """Write the control model of a run folder's estimate, or of a robot.
-
-    Parameters
-    ----------
-    source : str
-        A run folder with an estimate, a robot file, or the name of a robot that ships.
-    name : str
-        Of the format.
-    out : Path or None
-        The folder; ``model/<format>`` in the run folder, or in ``runs/<robot>``, by default.
-    width : float
-        Of the sign of dry friction, m/s; 0: the exact one.
-
-    Raises
-    ------
-    InputError
-        There is no estimate, robot or format of the name.
-    ComputationError
-        The format cannot be made here, or its self-test fails.
-    """
+) -> tuple[Path, ControlModelFile]:
+    """Write a control model; return its folder and its description."""
     if name not in FORMATS:
         message = f"there is no format '{name}'" if name else "no format is given"
         raise InputError(message, key="--format", allowed=" | ".join(FORMATS))
     folder = Path(source).absolute() if Path(source).is_dir() else None
-    file = source if folder is None else _identified(folder, progress)
-    robot = load_robot(file)
+    robot = load_robot(source if folder is None else _identified(folder, progress))
     known, path = robot.description.description.identification, robot.description.source
     if path is None:
         raise InputError("a robot without a file has no control model", key="DIR")
@@ -106,15 +105,14 @@ def export_model(
     report_progress("uncertainty of the forces")
     motion, trajectory = ("", None) if folder is None else _motion(folder)
     uncertainty = _uncertainty(robot, known, trajectory, path)
-    lacking = () if known is None else _lacking(robot, known)
-    if uncertainty is not None and lacking:
-        progress.warn(
-            f"{short(path)} lacks the covariance of the parameters with {', '.join(lacking)} "
-            "(identification.constants): they were not estimated together. The standard deviations "
-            "of the forces count the parameters alone, and are usually too large. Estimate again"
-        )
     model = ControlModel(robot, _origin(path, known, folder), width, uncertainty)
-    _report_doubts(model, progress)
+    if known is None:
+        progress.note(
+            f"{robot.name} does not come from an estimate: the model has nominal parameters"
+        )
+    else:
+        for warning in _doubts(model, known, short(path)):
+            progress.warn(warning)
     report_progress(f"writing and testing {name}")
     with TemporaryDirectory(prefix="expdesign-model-") as place_to_work:
         made = FORMATS[name].make(model, Path(place_to_work))
@@ -141,10 +139,8 @@ def export_model(
         uncertainty=() if uncertainty is None else by_actuator(uncertainty),
         motion="" if uncertainty is None else motion,
     )
-    # Last: it says that all else is there.
-    files += result.write(target)
-    summary = {"folder": str(target), **result.as_data()}
-    return Outcome(folder=target, result=result, files=tuple(files), summary=summary)
+    result.write(target)  # last: it says that all else is there
+    return target, result
 
 
 def _identified(folder: Path, progress: Progress) -> Path:
@@ -199,11 +195,6 @@ def _uncertainty(
     return force_uncertainty(robot, known, trajectory)
 
 
-def _lacking(robot: Robot, known: Identification) -> tuple[str, ...]:
-    """Return the estimated constants without a covariance."""
-    return tuple(one.name for one in estimated_constants(robot) if one.name not in known.constants)
-
-
 def _origin(path: Path, known: Identification | None, folder: Path | None) -> Origin:
     manifest = None if folder is None else Manifest.known(folder)
     entry = None if manifest is None else manifest.stages.get(_ESTIMATE)
@@ -214,50 +205,35 @@ def _origin(path: Path, known: Identification | None, folder: Path | None) -> Or
     return Origin(run=known.run, estimator=known.estimator, verdict=known.verdict, **about)
 
 
-def _report_doubts(model: ControlModel, progress: Progress) -> None:
-    known = model.identification
-    if known is None:
-        progress.note(
-            f"{model.robot.name} does not come from an estimate: the model has nominal parameters"
+def _doubts(model: ControlModel, known: Identification, file: str) -> Iterator[str]:
+    """Yield doubts about an identified model."""
+    estimated = [one.name for one in estimated_constants(model.robot)]
+    lacking = [name for name in estimated if name not in known.constants]
+    if model.uncertainty is not None and lacking:
+        yield (
+            f"{file} lacks the covariance of the parameters with {', '.join(lacking)} "
+            "(identification.constants): they were not estimated together. The standard deviations "
+            "of the forces count the parameters alone, and are usually too large. Estimate again"
         )
-        return
-    for warning in known.warnings:
-        progress.warn(warning)
-    if text := _force_constants(known):
-        progress.warn(text)
-    names = np.array(model.robot.parameter_names)
-    negative = names[_below(model)]
-    if negative.size:
-        progress.warn(
-            f"negative friction would drive the machine: {', '.join(negative)} are not identified "
-            "well enough; see estimates.csv"
-        )
-
-
-def _force_constants(known: Identification) -> str:
-    """Return a warning where the estimate has corrected the force constants; else ""."""
+    yield from known.warnings
     constants = [one for one in known.deviations if one.name.startswith(FORCE_CONSTANT)]
     common = sum(one.value for one in constants if one.name == FORCE_CONSTANT)
     own = {one.name: one.value for one in constants}
     shares = [common + own.get(name, 0.0) for name in actuator_names(f"{FORCE_CONSTANT}_")]
-    if not any(abs(share) > _SAME_UNIT for share in shares):
-        return ""  # none was estimated, or none is off
-    errors = ", ".join(f"{100 * share:+.2g} %" for share in shares)
-    return (
-        "the estimate has corrected the force constants: the model's forces are true newtons, and "
-        f"not the drive's units, which are off by {errors} (actuators 1 to {ACTUATORS})"
-    )
-
-
-def _below(model: ControlModel) -> Array:
-    """Return the friction parameters below their physical bound, as a mask."""
-    return np.array(
-        [
-            bool(term.rates) and value < one.lower
-            for (term, one), value in zip(
-                ((term, one) for term in model.robot.terms for one in term.parameters),
-                model.robot.parameters,
-                strict=True,
-            )
-        ]
-    )
+    if any(abs(share) > _SAME_UNIT for share in shares):
+        errors = ", ".join(f"{100 * share:+.2g} %" for share in shares)
+        yield (
+            "the estimate has corrected the force constants: the model's forces are true newtons, "
+            f"and not the drive's units, which are off by {errors} (actuators 1 to {ACTUATORS})"
+        )
+    parameters = [(term, one) for term in model.robot.terms for one in term.parameters]
+    negative = [
+        one.name
+        for (term, one), value in zip(parameters, model.robot.parameters, strict=True)
+        if term.rates and value < one.lower
+    ]
+    if negative:
+        yield (
+            f"negative friction would drive the machine: {', '.join(negative)} are not identified "
+            "well enough; see estimates.csv"
+        )

@@ -137,7 +137,7 @@ INIT_OPTIONS = {
     "strut_speed": Option("SPEED", "Largest speed of a strut, such as '300 mm/s'."),
     "strut_acceleration": Option("A", "Largest acceleration of a strut, such as '5 m/s^2'."),
     "actuator_force": Option("FORCE", "Force that a drive holds for long, such as '2 kN'."),
-    "mass": Option("MASS", "Mass of the platform with what it carries, such as '30 kg'."),
+    "mass": Option("MASS", "Mass of the platform with its load, such as '30 kg'."),
     "drive": Option("direct|screw|gear", "What moves the struts."),
     "lead": Option("L", "Travel of a strut in one turn of the motor, such as '5 mm'."),
     "inertia": Option("J", "Inertia of motor and screw about their axis, such as '6e-5 kg m^2'."),

@@ -44,14 +44,11 @@ def time_text(seconds: float) -> str:
 
 
 def left_text(passed: float, share: float) -> str:
-    """Return the remaining time, from the time for a share of the whole; empty: unknown.
-
-    Nothing is said of the first moments, which tell too little.
-    """
+    """Return the remaining time, from the time for a share of the whole; empty: unknown."""
     if not 0 < share < 1 or passed < _SILENT:
         return ""
     left = passed * (1 - share) / share
-    # Guessed: nobody wants the seconds of it.
+    # An estimate: its seconds mean nothing.
     if left > _MINUTE:
         left = 5 * round(left / 5)
     return f"about {time_text(left)} left"
@@ -76,10 +73,10 @@ class Activity:
         self._live: Live | None = None
         self.paused = False
 
-    def told(self, what: str, done: int, total: int) -> None:
+    def show_progress(self, what: str, done: int, total: int) -> None:
         """Show it."""
         if what != self._what:
-            # What was done before, in an earlier run, tells nothing of the time.
+            # Items of an earlier run are not part of the time.
             self._what, self._since, self._first = what, time.monotonic(), done
         self._done, self._total = done, total
         if self._console.is_terminal or self.paused:
@@ -102,7 +99,7 @@ class Activity:
         return f"{self._name}, {time_text(now - self._began)}{what}{counted}{rest}"
 
     @contextmanager
-    def shown(self) -> Iterator[None]:
+    def display(self) -> Iterator[None]:
         """Show it on a terminal until the stage is done, and then remove it."""
         if not self._console.is_terminal:
             yield
@@ -118,7 +115,7 @@ class Activity:
         self._live = None
 
     @contextmanager
-    def hidden(self) -> Iterator[None]:
+    def hide(self) -> Iterator[None]:
         """Leave the terminal to another display."""
         self.paused = True
         if self._live is not None:
@@ -159,7 +156,7 @@ class Terminal(Progress):
 
     def __init__(self, *, quiet: bool = False) -> None:
         self._quiet = quiet
-        # One for all: what is written while a bar stands there has to go above it.
+        # One console for all: lines that are written while a bar is shown go above it.
         self._console = messages()
         self._activity: Activity | None = None
 
@@ -181,8 +178,8 @@ class Terminal(Progress):
         """Show a bar; elsewhere than on a terminal a line, at most every five seconds."""
         self._activity = Activity(self._console, what)
         try:
-            with self._activity.shown():
-                yield self._activity.told
+            with self._activity.display():
+                yield self._activity.show_progress
         finally:
             self._activity = None
 
@@ -199,8 +196,8 @@ class Terminal(Progress):
             section.information,
             section.max_seconds,
         )
-        hidden = nullcontext() if self._activity is None else self._activity.hidden()
-        with hidden, display.shown(), listening(display.told):
+        hidden = nullcontext() if self._activity is None else self._activity.hide()
+        with hidden, display.display(), listening(display.show_progress):
             yield display.report
 
 
@@ -280,12 +277,12 @@ class SearchDisplay:
                     f"{'; ' if left else ''}{left}"
                 )
 
-    def told(self, what: str, done: int, total: int) -> None:
+    def show_progress(self, what: str, done: int, total: int) -> None:
         """Show the progress before the first start and after the last."""
-        self._before.told(what, done, total)
+        self._before.show_progress(what, done, total)
 
     @contextmanager
-    def shown(self) -> Iterator[None]:
+    def display(self) -> Iterator[None]:
         """Show the display."""
         if self._console.is_terminal:
             shown = Live(

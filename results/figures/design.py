@@ -104,7 +104,7 @@ def limits_used_figure(figure: Figure, result: DesignResult) -> None:
 def _amount(check: LimitCheck) -> str:
     unit = handy_unit(check.unit, [check.bound])
     bound = unit.number(check.bound)
-    # A value that is not the bound does not read as if it were: it gets the digits that tell.
+    # A value gets the digits that distinguish it from the bound.
     texts = (unit.number(check.value, digits) for digits in _DIGITS)
     value = next((text for text in texts if text != bound), bound)
     return f"{value} ({unit.quantity(check.bound)})"

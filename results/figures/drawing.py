@@ -28,7 +28,7 @@ PAGE_WIDTH = 7.0
 """Width of a figure over both columns of a paper, inches."""
 RESOLUTION = 200
 """Of the PNG files, dots per inch."""
-# Okabe and Ito (2008), "Color Universal Design": told apart with every common colour blindness.
+# Okabe and Ito (2008), "Color Universal Design": distinct with every common colour blindness.
 BLACK = "#000000"
 BLUE = "#0072b2"
 VERMILLION = "#d55e00"
@@ -164,7 +164,7 @@ def figure_definition(
     return lambda fill: FigureDefinition(key, caption, fill, height, width)
 
 
-# Neither dates nor versions: a figure changes when what it shows does.
+# Neither dates nor versions: a figure changes only with its content.
 _METADATA: dict[str, dict[str, None]] = {
     "png": {"Software": None},
     "svg": {"Date": None, "Creator": None},

@@ -157,7 +157,7 @@ _HEADROOM = 0.25
 @figure_definition(
     "noise_spectrum",
     "Smoothed spectral density of the force noise of each actuator with its 95 % band, whose ends "
-    "in the middle of the frequencies stand in the corner; dashed: white noise of the same size. "
+    "in the middle of the frequencies are in the corner; dashed: white noise of the same size. "
     "Marked: a hum of the mains, with its amplitude.",
     height=4.6,
 )

@@ -229,7 +229,7 @@ _MOST_STEPS = 14
     "selection",
     "Selection of terms, step by step: what each candidate is worth in the model. Forward, the one "
     "that is worth most is added (framed) if it is worth more than zero; backward, the one that is "
-    "worth least leaves (framed) if it is worth nothing beside the others. A dot: in the model, "
+    "worth least leaves (framed) if it is worth nothing with the others. A dot: in the model, "
     "and not tried in this step.",
     height=3.2,
 )

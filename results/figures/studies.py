@@ -79,7 +79,7 @@ _LINEAR_BIAS = 12.0
     "montecarlo_bias",
     "Mean error of every parameter over all repetitions with its standard error, in units "
     "of the Cramér–Rao bound; in brackets the number of estimates. Within the band, of 3.5 "
-    "standard errors of an estimator that reaches the bound, a bias cannot be told from chance.",
+    "standard errors of an estimator that reaches the bound, a bias is not significant.",
     height=3.3,
 )
 def bias_figure(figure: Figure, rows: Rows) -> None:
@@ -178,7 +178,7 @@ _PRECISIONS = {
 
 @figure_definition(
     "sweep",
-    "What the designs promise against what they cost: predicted standard deviation of the "
+    "Precision of the designs against their cost: predicted standard deviation of the "
     "experiment over the nominal value, over the time of measuring and over the processor time of "
     "the search. Hollow: not every limit is proved to be kept. A line joins the designs that no "
     "other one beats in both. Numbers are those of the table.",

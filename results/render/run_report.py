@@ -206,7 +206,7 @@ def robot_animation(folder: RunFolder) -> Animation | None:
         f"{motion.what} over one period, struts coloured by the actuator force {motion.model}; "
         "positive extends. In magenta: struts, and the platform, that use "
         f"{100 * REACHED:g} % of a limit or more at the moment shown; the bar below the slider "
-        "tells when. Drag to rotate, scroll to zoom."
+        "shows the times. Drag to rotate, scroll to zoom."
     )
     robot, time, pose = folder.configuration.robot, motion.time, motion.states[:, :COORDINATES]
     period = float(time[-1] - time[0]) * time.size / (time.size - 1)

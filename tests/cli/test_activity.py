@@ -32,7 +32,7 @@ def test_elsewhere_a_line_at_most_every_five_seconds(clock):
     spoken = []
     for done in range(40):
         clock.now += 1.0
-        activity.told("rows", done, 40)
+        activity.show_progress("rows", done, 40)
         if len(lines(console)) > len(spoken):
             spoken.append(clock.now)
     assert all(later - sooner > HEARTBEAT for sooner, later in pairwise(spoken))
@@ -43,30 +43,30 @@ def test_elsewhere_a_line_at_most_every_five_seconds(clock):
 def test_what_is_quick_says_nothing(clock):
     console = Console(file=io.StringIO(), width=200)
     activity = Activity(console, "report")
-    with activity.shown():
-        activity.told("sections", 0, 3)
+    with activity.display():
+        activity.show_progress("sections", 0, 3)
         clock.now += 1.0
-        activity.told("sections", 2, 3)
+        activity.show_progress("sections", 2, 3)
     assert lines(console) == []
 
 
 def test_the_time_left_is_that_of_this_run(clock):
     """Of repetitions that an earlier run has done nobody knows how long they took."""
     activity = Activity(Console(file=io.StringIO()), "montecarlo")
-    activity.told("repetitions", 90, 100)
+    activity.show_progress("repetitions", 90, 100)
     clock.now += 20.0
-    activity.told("repetitions", 95, 100)
+    activity.show_progress("repetitions", 95, 100)
     assert "20 s left" in activity.line
 
 
 def test_nothing_is_said_while_another_display_has_the_terminal(clock):
     console = Console(file=io.StringIO(), width=200)
     activity = Activity(console, "design")
-    with activity.hidden():
+    with activity.hide():
         clock.now += 100.0
-        activity.told("figures", 0, 3)
+        activity.show_progress("figures", 0, 3)
     assert lines(console) == []
-    activity.told("figures", 1, 3)
+    activity.show_progress("figures", 1, 3)
     assert len(lines(console)) == 1
 
 
@@ -74,13 +74,13 @@ def test_a_bar_is_gone_when_the_stage_is_done(clock):
     console = Console(file=io.StringIO(), width=80, force_terminal=True, legacy_windows=False)
     activity = Activity(console, "estimate")
     clock.now += 10.0
-    with activity.shown():
-        activity.told("struts", 2, 6)
+    with activity.display():
+        activity.show_progress("struts", 2, 6)
         activity._live.refresh()
-        with activity.hidden():
+        with activity.hide():
             console.print("another display")
         clock.now += 10.0
-        activity.told("struts", 4, 6)
+        activity.show_progress("struts", 4, 6)
     written = console.file.getvalue()
     assert "2 of 6" in written
     assert "4 of 6" in written

@@ -27,7 +27,7 @@ def event(phase, objective, status="", violation=1e-3, **more):
 
 
 def test_there_is_a_line_before_the_first_event(display):
-    with display.shown():
+    with display.display():
         assert len(said(display).splitlines()) == 1
         display.report(event("blunt", 90.0))
         assert len(said(display).splitlines()) == 2
