@@ -48,6 +48,7 @@ def check_run(run: str, out: Path | None, *, machine: bool, as_json: bool) -> No
     robot = robot_from(configuration.robot)
     refuse_unfit(configuration)
     pairs = [(i + 1, j + 1) for i, j in configuration.robot.shared_joint_pairs]
+    named = named_stages(configuration)
     done = [stage.name for stage in performed_stages(configuration)]
     warnings = list(configuration.warnings)
     limits = configuration.robot.limits
@@ -56,7 +57,12 @@ def check_run(run: str, out: Path | None, *, machine: bool, as_json: bool) -> No
     reserve = reserve_in_words(limits)
     if open_limits:
         warnings.append(f"{open_in_words(open_limits)}: a design may go there as far as it gets")
-    warnings += _noise_not_stated(configuration.robot)
+    noise = configuration.robot.noise
+    if noise is None or noise.force_covariance is None:
+        warnings.append(
+            "the noise of the forces is not stated (noise.force_std), and a design needs it: "
+            f"{NOISE_FROM_DATA}"
+        )
     if missing := missing_design(configuration, run_folder(configuration, None)):
         warnings.append(f"expdesign run refuses this file. {missing.message}")
     about = configuration.robot
@@ -93,23 +99,21 @@ def check_run(run: str, out: Path | None, *, machine: bool, as_json: bool) -> No
     if not machine:
         typer.echo(resolved_yaml(configuration), nl=False)
     unnamed = "" if configuration.run.stages else " (the file names no stage)"
-    note(f"expdesign run does: {', '.join(done) or 'nothing'}{unnamed}")
-    for stage in named_stages(configuration):
-        if reason := stage.reason_left_out(configuration):
-            note(f"{stage.name}: left out, {reason}")
-    for first, second in pairs:
-        note(f"struts {first} and {second} share a joint: left out of the strut clearance")
-    for text in (
-        *_designs_in_words(configuration),
+    left_out = {stage.name: stage.reason_left_out(configuration) for stage in named}
+    notes = (
+        f"expdesign run does: {', '.join(done) or 'nothing'}{unnamed}",
+        *(f"{name}: left out, {reason}" for name, reason in left_out.items() if reason),
+        *(f"struts {i} and {j} share a joint: left out of the strut clearance" for i, j in pairs),
+        _designs_in_words(configuration),
         *defaults,
         *held,
-        *([reserve] if reserve else []),
-        *([about.rounded] if about.rounded else []),
+        reserve,
+        about.rounded,
         *_constants_in_words(robot),
-    ):
+        made,
+    )
+    for text in filter(None, notes):
         note(text)
-    if made:
-        note(made)
     for warning in warnings:
         warn(warning)
 
@@ -129,24 +133,15 @@ def _constants_in_words(robot: Robot) -> list[str]:
     return found
 
 
-def _designs_in_words(configuration: RunConfiguration) -> list[str]:
-    """Return the number of designs of a sweep and their values; nothing without a sweep."""
+def _designs_in_words(configuration: RunConfiguration) -> str:
+    """Return the number of designs of a sweep and their values; empty without a sweep."""
     lists = [
         f"{path} {' | '.join(value_text(value) for value in values)}"
         for path, values in (configuration.run.sweep or {}).items()
     ]
     count = len(configuration.grid)
     designs = f"{count} design{'' if count == 1 else 's'}"
-    return [f"the sweep makes {designs}: {', '.join(lists)}"] if lists else []
-
-
-def _noise_not_stated(robot: ResolvedRobot) -> list[str]:
-    if robot.noise is not None and robot.noise.force_covariance is not None:
-        return []
-    return [
-        "the noise of the forces is not stated (noise.force_std), and a design needs it: "
-        f"{NOISE_FROM_DATA}"
-    ]
+    return f"the sweep makes {designs}: {', '.join(lists)}" if lists else ""
 
 
 _WIDEST = 100
