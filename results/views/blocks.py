@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import DiagnosisVerdict, Finding, Status
 from estimation.estimators.result import ABOUT_CENTRE, TEN, about_centre
-from estimation.identification.estimator_result import DeviationRow, PayloadRow
+from estimation.identification.estimator_result import PayloadRow
 from estimation.identification.result import EstimateFile, EstimationResult
 from estimation.identification.term_selection import SAME_MOTION, UNSETTLED, without_bounds
 from estimation.uncertainty.intervals import FAMILY_LEVEL, Differences, difference_test
@@ -184,11 +185,28 @@ def combination_blocks(
 def share_columns(result: EstimationResult) -> list[TableColumn]:
     """Return the columns of the random and the systematic share, where there are both."""
     found = result.best_estimator.systematic
-    if found is None or not found.groups:
-        return []
+    return [] if found is None or not found.groups else list(_SHARES)
+
+
+_SHARES = (
+    TableColumn("σ random", digits=3, of="std_random", screen=False),
+    TableColumn("σ systematic", digits=3, of="std_systematic", screen=False),
+)
+INTERVAL = (
+    TableColumn("95 % from", digits=5, of="ci_low"),
+    TableColumn("95 % to", digits=5, of="ci_high"),
+)
+
+
+def truth_columns(truth: Mapping[str, float], name: str) -> list[TableColumn]:
+    """Return the true values of rows by the attribute with their names, and the errors."""
+
+    def error(row: Any) -> float | None:
+        return (row.value - truth[getattr(row, name)]) / row.std if row.std > 0 else None
+
     return [
-        TableColumn("σ random", digits=3, of="std_random", screen=False),
-        TableColumn("σ systematic", digits=3, of="std_systematic", screen=False),
+        TableColumn("truth", of=lambda row: truth[getattr(row, name)]),
+        TableColumn("error / σ", digits=2, of=error),
     ]
 
 
@@ -230,7 +248,15 @@ def budget_blocks(result: EstimationResult) -> list[Block]:
     ]
     if found.with_priors:
         shown = [row for row in result.deviations if row.estimator == result.best]
-        blocks.append(_deviations_table(shown))
+        columns = [
+            TableColumn("deviation", kind="text", of="deviation"),
+            TableColumn("unit", kind="text", of="unit"),
+            TableColumn("tolerance", digits=3, of="tolerance"),
+            TableColumn("estimate", digits=3, of="value"),
+            TableColumn("σ", digits=3, of="std"),
+        ]
+        caption = "Inexactly known quantities: tolerance, and estimate from the data"
+        blocks.append(ReportTable.of("deviations", caption, columns, shown, folded=True))
     return blocks
 
 
@@ -249,18 +275,6 @@ def constants_blocks(result: EstimationResult) -> list[Block]:
     ]
     caption = "Constants of terms, estimated together with the parameters"
     return [ReportTable.of("constants", caption, columns, rows, screen=True)]
-
-
-def _deviations_table(rows: Sequence[DeviationRow]) -> ReportTable:
-    columns = [
-        TableColumn("deviation", kind="text", of="deviation"),
-        TableColumn("unit", kind="text", of="unit"),
-        TableColumn("tolerance", digits=3, of="tolerance"),
-        TableColumn("estimate", digits=3, of="value"),
-        TableColumn("σ", digits=3, of="std"),
-    ]
-    caption = "Inexactly known quantities: tolerance, and estimate from the data"
-    return ReportTable.of("deviations", caption, columns, rows, folded=True)
 
 
 _MOVED = 0.005
@@ -287,8 +301,7 @@ def consistency_blocks(result: EstimationResult) -> list[Block]:
         TableColumn("σ", digits=3, of="std"),
         TableColumn("consistent", digits=5, of="consistent"),
         TableColumn("moved / σ", digits=2, of="moved"),
-        TableColumn("95 % from", digits=5, of="ci_low"),
-        TableColumn("95 % to", digits=5, of="ci_high"),
+        *INTERVAL,
         TableColumn("spread", digits=3, of="spread"),
     ]
     caption = (
@@ -311,30 +324,19 @@ def payload_blocks(result: EstimationResult, truth: Mapping[str, float] | None) 
         TableColumn("unit", kind="text", of="unit"),
         TableColumn("estimate", digits=5, of="value"),
         TableColumn("σ", kind="error", digits=3, of="std"),
-        TableColumn("95 % from", digits=5, of="ci_low"),
-        TableColumn("95 % to", digits=5, of="ci_high"),
+        *INTERVAL,
     ]
     for estimator in result.estimators:
         if estimator != result.best:
             own = {row.quantity: row for row in result.payload if row.estimator == estimator}
             columns += _other_payload(estimator, own)
     if any(row.std_systematic > 0 for row in rows):
-        columns[4:4] = [
-            TableColumn("σ random", digits=3, of="std_random", screen=False),
-            TableColumn("σ systematic", digits=3, of="std_systematic", screen=False),
-        ]
+        columns[4:4] = _SHARES
     if truth is not None:
         values = np.array([truth[name] for name in OF_A_BODY.values()])
         derived = np.concatenate([values, about_centre(values)[0]])
         known = dict(zip((*TEN, *ABOUT_CENTRE), derived.tolist(), strict=True))
-
-        def error(row: PayloadRow) -> float | None:
-            return (row.value - known[row.quantity]) / row.std if row.std > 0 else None
-
-        columns += [
-            TableColumn("truth", of=lambda row: known[row.quantity]),
-            TableColumn("error / σ", digits=2, of=error),
-        ]
+        columns += truth_columns(known, "quantity")
     text = (
         "The payload is the difference between the platform and the machine identified before. Its "
         "standard deviations include the noise of these recordings and the uncertainty of that "

@@ -9,12 +9,13 @@ import numpy as np
 
 from estimation.identification.result import EstimateFile, EstimationResult
 from estimation.twin.truth import Truth
-from estimation.uncertainty.intervals import Differences, ParameterRow, with_error
+from estimation.uncertainty.intervals import Differences, with_error
 from results.figures.noise import NOISE_FIGURES
 from results.figures.parameters import ESTIMATE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES
 from results.notation import counted, readable
 from results.views.blocks import (
+    INTERVAL,
     budget_blocks,
     combination_blocks,
     consistency_blocks,
@@ -28,6 +29,7 @@ from results.views.blocks import (
     payload_blocks,
     selection_blocks,
     share_columns,
+    truth_columns,
     verdict_level,
 )
 from results.views.folder import RunFolder
@@ -79,20 +81,11 @@ def estimates_table(result: EstimationResult, truth: Mapping[str, float] | None)
         TableColumn("estimate", digits=5, of="value"),
         TableColumn("σ", kind="error", digits=3, of="std"),
         *share_columns(result),
-        TableColumn("95 % from", digits=5, of="ci_low"),
-        TableColumn("95 % to", digits=5, of="ci_high"),
+        *INTERVAL,
         TableColumn("σ / a priori", "%", digits=3, of="rel_std_percent"),
         TableColumn("identified", kind="outcome", of=lambda row: "yes" if row.identified else "no"),
     ]
-    if truth is not None:
-
-        def error(row: ParameterRow) -> float | None:
-            return (row.value - truth[row.parameter]) / row.std if row.std > 0 else None
-
-        columns += [
-            TableColumn("truth", of=lambda row: truth[row.parameter]),
-            TableColumn("error / σ", digits=2, of=error),
-        ]
+    columns += [] if truth is None else truth_columns(truth, "parameter")
     known = " and the truth of the simulated experiment" if truth is not None else ""
     caption = f"Parameters of the {NAMES.get(best, best)} estimate with 95 % intervals{known}"
     screen = len(result.estimators) == 1
