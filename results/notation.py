@@ -68,7 +68,7 @@ def duration(seconds: float) -> str:
 _MINUTE = 60
 
 
-def counted(number: int, one: str, more: str = "") -> str:
+def count_text(number: int, one: str, more: str = "") -> str:
     """Return a number of things as text: ``"1 design"``, ``"2 designs"``."""
     return f"{number} {one if number == 1 else more or one + 's'}"
 

@@ -26,10 +26,10 @@ from results.figures.drawing import (
     VERMILLION,
     FigureDefinition,
     figure_definition,
-    named_places,
-    parameter_axis,
-    plain_decades,
+    label_decades,
+    name_places,
     plain_ticks,
+    set_parameter_axis,
 )
 from results.notation import symbol
 
@@ -102,7 +102,7 @@ def precision_figure(figure: Figure, table: pd.DataFrame) -> None:
         axes.scatter(places, ratio, s=11, c=colours, linewidth=0, zorder=3)
     axes.axhline(1.0, color=INK, linewidth=0.9, zorder=2)
     axes.set_yscale("log")
-    plain_decades(axes.yaxis)
+    label_decades(axes.yaxis)
     _name_parameters(axes, names)
     axes.set_ylabel(f"Std with '{second}' / std with '{first}'")
     axes.set_title(f"Above the line '{first}' is more precise")
@@ -144,7 +144,7 @@ def _shifts(count: int) -> Array:
 def _name_parameters(axes: Axes, names: Sequence[str]) -> None:
     """Label the axis with the parameters; a line separates rigid bodies from friction."""
     label = "Parameter; one point for each set of initial parameters"
-    parameter_axis(axes, names, label, parted=True)
+    set_parameter_axis(axes, names, label, parted=True)
     rigid = np.count_nonzero(rigid_body(names))
     if 0 < rigid < len(names):
         axes.axvline(rigid - 0.5, color=MUTED, linewidth=0.9, zorder=1)
@@ -182,7 +182,7 @@ def bias_figure(figure: Figure, table: pd.DataFrame) -> None:
         limit = (2.2 if curved else 1.15) * largest
         axes.set_ylim(-limit, limit)
         axes.yaxis.set_major_formatter(plain_ticks())
-        parameter_axis(axes, names, "Parameter" if axes is panels[-1] else "", parted=True)
+        set_parameter_axis(axes, names, "Parameter" if axes is panels[-1] else "", parted=True)
         axes.set_title(f"{case.key}: {case.title}")
     panels[0].tick_params(labelbottom=False)
     figure.supylabel("Bias / standard deviation of one ML estimate", fontsize="medium")
@@ -219,7 +219,7 @@ def variances_figure(figure: Figure, table: pd.DataFrame) -> None:
                 fontsize="small",
                 color=MUTED,
             )
-        named_places(axes, [str(j + 1) for j in places])
+        name_places(axes, [str(j + 1) for j in places])
         if row == 0:
             axes.set_title(_TITLES[situation])
         if column == 0:

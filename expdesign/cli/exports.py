@@ -95,9 +95,9 @@ def _section(name: str, given: dict[str, Any], configuration: RunConfiguration) 
 
     Options of the run that contradict the given ones are left out, with a note.
     """
-    stated = _stated(name, given.get("file"), configuration)
+    stated = _stated_table(name, given.get("file"), configuration)
     data = {} if stated is None else stated.model_dump(exclude_none=True)
-    left_out = {} if stated is None else _left_out(given, stated)
+    left_out = {} if stated is None else _contradicted_options(given, stated)
     for key in left_out:
         del data[key]
     data |= {"format": name, **given}
@@ -112,7 +112,9 @@ def _section(name: str, given: dict[str, Any], configuration: RunConfiguration) 
     return found
 
 
-def _stated(name: str, file: str | None, configuration: RunConfiguration) -> ExportSection | None:
+def _stated_table(
+    name: str, file: str | None, configuration: RunConfiguration
+) -> ExportSection | None:
     """Return the run's table of a format; of several the one with this file."""
     named = [entry for entry in configuration.run.export if entry.format == name]
     if len(named) > 1:
@@ -129,7 +131,7 @@ def _stated(name: str, file: str | None, configuration: RunConfiguration) -> Exp
     return named[0] if named else None
 
 
-def _left_out(given: dict[str, Any], stated: ExportSection) -> dict[str, str]:
+def _contradicted_options(given: dict[str, Any], stated: ExportSection) -> dict[str, str]:
     """Return options of the run that contradict given ones, each with the given option."""
     space = given.get("space", stated.coordinates)
     # Axes of the run are those of its coordinates.

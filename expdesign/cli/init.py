@@ -41,11 +41,11 @@ def write_machine(
     folder = Path.cwd() if out is None else out.absolute()
     refuse_unwritable(folder)
     given = {key: INIT_OPTIONS[key].read(text) for key, text in options.items() if text is not None}
-    description = _validated({"name": name, **given})
+    description = _validated_answers({"name": name, **given})
     known = read_machine(name, sources) if sources else MachineDraft(name)
     if sys.stdin.isatty() and not as_json:
-        given = _answered(given, _known(known))
-        description = _validated({"name": name, **given})
+        given = _ask_missing(given, _known_options(known))
+        description = _validated_answers({"name": name, **given})
     try:
         files = write_files(machine_from_answers(description, known), folder)
     except InputError as error:
@@ -59,7 +59,7 @@ def write_machine(
         _show(files)
 
 
-def _validated(data: dict[str, Any]) -> Located[MachineDescription]:
+def _validated_answers(data: dict[str, Any]) -> Located[MachineDescription]:
     document = document_from_mapping(data)
     found, problems = validate(MachineDescription, document.data, document)
     if found is None:
@@ -76,7 +76,7 @@ def _with_option(problem: Problem, options: Mapping[str, Any]) -> Problem:
     return replace(problem, key=flag(key) + parts[1] + parts[2]) if key in options else problem
 
 
-def _known(machine: MachineDraft) -> set[str]:
+def _known_options(machine: MachineDraft) -> set[str]:
     """Return the options whose values are known from files."""
     found = set(machine.limits)
     for end in ("base", "platform"):
@@ -90,21 +90,21 @@ def _known(machine: MachineDraft) -> set[str]:
     return found | {key for key, known in there.items() if known}
 
 
-def _answered(given: dict[str, Any], known: set[str]) -> dict[str, Any]:
+def _ask_missing(given: dict[str, Any], known: set[str]) -> dict[str, Any]:
     """Ask for values that are neither given nor known; an empty answer leaves a default."""
     found = dict(given)
     messages().print(
         "An empty answer takes a default, with a comment in the file that asks you to check it."
     )
     for key in _ASKED:
-        if key not in found and key not in known and _sensible(key, found):
+        if key not in found and key not in known and _is_useful(key, found):
             # A circle needs all its values.
             answer = _answer(key, needed=key in _CIRCLES and "base_radius" in found)
             found |= {} if answer is None else {key: answer}
     return found
 
 
-def _sensible(key: str, given: dict[str, Any]) -> bool:
+def _is_useful(key: str, given: dict[str, Any]) -> bool:
     """Return whether a question is useful after the other answers."""
     if key in _CIRCLES:
         end = key.partition("_")[0]
@@ -131,7 +131,7 @@ def _answer(key: str, *, needed: bool) -> Any:
             continue
         value = option.read(text.strip())
         try:
-            _validated({"name": "asked", key: value})
+            _validated_answers({"name": "asked", key: value})
         except InputError as error:
             for problem in error.problems:
                 allowed = f" (allowed: {problem.allowed})" if problem.allowed else ""

@@ -47,7 +47,7 @@ def show_machine(
         files = draw_machine(robot, folder, configuration.run.report.figures)
     if not quiet:
         print_machine(robot, at_home, reaches)
-        say(f"{_shown_in_words(shown)}\n")
+        say(f"{_count_identified(shown)}\n")
         say(f"drawn: {', '.join(short(file) for file in files)}")
     units = {key: definition.unit for key, definition in limit_definitions().items()}
     return {
@@ -60,11 +60,11 @@ def show_machine(
             "base_parameters": {name: shown.base.members(name) for name in shown.base.base},
             "files": [str(file) for file in files],
         },
-        "warnings": _not_shown(configuration, robot, shown),
+        "warnings": _unidentified_warnings(configuration, robot, shown),
     }
 
 
-def _shown_in_words(found: Excitable) -> str:
+def _count_identified(found: Excitable) -> str:
     """Return the number of parameters that motions within the limits can identify."""
     count, every = len(found.base.base), len(found.base.names)
     if count == every:
@@ -74,7 +74,9 @@ def _shown_in_words(found: Excitable) -> str:
     return f"{text}, together with others: {', '.join(combined)}." if combined else f"{text}."
 
 
-def _not_shown(configuration: RunConfiguration, robot: Robot, found: Excitable) -> list[str]:
+def _unidentified_warnings(
+    configuration: RunConfiguration, robot: Robot, found: Excitable
+) -> list[str]:
     """Return warnings of parameters that no motion within the limits shows, or none measures."""
     warnings = []
     if found.base.regrouped:
@@ -172,12 +174,12 @@ def _reach(reaches: Sequence[Reach]) -> Table:
         cells = []
         for sign, stop in (("−", one.back), ("+", one.ahead)):
             unit = handy_unit(one.unit, [stop.way])
-            cells += [f"{sign}{unit.quantity(stop.way)}", _stopped(stop)]
+            cells += [f"{sign}{unit.quantity(stop.way)}", _stop_text(stop)]
         table.add_row(one.coordinate, *cells)
     return table
 
 
-def _stopped(stop: Stop) -> str:
+def _stop_text(stop: Stop) -> str:
     """Return the limit that stops a coordinate: ``"strut length 950 mm, strut 2"``."""
     if stop.bound is None:
         return stop.title if stop.limit == SINGULAR else "nothing so far"

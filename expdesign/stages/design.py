@@ -158,9 +158,9 @@ def _designs(stage: Stage, work: Workspace, monitor: Monitor) -> Iterator[SweptD
     places = [_workspace(stage, point, work.folder) for point in points]
     kept = [is_done(stage, place) for place in places]
     missing = [point for point, done in zip(points, kept, strict=True) if not done]
-    jobs = [Job(_designed, (stage, point, work.folder)) for point in missing]
+    jobs = [Job(_make_design, (stage, point, work.folder)) for point in missing]
     workers = work.configuration.run.workers or 1
-    made = run_jobs(_nothing, jobs, workers, Monitor(monitor.stop_requested))
+    made = run_jobs(_build_nothing, jobs, workers, Monitor(monitor.stop_requested))
     for number, (point, place, done) in enumerate(zip(points, places, kept, strict=True), start=1):
         end = _End("", "") if done else next(made, _End(NOT_BEGUN, "the sweep was interrupted"))
         if end.without:
@@ -177,7 +177,7 @@ def _workspace(stage: Stage, point: GridPoint, folder: Path) -> Workspace:
     return work
 
 
-def _nothing() -> None:
+def _build_nothing() -> None:
     """Build nothing: the jobs have nothing in common."""
 
 
@@ -189,7 +189,9 @@ class _End(NamedTuple):
     reason: str
 
 
-def _designed(_built: None, monitor: Monitor, stage: Stage, point: GridPoint, folder: Path) -> _End:
+def _make_design(
+    _built: None, monitor: Monitor, stage: Stage, point: GridPoint, folder: Path
+) -> _End:
     """Make the design of a point and its run folder, in the process of the job."""
     work, began = _workspace(stage, point, folder), time.perf_counter()
     try:

@@ -79,11 +79,11 @@ def run_export(work: Workspace) -> Outcome:
     clear_outdated("export", work)
     own = {file_name(section) for section in sections}
     motion = exported_motion(task)
-    files = _described_files(before, motion, own, work)
+    files = _files_of_motion(before, motion, own, work)
     places = target / RECORD, target / README
     described = _describe(ExportResult(motion, files), *places) if files else ()
     made, refused = [], list[Exception]()
-    for one in _exported(task, sections, target, configuration.run.workers or 1):
+    for one in _export_all(task, sections, target, configuration.run.workers or 1):
         if isinstance(one, Exception):
             refused.append(one)
             continue
@@ -109,7 +109,7 @@ def run_export(work: Workspace) -> Outcome:
 EXPORT = StageFunctions(run_export, StageViews(ExportResult, export_view))
 
 
-def _exported(
+def _export_all(
     task: Task, sections: Sequence[ExportSection], target: Path, workers: int
 ) -> Iterator[Export | InputError | ComputationError]:
     """Yield the tables that worker processes write, in their order, or the errors instead."""
@@ -155,7 +155,7 @@ def export_one(stage: Stage, section: ExportSection, work: Workspace, out: Path 
     motion, entry = exported_motion(task), {path.name: exported_table(made)}
     if in_folder:
         known = ExportResult.known(target / RECORD)
-        others = _described_files(known, motion, {path.name}, work)
+        others = _files_of_motion(known, motion, {path.name}, work)
         places = target / RECORD, target / README
         with added_to(work.folder, places):
             _describe(ExportResult(motion, others | entry), *places)
@@ -240,7 +240,7 @@ def _known_motion(
         return None
 
 
-def _described_files(
+def _files_of_motion(
     before: ExportResult | None, motion: ExportedMotion, replaced: set[str], work: Workspace
 ) -> dict[str, ExportedTable]:
     """Return the folder's tables of this motion; warn of tables of another one.

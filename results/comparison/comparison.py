@@ -12,7 +12,7 @@ from expdesign.configuration import InputError, Problem
 from expdesign.progress import track
 from expdesign.runfolder.files import write_text
 from expdesign.runfolder.manifest import file_hash
-from results.notation import counted
+from results.notation import count_text
 from results.render.figures import draw_figures
 from results.render.markup import html_page, latex_table
 from results.render.run_report import NAME, page_section
@@ -214,6 +214,6 @@ def compare_facts(stage: str, folders: Mapping[str, RunFolder]) -> StageView | N
     table = ReportTable.of(
         f"compared_{stage}", f"{title}: verdicts and main numbers", columns, rows
     )
-    sentence = f"{counted(len(views), 'folder')}: verdicts and main numbers."
+    sentence = f"{count_text(len(views), 'folder')}: verdicts and main numbers."
     verdict = StageVerdict(title, Level.NEUTRAL, "compared", sentence, f"compared_{stage}")
     return StageView(verdict, (table,))

@@ -23,7 +23,7 @@ from expdesign.information.fisher import SingularInformationError, log_det, para
 from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.progress import track
 from results.figures.parameters import ParameterSeries, compared_precision_figure
-from results.notation import counted, duration, percent
+from results.notation import count_text, duration, percent
 from results.views.design import EXPLAINED, costliest_fact, gains_table
 from results.views.folder import RunFolder
 from results.views.view import (
@@ -55,7 +55,7 @@ def compare_designs(
     comparison = DesignComparison(designs, precision)
     blocks: list[Block] = []
     facts: list[Fact] = []
-    sentence = f"{counted(len(designs), 'design')}."
+    sentence = f"{count_text(len(designs), 'design')}."
     if comparison.comparable:
         blocks += [
             _criteria_table(comparison),

@@ -18,7 +18,7 @@ from expdesign.configuration.tolerances import machine_name
 from expdesign.mechanism.terms import parameter_unit
 from expdesign.runfolder.manifest import file_hash
 from results.figures.parameters import ParameterSeries, compared_estimates_figure
-from results.notation import counted
+from results.notation import count_text
 from results.views.blocks import (
     differences_table,
     estimated_values,
@@ -120,9 +120,11 @@ def compare_estimates(folders: Mapping[str, RunFolder], *_: object) -> StageView
         if test_of_information is not None:
             text = f"{each.label}. {information_sentence(test_of_information)}."
             blocks.append(TextBlock(text))
-    sentence = f"{counted(len(found), 'estimate')} of {len(names)} common parameters."
+    sentence = f"{count_text(len(found), 'estimate')} of {len(names)} common parameters."
     if tested:
-        sentence += f" {different} of {counted(tested, 'independent pair')} differ significantly."
+        sentence += (
+            f" {different} of {count_text(tested, 'independent pair')} differ significantly."
+        )
     elif len(found) > 1:
         sentence += " None of the pairs is independent: no difference could be tested."
     level = Level.CAUTION if different else Level.NEUTRAL

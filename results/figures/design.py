@@ -28,10 +28,10 @@ from results.figures.drawing import (
     MUTED,
     ORANGE,
     SECOND,
-    centred_text,
+    add_legend_above,
     figure_definition,
-    legend_above,
-    margin_text,
+    write_centred,
+    write_margin,
 )
 from results.figures.motion import (
     cardan_angles_figure,
@@ -40,7 +40,7 @@ from results.figures.motion import (
     struts_figure,
 )
 from results.figures.parameters import precision_figure
-from results.notation import counted, handy_unit, plain_number, symbol
+from results.notation import count_text, handy_unit, plain_number, symbol
 
 _ACTIVE = 100 * REACHED
 """From this share on, %, a limit counts as one that holds the design back."""
@@ -72,7 +72,7 @@ def limits_used_figure(figure: Figure, result: DesignResult) -> None:
     axes.set_xlabel("Share of the limit used at its worst moment (%)")
     if not worst:
         axes.set_yticks([])
-        centred_text(axes, "this run has no limits")
+        write_centred(axes, "this run has no limits")
         return
     most = max(100.0, min(float(np.fmax.reduce(share, initial=0.0)), _MOST))
     drawn = np.clip(np.nan_to_num(share, nan=most), 0, most)
@@ -88,17 +88,17 @@ def limits_used_figure(figure: Figure, result: DesignResult) -> None:
     axes.set_xlim(0, most)
     for k, check in enumerate(worst):
         colour = ALERT if state[k] == _BROKEN else INK
-        margin_text(axes, position[k], _amount(check), colour, _COLUMNS[0])
+        write_margin(axes, position[k], _amount(check), colour, _COLUMNS[0])
         time = f"at {check.time:.2f} s" if np.isfinite(check.time) else ""
         moment = ", ".join(part for part in (symbol(check.row), time) if part)
-        margin_text(axes, position[k], moment, colour, _COLUMNS[1])
-    margin_text(axes, -0.85, "worst value (bound)", MUTED, _COLUMNS[0])
-    margin_text(axes, -0.85, "where and when", MUTED, _COLUMNS[1])
+        write_margin(axes, position[k], moment, colour, _COLUMNS[1])
+    write_margin(axes, -0.85, "worst value (bound)", MUTED, _COLUMNS[0])
+    write_margin(axes, -0.85, "where and when", MUTED, _COLUMNS[1])
     axes.set_yticks(position, [check.title[:1].upper() + check.title[1:] for check in worst])
     axes.set_ylim(len(worst) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0)
     axes.grid(visible=False, axis="y")
-    legend_above(axes, handles)
+    add_legend_above(axes, handles)
 
 
 def _amount(check: LimitCheck) -> str:
@@ -144,7 +144,7 @@ def _stems(axes: Axes, values: Array) -> None:
     axes.set_xlim(0.2, values.size + 0.8)
     axes.grid(visible=False, axis="x")
     if not np.any(positive):
-        centred_text(axes, "no eigenvalue is positive")
+        write_centred(axes, "no eigenvalue is positive")
         return
     low, high = float(np.min(values[positive])), float(np.max(values[positive]))
     decades = max(np.log10(high / low), 1.0)
@@ -249,7 +249,7 @@ def convergence_figure(figure: Figure, result: DesignResult) -> None:
         count = roles.count(role)
         opacity = look.get("alpha", 1.0) * min(1.0, _OPAQUE / max(1, count))
         looks[role] = look | {"alpha": max(_FAINTEST, opacity)}
-        label = "the best" if role == _BEST else counted(count, _ROLE_NAMES[role])
+        label = "the best" if role == _BEST else count_text(count, _ROLE_NAMES[role])
         handles += [Line2D([], [], **look, label=label)] if count else []
     for trace, role in zip(found, roles, strict=True):
         objective.plot(trace.iteration, trace.objective, **looks[role])
@@ -262,7 +262,7 @@ def convergence_figure(figure: Figure, result: DesignResult) -> None:
     violation.set_title("Largest violation of a limit")
     violation.set(ylabel="Share of its range (1)", xlabel=_iteration_label(result, found))
     if not found:
-        centred_text(objective, "no iterations were recorded", height=0.7)
+        write_centred(objective, "no iterations were recorded", height=0.7)
     first = min((float(trace.iteration[0]) for trace in found), default=0.0)
     violation.set_xlim(first - 0.02 * (longest - first) if first > 1 else 0, 1.02 * longest)
     handles += value_line

@@ -218,7 +218,7 @@ def _lay_out(figure: Figure) -> None:
         figure.set_layout_engine(None)
 
 
-def strut_legend(figure: Figure) -> None:
+def add_strut_legend(figure: Figure) -> None:
     """Name the six strut colours above all panels."""
     handles = [
         Line2D([], [], color=colour, linewidth=2.0, label=f"strut {j}")
@@ -227,7 +227,7 @@ def strut_legend(figure: Figure) -> None:
     figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
 
 
-def legend_above(axes: Axes, handles: Sequence[Artist | Container]) -> None:
+def add_legend_above(axes: Axes, handles: Sequence[Artist | Container]) -> None:
     """Put a panel's legend on its upper edge, at the right end of the title's line."""
     axes.legend(
         handles=list(handles),
@@ -248,7 +248,7 @@ def strut_panels(
     return tuple(panels.flat)
 
 
-def corner_text(axes: Axes, text: str) -> None:
+def write_corner(axes: Axes, text: str) -> None:
     """Write small text into the upper right corner."""
     axes.text(
         0.985,
@@ -263,15 +263,15 @@ def corner_text(axes: Axes, text: str) -> None:
     )
 
 
-def named_places(axes: Axes, names: Sequence[str]) -> None:
+def name_places(axes: Axes, names: Sequence[str]) -> None:
     """Name the places 0, 1, … of the horizontal axis."""
     axes.set_xticks(np.arange(len(names)), names)
     axes.tick_params(axis="x", which="both", length=0)
-    _uncrowded(axes, len(names))
+    _shrink_names(axes, len(names))
     axes.grid(visible=False, axis="x")
 
 
-def _uncrowded(axes: Axes, count: int, *, both: bool = False) -> None:
+def _shrink_names(axes: Axes, count: int, *, both: bool = False) -> None:
     """Keep many names from running over each other: upright and smaller."""
     if count > _MANY_NAMES:
         axes.tick_params(axis="x", labelrotation=90)
@@ -279,11 +279,11 @@ def _uncrowded(axes: Axes, count: int, *, both: bool = False) -> None:
         axes.tick_params(axis="both" if both else "x", labelsize=size)
 
 
-def parameter_axis(
+def set_parameter_axis(
     axes: Axes, names: Sequence[str], label: str = "Parameter", *, parted: bool = False
 ) -> None:
     """Put parameters on the horizontal axis, from 0; `parted`: a faint line between each two."""
-    named_places(axes, [symbol(name) for name in names])
+    name_places(axes, [symbol(name) for name in names])
     axes.set_xlabel(label)
     if parted:
         axes.set_xticks(np.arange(len(names) - 1) + 0.5, minor=True)
@@ -291,7 +291,7 @@ def parameter_axis(
     axes.set_xlim(-0.6, len(names) - 0.4)
 
 
-def plain_decades(axis: Axis) -> None:
+def label_decades(axis: Axis) -> None:
     """Label a logarithmic axis with plain numbers: 0.5, 1, 2, 5, 10."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(plain_ticks())
@@ -303,12 +303,12 @@ def plain_ticks() -> FuncFormatter:
     return FuncFormatter(lambda value, _: f"{value:g}".replace("-", "−"))
 
 
-def centred_text(axes: Axes, text: str, height: float = 0.5, **look: Any) -> None:
+def write_centred(axes: Axes, text: str, height: float = 0.5, **look: Any) -> None:
     """Write text into the middle of axes that have nothing to show."""
     axes.text(0.5, height, text, transform=axes.transAxes, ha="center", **look)
 
 
-def margin_text(axes: Axes, y: float, text: str, colour: str, offset: float = 4) -> None:
+def write_margin(axes: Axes, y: float, text: str, colour: str, offset: float = 4) -> None:
     """Write small text right of the axes: `offset` points from them, y in units of the data."""
     axes.annotate(
         text,
@@ -323,7 +323,7 @@ def margin_text(axes: Axes, y: float, text: str, colour: str, offset: float = 4)
     )
 
 
-def standing_text(axes: Axes, places: Iterable[float], text: str) -> None:
+def write_upright(axes: Axes, places: Iterable[float], text: str) -> None:
     """Write small text upright from the lower edge, where there is nothing to draw."""
     for place in places:
         axes.text(
@@ -339,13 +339,13 @@ def standing_text(axes: Axes, places: Iterable[float], text: str) -> None:
         )
 
 
-def correlation_image(axes: Axes, matrix: Array, names: Sequence[str], colours: Any) -> None:
+def draw_correlation(axes: Axes, matrix: Array, names: Sequence[str], colours: Any) -> None:
     """Draw a correlation matrix with the names of its rows, and the scale of its colours."""
     image = axes.imshow(matrix, cmap=colours, vmin=-1, vmax=1, interpolation="nearest")
     axes.set_xticks(range(len(names)), names)
     axes.set_yticks(range(len(names)), names)
     axes.tick_params(length=0)
-    _uncrowded(axes, len(names), both=True)
+    _shrink_names(axes, len(names), both=True)
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
     bar = axes.figure.colorbar(image, ax=axes, shrink=0.85, ticks=[-1, -0.5, 0, 0.5, 1])

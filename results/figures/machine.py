@@ -41,7 +41,7 @@ def draw_robot(
     """
     names = (base + _NAME_AT * (joints - base))[:, columns]
     line = np.stack([np.mean(joints, axis=0), tool])[:, columns]
-    around = [polygon(points)[:, columns] for points in (base, joints)]
+    around = [order_polygon(points)[:, columns] for points in (base, joints)]
     base, joints = base[:, columns], joints[:, columns]
     # What is drawn later covers what was drawn before.
     axes.plot(*around[0].T, color=INK, linewidth=1.2)
@@ -108,15 +108,15 @@ def view_extent(axes: Any) -> Bbox:
     return Bbox.union(parts).transformed(axes.figure.transFigure.inverted())
 
 
-def polygon(points: Array) -> Array:
+def order_polygon(points: Array) -> Array:
     """Return points in their order around their centre, closed."""
     centred = points - np.mean(points, axis=0)
     _, _, axes = np.linalg.svd(centred)
     angle = np.arctan2(centred @ axes[1], centred @ axes[0])
-    return closed(points[np.argsort(angle, kind="stable")])
+    return close_path(points[np.argsort(angle, kind="stable")])
 
 
-def closed(points: Array) -> Array:
+def close_path(points: Array) -> Array:
     """Return points with the first one again at the end."""
     return np.concatenate([points, points[:1]])
 

@@ -28,11 +28,11 @@ from results.figures.drawing import (
     INK,
     MUTED,
     STRUT_COLOURS,
+    add_legend_above,
+    add_strut_legend,
     figure_definition,
-    legend_above,
-    strut_legend,
 )
-from results.figures.machine import bound_view, closed, draw_robot, fill_view
+from results.figures.machine import bound_view, close_path, draw_robot, fill_view
 from results.notation import DisplayUnit, handy_unit, symbol
 
 _DOT = 0.15
@@ -81,7 +81,7 @@ def path_figure(figure: Figure, result: DesignResult) -> None:
 def _draw_robot(axes: Any, result: DesignResult) -> None:
     robot = result.configuration.robot
     base, joints = robot.base_joints, robot.struts_at(robot.home).joints
-    path = closed(result.motion.pose[:, :3])
+    path = close_path(result.motion.pose[:, :3])
     unit = handy_unit("m", np.concatenate([base, joints, path]))
     base, joints, path = unit.shown(base), unit.shown(joints), unit.shown(path)
     home = unit.shown(result.robot.home[:3])
@@ -93,7 +93,7 @@ def _draw_robot(axes: Any, result: DesignResult) -> None:
 
 
 def _draw_path(axes: Any, result: DesignResult) -> None:
-    path, home = closed(result.motion.pose[:, :3]), result.robot.home[:3]
+    path, home = close_path(result.motion.pose[:, :3]), result.robot.home[:3]
     corners = _workspace(result)
     if corners is None:
         # Where home is would only hide how small a motion is.
@@ -227,7 +227,7 @@ def _draw_period(result: DesignResult, panels: Any, quantities: Sequence[StrutQu
         axes.set_xlim(0, result.motion.period)
     for axes in panels[-1]:
         axes.set_xlabel("Time (s)")
-    strut_legend(panels.flat[0].figure)
+    add_strut_legend(panels.flat[0].figure)
 
 
 @figure_definition(
@@ -259,7 +259,7 @@ def motion_figure(figure: Figure, result: RestToRestMotion) -> None:
     _name_segments(panels[0, 2], result, result.names[-2:])
     panels[0, 1].set_title("whole motion")
     figure.align_ylabels()
-    strut_legend(figure)
+    add_strut_legend(figure)
 
 
 def _name_segments(axes: Axes, result: RestToRestMotion, names: tuple[str, ...]) -> None:
@@ -392,6 +392,6 @@ def excitation_figure(figure: Figure, result: DesignResult) -> None:
             axes.plot(time, shown, color=colour, linestyle=dashes, label=symbol(name))
         axes.set(title=title, ylabel=unit.label(label))
         axes.set_xlim(0, result.motion.period)
-        legend_above(axes, axes.get_lines()[1:])
+        add_legend_above(axes, axes.get_lines()[1:])
     panels[-1].set_xlabel("Time (s)")
     figure.align_ylabels()

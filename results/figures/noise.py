@@ -17,12 +17,12 @@ from results.figures.drawing import (
     INK,
     STRUT_COLOURS,
     VERMILLION,
-    centred_text,
-    corner_text,
-    correlation_image,
+    draw_correlation,
     figure_definition,
-    named_places,
+    name_places,
     strut_panels,
+    write_centred,
+    write_corner,
 )
 from results.notation import handy_unit, plain_number
 
@@ -52,7 +52,7 @@ def noise_distribution_figure(figure: Figure, pictures: NoiseResult | RecordingD
         axes.plot(grid, curve, color=INK, linewidth=1.0)
         axes.set_xlim(-reach, reach)
         axes.grid(visible=False, axis="x")
-        corner_text(
+        write_corner(
             axes,
             f"std {plain_number(test.std[j], 3)} N\nskew {_signed(test.skewness[j])}\n"
             f"kurt {_signed(test.kurtosis[j])}\np = {plain_number(test.p_values[j], 2)}",
@@ -121,7 +121,7 @@ def _pair(
     std = np.sqrt(np.diag(covariance))
     correlation = correlation_of(covariance)
     names = [channel % j for j in range(1, len(std) + 1)]
-    correlation_image(panels[0], correlation, names, colours)
+    draw_correlation(panels[0], correlation, names, colours)
     for (i, j), value in np.ndenumerate(correlation):
         panels[0].text(
             j,
@@ -145,7 +145,7 @@ def _pair(
         error_kw={"ecolor": INK, "elinewidth": 0.9, "capsize": 2.5},
         zorder=2,
     )
-    named_places(axes, names)
+    name_places(axes, names)
     axes.set_ylabel(shown.label("Standard deviation"))
     axes.set_title(f"Standard deviation of the {title.split(',', maxsplit=1)[0]}")
 
@@ -168,7 +168,7 @@ def noise_spectrum_figure(figure: Figure, result: NoiseResult) -> None:
     shown = found.frequency > 0
     if not np.any(shown):
         for axes in panels:
-            centred_text(axes, "no two periods can be compared")
+            write_centred(axes, "no two periods can be compared")
         return
     low, high = found.band()
     for j, axes in enumerate(panels):
@@ -188,7 +188,7 @@ def noise_spectrum_figure(figure: Figure, result: NoiseResult) -> None:
                 f"{plain_number(found.frequency[row], 4)} Hz: "
                 f"{plain_number(found.amplitude[row, j], 2)} N"
             )
-        corner_text(axes, "\n".join(words))
+        write_corner(axes, "\n".join(words))
         axes.set_xscale("log")
         axes.set_yscale("log")
     bottom, top = panels[0].get_ylim()

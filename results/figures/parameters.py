@@ -25,13 +25,13 @@ from results.figures.drawing import (
     MUTED,
     PALETTE,
     SECOND,
-    correlation_image,
+    add_legend_above,
+    draw_correlation,
     figure_definition,
-    legend_above,
-    margin_text,
-    parameter_axis,
     plain_ticks,
-    standing_text,
+    set_parameter_axis,
+    write_margin,
+    write_upright,
 )
 from results.notation import readable, symbol
 
@@ -79,12 +79,12 @@ def precision_figure(figure: Figure, result: DesignResult) -> None:
             )
         )
     unknown = ~np.any(np.isfinite(percents), axis=1)
-    standing_text(axes, position[unknown], "nominal value 0")
+    write_upright(axes, position[unknown], "nominal value 0")
     axes.axhline(_IDENTIFIABLE, color=ALERT, linewidth=1.0, zorder=3)
-    margin_text(axes, _IDENTIFIABLE, f"{_IDENTIFIABLE:g} %\nidentifiable\nbelow", ALERT)
-    parameter_axis(axes, [parameter.name for parameter in parameters])
+    write_margin(axes, _IDENTIFIABLE, f"{_IDENTIFIABLE:g} %\nidentifiable\nbelow", ALERT)
+    set_parameter_axis(axes, [parameter.name for parameter in parameters])
     axes.set(ylabel="Standard deviation / |nominal| (%)", title="Predicted precision")
-    legend_above(axes, handles)
+    add_legend_above(axes, handles)
 
 
 def _count(number: int) -> str:
@@ -123,12 +123,12 @@ def estimates_figure(figure: Figure, result: EstimationResult) -> None:
                 **ESTIMATOR_LOOKS[name] | {"markersize": 3.0, "elinewidth": 1.0, "zorder": 2},
             )
         )
-    standing_text(axes, position[~free], "fixed")
+    write_upright(axes, position[~free], "fixed")
     axes.axhline(0.0, color=MUTED, linewidth=0.8, zorder=1)
-    parameter_axis(axes, names)
+    set_parameter_axis(axes, names)
     axes.set_ylabel(f"(Estimate − a priori) / std of {best.upper()}")
     axes.set_title("Estimates against the a-priori values, 95 % intervals")
-    legend_above(axes, handles)
+    add_legend_above(axes, handles)
 
 
 @figure_definition(
@@ -142,7 +142,7 @@ def correlation_figure(figure: Figure, result: EstimationResult) -> None:
     free = [k for k, name in enumerate(result.parameters) if name not in result.fixed]
     matrix = correlation(result.best_estimator.covariance)[np.ix_(free, free)]
     axes = figure.subplots()
-    correlation_image(axes, matrix, [symbol(result.parameters[k]) for k in free], "RdBu_r")
+    draw_correlation(axes, matrix, [symbol(result.parameters[k]) for k in free], "RdBu_r")
     axes.set_title(f"Correlation of the {result.best.upper()} estimates")
 
 
@@ -182,7 +182,7 @@ def draw_series(axes: Axes, result: ParameterSeries) -> None:
             # A name that begins with an underscore would be left out of the legend.
             label=f"\u200b{label}",
         )
-    parameter_axis(axes, result.names)
+    set_parameter_axis(axes, result.names)
 
 
 @figure_definition(

@@ -23,12 +23,12 @@ from results.figures.drawing import (
     ORANGE,
     STRUT_COLOURS,
     VERMILLION,
-    centred_text,
-    corner_text,
     figure_definition,
-    named_places,
-    plain_decades,
+    label_decades,
+    name_places,
     strut_panels,
+    write_centred,
+    write_corner,
 )
 from results.notation import handy_unit
 
@@ -49,7 +49,7 @@ def residuals_figure(figure: Figure, result: RecordingDiagnosis) -> None:
     for j, axes in enumerate(_residual_panels(figure, rest, rest.time, room=1.25)):
         if not test.refused:
             words = "bias" if test.failed[j] else "no bias"
-            corner_text(axes, f"{words}: F = {test.statistic[j]:.2f}")
+            write_corner(axes, f"{words}: F = {test.statistic[j]:.2f}")
 
 
 @figure_definition(
@@ -64,10 +64,10 @@ def prediction_figure(figure: Figure, motion: PredictionResiduals) -> None:
     panels = _residual_panels(figure, rest, rest.time - rest.time[0], room=1.3)
     for j, axes in enumerate(panels):
         if test.refused:
-            corner_text(axes, "not tested")
+            write_corner(axes, "not tested")
             continue
         words = "fails" if test.failed[j] else "passes"
-        corner_text(axes, f"{words}: F = {test.statistic[j]:.2f}")
+        write_corner(axes, f"{words}: F = {test.statistic[j]:.2f}")
         if test.failed[j]:
             axes.texts[-1].set_color(ALERT)
     figure.suptitle(motion.name, fontsize="medium")
@@ -145,7 +145,7 @@ def position_periodic_figure(figure: Figure, result: RecordingDiagnosis) -> None
     for strut, (axes, scan) in enumerate(zip(panels, tests.position_periodic, strict=True)):
         rows = [row for row in result.pitches if row.strut == strut + 1]
         if not rows:
-            centred_text(axes, "not scanned", color=MUTED)
+            write_centred(axes, "not scanned", color=MUTED)
             continue
         pitch = [1e3 * row.pitch for row in rows]
         if tests.effects:
@@ -156,14 +156,14 @@ def position_periodic_figure(figure: Figure, result: RecordingDiagnosis) -> None
         axes.axhline(scan.critical, color=ALERT, linewidth=0.9, linestyle=(0, (4, 2)), zorder=4)
         force = forces.get(strut)
         if force is not None:
-            corner_text(
+            write_corner(
                 axes,
                 f"position-periodic:\n{force.amplitude:.3g} ± {force.amplitude_std:.1g} N\n"
                 f"pitch {1e3 * force.pitch:.3f} mm",
             )
     shared, critical = panels[0], tests.position_periodic[0].critical
     shared.set_xscale("log")
-    plain_decades(shared.xaxis)
+    label_decades(shared.xaxis)
     linear = 2 * critical if np.isfinite(critical) else 60.0
     shared.set_yscale("symlog", linthresh=linear, linscale=1.6)
     shared.set_ylim(bottom=0)
@@ -205,7 +205,7 @@ def feedforward_figure(figure: Figure, result: FeedforwardResult) -> None:
             **look,
         )
     above.set_yscale("log")
-    plain_decades(above.yaxis)
+    label_decades(above.yaxis)
     above.set_xlim(0, result.tracking[0].time[-1])
     above.set_xlabel("Time (s)")
     above.set_ylabel(unit.label("Error of the TCP"))
@@ -216,8 +216,8 @@ def feedforward_figure(figure: Figure, result: FeedforwardResult) -> None:
         middle = np.arange(ACTUATORS) + (place - (len(cases) - 1) / 2) * width
         below.plot(middle, struts.shown(sizes), "o", color=_COLOURS[case], markersize=4.5)
     below.set_yscale("log")
-    plain_decades(below.yaxis)
-    named_places(below, [f"strut {j}" for j in range(1, ACTUATORS + 1)])
+    label_decades(below.yaxis)
+    name_places(below, [f"strut {j}" for j in range(1, ACTUATORS + 1)])
     below.set_ylabel(struts.label("Rms error"))
     handles = [
         Line2D([], [], color=_COLOURS[case], linewidth=2.0, label=MEANINGS[case]) for case in cases

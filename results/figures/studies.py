@@ -25,13 +25,13 @@ from results.figures.drawing import (
     GREY,
     MUTED,
     PALETTE,
-    centred_text,
+    add_legend_above,
     figure_definition,
-    legend_above,
-    margin_text,
-    parameter_axis,
-    plain_decades,
+    label_decades,
     plain_ticks,
+    set_parameter_axis,
+    write_centred,
+    write_margin,
 )
 
 Rows = Sequence[StatisticsRow]
@@ -106,10 +106,10 @@ def bias_figure(figure: Figure, rows: Rows) -> None:
         decades = 10.0 ** np.arange(np.ceil(np.log10(2 * band)), np.ceil(np.log10(room * largest)))
         axes.set_yticks([*-decades[::-1], 0.0, *decades])
     axes.set_ylim(-room * largest, room * largest)
-    margin_text(axes, 0.0, f"±{CLEAR:g} standard\nerrors at\nthe bound", MUTED)
-    parameter_axis(axes, _parameters(rows), parted=True)
+    write_margin(axes, 0.0, f"±{CLEAR:g} standard\nerrors at\nthe bound", MUTED)
+    set_parameter_axis(axes, _parameters(rows), parted=True)
     axes.set(ylabel="Bias / Cramér–Rao bound", title="Bias")
-    legend_above(axes, handles)
+    add_legend_above(axes, handles)
 
 
 NOMINAL = 95.0
@@ -134,13 +134,13 @@ def efficiency_figure(figure: Figure, rows: Rows) -> None:
         _points(below, rows, estimator, cover[:, 0], _bars(cover))
     for axes, target, label in ((above, 1.0, ""), (below, NOMINAL, "Parameter")):
         axes.axhline(target, color=MUTED, linewidth=1.0, zorder=2)
-        parameter_axis(axes, _parameters(rows), label, parted=True)
+        set_parameter_axis(axes, _parameters(rows), label, parted=True)
     ratios = _interval(rows, "rmse_over_bound")
     if np.max(ratios[np.isfinite(ratios)], initial=0.0) >= _LINEAR_RATIO:
         above.set_yscale("log")
-        plain_decades(above.yaxis)
+        label_decades(above.yaxis)
     above.set(ylabel="RMSE / Cramér–Rao bound", title="Efficiency")
-    legend_above(above, handles)
+    add_legend_above(above, handles)
     below.set_ylim(top=101.0)
     below.set_ylabel("Intervals that hold the truth (%)")
     below.set_title(f"Coverage of the {NOMINAL:g} % intervals")
@@ -209,7 +209,7 @@ def _draw(axes: Axes, result: SweepResult, cost: str, precision: str, looks: _Lo
     """Draw the designs of one panel."""
     points, shown = _designs_of(result, cost, precision)
     if not shown:
-        centred_text(axes, "no design", color=MUTED)
+        write_centred(axes, "no design", color=MUTED)
         return
     for k in shown:
         colour = looks.colours[k]
@@ -221,7 +221,7 @@ def _draw(axes: Axes, result: SweepResult, cost: str, precision: str, looks: _Lo
         low, high = float(np.min(each)), float(np.max(each))
         if low > 0 and high > _LOGARITHMIC * low:
             axes.set(**{f"{way}scale": "log", f"{way}lim": (low / _AIR, high * _AIR)})
-            plain_decades(getattr(axes, f"{way}axis"))
+            label_decades(getattr(axes, f"{way}axis"))
         else:
             air = _SHARE * ((high - low) or high or 1.0)
             axes.set(**{f"{way}lim": (low - air, high + air)})

@@ -30,7 +30,7 @@ def draw_figures(
     wanted = [
         drawing
         for drawing in view.drawings
-        if not missing or drawing.renewed or not _drawn(drawing, place, formats)
+        if not missing or drawing.renewed or not _has_files(drawing, place, formats)
     ]
     return tuple(
         path
@@ -85,6 +85,6 @@ def embed_figure(path: Path, caption: str) -> EmbeddedFigure:
     return EmbeddedFigure(path.stem, caption, f"data:image/svg+xml;base64,{text}")
 
 
-def _drawn(drawing: Drawing, place: Path, formats: Collection[str]) -> bool:
+def _has_files(drawing: Drawing, place: Path, formats: Collection[str]) -> bool:
     endings = {*formats, "svg"}
     return all((place / f"{drawing.definition.key}.{ending}").is_file() for ending in endings)

@@ -215,11 +215,11 @@ def robot_animation(folder: RunFolder) -> Animation | None:
     largest = float(np.max(np.abs(motion.force)))
     data = {
         "period": round(period, 9),
-        "time": _rounded(time[chosen] - time[0], 5),
-        "base": _rounded(1e3 * robot.base_joints, 2),
-        "joints": _rounded(1e3 * joints, 2),
-        "tool": _rounded(1e3 * pose[chosen, :3], 2),
-        "force": _rounded(motion.force[chosen], 2),
+        "time": _round(time[chosen] - time[0], 5),
+        "base": _round(1e3 * robot.base_joints, 2),
+        "joints": _round(1e3 * joints, 2),
+        "tool": _round(1e3 * pose[chosen, :3], 2),
+        "force": _round(motion.force[chosen], 2),
         "largest": largest if largest > 0 else 1.0,
         **_limits(Robot(robot), motion, chosen),
     }
@@ -258,20 +258,20 @@ def _limits(robot: Robot, motion: _Motion, chosen: NDArray[np.intp]) -> dict[str
     position = {row: k for k, row in enumerate(rows.tolist())}
     named = [(limit.definition.title, label) for limit in model.limits for label in limit.labels]
     return {
-        "limits": [_named(*named[row]) for row in rows],
+        "limits": [_limit_entry(*named[row]) for row in rows],
         "reached": [
             [position[row] for row in np.flatnonzero(frame).tolist()] for frame in by_frame
         ],
     }
 
 
-def _named(title: str, row: str) -> dict[str, Any]:
+def _limit_entry(title: str, row: str) -> dict[str, Any]:
     word, _, numbers = row.partition(" ")
     of_struts = word in ("strut", "struts")
     struts = [int(number) - 1 for number in numbers.split("-")] if of_struts else []
     return {"title": title, "row": row, "struts": struts, "platform": not of_struts}
 
 
-def _rounded(values: Array, digits: int) -> Any:
+def _round(values: Array, digits: int) -> Any:
     # Adding zero turns −0.0 into 0.0.
     return (np.round(values, digits) + 0.0).tolist()

@@ -17,7 +17,7 @@ from estimation.uncertainty.intervals import FAMILY_LEVEL, Differences, differen
 from expdesign.information.identifiable import KnownCombination
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from results.figures.parameters import WORTH, selection_figure
-from results.notation import counted, readable
+from results.notation import count_text, readable
 from results.views.view import (
     Block,
     Drawing,
@@ -158,11 +158,11 @@ def combination_blocks(
     parameters = len({*asked, *regrouped})
     if not together:
         if len(found) == parameters:
-            text = f"All {counted(parameters, 'parameter')} are identified individually."
+            text = f"All {count_text(parameters, 'parameter')} are identified individually."
         else:
             text = (
-                f"{len(found)} of {counted(parameters, 'parameter')} are identified individually; "
-                "the others do not affect these."
+                f"{len(found)} of {count_text(parameters, 'parameter')} are identified "
+                "individually; the others do not affect these."
             )
         return (TextBlock(text),)
     columns = (
@@ -175,7 +175,7 @@ def combination_blocks(
         TableColumn("regrouped into it", kind="text", of="regrouped", screen=False),
     )
     caption = (
-        f"Combinations: {len(found)} combinations of {counted(parameters, 'parameter')} are "
+        f"Combinations: {len(found)} combinations of {count_text(parameters, 'parameter')} are "
         f"identified, {len(found) - len(together)} of them single parameters. A combination has "
         "the unit of its first parameter, which alone is known less precisely or not at all"
     )

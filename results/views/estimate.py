@@ -13,7 +13,7 @@ from estimation.uncertainty.intervals import Differences, with_error
 from results.figures.noise import NOISE_FIGURES
 from results.figures.parameters import ESTIMATE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES
-from results.notation import counted, readable
+from results.notation import count_text, readable
 from results.views.blocks import (
     INTERVAL,
     budget_blocks,
@@ -187,7 +187,7 @@ def _noise_table(result: EstimateFile) -> ReportTable:
 
 def _verdict(result: EstimateFile) -> StageVerdict:
     name = NAMES.get(result.best, result.best)
-    begin = f"{name} from {counted(len(result.recordings), 'recording')}"
+    begin = f"{name} from {count_text(len(result.recordings), 'recording')}"
     estimator = result.best_estimator
     if not estimator.converged:
         sentence = f"{begin}; the estimator did not converge: {estimator.status}."

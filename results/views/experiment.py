@@ -9,7 +9,7 @@ import numpy as np
 from estimation.montecarlo.result import EstimatorStatistics, MonteCarloResult
 from estimation.twin.truth import Truth
 from results.figures.studies import STUDY_FIGURES
-from results.notation import counted, percent, readable
+from results.notation import count_text, percent, readable
 from results.views.estimate import NAMES
 from results.views.folder import RunFolder
 from results.views.view import (
@@ -189,7 +189,7 @@ def compare_montecarlo(folders: Mapping[str, RunFolder], *_: object) -> StageVie
         "Cramér–Rao bound of each, SI units"
     )
     table = ReportTable.of("achieved", caption, columns)
-    number = counted(len(folders), "study", "studies")
+    number = count_text(len(folders), "study", "studies")
     sentence = f"{number}: achieved standard deviations and the bound."
     title = "Monte-Carlo studies"
     return StageView(StageVerdict(title, Level.NEUTRAL, "compared", sentence, "studies"), (table,))

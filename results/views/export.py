@@ -13,7 +13,7 @@ from expdesign.experiment import DesignResult
 from expdesign.export.result import ExportedTable, ExportResult
 from expdesign.runfolder.manifest import file_hash
 from results.figures.motion import RestToRestMotion, motion_figure
-from results.notation import counted, percent, readable
+from results.notation import count_text, percent, readable
 from results.views.folder import RunFolder
 from results.views.view import (
     Block,
@@ -47,7 +47,7 @@ def export_view(folder: RunFolder) -> StageView:
     begin, end = motion.window
     duration = f"{readable(motion.duration)} s"
     sentence = (
-        f"{counted(len(files), 'table')} of a motion of {duration} from rest to rest. Each was "
+        f"{count_text(len(files), 'table')} of a motion of {duration} from rest to rest. Each was "
         "read back, executed as by its controller, and kept every tolerance."
     )
     for name, entry in files.items():

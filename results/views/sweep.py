@@ -9,7 +9,7 @@ from expdesign.configuration.grid import short_path, value_text
 from expdesign.experiment.sweep import FAILED, SweepResult, SweptDesign
 from expdesign.information.criteria import criteria
 from results.figures.studies import sweep_figure
-from results.notation import counted, duration, readable
+from results.notation import count_text, duration, readable
 from results.views.folder import RunFolder
 from results.views.view import (
     Block,
@@ -94,7 +94,7 @@ def _table(
 
 def _verdict(result: SweepResult) -> StageVerdict:
     total, complete = len(result.designs), sum(one.complete for one in result.designs)
-    sentence = f"{complete} of {counted(total, 'design')}"
+    sentence = f"{complete} of {count_text(total, 'design')}"
     wrong = [
         f"{label} ({one.reason if one.status == FAILED else one.status})"
         for label, one in zip(result.labels, result.designs, strict=True)

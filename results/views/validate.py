@@ -10,7 +10,7 @@ from estimation.feedforward.result import MEANINGS, FeedforwardResult
 from estimation.validation.prediction_error import Kept
 from estimation.validation.validate import PredictedMotion, ValidationResult
 from results.figures.residuals import feedforward_figure, prediction_figure
-from results.notation import counted, percent, readable
+from results.notation import count_text, percent, readable
 from results.views.blocks import contradictions, count_findings, findings_block, verdict_level
 from results.views.estimate import NAMES
 from results.views.folder import RunFolder
@@ -49,7 +49,7 @@ def validation_view(folder: RunFolder) -> StageView:
         blocks.append(Drawing(prediction_figure, result.predictions[number - 1], number))
         subject = f"the prediction of motion {number}"
         blocks.append(findings_block(f"findings_{number}", verdict.findings, subject))
-    motions = counted(len(result.motions), "motion")
+    motions = count_text(len(result.motions), "motion")
     sentence = (
         f"The {NAMES.get(result.estimator, result.estimator)} estimate predicts the forces of "
         f"{motions} ({'; '.join(motion.name for motion in result.motions)}): {passed} actuator "
@@ -68,7 +68,7 @@ def validation_view(folder: RunFolder) -> StageView:
     if judged_by_size:
         kept = sum(motion.within is True for motion in judged_by_size)
         sentence += (
-            f" {kept} of {counted(len(judged_by_size), 'motion')} with a tolerance "
+            f" {kept} of {count_text(len(judged_by_size), 'motion')} with a tolerance "
             f"{'keeps' if kept == 1 else 'keep'} it."
         )
     undecided = any(motion.within is None for motion in judged_by_size)
