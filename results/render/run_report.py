@@ -175,7 +175,7 @@ def _provenance(folder: RunFolder) -> PageSection:
         ]
         heads = text_columns("file", "stage", "SHA-256")
         blocks.append(ReportTable.of("files", "Files of the run folder", heads, files, folded=True))
-    resolved = folder.text(folder.path / "run.yaml")
+    resolved = (folder.path / "run.yaml").read_text(encoding="utf-8")
     blocks.append(ListingBlock("run.yaml: the resolved configuration", resolved))
     return PageSection("provenance", "Configuration and versions", tuple(blocks))
 

@@ -18,7 +18,6 @@ from results.views.view import (
     ListingBlock,
     ReportTable,
     StageView,
-    TableColumn,
     TextBlock,
     Value,
     cell_text,
@@ -48,7 +47,10 @@ def print_view(view: StageView, console: Console, place: str = "") -> None:
     _print_text(console, head.append(verdict.sentence))
     findings = [block for block in view.blocks if isinstance(block, FindingsBlock)]
     for block in findings:
-        _print_findings(console, block, named=len(findings) > 1)
+        if len(findings) > 1 and block.lines:
+            _print_text(console, Text(f"{block.subject}:", style="italic"))
+        for line in block.lines:
+            _print_text(console, Text(f"- {line}"))
     if view.facts:
         _print_block(console, Facts(view.facts))
     for shown in view.blocks:
@@ -86,7 +88,8 @@ def _cells(table: ReportTable, row: Sequence[Value]) -> list[str]:
         if column.screen and column.kind == "error":
             cells[-1] = concise(before, value)
         elif column.screen:
-            cells.append(_cell(column, value))
+            text = cell_text(column, value)
+            cells.append("" if text == "–" and not column.numeric else text)
             before = value
     return cells
 
@@ -129,18 +132,5 @@ def _print_block(console: Console, block: Block) -> None:
             print_table(console, block)
 
 
-def _print_findings(console: Console, block: FindingsBlock, *, named: bool) -> None:
-    if named and block.lines:
-        _print_text(console, Text(f"{block.subject}:", style="italic"))
-    for line in block.lines:
-        advice = f". What to do: {line.advice}" if line.advice else ""
-        _print_text(console, Text(f"- {line.sentence}{advice}"))
-
-
 def _print_text(console: Console, text: Text) -> None:
     console.print(text, soft_wrap=not console.is_terminal)
-
-
-def _cell(column: TableColumn, value: Value) -> str:
-    text = cell_text(column, value)
-    return "" if text == "–" and not column.numeric else text

@@ -21,7 +21,6 @@ from results.notation import count_text, readable
 from results.views.view import (
     Block,
     Drawing,
-    FindingLine,
     FindingsBlock,
     Level,
     ReportTable,
@@ -51,17 +50,15 @@ def findings_block(
     )
     table = ReportTable.of(key, f"Assumptions of {subject} and their tests", columns, findings)
     shown = findings if every else [finding for finding in findings if finding.failed]
-    return FindingsBlock(subject, table, tuple(_line(finding, every) for finding in shown))
-
-
-def _line(finding: Finding, every: bool) -> FindingLine:
-    begin = ""
-    if every:
-        begin = f"{finding.assumption}: {finding.outcome.value}. "
+    lines = []
+    for finding in shown:
+        outcome = f"{finding.assumption}: {finding.outcome.value}"
         if finding.failed:
             # A failed assumption that denies something would have to be decoded.
-            begin = f"{finding.contradiction}. "
-    return FindingLine(f"{begin}{finding.sentence}", finding.advice)
+            outcome = finding.contradiction
+        advice = f". What to do: {finding.advice}" if finding.advice else ""
+        lines.append(f"{f'{outcome}. ' if every else ''}{finding.sentence}{advice}")
+    return FindingsBlock(subject, table, tuple(lines))
 
 
 def contradictions(verdict: DiagnosisVerdict) -> str:

@@ -88,7 +88,7 @@ def export_view(folder: RunFolder) -> StageView:
     readme = place / "README.txt"
     if readme.is_file():
         title = "README.txt: how to run each table, and what to record"
-        blocks.append(ListingBlock(title, folder.text(readme)))
+        blocks.append(ListingBlock(title, readme.read_text(encoding="utf-8", errors="replace")))
     return StageView(verdict, tuple(blocks))
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from expdesign.configuration import InputError, RunConfiguration, load_run
+from expdesign.runfolder import JsonFile
 from expdesign.runfolder.manifest import Manifest, StageEntry
 from results.views.view import StageView
 
@@ -38,15 +39,7 @@ class ViewedStage(Protocol):
         """Return the type of the stored result, its view and its comparison."""
 
 
-class Readable(Protocol):
-    """A result that can be read from a run folder."""
-
-    @classmethod
-    def read(cls, folder: Path, /) -> Self:
-        """Read it."""
-
-
-Result = TypeVar("Result", bound=Readable)
+Result = TypeVar("Result", bound=JsonFile)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,19 +113,6 @@ class RunFolder:
     def entry(self, stage: str) -> StageEntry | None:
         """Return the manifest's entry of a stage; None without one."""
         return None if self.manifest is None else self.manifest.stages.get(stage)
-
-    def text(self, path: Path) -> str:
-        """Return the content of a text file.
-
-        Raises
-        ------
-        InputError
-            The file is not UTF-8 text.
-        """
-        try:
-            return path.read_text(encoding="utf-8")
-        except ValueError as error:
-            raise InputError(f"not a text file: {error}", path) from error
 
     def named(self, file: str) -> str:
         """Return the name of a file in a report: relative to the folder, or the name alone."""

@@ -282,21 +282,13 @@ class Animation:
 
 
 @dataclass(frozen=True)
-class FindingLine:
-    """A finding on the terminal: a sentence and the advice that follows from it."""
-
-    sentence: str
-    advice: str = ""
-
-
-@dataclass(frozen=True)
 class FindingsBlock:
     """Assumptions with their outcomes: a table on a page, a list of advice on the terminal."""
 
     kind: ClassVar[str] = "findings"
     subject: str
     table: ReportTable
-    lines: tuple[FindingLine, ...]
+    lines: tuple[str, ...]
 
 
 Block = (

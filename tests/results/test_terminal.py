@@ -8,7 +8,6 @@ from rich.console import Console
 from results.render.terminal import concise, print_table, print_view
 from results.views.view import (
     Fact,
-    FindingLine,
     FindingsBlock,
     Level,
     ReportTable,
@@ -38,7 +37,7 @@ def test_the_answer_comes_first():
         FindingsBlock(
             "the estimate",
             ReportTable("findings", "Findings", (), ()),
-            (FindingLine("the noise is coloured", "measure longer"),),
+            ("the noise is coloured. What to do: measure longer",),
         ),
     )
     verdict = StageVerdict("Estimate", Level.BAD, "doubtful", "ML from 1 recording.")
