@@ -34,7 +34,13 @@ _MINUTE, _HOUR = 60, 3600
 
 
 def time_text(seconds: float) -> str:
-    """Return a time as people say it: 8 s, 2 min 5 s, 1 h 20 min."""
+    """Return a time in words.
+
+    Examples
+    --------
+    >>> time_text(8), time_text(125), time_text(4800)
+    ('8 s', '2 min 5 s', '1 h 20 min')
+    """
     whole = max(0, round(seconds))
     if whole < _MINUTE:
         return f"{whole} s"
@@ -55,13 +61,13 @@ def left_text(passed: float, share: float) -> str:
 
 
 class Activity:
-    """Shows what a stage is at.
+    """Display of the progress of a stage.
 
     Parameters
     ----------
     console : rich Console
     name : str
-        Of the stage.
+        Name of the stage.
     """
 
     def __init__(self, console: Console, name: str) -> None:
@@ -74,7 +80,7 @@ class Activity:
         self.paused = False
 
     def show_progress(self, what: str, done: int, total: int) -> None:
-        """Show it."""
+        """Show the number of finished items of `what`."""
         if what != self._what:
             # Items of an earlier run are not part of the time.
             self._what, self._since, self._first = what, time.monotonic(), done
@@ -100,7 +106,7 @@ class Activity:
 
     @contextmanager
     def display(self) -> Iterator[None]:
-        """Show it on a terminal until the stage is done, and then remove it."""
+        """Show the progress on a terminal until the stage is done, and then remove it."""
         if not self._console.is_terminal:
             yield
             return
@@ -146,7 +152,7 @@ _TRUE = ("done", "finished")
 
 
 class Terminal(Progress):
-    """Shows progress and remarks on standard error, results on standard output.
+    """Listener that shows progress and remarks on standard error, results on standard output.
 
     Parameters
     ----------
@@ -210,7 +216,7 @@ def working(what: str) -> Iterator[Terminal]:
 
 
 class SearchDisplay:
-    """Shows every running start and the best so far, how much is done and how long it will take.
+    """Display of every running start and the best so far, with progress and remaining time.
 
     Parameters
     ----------
@@ -219,9 +225,9 @@ class SearchDisplay:
         ends and, at most every five seconds, for the start that moves.
     criterion : Criterion
     starts, hops : int
-        How many there are, at most.
+        Their largest numbers.
     information : str
-        Symbol of what the criterion is of.
+        Symbol of the information that the criterion judges.
     max_seconds : float, optional
         For starts and hops; the finish, which comes on top, is not shown then.
     """
@@ -253,27 +259,20 @@ class SearchDisplay:
             self._built, self._searches = True, time.monotonic()
             self._line(f"design: the search begins after {time_text(self._seconds)}")
         if event.phase in _TRUE:
-            self._running.pop(event.start, None)
-            self._finished += event.phase == "finished"
-            if event.phase == "done":
-                self._count(event)
-            # What is done is shrunk into its limits; what is finished may break one by the recheck.
-            kept = event.phase == "done" or event.violation <= TOLERANCE
-            if kept and math.isfinite(event.objective):
-                best = self._best or event
-                better = max if self._criterion.larger_is_better else min
-                self._best = better(best, event, key=lambda one: one.objective)
-            self._line(self._ended_text(event))
+            self._end(event)
         elif event.phase == "waiting":
             self._running.pop(event.start, None)
             self._rough.add(event.start)
         else:
             self._running[event.start] = event
             if not self._console.is_terminal and time.monotonic() - self._spoke > HEARTBEAT:
+                beyond = "within the limits"
+                if event.violation > 0:
+                    beyond = f"{_percent(event)} beyond a limit"
                 left = self._left()
                 self._line(
-                    f"{self._name(event)}: {_stage(event)}, iteration {_iteration(event)}; "
-                    f"{self._objective(event)}, {_violation(event)}; {time_text(event.seconds)}"
+                    f"{self._name(event)}: {_phase(event)}, iteration {_iteration(event)}; "
+                    f"{self._objective(event)}, {beyond}; {time_text(event.seconds)}"
                     f"{'; ' if left else ''}{left}"
                 )
 
@@ -301,14 +300,30 @@ class SearchDisplay:
     def _seconds(self) -> float:
         return time.monotonic() - self._began
 
-    def _count(self, event: SearchEvent) -> None:
-        """Count a start or hop that has ended."""
-        hop = event.start > self._starts
-        self._starts_ended += not hop
-        self._hops_ended += hop
-        self._refined += hop or (event.start in self._rough and event.status != GIVEN_UP)
-        if not hop:
-            self._rough.add(event.start)
+    def _end(self, event: SearchEvent) -> None:
+        """Count a start, a hop or a finish that has ended, and write its result."""
+        self._running.pop(event.start, None)
+        name, objective = self._name(event), self._objective(event)
+        finished = event.phase == "finished"
+        effort = f"{event.iteration} iterations, {time_text(event.seconds)}"
+        if finished:
+            self._finished += 1
+            text = f"{name}, finished: {objective}, {event.status}"
+        else:
+            hop = event.start > self._starts
+            self._starts_ended += not hop
+            self._hops_ended += hop
+            self._refined += hop or (event.start in self._rough and event.status != GIVEN_UP)
+            self._rough |= set() if hop else {event.start}
+            text = f"{name}: {objective} within the limits after {effort}: {event.status}"
+        # A start that is done is within its limits, the recheck may find a finished one beyond.
+        if math.isfinite(event.objective):
+            if not finished or event.violation <= TOLERANCE:
+                better = max if self._criterion.larger_is_better else min
+                self._best = better(self._best or event, event, key=lambda one: one.objective)
+        elif not finished:
+            text = f"{name}: {event.status} ({effort})"
+        self._line(text)
 
     def _left(self) -> str:
         """Return how long the search will take still; empty while that is not known.
@@ -360,7 +375,7 @@ class SearchDisplay:
         for start, event in sorted(self._running.copy().items()):
             table.add_row(
                 f"{start}",
-                _stage(event),
+                _phase(event),
                 _iteration(event),
                 f"{event.objective:.6g}",
                 _percent(event),
@@ -368,18 +383,8 @@ class SearchDisplay:
             )
         return Group(*lines, table)
 
-    def _ended_text(self, event: SearchEvent) -> str:
-        if event.phase == "finished":
-            return f"{self._name(event)}, finished: {self._objective(event)}, {event.status}"
-        effort = f"{event.iteration} iterations, {time_text(event.seconds)}"
-        start = self._name(event)
-        if not math.isfinite(event.objective):
-            return f"{start}: {event.status} ({effort})"
-        reached = f"{self._objective(event)} within the limits"
-        return f"{start}: {reached} after {effort}: {event.status}"
 
-
-def _stage(event: SearchEvent) -> str:
+def _phase(event: SearchEvent) -> str:
     """Return the phase of a start in words."""
     number, count = event.place
     title = PHASE_TITLES.get(event.phase, event.phase)
@@ -393,7 +398,3 @@ def _iteration(event: SearchEvent) -> str:
 
 def _percent(event: SearchEvent) -> str:
     return f"{100 * max(event.violation, 0.0):.2g} %"
-
-
-def _violation(event: SearchEvent) -> str:
-    return f"{_percent(event)} beyond a limit" if event.violation > 0 else "within the limits"
