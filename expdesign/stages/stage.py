@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
 from expdesign.configuration.tolerances import machine_name
@@ -17,9 +17,6 @@ from expdesign.runfolder.manifest import Manifest, file_hash
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile, fourier_keys
 from results.views.folder import StageViews, ViewedStage
 from results.views.view import StageView
-
-if TYPE_CHECKING:
-    from expdesign.solver.phases import SearchEvent
 
 Keys = bool | set[str]
 
@@ -157,8 +154,8 @@ class Progress:
         """Take the outcome of a stage."""
 
     @contextmanager
-    def search(self, configuration: RunConfiguration) -> Iterator[Callable[[SearchEvent], None]]:
-        """Show the search for a design; yield the listener of its events."""
+    def search(self, configuration: RunConfiguration) -> Iterator[Callable[[Any], None]]:
+        """Show the search for a design; yield the listener of its events, each a `SearchEvent`."""
         del configuration
         yield lambda _event: None
 
