@@ -262,17 +262,18 @@ def _guide(export: Export) -> str:
         "table."
     )
     parts = {
-        "Before you start": guide.before,
-        "Load": guide.load,
-        "First slow run": f"{_slow(settings)} {guide.slow}".strip(),
-        "Run": guide.run,
-        "Record": f"{window} {guide.record}".strip(),
-        "Afterwards": guide.afterwards or _AFTERWARDS,
+        "Before you start": [guide.before],
+        "Load": [guide.load],
+        "First slow run": [_slow(settings), guide.slow],
+        "Run": [guide.run],
+        "Record": [window, "" if check.trigger is None else form.trigger, guide.record],
+        "Afterwards": [guide.afterwards or _AFTERWARDS],
     }
-    if check.trigger is not None:
-        parts["Record"] = f"{window} {form.trigger}"
     on, off = (f"{time:.6f}" for time in check.trigger or (np.nan, np.nan))
-    text = "\n\n".join(f"{title}\n{len(title) * '~'}\n\n{part}" for title, part in parts.items())
+    text = "\n\n".join(
+        "\n\n".join([f"{title}\n{len(title) * '~'}", *filter(None, part)])
+        for title, part in parts.items()
+    )
     for name, value in form.guide_values(settings).items():
         text = text.replace(f"{{{name}}}", value)
     return text.format(
@@ -290,8 +291,8 @@ def _guide(export: Export) -> str:
 
 
 _AFTERWARDS = (
-    "The table ends where it began, at rest at home. Compare the recorded lengths with those of "
-    "the design before you estimate: `expdesign estimate` refuses a recording of another motion."
+    "The table ends where it began, at rest at home. Disable the drives before you approach the "
+    "machine. Keep the recording as it is: `expdesign estimate` reads it with the window above."
 )
 
 

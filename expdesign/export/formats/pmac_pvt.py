@@ -274,7 +274,7 @@ FORMAT = TableFormat(
             "Move the axes to the start one by one, wait until they are in position, and run the "
             "program:\n\n"
             "    &1 B10 R\n\n"
-            "`A` aborts it."
+            "`&1 A` aborts it."
         ),
     ),
     clock="1/4096 ms (Turbo PMAC, I42 = 0), 1 ms with `clock: 1 ms`",
