@@ -47,7 +47,6 @@ _LARGEST_HARMONICS = 100
 _MOST_SAMPLES = 20_000
 _MOST_SOLVES = 10_000
 """Largest number of starts, hops or iterations: days of work."""
-Phase = Literal["start", "best"]
 
 
 class TrajectorySection(Section):
@@ -91,7 +90,7 @@ class MotionSection(Section):
     jerk: Annotated[Jerk, Positive] | None = None
     """Largest jerk of a strut, m/s³, by default from the limit of the struts' acceleration and the
     designed motion."""
-    phase: Phase = "start"
+    phase: Literal["start", "best"] = "start"
     """Transition between ramps and designed motion: at its t = 0, or at the phase with the shortest
     ramps."""
 
@@ -107,20 +106,14 @@ def criterion_keys() -> tuple[str, ...]:
     return tuple(import_module("expdesign.information.criteria").criteria())
 
 
-Search = Literal["restarts", "hopping"]
-Start = Literal["periodic", "rest"]
 Scaling = Literal["si", "nominal"]
-Base = Literal["base"]
 _Judged = Annotated[
-    Annotated[Base, Tag("(name)")]
+    Annotated[Literal["base"], Tag("(name)")]
     | Annotated[Annotated[tuple[ParameterName, ...], Distinct], Tag("(inline)")],
     Discriminator(lambda value: "(name)" if isinstance(value, str) else "(inline)"),
 ]
 PAYLOAD = "payload"
-
-
-def _read_payload(value: object) -> object:
-    return [one.name for one in rigid_platform.GENERAL.parameters] if value == PAYLOAD else value
+_PLATFORM = [parameter.name for parameter in rigid_platform.GENERAL.parameters]
 
 
 _FALLING = require(
@@ -138,18 +131,18 @@ class DesignSection(Section):
     """Number of random starts; the search continues from the best of them."""
     seed: Seed = 0
     """Seed of the random starts and hops."""
-    search: Search = "hopping"
+    search: Literal["restarts", "hopping"] = "hopping"
     """Random starts only, or followed by hops from the best motions."""
     hops: Annotated[int, whole(0, _MOST_SOLVES)] = 800
     """Largest number of hops; without effect on restarts."""
-    start: Start = "periodic"
+    start: Literal["periodic", "rest"] = "periodic"
     """``rest``: rate and acceleration of the series are zero at t = 0."""
     scaling: Scaling = "si"
     """Scaling of the information matrix's columns, for criteria that depend on it."""
     parameters: Annotated[
         _Judged | None,
         *word_for_none("all", word_or("base", at_least(1, "parameters"))),
-        BeforeValidator(_read_payload),
+        BeforeValidator(lambda value: _PLATFORM if value == PAYLOAD else value),
     ] = None
     """Parameters for the experiment to identify; None (``all`` in the YAML): all; ``base``: the
     combinations that motions within the limits can excite; ``payload``: the ten of the platform."""

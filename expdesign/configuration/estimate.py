@@ -45,8 +45,6 @@ LENGTH_CHANNELS = actuator_names("q")
 FORCE_CHANNELS = actuator_names("Q")
 CHANNELS = ("t", *LENGTH_CHANNELS, *FORCE_CHANNELS, "period")
 """Columns of a recording; `period` is optional."""
-TimeGrid = Literal["uniform", "stamped"]
-DecimalMark = Literal[".", ","]
 CHANNEL_UNITS: dict[str, tuple[str, tuple[Quantity, ...]]] = {
     "t": ("a unit of time", (DURATION,)),
     "q": ("a unit of length", (LENGTH,)),
@@ -107,7 +105,7 @@ class DataSection(Section):
     units: dict[_Units, FilledText] = Field(default_factory=dict)
     """Channel, or group t, q, Q → unit in the file. Default: SI."""
     delimiter: Annotated[str, _ONE_CHARACTER] = ","
-    decimal: DecimalMark = "."
+    decimal: Literal[".", ","] = "."
     force_constants: Annotated[tuple[ForceConstant, ...], per_strut("force constants")] | None = (
         None
     )
@@ -123,7 +121,7 @@ class DataSection(Section):
     end: Duration | None = None
     """End of the measurement, s: rows from then on are ignored."""
     delay: Delay = Delay()
-    time: TimeGrid = "uniform"
+    time: Literal["uniform", "stamped"] = "uniform"
     """Uniform time is replaced by the fitted grid, stamps are used as they are."""
     time_tolerance: Annotated[Number, _STEP_SHARE] = 0.01
     """Largest deviation from uniform time, as a share of a step."""
@@ -202,13 +200,7 @@ class SelectSection(Section):
 
 
 Estimator = Literal["ls", "gm", "ml"]
-Differentiation = Literal["fourier", "central", "butterworth"]
-NoiseOrigin = Literal["auto", "estimated", "given"]
 SpectrumOrigin = Literal["auto", "white", "estimated"]
-FrequencyOrigin = Literal["known", "estimated"]
-PriorOrigin = Literal["none", "robot"]
-SystematicOrigin = Literal["budget", "estimated", "none"]
-Loss = Literal["squared", "huber"]
 Estimated = Literal["all", "base"]
 Estimators = Annotated[tuple[Estimator, ...], at_least(1, "estimators"), Distinct]
 _LARGEST_HARMONICS = 500
@@ -223,10 +215,6 @@ _PRIORS = (
 
 def _read_fixed(name: str, item: object) -> float | None:
     return None if item is None else parse_parameter(name, item)
-
-
-def _read_names(value: object) -> object:
-    return {check_parameter(n): None for n in value} if isinstance(value, list | tuple) else value
 
 
 def _read_bounds(name: str, item: Any) -> tuple[float, float]:
@@ -265,21 +253,21 @@ class EstimateSection(Section):
     """Settings of the estimation."""
 
     estimators: Estimators = ("ls", "gm", "ml")
-    differentiation: Differentiation = "fourier"
+    differentiation: Literal["fourier", "central", "butterworth"] = "fourier"
     """Method for rates and accelerations from measured lengths."""
     harmonics: Annotated[int | None, *word_for_none("auto", whole(1, _LARGEST_HARMONICS))] = None
     """Harmonics of the kinematics; None (``auto`` in the YAML): chosen from the data."""
-    noise: NoiseOrigin = "auto"
+    noise: Literal["auto", "estimated", "given"] = "auto"
     """Covariances from the scatter between periods, or those of robot and run; ``auto`` is
     ``estimated`` where the periods have 250 degrees of freedom."""
     spectrum: SpectrumOrigin = "auto"
     """Noise model in the weights of GM and ML: ``auto`` is ``estimated`` if the scatter between
     three or more periods is significantly not white."""
-    systematic: SystematicOrigin = "budget"
+    systematic: Literal["budget", "estimated", "none"] = "budget"
     """Treatment of the robot's tolerances: their share is added to the covariance, or maximum
     likelihood estimates the deviations, too."""
-    frequency: FrequencyOrigin = "known"
-    loss: Loss = "squared"
+    frequency: Literal["known", "estimated"] = "known"
+    loss: Literal["squared", "huber"] = "squared"
     """``huber`` reduces the weight of outliers."""
     consistent: bool = False
     """`identified-robot.yaml` has the nearest physically consistent parameters instead of the
@@ -292,7 +280,9 @@ class EstimateSection(Section):
     fixed: Annotated[
         dict[str, float | None],
         by_key(_read_fixed, _FIXED, check_parameter),
-        BeforeValidator(_read_names),
+        BeforeValidator(
+            lambda v: dict.fromkeys(map(check_parameter, v)) if isinstance(v, list | tuple) else v
+        ),
     ] = Field(default_factory=dict)
     """Parameter → value in SI units, None for the robot's value."""
     prior: Annotated[
@@ -305,7 +295,7 @@ class EstimateSection(Section):
     ] = Field(default_factory=dict)
     """Priors of single parameters; or the identified machine without its unknown payload: a run
     folder, its identified-robot.yaml, or the machine itself."""
-    prior_from: PriorOrigin = "none"
+    prior_from: Literal["none", "robot"] = "none"
     """`robot`: the robot file's `identification` is a prior, with its covariance."""
     bounds: Annotated[
         dict[str, tuple[float, float]], by_key(_read_bounds, _BOUNDS, check_parameter)

@@ -247,14 +247,13 @@ ToleranceOfForce = Annotated[
 ]
 
 Motion = Literal["circle", "line", "spline", "file"]
-Mirror = Literal["none", "xz", "yz"]
 
 
 class BenchmarkMotion(Section):
     """A motion from a few numbers."""
 
     motion: str
-    mirror: Mirror = "none"
+    mirror: Literal["none", "xz", "yz"] = "none"
     """Plane in which the motion is mirrored."""
     periods: Count = 10
     radius: Annotated[Length, Positive] = 0.15
@@ -293,13 +292,10 @@ class ValidationMotion(BenchmarkMotion):
         return self
 
 
-Followed = Literal["design", "circle", "line", "spline"]
-
-
 class FeedforwardSection(BenchmarkMotion):
     """Reference motion, and controller of every strut."""
 
-    motion: Followed = "circle"
+    motion: Literal["design", "circle", "line", "spline"] = "circle"
     periods: Count = 2
     """Number of simulated periods; the last one is judged."""
     bandwidth: Annotated[Frequency, Positive] = 10.0

@@ -31,8 +31,6 @@ from expdesign.configuration.schema import (
 from expdesign.mechanism.hexapod import ACTUATORS
 
 Space = Literal["strut", "pose"]
-LengthUnit = Literal["m", "mm", "um", "in"]
-AngleUnit = Literal["rad", "deg"]
 _LARGEST_DIGITS = 15
 _ALWAYS = ("format", "file", "segment", "scale", "tolerance")
 STRUT_AXES = ("order", "sign", "offset")
@@ -81,8 +79,8 @@ class ExportSection(Section):
     """Scale F of a table with home + F (λ(F t) − home) of the motion λ, for a first run."""
     digits: Annotated[int, whole(0, _LARGEST_DIGITS)] | None = None
     """Digits after the decimal point."""
-    units: LengthUnit | None = None
-    angles: AngleUnit | None = None
+    units: Literal["m", "mm", "um", "in"] | None = None
+    angles: Literal["rad", "deg"] | None = None
     axes: Annotated[tuple[Name, ...], exactly(ACTUATORS, "names"), Distinct] | None = None
     """Names of the axes, in the controller's order."""
     order: Order | None = None

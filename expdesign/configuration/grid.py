@@ -191,7 +191,11 @@ def _locate(
         for k in range(len(sweep[path]))
         if all(place in bad for place in places if place[axis] == k)
     ]
-    at_key = [(axis, k) for axis, k in causes if _is_at(problem.key, paths[axis])]
+    at_key = [
+        (axis, k)
+        for axis, k in causes
+        if f"{problem.key}.".replace("[", ".").startswith(f"{paths[axis]}.")
+    ]
     section = problem.key.partition(".")[0]
     near = [(axis, k) for axis, k in causes if paths[axis].partition(".")[0] == section]
     reported = at_key or near or causes
@@ -205,10 +209,6 @@ def _locate(
         key: Key = (SWEEP, paths[axis], k)
         text = problem.message if at_key else _with_key(problem)
         yield document.problem(key, text, problem.allowed, problem.nearest)
-
-
-def _is_at(key: str, path: str) -> bool:
-    return key == path or key.startswith((f"{path}.", f"{path}["))
 
 
 def _with_key(problem: Problem) -> str:

@@ -36,12 +36,8 @@ _PAIRS = tuple(itertools.combinations(range(ACTUATORS), 2))
 
 def _check_limit(name: str, value: object) -> object:
     """Refuse an invalid limit; keep a valid one in the user's notation until resolution."""
-    if name == CHARACTERISTIC_LENGTH:
-        _read_length(value)
-    elif name == RESERVE:
-        read_reserve(value)
-    else:
-        _read_limit(name, value)
+    readers = {CHARACTERISTIC_LENGTH: _read_length, RESERVE: read_reserve}
+    readers.get(name, partial(_read_limit, name))(value)
     return value
 
 

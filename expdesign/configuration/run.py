@@ -48,7 +48,6 @@ _ADDRESS = require(
     "{quoted} is not the address of a scheduler",
     "tcp://host:port of a Dask cluster",
 )
-FigureFormat = Literal["png", "svg", "pdf"]
 
 
 class ReportSettings(Section):
@@ -56,7 +55,9 @@ class ReportSettings(Section):
 
     title: str | None = None
     """Heading, by default the run's name."""
-    figures: Annotated[tuple[FigureFormat, ...], at_least(1, "formats"), Distinct] = ("png", "svg")
+    figures: Annotated[
+        tuple[Literal["png", "svg", "pdf"], ...], at_least(1, "formats"), Distinct
+    ] = ("png", "svg")
 
 
 _STAGE = object()
@@ -373,11 +374,6 @@ def _flow(value: Any) -> str:
 def _text(text: str) -> str:
     if _PLAIN.fullmatch(text) and text.lower() not in _RESERVED:
         return text
-    escaped = "".join(_escaped(character) for character in text)
-    return f'"{escaped}"'
-
-
-def _escaped(character: str) -> str:
-    if character in '"\\':
-        return f"\\{character}"
-    return character if character.isprintable() else f"\\U{ord(character):08x}"
+    quoted = text.replace("\\", "\\\\").replace('"', '\\"')
+    shown = (c if c.isprintable() else f"\\U{ord(c):08x}" for c in quoted)
+    return f'"{"".join(shown)}"'

@@ -37,7 +37,6 @@ IDENTIFIED_ROBOT = "identified-robot.yaml"
 """File of the estimated robot in a run folder."""
 IDENTIFIED = "-identified"
 """Suffix of the name of an estimated robot."""
-JudgedAs = Literal["accepted", "doubtful", "not judged"]
 Matrix = tuple[tuple[Number, ...], ...]
 
 
@@ -82,7 +81,7 @@ class Identification(Section):
     run: str
     """Name of the run."""
     estimator: str
-    verdict: JudgedAs
+    verdict: Literal["accepted", "doubtful", "not judged"]
     summary: str = ""
     """The verdict in words."""
     parameters: Annotated[tuple[str, ...], at_least(1, "parameters")]

@@ -33,7 +33,6 @@ from expdesign.machines.machine import MachineDraft, MachineFormat, Points, Ques
 from expdesign.machines.writing import INERTIA
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES
 
-DriveKind = Literal["direct", "screw", "gear"]
 _Joints = Annotated[tuple[Point, ...], exactly(ACTUATORS, "joints")]
 _PAIRS: dict[str, PairedStruts] = {"base": "1-2", "platform": "2-3"}
 _ANSWERS = {
@@ -66,7 +65,7 @@ class MachineDescription(Section):
     strut_acceleration: Annotated[Acceleration, Positive] | None = None
     actuator_force: Annotated[Force, Positive] | None = None
     mass: Annotated[Mass, Positive] | None = None
-    drive: DriveKind | None = None
+    drive: Literal["direct", "screw", "gear"] | None = None
     lead: Annotated[Length, Positive] | None = None
     inertia: Annotated[Inertia, NotNegative] | None = None
     force_std: Annotated[Force, Positive] | None = None

@@ -296,18 +296,19 @@ def _broken(limit: Limit, values: Array, robot: ResolvedRobot) -> list[Problem]:
     for row, value in enumerate(values):
         if limit.violation_of(row, float(value)) > 0:
             groups.setdefault((float(limit.lower[row]), float(limit.upper[row])), []).append(row)
-    return [
-        Problem(
-            f"the home pose breaks this limit: {limit.definition.title}{_where(limit, rows)} is "
-            f"{_span(values[rows], limit.unit)} there. {remedy}",
-            file=file,
-            line=line,
-            key=f"limits.{limit.key}",
-            allowed=_allowed_range(*bounds, limit.unit),
-            nearest=_in_millimetres(*bounds, values[rows], limit.unit),
+    problems = []
+    for bounds, rows in groups.items():
+        low, high = (
+            quantity_text(float(end(values[rows])), limit.unit) for end in (np.min, np.max)
         )
-        for bounds, rows in groups.items()
-    ]
+        message = (
+            f"the home pose breaks this limit: {limit.definition.title}{_where(limit, rows)} is "
+            f"{low if low == high else f'{low} to {high}'} there. {remedy}"
+        )
+        allowed = _allowed_range(*bounds, limit.unit)
+        nearest = _in_millimetres(*bounds, values[rows], limit.unit)
+        problems.append(Problem(message, file, line, f"limits.{limit.key}", allowed, nearest))
+    return problems
 
 
 def _widen(limit: Limit) -> str:
@@ -327,11 +328,6 @@ def _where(limit: Limit, rows: list[int]) -> str:
     if len(named) > 1 and len(named) == len(limit.labels):
         return " of all struts" if limit.definition.per_actuator else ""
     return f" of {', '.join(named)}" if named else ""
-
-
-def _span(values: Array, unit: str) -> str:
-    low, high = (quantity_text(float(end(values)), unit) for end in (np.min, np.max))
-    return low if low == high else f"{low} to {high}"
 
 
 def _allowed_range(lower: float, upper: float, unit: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -86,6 +87,11 @@ def along(p: Mapping[str, float], mass: float) -> Array:
     return np.array([[(p["p2"] + p["p3"]) / 2, p["p5"]], [p["p5"], mass]])
 
 
+def _along(p: Mapping[str, float]) -> Array:
+    """Return the same for a slider with the largest possible mass."""
+    return along(p, p[MASS] / ACTUATORS)
+
+
 def thickness(p: Mapping[str, float], slack: float = 0.0) -> Array:
     """Return ∫ x² dm of stator and slider, (1, 1), kg m²; `slack` is a share of p3."""
     return np.array([[((1 + slack) * p["p3"] - p["p2"]) / 2]])
@@ -98,19 +104,6 @@ def breadth(p: Mapping[str, float], slack: float = 0.0) -> Array:
     struts' axis. `slack` is a share of p3.
     """
     return np.array([[p["p1"] + (p["p2"] - (1 - slack) * p["p3"]) / 2]])
-
-
-def _with_sixth(p: Mapping[str, float]) -> Array:
-    """Return the pseudo-inertia along u of a slider with the largest possible mass."""
-    return along(p, p[MASS] / ACTUATORS)
-
-
-def _thickness(p: Mapping[str, float]) -> Array:
-    return thickness(p, _ROUNDING)
-
-
-def _breadth(p: Mapping[str, float]) -> Array:
-    return breadth(p, _ROUNDING)
 
 
 TERM = Term(
@@ -141,8 +134,10 @@ TERM = Term(
     columns=_columns,
     impossible=_impossible,
     lumps=(
-        Lump("the sliders' first moment, inertia and mass", ("p2", "p3", "p5", MASS), _with_sixth),
-        Lump("the struts' moments of inertia", ("p2", "p3"), _thickness),
-        Lump("the struts' moments of inertia", ("p1", "p2", "p3"), _breadth),
+        Lump("the sliders' first moment, inertia and mass", ("p2", "p3", "p5", MASS), _along),
+        Lump("the struts' moments of inertia", ("p2", "p3"), partial(thickness, slack=_ROUNDING)),
+        Lump(
+            "the struts' moments of inertia", ("p1", "p2", "p3"), partial(breadth, slack=_ROUNDING)
+        ),
     ),
 )
