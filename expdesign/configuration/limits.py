@@ -6,9 +6,10 @@ The definition of a limit in `constraints.limits` decides on the accepted values
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import numpy as np
@@ -36,7 +37,7 @@ _PAIRS = tuple(itertools.combinations(range(ACTUATORS), 2))
 
 def _check_limit(name: str, value: object) -> object:
     """Refuse an invalid limit; keep a valid one in the user's notation until resolution."""
-    readers = {CHARACTERISTIC_LENGTH: _read_length, RESERVE: read_reserve}
+    readers = {CHARACTERISTIC_LENGTH: _read_length, RESERVE: _read_reserve}
     readers.get(name, partial(_read_limit, name))(value)
     return value
 
@@ -158,7 +159,7 @@ def with_shared_joints(limit: Limit, pairs: Iterable[tuple[int, int]]) -> Limit:
 
 
 def limits_as_written(
-    limits: Mapping[str, Limit], length: float, reserve: Reserve | None = None
+    limits: Mapping[str, Limit], length: float, reserve: Reserve = MappingProxyType({})
 ) -> dict[str, Any]:
     """Return resolved limits in the notation of ``limits:``, in SI units."""
     written: dict[str, Any] = {}
@@ -179,8 +180,10 @@ def limits_as_written(
         entries = [list(row) if kind == "interval" else row[kind != "lower"] for row in rows]
         alike = all(entry == entries[0] for entry in entries)
         written[name] = entries[0] if alike else entries
-    kept_free = {} if reserve is None else reserve.as_written(limits)
-    return written | kept_free | {CHARACTERISTIC_LENGTH: length}
+    shares: Any = {key: share for key in limits if (share := reserve_of(reserve, key))}
+    if set(reserve) == {EVERY}:
+        shares = reserve[EVERY]
+    return written | ({RESERVE: shares} if shares else {}) | {CHARACTERISTIC_LENGTH: length}
 
 
 # --- values of one limit --------------------------------------------------------------------------
@@ -322,59 +325,56 @@ def _allowed(definition: LimitDefinition) -> str:
 
 # --- reserve --------------------------------------------------------------------------------------
 
-LEAST_REFUSED = 0.5
+Reserve = Mapping[str, float]
+"""Shares of the limits' ranges by key, `EVERY` for all others.
+
+They are kept free for tracking errors and deviations of the parameters: motions are planned and
+judged with bounds that are drawn in by them.
+"""
+EVERY = ""
+_LEAST_REFUSED = 0.5
 """A reserve of this share leaves no room between two bounds."""
 _RESERVES = 'a share of at least 0 and below 0.5, such as "3 %"'
 
 
-@dataclass(frozen=True)
-class Reserve:
-    """Shares of the limits' ranges for tracking errors and for deviations of the parameters.
+def merge_reserves(sources: Sequence[Located[Mapping[str, Any]]]) -> Reserve:
+    """Merge the reserves of robot and run.
 
-    Motions are planned and judged with bounds that are drawn in by them.
+    A later share for all limits replaces all earlier ones, a share by key that of its limit alone.
     """
-
-    every: float = 0.0
-    """Share of the limits that are not in `own`."""
-    own: Mapping[str, float] = field(default_factory=dict)
-    """By the limit's key."""
-
-    def of(self, key: str) -> float:
-        """Return the share of one limit."""
-        return self.own.get(key, self.every)
-
-    def draw_in(self, limits: Mapping[str, Limit]) -> dict[str, Limit]:
-        """Return limits with their bounds drawn in."""
-        return {key: limit.with_reserve(self.of(key)) for key, limit in limits.items()}
-
-    def as_written(self, keys: Iterable[str]) -> dict[str, Any]:
-        """Return the entry of ``limits:`` for limits of these keys; empty without a reserve."""
-        if not self.own:
-            return {RESERVE: self.every} if self.every else {}
-        shares = {key: self.of(key) for key in keys if self.of(key)}
-        return {RESERVE: shares} if shares else {}
-
-    def warnings(self, keys: Iterable[str]) -> list[str]:
-        """Return warnings about shares without an effect, since their limit is not set."""
-        present, definitions = set(keys), limit_definitions()
-        return [
-            f"limits.{RESERVE}.{key} has no effect: there is no limit {key}"
-            for key, share in self.own.items()
-            if share and key not in present and definitions[key].standing is None
-        ]
+    found: Reserve = {}
+    for source in sources:
+        if RESERVE in source.value:
+            read = _read_reserve(source.value[RESERVE])
+            found = read if EVERY in read else {**found, **read}
+    return found
 
 
-def read_reserve(value: object) -> Reserve:
+def reserve_of(reserve: Reserve, key: str) -> float:
+    """Return the share of one limit."""
+    return reserve.get(key, reserve.get(EVERY, 0.0))
+
+
+def reserve_warnings(reserve: Reserve, keys: Collection[str]) -> list[str]:
+    """Return warnings about shares without an effect, since their limit is not among the keys."""
+    definitions = limit_definitions()
+    return [
+        f"limits.{RESERVE}.{key} has no effect: there is no limit {key}"
+        for key, share in reserve.items()
+        if key != EVERY and share and key not in keys and definitions[key].standing is None
+    ]
+
+
+def _read_reserve(value: object) -> Reserve:
     """Return the reserve for a value of `limits.reserve`: one share, or a share by key."""
     if not isinstance(value, dict):
-        return Reserve(_read_share(value))
-    valid, own = list(limit_definitions()), {}
-    for key, item in value.items():
+        return {EVERY: _read_share(value)}
+    valid = list(limit_definitions())
+    for key in value:
         if key not in valid:
             message = f"{quote(key)} is not a limit"
             raise refusal(message, ", ".join(valid), partial(nearest_name, key, valid), key)
-        own[key] = _read_share(item, key)
-    return Reserve(own=own)
+    return {key: _read_share(item, key) for key, item in value.items()}
 
 
 def _read_share(value: object, key: str = "") -> float:
@@ -383,25 +383,10 @@ def _read_share(value: object, key: str = "") -> float:
     except ValueError as error:
         message = f"{quote(value)} is not a share of a range"
         raise refusal(message, _RESERVES, key=key) from error
-    if not 0 <= share < LEAST_REFUSED:
+    if not 0 <= share < _LEAST_REFUSED:
         message = f"a reserve of {_in_user_notation(value)} cannot be kept free"
         raise refusal(message, _RESERVES, key=key)
     return share
-
-
-def merge_reserves(sources: Sequence[Located[Mapping[str, Any]]]) -> Reserve:
-    """Merge the reserves of robot and run.
-
-    A later share for all limits replaces all earlier ones, a share by key that of its limit alone.
-    """
-    found = Reserve()
-    for source in sources:
-        if RESERVE in source.value:
-            given = source.value[RESERVE]
-            read = read_reserve(given)
-            by_limit = isinstance(given, dict)
-            found = Reserve(found.every, {**found.own, **read.own}) if by_limit else read
-    return found
 
 
 # --- limits in words ------------------------------------------------------------------------------

@@ -23,6 +23,8 @@ from expdesign.configuration.limits import (
     default_limits,
     limits_as_written,
     merge_reserves,
+    reserve_of,
+    reserve_warnings,
     resolve_limits,
     with_shared_joints,
 )
@@ -280,9 +282,10 @@ def resolve_robot(
         parameters=description.parameters,
         noise=resolved_noise,
         tolerances=merged,
-        limits=reserve.draw_in(
-            {key: with_shared_joints(limit, pairs) for key, limit in stated.items()}
-        ),
+        limits={
+            key: with_shared_joints(limit, pairs).with_reserve(reserve_of(reserve, key))
+            for key, limit in stated.items()
+        },
         characteristic_length=scale,
         source=document.file,
     )
@@ -294,7 +297,7 @@ def resolve_robot(
             f"1 rad as {scale:.4g} m, the rms radius of the platform joints",
         )
     )
-    return _with_warnings(robot, source, stated, before, reserve.warnings(stated))
+    return _with_warnings(robot, source, stated, before, reserve_warnings(reserve, stated))
 
 
 def _axes(
