@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Generic, Self, TypeVar
@@ -234,13 +234,6 @@ class SpectrumDescription(Section, Generic[Amplitudes]):
         """True when it has the size of the noise and not only its shape."""
         return self.file is not None or self.table is not None
 
-    def with_table(self, folder: Path) -> Self:
-        """Return the spectrum with the content of its file, relative to a folder."""
-        if self.file is None:
-            return self
-        table = read_spectrum_table(absolute(self.file, folder))
-        return self.model_copy(update={"file": None, "table": table})
-
 
 ForceSpectrum = SpectrumDescription[_ForceAmplitudes]
 LengthSpectrum = SpectrumDescription[_LengthAmplitudes]
@@ -416,61 +409,77 @@ def resolve_noise(
                 merged.pop(covariance, None)
         merged |= given
         places |= dict.fromkeys(given, source)
-    found = [_resolve_family(family, merged, places) for family in _FAMILIES]
-    problems = [problem for _, _, problems in found for problem in problems]
-    if sampling is not None:
-        problems += _aliased_hums(merged, places, sampling)
+    found, problems = [], list[Problem]()
+    for family in _FAMILIES:
+        try:
+            found.append(_resolve_family(family, merged, places, sampling or np.inf))
+        except InputError as error:
+            problems += error.problems
     if problems:
         return None, None, problems
-    (forces, force_spectrum, _), (lengths, length_spectrum, _) = found
+    (forces, force_spectrum), (lengths, length_spectrum) = found
     resolved = ResolvedNoise(forces, lengths, force_spectrum, length_spectrum)
     return NoiseDescription(**merged), resolved, []
 
 
 def _resolve_family(
-    family: str, merged: dict[str, Any], places: dict[str, Located[NoiseDescription]]
-) -> tuple[Array | None, NoiseSpectrum | None, list[Problem]]:
+    family: str,
+    merged: dict[str, Any],
+    places: dict[str, Located[NoiseDescription]],
+    sampling: float,
+) -> tuple[Array | None, NoiseSpectrum | None]:
     """Return covariance and spectrum of a family; replace the name of a table by its content."""
-    key = f"{family}_spectrum"
-    covariance = _covariance(family, merged, places)
-    if isinstance(covariance, Problem):
-        return None, None, [covariance]
+    covariance, key = _covariance(family, merged, places), f"{family}_spectrum"
     if key not in merged:
-        return covariance, None, []
-    place, named = places[key], merged[key].file
+        return covariance, None
+    place, described = places[key], merged[key]
+    spectrum, problems = None, []
+    for number, line in enumerate(described.hum):
+        if reason := aliasing_of(line.frequency, sampling):
+            allowed = (
+                f"a frequency below {sampling / 2:g} Hz, or an experiment.sampling above "
+                f"{2 * line.frequency:g} Hz"
+            )
+            problems.append(place.problem((key, "hum", number, "frequency"), reason, allowed))
+    if described.file is not None:
+        file = absolute(described.file, place.document.folder)
+        try:
+            table = read_spectrum_table(file)
+        except InputError as error:
+            if file.is_file():
+                raise
+            # the fault is at the key with its name
+            raise InputError(
+                place.problem((key,), f"{file}: {one.message}", SPECTRUM_FORMS)
+                for one in error.problems
+            ) from None
+        described = described.model_copy(update={"file": None, "table": table})
     try:
-        merged[key] = merged[key].with_table(place.document.folder)
-        spectrum = resolve_spectrum(merged[key], covariance)
-    except InputError as error:
-        file = absolute(str(named), place.document.folder)
-        problems = list(error.problems)
-        if not file.is_file():  # the fault is at the key with its name
-            problems = [
-                place.problem((key,), f"{file}: {p.message}", SPECTRUM_FORMS) for p in problems
-            ]
-        return None, None, problems
+        spectrum = resolve_spectrum(described, covariance)
     except ValueError as error:
         allowed = f"a {family}_std or {family}_covariance that fits it"
-        return None, None, [place.problem((key,), str(error), allowed)]
-    if spectrum is not None:
-        covariance = read_only(spectrum.covariance)
-    return covariance, spectrum, []
+        problems.append(place.problem((key,), str(error), allowed))
+    if problems:
+        raise InputError(problems)
+    merged[key] = described
+    return covariance if spectrum is None else read_only(spectrum.covariance), spectrum
 
 
 def _covariance(
     family: str, merged: dict[str, Any], places: dict[str, Located[NoiseDescription]]
-) -> Array | Problem | None:
+) -> Array | None:
     std, correlation, covariance = _keys(family)
     if covariance in merged:
-        name = covariance
-        shape, scale = np.array(merged[covariance], dtype=np.float64), np.ones(ACTUATORS)
+        name, scale = covariance, np.ones(ACTUATORS)
+        shape = np.array(merged[covariance], dtype=np.float64)
     elif std in merged:
         name = correlation if correlation in merged else std
         scale = np.array(merged[std], dtype=np.float64)
         shape = np.array(merged.get(correlation, np.eye(ACTUATORS)))
     elif correlation in merged:
         message = f"{correlation} is given without {std}"
-        return places[correlation].problem((correlation,), message, f"{std} with it")
+        problem = places[correlation].problem((correlation,), message, f"{std} with it")
+        raise InputError(problem)
     else:
         return None
     with np.errstate(all="ignore"):
@@ -483,7 +492,8 @@ def _covariance(
     if wrong is None and not finite:
         wrong = "the squares of the values are too large or too small"
     if wrong is not None:
-        return places[name].problem((name,), wrong, "a symmetric positive definite matrix")
+        allowed = "a symmetric positive definite matrix"
+        raise InputError(places[name].problem((name,), wrong, allowed))
     return read_only(matrix)
 
 
@@ -509,20 +519,6 @@ def _covariance_fault(matrix: Array) -> str | None:
     if smallest < _SMALLEST_EIGENVALUE:
         return f"not positive definite: the smallest eigenvalue of the correlation is {smallest:g}"
     return None
-
-
-def _aliased_hums(
-    merged: dict[str, Any], places: dict[str, Located[NoiseDescription]], sampling: float
-) -> Iterator[Problem]:
-    """Yield problems of hums above half of the sampling."""
-    for key in [f"{family}_spectrum" for family in _FAMILIES if f"{family}_spectrum" in merged]:
-        for number, line in enumerate(merged[key].hum):
-            if reason := aliasing_of(line.frequency, sampling):
-                allowed = (
-                    f"a frequency below {sampling / 2:g} Hz, or an experiment.sampling above "
-                    f"{2 * line.frequency:g} Hz"
-                )
-                yield places[key].problem((key, "hum", number, "frequency"), reason, allowed)
 
 
 def aliasing_of(frequency: float, sampling: float) -> str:
