@@ -29,6 +29,7 @@ from expdesign.configuration.schema import (
     ForceOffsets,
     Offsets,
     Order,
+    PlainOrSection,
     Section,
     Seed,
     Signs,
@@ -55,16 +56,10 @@ _Channel = Annotated[str, one_of(CHANNELS, "channel")]
 _Units = Annotated[
     str, one_of((*CHANNEL_UNITS, *LENGTH_CHANNELS, *FORCE_CHANNELS), "channel or group of channels")
 ]
-
 _ONE_CHARACTER = require(
     lambda text: len(text) == 1,
     "{quoted} is not one character",
     "one character, such as ',' or '\\t'",
-)
-_STEP_SHARE = require(
-    lambda value: 0 < value < 0.5,  # noqa: PLR2004 - half a step confuses two samples
-    "{value:g} is not a tolerance",
-    "0 < time_tolerance < 0.5 (of a step)",
 )
 
 
@@ -86,15 +81,6 @@ class ByChannel(Section, Generic[LengthValue, ForceValue]):
     Q: ForceValue | None = None
 
 
-_Both = TypeVar("_Both")
-_Each = TypeVar("_Each")
-_BothOrEach = Annotated[
-    Annotated[_Both, Tag("(name)")] | Annotated[_Each, Tag("(inline)")],
-    Discriminator(lambda v: "(inline)" if isinstance(v, dict | Section) else "(name)"),
-]
-"""One value for lengths and forces, or separate ones."""
-
-
 class DataSection(Section):
     """Location and format of a recording."""
 
@@ -110,11 +96,11 @@ class DataSection(Section):
         None
     )
     """Force per ampere of the actuators, N/A, for files that hold currents."""
-    order: _BothOrEach[Order, ByChannel[Order, Order]] | None = None
+    order: PlainOrSection[Order, ByChannel[Order, Order]] | None = None
     """Number of the strut on each channel."""
-    sign: _BothOrEach[Signs, ByChannel[Signs, Signs]] | None = None
+    sign: PlainOrSection[Signs, ByChannel[Signs, Signs]] | None = None
     """Signs by the struts' numbers: length or force = sign · channel + offset."""
-    offset: _BothOrEach[Offsets, ByChannel[Offsets, ForceOffsets]] | None = None
+    offset: PlainOrSection[Offsets, ByChannel[Offsets, ForceOffsets]] | None = None
     """Lengths of the struts at readings of zero, m; forces, N, in a mapping with the key Q."""
     start: Duration | None = None
     """Time of the trigger, s: earlier rows are ignored."""
@@ -123,7 +109,7 @@ class DataSection(Section):
     delay: Delay = Delay()
     time: Literal["uniform", "stamped"] = "uniform"
     """Uniform time is replaced by the fitted grid, stamps are used as they are."""
-    time_tolerance: Annotated[Number, _STEP_SHARE] = 0.01
+    time_tolerance: Annotated[Number, Field(gt=0, lt=0.5)] = 0.01
     """Largest deviation from uniform time, as a share of a step."""
 
     @model_validator(mode="after")
@@ -176,9 +162,6 @@ class DataSection(Section):
 
 
 SelectionCriterion = Literal["bic", "f", "holdout"]
-_LEVEL_SHARE = require(
-    lambda value: 0 < value < 1, "{value:g} is not a level of a test", "0 < level < 1, such as 0.01"
-)
 DEFAULT_LEVEL = 0.01
 
 
@@ -189,7 +172,7 @@ class SelectSection(Section):
     """Terms in the notation of a robot file's `terms`."""
     by: SelectionCriterion = "bic"
     """Criterion of a step: Schwarz's criterion, an F test, or held-out forces."""
-    level: Annotated[Number, _LEVEL_SHARE] | None = None
+    level: Annotated[Number, Field(gt=0, lt=1)] | None = None
     """Familywise level of the F tests, None for `DEFAULT_LEVEL` with `by: f`."""
 
     @model_validator(mode="after")

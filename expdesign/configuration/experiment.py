@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, PlainSerializer, model_validator
+from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
 from expdesign.configuration.bodies import FixedBodies
-from expdesign.configuration.errors import quote, refusal, require
+from expdesign.configuration.errors import quote, refusal
 from expdesign.configuration.quantity import (
     FORCE,
     SHARE,
@@ -43,9 +43,6 @@ from expdesign.configuration.schema import (
 from expdesign.mechanism.hexapod import ACTUATORS
 
 _Harmonic = Annotated[int, whole(1, 1000)]
-_SHARE = require(
-    lambda value: 0 <= value < 1, "{value:g} is not a share of the samples", "0 ≤ share < 1"
-)
 
 
 class TrackingError(Section):
@@ -80,24 +77,16 @@ class Quantisation(Section):
 class Outliers(Section):
     """Rare gross errors: the share of samples, and their size in the lengths (m) and forces (N)."""
 
-    share: Annotated[Number, _SHARE]
+    share: Annotated[Number, Field(ge=0, lt=1)]
     length: Annotated[Length, NotNegative] = 0.0
     force: Annotated[Force, NotNegative] = 0.0
 
 
-_PART = require(
-    lambda value: 0 <= value < 0.5,  # noqa: PLR2004 - most of the recording is there
-    "a share of {value:g} leaves too few samples",
-    "0 ≤ share < 0.5",
-)
 _LARGEST_ROW = 10_000_000
 _MOST_ROWS = 10_000
 _NONE = (0.0,) * ACTUATORS
-_GAIN = require(
-    lambda value: value > -1,
-    "with {value:g} the measured force vanishes or changes its sign",
-    "a share above -1",
-)
+_GAIN = Field(gt=-1)
+"""Below, the measured force vanishes or changes its sign."""
 _Gains = Annotated[tuple[Annotated[Share, _GAIN], ...], per_strut("gains")]
 
 
@@ -130,7 +119,7 @@ class HumDisturbance(Section):
 class Lost(Section):
     """Lost samples of the recording, visible as gaps between the time stamps."""
 
-    share: Annotated[Share, _PART] | None = None
+    share: Annotated[Share, Field(ge=0, lt=0.5)] | None = None
     """Share of the samples; every repetition draws others."""
     rows: (
         Annotated[
@@ -148,13 +137,6 @@ class Lost(Section):
             both = "both" if self.rows is not None else "neither"
             raise refusal(f"{both} of share and rows are given", "share or rows", key="share")
         return self
-
-
-_CLOCK = require(
-    lambda value: abs(value) < 0.1,  # noqa: PLR2004 - no clock is that wrong
-    "{value:g} is not an error of a clock",
-    "a share between -0.1 and 0.1",
-)
 
 
 class ExperimentSection(Section):
@@ -182,7 +164,7 @@ class ExperimentSection(Section):
     hum: HumDisturbance | None = None
     delay: Duration = 0.0
     """Delay of the measured forces against the lengths, s."""
-    clock: Annotated[Share, _CLOCK] = 0.0
+    clock: Annotated[Share, Field(gt=-0.1, lt=0.1)] = 0.0
     """Relative error of the recording's clock against the controller's, positive if fast."""
     strut_length: Annotated[tuple[Length, ...], per_strut("errors")] = (0.0,) * ACTUATORS
     """Zero errors of the length measurements, m, positive if too long."""

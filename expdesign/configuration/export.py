@@ -11,9 +11,9 @@ from functools import partial
 from importlib import import_module
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, BeforeValidator, SerializeAsAny, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, SerializeAsAny, model_validator
 
-from expdesign.configuration.errors import nearest_name, quote, refusal, require
+from expdesign.configuration.errors import nearest_name, quote, refusal
 from expdesign.configuration.quantity import Duration, Length, Number, Positive, Share
 from expdesign.configuration.schema import (
     Distinct,
@@ -38,11 +38,6 @@ STRUT_ONLY = (*STRUT_AXES, "counts_per_metre")
 """Options about actuators, for tables of struts."""
 PVT_OPTIONS = (*("space", "digits", "units", "angles", "axes", *STRUT_ONLY, "trigger"),)
 """Shared options of PVT tables."""
-_SCALE = require(
-    lambda value: 0 < value <= 1,
-    "{value:g} does not make the motion smaller and slower",
-    "a share above 0, at most 1, such as 0.3",
-)
 
 
 def export_formats() -> Mapping[str, type[ExportSection]]:
@@ -75,7 +70,7 @@ class ExportSection(Section):
     segment: Annotated[Duration, Positive] | None = None
     """Time between two rows, s (for PVT tables the longest); by default chosen for PVT tables, and
     the controller's period for others."""
-    scale: Annotated[Share, _SCALE] | None = None
+    scale: Annotated[Share, Field(gt=0, le=1)] | None = None
     """Scale F of a table with home + F (λ(F t) − home) of the motion λ, for a first run."""
     digits: Annotated[int, whole(0, _LARGEST_DIGITS)] | None = None
     """Digits after the decimal point."""

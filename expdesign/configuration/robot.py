@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag
+from pydantic import Field
 
 from constraints import Limit
 from constraints.arrays import Array
@@ -48,6 +48,7 @@ from expdesign.configuration.schema import (
     Direction,
     FilledText,
     Name,
+    PlainOrSection,
     Point,
     Pose,
     Section,
@@ -115,10 +116,7 @@ class RobotDescription(Section):
     """Origin and covariance of the values, in a file from an estimate."""
 
 
-RobotSource = Annotated[
-    Annotated[FilledText, Tag("(name)")] | Annotated[RobotDescription, Tag("(inline)")],
-    Discriminator(lambda v: "(inline)" if isinstance(v, dict | RobotDescription) else "(name)"),
-]
+RobotSource = PlainOrSection[FilledText, RobotDescription]
 """The name of an included robot, a path relative to the run file, or the robot itself."""
 
 

@@ -388,6 +388,14 @@ Pose = Annotated[
     exactly(COORDINATES, f"coordinates [{', '.join(COORDINATE_NAMES)}]"),
 ]
 
+Plain = TypeVar("Plain")
+Inline = TypeVar("Inline")
+PlainOrSection = Annotated[
+    Annotated[Plain, Tag("(name)")] | Annotated[Inline, Tag("(inline)")],
+    Discriminator(lambda v: "(inline)" if isinstance(v, dict | Section) else "(name)"),
+]
+"""A plain value such as a name, or a section."""
+
 # --- assignment of axes and channels to the struts ------------------------------------------------
 
 

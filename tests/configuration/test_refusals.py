@@ -138,7 +138,7 @@ experiment: {drift: -1 mm} => experiment.drift => -0.001 is negative
 experiment: {cogging: {amplitude: 1}} => experiment.cogging.pitch => 'pitch' is missing
 experiment: {cogging: {amplitude: [1, 2], pitch: 1}} => experiment.cogging.amplitude => there are
     2 amplitudes where 6 are needed
-experiment: {outliers: {share: 1}} => experiment.outliers.share => is not a share
+experiment: {outliers: {share: 1}} => experiment.outliers.share => out of range
 experiment: {tracking_error: {harmonics: [15, 6]}} => experiment.tracking_error.harmonics => min
     15 is above max 6
 experiment: {hum: {amplitude: 5 mm}} => experiment.hum.amplitude => a length, not a force
@@ -158,7 +158,7 @@ data: {units: {q: nonsense}} => data.units => 'nonsense' is not a unit for q
 data: {units: {Q: A}} => data.units => no force_constants are given
 data: {delimiter: ";;"} => data.delimiter => is not one character
 data: {decimal: ","} => data.decimal => both delimiter and decimal mark
-data: {time_tolerance: 0.5} => data.time_tolerance => is not a tolerance
+data: {time_tolerance: 0.5} => data.time_tolerance => out of range
 data: {time: jitter} => data.time => is not a choice
 estimate: {estimators: []} => estimate.estimators => the list has 0 estimators
 estimate: {estimators: [ls, ls]} => estimate.estimators => 'ls' is listed twice
