@@ -124,7 +124,8 @@ def enclosed_poses(
         poses = _Poses.joined(parts)
         again = ~(poses.error <= ACCURATE) & (division < _DIVISIONS)
         found.append(poses.among(~again))
-        edges = _halve_cells(edges[again])
+        grid = np.stack([edges[again, 0], edges[again].mean(axis=1), edges[again, 1]], axis=1)
+        edges = np.stack([grid[:, :-1], grid[:, 1:]], axis=2).reshape(-1, 2)
         if not len(edges):
             break
     every = _Poses.joined(found)
@@ -329,11 +330,6 @@ def _prove_poses(
     share = np.max(change @ scale / scale, axis=1) * UP
     error = np.where(share < _LARGEST_CHANGE, step / (1 - share), np.inf) * UP
     return np.where(usable & (error < within), error, np.inf), within
-
-
-def _halve_cells(edges: Array) -> Array:
-    grid = np.stack([edges[:, 0], edges.mean(axis=1), edges[:, 1]], axis=1)
-    return np.stack([grid[:, :-1], grid[:, 1:]], axis=2).reshape(-1, 2)
 
 
 def _scale(robot: Robot) -> Array:

@@ -123,7 +123,9 @@ def condition_bound(matrix: TaylorMatrix) -> TaylorModel:
     _, _, rows = np.linalg.svd(np.where(usable[:, None, None], middle, np.eye(middle.shape[1])))
     turn = TaylorMatrix(np.zeros_like(matrix.coefficients), np.zeros_like(matrix.radius))
     turn.coefficients[0] = rows.swapaxes(1, 2)
-    off = _off_orthogonal(rows)
+    # Upper bound of the norm of V Vᵀ − 1
+    excess = np.abs(rows @ rows.swapaxes(1, 2) - np.eye(rows.shape[1]))
+    off = np.max(np.sum(excess, axis=2), axis=1) + 8 * rows.shape[1] ** 2 * EPS
     turned = matrix @ turn
     gram = turned.transposed @ turned
     with np.errstate(all="ignore"):
@@ -133,13 +135,6 @@ def condition_bound(matrix: TaylorMatrix) -> TaylorModel:
     # √((1 + d)/(1 − d)) ≤ 1 + 2 d for d up to a half
     grown = ratio.radius + 2 * off * ratio.size
     return TaylorModel(ratio.coefficients, np.where(usable & (off < _SMALL), grown, np.inf))
-
-
-def _off_orthogonal(matrices: Array) -> Array:
-    """Return an upper bound of the norm of V Vᵀ − 1 for square matrices V (N, n, n), (N,)."""
-    count = matrices.shape[1]
-    off = np.abs(matrices @ matrices.swapaxes(1, 2) - np.eye(count))
-    return np.max(np.sum(off, axis=2), axis=1) + 8 * count**2 * EPS
 
 
 def _extreme(gram: TaylorMatrix, place: int, sign: float) -> TaylorModel:

@@ -110,15 +110,7 @@ class ScaledInformation:
         Each is named by the parameter that is not a base parameter; the base parameters can be
         estimated together.
         """
-        return weak_directions(self.base(names))
-
-    def base(self, names: tuple[str, ...]) -> BaseParameters:
-        """Return the base parameters in the units of F."""
-        return BaseParameters.of(root_of(self.matrix) * self.scales, names)
-
-    def unexcited(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the parameters without which the others can be estimated together."""
-        return tuple(direction.name for direction in self.weak_directions(names))
+        return weak_directions(BaseParameters.of(root_of(self.matrix) * self.scales, names))
 
 
 def weak_directions(base: BaseParameters) -> tuple[WeakDirection, ...]:

@@ -176,9 +176,9 @@ class EnclosedSpline:
             points, rounding = controls[order]
             # A break is a knot except for its rounding, times the next derivative.
             off = 4 * EPS * np.max(np.abs(controls[order + 1][0]), axis=0)
-            scale = TaylorModel.number(1.0)
+            scale, quotient = TaylorModel.number(1.0), np.full(1, 1 / duration)
             for _ in range(order):
-                scale = scale * _quotient(duration)
+                scale = scale * TaylorModel(quotient[None, :], EPS * quotient)
             weights = _weights(share, span, places, degree)
             for axis in range(COORDINATES):
                 known = [
@@ -187,7 +187,12 @@ class EnclosedSpline:
                     )
                     for k in ends
                 ]
-                found.append(_de_boor(known, weights) * scale)
+                for row in weights:  # de Boor's recursion
+                    known = [
+                        before + weight * (after - before)
+                        for before, after, weight in zip(known[:-1], known[1:], row, strict=True)
+                    ]
+                found.append(known[0] * scale)
         return found
 
 
@@ -211,10 +216,6 @@ def _control_points(coefficients: Array) -> list[tuple[Array, Array]]:
     return found
 
 
-def _quotient(duration: float) -> TaylorModel:
-    return TaylorModel(np.full((1, 1), 1 / duration), np.full(1, EPS / duration))
-
-
 def _weights(
     share: TaylorModel, span: Array, places: Array, degree: int
 ) -> list[list[TaylorModel]]:
@@ -229,15 +230,6 @@ def _weights(
             row.append((share - start) * TaylorModel(width[None, :], 2 * EPS * width))
         levels.append(row)
     return levels
-
-
-def _de_boor(points: list[TaylorModel], levels: list[list[TaylorModel]]) -> TaylorModel:
-    for row in levels:
-        points = [
-            before + weight * (after - before)
-            for before, after, weight in zip(points[:-1], points[1:], row, strict=True)
-        ]
-    return points[0]
 
 
 _SHORTEST, _LONGEST = 0.02, 10.0

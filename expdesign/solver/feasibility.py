@@ -18,7 +18,7 @@ from functools import cache, partial
 import numpy as np
 from scipy.optimize import brentq, nnls
 
-from constraints.arrays import Array, Mask
+from constraints.arrays import Array
 from expdesign.configuration import ComputationError
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.problem.design_problem import DesignProblem
@@ -253,8 +253,11 @@ def shrink_to_limits(
     if np.all(rows <= -margin):
         return RestoredMotion(trajectory, 1.0, rows, values)
     for smallest in (_LITTLE, SMALLEST_FACTOR):
-        # The decisive moments are the worst ones of each row; shrinking hardly moves them.
-        decisive = _decisive(rows, smallest)
+        # Decisive are the local worst moments of each row near its bound: shrinking hardly moves
+        # them, and the distance admits motions shrunk by the smallest factor.
+        near_bound = np.isfinite(rows) & (rows > -2 * (1 - smallest))
+        peaks = local_worst(rows, periodic=True) & near_bound
+        decisive = peaks | np.roll(peaks, 1, axis=0) | np.roll(peaks, -1, axis=0) | (rows > 0)
         near, limits = times[np.any(decisive, axis=1)], problem.limits.among(decisive)
 
         @cache
@@ -277,15 +280,6 @@ def shrink_to_limits(
     shrunk = _scale(trajectory, SMALLEST_FACTOR)
     values = problem.limits.values(states_at(shrunk, times))
     return RestoredMotion(shrunk, SMALLEST_FACTOR, rows, values, kept=False)
-
-
-def _decisive(rows: Array, smallest: float) -> Mask:
-    """Mark the moments at which a row has a local worst near its bound, (N, R).
-
-    The distance admits motions shrunk down to the factor `smallest`.
-    """
-    peaks = local_worst(rows, periodic=True) & np.isfinite(rows) & (rows > -2 * (1 - smallest))
-    return peaks | np.roll(peaks, 1, axis=0) | np.roll(peaks, -1, axis=0) | (rows > 0)
 
 
 def _scale(trajectory: FourierTrajectory, factor: float) -> FourierTrajectory:

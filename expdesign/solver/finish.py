@@ -191,7 +191,6 @@ def polish(
                 program,
                 x,
                 options={**IPOPT_OPTIONS, "max_iter": most},
-                curvature="limited-memory",
                 report=watch,
             )
         else:

@@ -5,15 +5,13 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import casadi as ca
 
 from constraints.arrays import Array
 from expdesign.problem.program import Program, largest_excess
 from expdesign.solver.interior_point import WEIGHT, BestIterate, IterationReport, Solution
-
-Curvature = Literal["gauss-newton", "limited-memory"]
 
 IPOPT_OPTIONS = {
     "print_level": 0,
@@ -82,10 +80,9 @@ def solve_with_ipopt(
     start: Array,
     *,
     options: Mapping[str, Any],
-    curvature: Curvature = "gauss-newton",
     report: IterationReport | None = None,
 ) -> Solution:
-    """Minimise; return the last iterate whatever the status.
+    """Minimise by quasi-Newton steps; return the last iterate whatever the status.
 
     Parameters
     ----------
@@ -93,9 +90,6 @@ def solve_with_ipopt(
         Initial variables.
     options : mapping
         Ipopt's own options (without the prefix ``ipopt.``).
-    curvature : {"gauss-newton", "limited-memory"}
-        Hessian of the Lagrangian: the cost's own positive semidefinite one, without the rows'
-        curvature; or Ipopt's limited-memory quasi-Newton approximation of the whole.
     report : callable, optional
         Called once per iteration; False stops the solver.
     """
@@ -110,16 +104,9 @@ def solve_with_ipopt(
             memory[part] = key, evaluate(x)
         return memory[part][1]
 
-    quasi_newton = curvature == "limited-memory"
-    slopes = program.cost_gradient if quasi_newton else program.cost_derivatives
-
     def rows_jacobian(x: Array, _p: Array) -> list[Any]:
         rows = at("jac_g", x, program.linear_rows)
         return [rows.values, ca.DM(rows.jacobian())]
-
-    def hessian(x: Array, _p: Array, weight: Array, _rows: Array) -> list[Any]:
-        _, _, matrix = at("grad_f", x, program.cost_derivatives)
-        return [ca.triu(ca.DM(weight[0] * matrix))]
 
     iterations, best = itertools.count(1), BestIterate(start)
 
@@ -138,18 +125,14 @@ def solve_with_ipopt(
     outputs = [(sizes[ca.nlpsol_out(k)], 1) for k in range(ca.nlpsol_n_out())]
     functions = {
         "grad_f": _Function(
-            "nlp_grad_f", point, [one, slope], lambda x, _: list(at("grad_f", x, slopes)[:2])
+            "nlp_grad_f", point, [one, slope], lambda x, _: at("grad_f", x, program.cost_gradient)
         ),
         "jac_g": _Function("nlp_jac_g", point, [column, dense(count, size)], rows_jacobian),
-        "hess_lag": _Function(
-            "nlp_hess_l", [*point, (1, 1), (count, 1)], [ca.Sparsity.upper(size)], hessian
-        ),
         "iteration_callback": _Function("watch", outputs, [one], watch),
     }
     x, p = ca.MX.sym("x", size), ca.MX.sym("p", 0, 0)
     settings = {f"ipopt.{key}": value for key, value in options.items()}
-    if quasi_newton:
-        settings["ipopt.hessian_approximation"] = "limited-memory"
+    settings["ipopt.hessian_approximation"] = "limited-memory"
     solver = ca.nlpsol(
         "design",
         "ipopt",

@@ -289,7 +289,8 @@ def _run_hops(
         nonlocal since
         place, known = under_way.pop(result.index), max(one.start.rank for one in origins)
         origins[place] = origins[place].after(result)
-        since = 0 if _has_gained(origins[place].start.rank, known) else since + 1
+        (*standing, value), (*stood, was) = origins[place].start.rank, known
+        since = 0 if standing > stood or value > was + _BETTER else since + 1
         made.append(result)
         return next_hop()
 
@@ -297,13 +298,6 @@ def _run_hops(
     for _ in runner.run(jobs, clock, then=follow):
         pass
     return [one.start for one in origins], made, since
-
-
-def _has_gained(rank: tuple[float, ...], before: tuple[float, ...]) -> bool:
-    """Return whether a rank is better by a relevant difference."""
-    *standing, value = rank
-    *stood, was = before
-    return standing > stood or value > was + _BETTER
 
 
 def _chance_text(hops: int) -> str:

@@ -233,7 +233,7 @@ def test_unit_diagonal(regressors, covariance):
     D = np.diag(scaled.scales)
     np.testing.assert_allclose(D @ scaled.matrix @ D, F, rtol=1e-12)
     assert not scaled.is_singular()
-    assert scaled.unexcited(NAMES) == ()
+    assert scaled.weak_directions(NAMES) == ()
     np.testing.assert_allclose(
         scaled.eigenvalues(), np.sort(np.linalg.eigvalsh(scaled.matrix)), rtol=1e-12
     )

@@ -6,15 +6,13 @@ import pytest
 from expdesign.solver.ipopt import IPOPT_OPTIONS, solve_with_ipopt
 from tests.solver.programs import INF, Fit, Quadratic, Rosenbrock, quadratic, rosenbrock
 
-CURVATURES = ("gauss-newton", "limited-memory")
 OPTIONS = {"print_level": 0, "sb": "yes", "tol": 1e-9}
 
 
-@pytest.mark.parametrize("curvature", CURVATURES)
-def test_convex_quadratic_program(curvature):
+def test_convex_quadratic_program():
     """The solution of the KKT system, with the two active rows and the inactive third."""
     program = quadratic()
-    result = solve_with_ipopt(program, np.zeros(3), options=OPTIONS, curvature=curvature)
+    result = solve_with_ipopt(program, np.zeros(3), options=OPTIONS)
     A = Quadratic.A[:2]
     kkt = np.block([[Quadratic.H, A.T], [A, np.zeros((2, 2))]])
     solution = np.linalg.solve(kkt, np.concatenate([Quadratic.c, [0.5, 5.0]]))
@@ -27,11 +25,10 @@ def test_convex_quadratic_program(curvature):
     np.testing.assert_allclose(result.multipliers, [*solution[3:], 0.0], atol=1e-5)
 
 
-@pytest.mark.parametrize("curvature", CURVATURES)
-def test_nonlinear_program(curvature):
+def test_nonlinear_program():
     """Stationarity on the circle, with the multiplier of the row."""
     program = Fit(([-INF] * 2, [INF] * 2), ([-INF], [1.0]))
-    result = solve_with_ipopt(program, np.array([0.1, 0.2]), options=OPTIONS, curvature=curvature)
+    result = solve_with_ipopt(program, np.array([0.1, 0.2]), options=OPTIONS)
     angles = np.linspace(0, np.pi / 2, 2_000_001)
     costs = (np.cos(angles) - 2) ** 2 + 4 * (np.sin(angles) - 1) ** 2
     best = angles[np.argmin(costs)]
@@ -42,55 +39,42 @@ def test_nonlinear_program(curvature):
     np.testing.assert_allclose(stationary, 0, atol=1e-6)
 
 
-@pytest.mark.parametrize("curvature", CURVATURES)
-def test_least_squares_without_rows(curvature):
-    result = solve_with_ipopt(
-        rosenbrock(), np.array([-1.2, 1.0]), options=OPTIONS, curvature=curvature
-    )
+def test_least_squares_without_rows():
+    result = solve_with_ipopt(rosenbrock(), np.array([-1.2, 1.0]), options=OPTIONS)
     assert result.converged
     np.testing.assert_allclose(result.x, [1, 1], atol=1e-5)
     assert result.multipliers.shape == (0,)
 
 
-@pytest.mark.parametrize("curvature", CURVATURES)
-def test_bounds_on_the_variables(curvature):
+def test_bounds_on_the_variables():
     program = Rosenbrock(([-INF, -INF], [0.5, INF]), ([], []))
-    result = solve_with_ipopt(program, np.zeros(2), options=OPTIONS, curvature=curvature)
+    result = solve_with_ipopt(program, np.zeros(2), options=OPTIONS)
     assert result.converged
     np.testing.assert_allclose(result.x, [0.5, 0.25], atol=1e-5)
 
 
-@pytest.mark.parametrize("curvature", CURVATURES)
 @pytest.mark.parametrize("make", [quadratic, rosenbrock])
-def test_evaluations_are_the_true_ones(make, curvature):
+def test_evaluations_are_the_true_ones(make):
     program = make()
-    result = solve_with_ipopt(
-        program, np.full(program.lower.size, 0.3), options=OPTIONS, curvature=curvature
-    )
+    result = solve_with_ipopt(program, np.full(program.lower.size, 0.3), options=OPTIONS)
     counts, calls = result.evaluations, program.calls
-    gradient, other = "cost_derivatives", "cost_gradient"
-    if curvature == "limited-memory":
-        gradient, other = other, gradient
-    assert calls[other] == 0
+    assert calls["cost_derivatives"] == 0
     assert counts["f"] == calls["cost"] > 0
-    assert counts["grad_f"] == calls[gradient] > 0
+    assert counts["grad_f"] == calls["cost_gradient"] > 0
     assert counts["g"] == calls["rows"]
     assert counts["jac_g"] == calls["jacobian"]
     # No point is evaluated twice for the Hessian or the iteration's report.
     assert counts["grad_f"] <= result.iterations + 2
 
 
-@pytest.mark.parametrize("curvature", CURVATURES)
-def test_report_gets_every_iterate(curvature):
+def test_report_gets_every_iterate():
     program, seen = quadratic(), []
 
     def report(*iteration):
         seen.append(iteration)
         return True
 
-    result = solve_with_ipopt(
-        program, np.zeros(3), options=OPTIONS, curvature=curvature, report=report
-    )
+    result = solve_with_ipopt(program, np.zeros(3), options=OPTIONS, report=report)
     assert [number for number, *_ in seen] == list(range(1, len(seen) + 1))
     assert len(seen) >= result.iterations
     for _, objective, violation, x in seen:
@@ -136,9 +120,7 @@ def test_status_of_contradicting_rows():
             return np.array([2 * x, 2 * x])
 
     program = Contradiction(([-INF] * 2, [INF] * 2), ([-INF, 4.0], [1.0, INF]))
-    result = solve_with_ipopt(
-        program, np.array([0.5, 0.5]), options=OPTIONS, curvature="limited-memory"
-    )
+    result = solve_with_ipopt(program, np.array([0.5, 0.5]), options=OPTIONS)
     assert result.status == "Infeasible_Problem_Detected"
     assert not result.converged
 
