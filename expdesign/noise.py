@@ -2,8 +2,14 @@
 
 With Z_j = rfft(x)/√N of N samples x, (N, 6), at the frequency f_j = j/N of the sampling,
 E Z_j Z_jᴴ = S(f_j), Hermitian; the mean of S over all N lines is the covariance of one sample.
-White noise has S = Σ at every frequency. It is the spectrum of what was sampled: whatever an
-analogue noise has above half of the sampling is folded into it.
+White noise has S = Σ at every frequency. The spectrum is that of the samples: analogue noise above
+half of the sampling rate is folded into it.
+
+The phase of a hum, such as 50 Hz and its multiples from the mains, is random in every recording and
+continuous through it. Its line is as narrow as the recording resolves, with the shape of noise
+whose correlation lasts as long as the recording (a Lorentzian, folded at the sampling): height and
+content are those of the sinusoid, and there are no zeros at its sides, since no hum keeps its
+frequency exactly.
 """
 
 from __future__ import annotations
@@ -28,7 +34,7 @@ class SpectralValues(NamedTuple):
     by_frequency: Hermitian
     """∂S/∂f, per Hz."""
     by_samples: Hermitian
-    """∂S/∂n for the number n of samples of the record, which hum lines depend on."""
+    """∂S/∂n for the number n of samples of the recording, on which lines of a hum depend."""
 
 
 class SpectralPart(Protocol):
@@ -41,6 +47,7 @@ class SpectralPart(Protocol):
     @property
     def highest(self) -> float:
         """Largest sampling frequency for which the part is known, Hz; infinite for most."""
+        return np.inf
 
     def values(self, frequencies: Array, sampling: float, samples: float) -> SpectralValues:
         """Return S and its derivatives; the arguments are those of `NoiseSpectrum.at`."""
@@ -76,7 +83,7 @@ class NoiseSpectrum:
         sampling : float
             Of the samples, Hz.
         samples : float
-            Of the whole record: a hum is as narrow a line as the record resolves, and as high.
+            Of the whole recording, whose resolution is width and height of a hum's line.
 
         Raises
         ------
@@ -98,8 +105,8 @@ class NoiseSpectrum:
     def harmonics(self, base: float, count: int, sampling: float, samples: float) -> SpectralValues:
         """Return S at the multiples 0 … count − 1 of a base frequency, Hz.
 
-        `by_frequency` is then the derivative to the base frequency. The number of samples
-        is held; `by_samples` has the derivative to it.
+        `by_frequency` is then the derivative with respect to the base frequency at a constant
+        number of samples, `by_samples` that with respect to the number.
         """
         orders = np.arange(count, dtype=np.float64)
         found = self.values(orders * base, sampling, samples)
@@ -117,7 +124,13 @@ def series_of(lines: ComplexArray, samples: int) -> Array:
 
 
 def multiplicity(samples: int) -> Array:
-    """Return the multiplicity of each line in a sum over all n lines, (n // 2 + 1,): 1 or 2."""
+    """Return the multiplicity of each line in a sum over all n lines, (n // 2 + 1,): 1 or 2.
+
+    Examples
+    --------
+    >>> multiplicity(6).tolist()
+    [1.0, 2.0, 2.0, 1.0]
+    """
     times = np.full(samples // 2 + 1, 2.0)
     times[0] = 1.0
     if samples % 2 == 0:
@@ -130,7 +143,7 @@ _SMALLEST = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Autoregressive:
+class Autoregressive(SpectralPart):
     """x_i(n) = Σ_k a_ik x_i(n − k) + e_i(n), the innovations e white with a full covariance.
 
     The coefficients hold for the samples of the experiment, whatever their rate.
@@ -148,8 +161,8 @@ class Autoregressive:
         Raises
         ------
         ValueError
-            The noise grows without bound; or channels that remember so differently cannot be
-            correlated so much.
+            The noise grows without bound; or no innovations give channels with so different
+            coefficients this correlation.
         """
         if not is_stable(coefficients):
             raise ValueError("the noise grows without bound")
@@ -164,11 +177,6 @@ class Autoregressive:
     def covariance(self) -> Array:
         """(6, 6), of one sample."""
         return self.innovation * _gains(self.coefficients)
-
-    @property
-    def highest(self) -> float:
-        """Every sampling will do."""
-        return np.inf
 
     def values(self, frequencies: Array, sampling: float, samples: float) -> SpectralValues:
         """Return S = H C Hᴴ with the channels' transfer functions H, and its derivatives."""
@@ -221,11 +229,11 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Tabulated:
-    """A density between whose frequencies one interpolates linearly."""
+class Tabulated(SpectralPart):
+    """A density that is linear between tabulated frequencies."""
 
     frequencies: Array
-    """(K,), Hz, increasing, from 0 to half of the sampling that the density was measured at."""
+    """(K,), Hz, increasing, from 0 to half of the sampling rate of the measurement."""
     density: Hermitian
     """(K, 6, 6), one-sided, the square of the channels' unit per Hz, positive definite: its real
     part integrates to the covariance of one sample."""
@@ -238,7 +246,7 @@ class Tabulated:
 
     @property
     def highest(self) -> float:
-        """Sampling that the density was measured at, Hz; more slowly sampled, it is folded."""
+        """Sampling rate of the measurement, Hz; at lower rates the density is folded."""
         return 2 * float(self.frequencies[-1])
 
     def transformed(self, matrix: Array) -> Tabulated:
@@ -258,7 +266,7 @@ class Tabulated:
         folds = int(np.ceil(last / sampling + 0.5))
         for fold in range(-folds, folds + 1):
             place = folded + fold * sampling
-            # Both ends are the same frequency when nothing is folded: one of them counts.
+            # Without folding both ends are the same frequency: one of them counts.
             inside = (place >= -last) & (place < last)
             level, rise = self._interpolated(np.abs(place[inside]))
             back = (place[inside] < 0)[:, None, None]
@@ -280,8 +288,8 @@ class Tabulated:
 def between(own: Array, wanted: Array) -> Array:
     """Return the symmetric positive definite T with T C T = Σ, (6, 6), for two covariances.
 
-    It changes the channels least: a diagonal rescaling where that is enough, the identity where
-    nothing is to be changed.
+    It is the smallest change of the channels: diagonal if a rescaling is enough, the identity for
+    equal covariances.
     """
     root = _root(own)
     inverse = np.linalg.inv(root)
@@ -297,29 +305,24 @@ def _root(matrix: Array) -> Array:
 _HALF_MAXIMUM = 2 * np.sqrt(2 * np.log(2))
 """Full width at half maximum of a normal density, over its standard deviation."""
 _REACH = 9.0
-"""Standard deviations beyond which there is nothing of it in double precision."""
+"""Standard deviations beyond which the density is zero in double precision."""
 
 
 @dataclass(frozen=True, eq=False)
-class Band:
-    """A density that falls off on both sides of a frequency like a normal distribution."""
+class Band(SpectralPart):
+    """A density with the shape of a normal distribution about a frequency."""
 
     variance: Array
-    """(6, 6), covariance of one sample of it."""
+    """(6, 6), covariance of one sample."""
     frequency: float
-    """Where it is largest, Hz."""
+    """Frequency of the maximum, Hz."""
     width: float
-    """Where it has half of that, from one side to the other, Hz."""
+    """Full width at half maximum, Hz."""
 
     @property
     def covariance(self) -> Array:
         """(6, 6), of one sample."""
         return self.variance
-
-    @property
-    def highest(self) -> float:
-        """Every sampling will do."""
-        return np.inf
 
     def values(self, frequencies: Array, sampling: float, samples: float) -> SpectralValues:
         """Return S, folded at half of the sampling, and its derivatives."""
@@ -342,14 +345,14 @@ class Band:
 
 
 @dataclass(frozen=True, eq=False)
-class Hum:
+class Hum(SpectralPart):
     """Lines at some frequencies."""
 
     frequencies: Array
     """(K,), Hz."""
     variances: Array
-    """(K, 6, 6), covariance of one sample of each line: half of the amplitudes squared on the
-    diagonal where the channels' phases have nothing to do with each other."""
+    """(K, 6, 6), covariance of one sample of each line: half of the squared amplitudes on the
+    diagonal for independent phases of the channels."""
 
     @classmethod
     def of(cls, frequencies: Array, amplitudes: Array) -> Hum:
@@ -360,11 +363,6 @@ class Hum:
     def covariance(self) -> Array:
         """(6, 6), of one sample."""
         return np.sum(self.variances, axis=0)
-
-    @property
-    def highest(self) -> float:
-        """Every sampling will do."""
-        return np.inf
 
     def transformed(self, matrix: Array) -> Hum:
         """Return the lines of T x for a matrix T, (6, 6)."""

@@ -296,8 +296,7 @@ class KnownHum:
 
     def distances(self, omega: float) -> tuple[HumDistance, ...]:
         """Return the distance of each hum from the multiples of ω, rad/s."""
-        base = omega / (2 * np.pi)
-        found = []
+        base, found = omega / (2 * np.pi), []
         for frequency in self.frequencies:
             turns = frequency / base
             off = abs(turns - round(turns))
@@ -305,7 +304,7 @@ class KnownHum:
         return tuple(found)
 
     def avoided(self, periods: Array) -> Mask:
-        """Return for lengths of a period, (K,), s, whether every hum is a line away, (K,)."""
+        """Return whether every hum is at least one line away, (K,), for periods (K,), s."""
         turns = np.multiply.outer(periods, np.array(self.frequencies))
         off = np.abs(turns - np.round(turns)) * self.periods
         return np.asarray(np.all(off >= 1 - _ROUNDING, axis=1))
@@ -314,7 +313,7 @@ class KnownHum:
 def round_period(
     omega: float, bounds: tuple[float, float], step: float, hum: KnownHum | None = None
 ) -> tuple[float, int]:
-    """Return the nearest ω whose period is a whole number of controller steps, and that number.
+    """Return the nearest ω with a period of whole controller steps, and their number.
 
     If another one within `FARTHEST` keeps the multiples of ω away from every hum, it is preferred.
 

@@ -38,6 +38,14 @@ class TaylorModel:
         Coefficients of τ⁰ … τᵏ⁻¹, k ≤ `TERMS`; a single column applies to all cells.
     radius : (N,) or (1,)
         Infinite where nothing is known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = TaylorModel(np.array([[0.0], [1.0]]), np.zeros(1))
+    >>> low, high = (sine(time) - time).bounds()
+    >>> bool(low <= np.sin(1) - 1), bool(high >= 1 - np.sin(1))
+    (True, True)
     """
 
     __slots__ = ("_packed", "coefficients", "radius")

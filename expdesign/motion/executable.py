@@ -264,32 +264,21 @@ def _meet(ramp: SplineRamp, time: float, state: MotionState) -> bool:
     """Return whether a ramp has this state at a time from its start, s."""
     there = MotionState.of(ramp.sample(np.array([time])))
     return all(
-        np.allclose(
-            getattr(there, part),
-            getattr(state, part),
-            rtol=_SHARE,
-            atol=allowed,
-        )
-        for part, allowed in zip(MotionState._fields, _JUNCTION, strict=True)
+        np.allclose(found, expected, rtol=_SHARE, atol=allowed)
+        for found, expected, allowed in zip(there, state, _JUNCTION, strict=True)
     )
 
 
 def lead_ramps(motion: ExecutableMotion) -> LeadRamps | None:
     """Return lead-in and lead-out of a motion as data; None for ramps of another kind."""
-    ramps = [segment for segment in motion.segments if segment.name != PERIODS]
-    splines = [
-        RampPoints(
-            ramp.name,
-            ramp.duration,
-            tuple(tuple(point) for point in ramp.coefficients.tolist()),
-        )
-        for ramp in ramps
-        if isinstance(ramp, SplineRamp)
-    ]
-    if len(splines) != len(ramps):
-        return None
-    names = [segment.name for segment in motion.segments]
-    return LeadRamps(motion.phase, motion.periods, tuple(splines), names.index(PERIODS))
+    names, ramps = [segment.name for segment in motion.segments], []
+    for segment in motion.segments:
+        if isinstance(segment, SplineRamp):
+            points = tuple(tuple(point) for point in segment.coefficients.tolist())
+            ramps.append(RampPoints(segment.name, segment.duration, points))
+        elif segment.name != PERIODS:
+            return None
+    return LeadRamps(motion.phase, motion.periods, tuple(ramps), names.index(PERIODS))
 
 
 def moving_states(segment: Segment, times: Array) -> Array:
