@@ -53,7 +53,7 @@ class PathCertificate:
     faults: tuple[str, ...] = ()
     """Reasons against the table as the whole motion, in words."""
     unchecked: tuple[str, ...] = ()
-    """What the proof does not cover, in words."""
+    """Parts of the table outside the proof, in words."""
     remarks: tuple[str, ...] = ()
     """Differences from the export that break nothing, in words."""
 

@@ -69,7 +69,7 @@ class ReadBack:
 
     rows: int = 0
     points: int = 0
-    """Of the grid on which the rows were executed."""
+    """Number of points of the grid of the execution."""
     shortest_step: float = np.nan
     longest_step: float = np.nan
     """Shortest and longest time between two rows, s."""
@@ -87,7 +87,7 @@ class ReadBack:
     controller: ControllerCheck | None = None
     """None for a controller that moves on the format's interpolation."""
     failures: tuple[str, ...] = ()
-    """What is beyond its tolerance; empty when the file is good."""
+    """Excesses over tolerances, in words; empty when the file is good."""
 
     @property
     def limits(self) -> tuple[LimitCheck, ...]:

@@ -111,8 +111,7 @@ def find_table_file(
     Raises
     ------
     InputError
-        There is no such file, nothing tells what it holds, it cannot be read or was made of another
-        design.
+        The file is missing, has no description, cannot be read or belongs to another design.
     """
     if not path.is_file():
         raise _refusal("there is no such table", path, "a file that `expdesign export` wrote")

@@ -131,7 +131,7 @@ def _speed_jumps(table: ExecutedTable, settings: Settings, *, piece: bool) -> li
     limit = settings.task.robot.limit("strut_acceleration")
     if limit is None:
         design = settings.task.motion.sample(times).pose
-        _, wanted = _corners(times, settings.task.robot.inverse_kinematics(design), piece=piece)
+        _, wanted = _corners(times, settings.task.robot.inverse_kinematics(design), piece=True)
         allowed = np.full(jumps.shape[1], JUMP * np.max(wanted, initial=0.0))
     else:
         allowed = np.maximum(np.abs(limit.lower), np.abs(limit.upper)) + LIMIT_SHARE * limit.range

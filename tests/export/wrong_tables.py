@@ -364,6 +364,13 @@ def _hole(content, rng, _form):
     return replace(content, rows=content.rows[:place] + content.rows[place + count :])
 
 
+def _period(content, rng, _form):
+    """Leave out or repeat a period of `dehaeze`: the seam is smooth."""
+    count, place = round(1 / ROBOTS["dehaeze"][0] / STEP), int(rng.integers(25, 60))
+    again = content.rows[place : place + 2 * count] if rng.uniform() < 0.5 else ()
+    return replace(content, rows=content.rows[:place] + again + content.rows[place + count :])
+
+
 def _doubled(content, rng, _form):
     count = int(rng.integers(1, 20))
     place = int(rng.integers(1, len(content.rows) - count - 1))
@@ -456,6 +463,7 @@ FAULTS = {
     "cut at the begin": _cut_begin,
     "cut at the end": _cut_end,
     "hole": _hole,
+    "another number of periods": _period,
     "doubled rows": _doubled,
     "swapped rows": _swapped,
     "shifted column": _shifted,
