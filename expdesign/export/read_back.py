@@ -11,7 +11,6 @@ import numpy as np
 from expdesign.export.certification import LIMIT_SHARE, PathCertificate, certify_table
 from expdesign.export.definition import Interpolation, Rows, Settings, TableError
 from expdesign.export.execution import (
-    LONGER,
     ExecutedTable,
     InformationChange,
     TableDeviation,
@@ -22,7 +21,7 @@ from expdesign.export.execution import (
 )
 from expdesign.export.repetition import shorten
 from expdesign.export.row_times import SHARE, ideal_rows, whole_motion
-from expdesign.export.whole_table import find_faults
+from expdesign.export.whole_table import controller_faults, find_faults
 from expdesign.progress import track
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.robot import ForwardKinematicsError
@@ -131,11 +130,7 @@ def read_back(path: Path, settings: Settings) -> ReadBack:
             on, off = (time - table.rows.times[0] for time in trigger)
             trigger = float(on), float(off)
         found = replace(found, controller=check, trigger=trigger)
-        if not abs(table.stretch) <= LONGER:
-            failures.append(
-                f"the controller takes {1 + table.stretch:.4g} times as long: {check.duration:.4g} "
-                f"s for {found.duration:.4g} s"
-            )
+        failures += controller_faults(table)
     try:
         found = _add_execution(found, table)
         failures += _beyond(found, table, settings)

@@ -16,6 +16,7 @@ from expdesign.export.execution import Executed, ExecutedTable
 from expdesign.export.exporting import refuse_missing_library, resolve_settings
 from expdesign.export.result import RECORD, ExportedTable, ExportResult, result_file
 from expdesign.export.whole_table import (
+    controller_faults,
     departure,
     executed_settings,
     find_faults,
@@ -162,8 +163,10 @@ def certify_file(file: TableFile, *, piece: bool = False) -> PathCertificate:
         The struts' lengths belong to no pose.
     """
     table = file.executed
-    settings, rows = executed_settings(file.settings, table), table.rows
+    settings, rows = executed_settings(file.settings, table), table.as_written.rows
     faults = find_faults(settings, table, file.longest_step, piece=piece)
+    if not (faults or piece):
+        faults = controller_faults(table)
     unchecked = wrong_companions(file.settings, rows, file.path)
     if piece:
         return replace(

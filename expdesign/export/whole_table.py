@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from expdesign.export.certification import AT_HOME, LIMIT_SHARE
 from expdesign.export.definition import Interpolation, Rows, Settings, TableError
-from expdesign.export.execution import ExecutedTable
+from expdesign.export.execution import LONGER, ExecutedTable
 from expdesign.export.row_times import ideal_rows, uniform_times, whole_motion
 from expdesign.export.text_table import lines
 
@@ -179,6 +179,17 @@ def _wrong_trigger(rows: Rows, settings: Settings) -> list[str]:
     ]
 
 
+def controller_faults(table: ExecutedTable) -> list[str]:
+    """Return the reason against a controller that plans between the rows and takes longer."""
+    if table.row_times is None or abs(table.stretch) <= LONGER:
+        return []
+    times = table.rows.times
+    return [
+        f"the controller takes {1 + table.stretch:.4g} times as long: {times[-1] - times[0]:.4g} s "
+        f"for {table.as_written.rows.duration:.4g} s"
+    ]
+
+
 def wrong_columns(settings: Settings, rows: Rows) -> list[str]:
     """Return the further columns of a table that are not those of the design."""
     found = []
@@ -240,7 +251,7 @@ def piece_in_words(table: ExecutedTable) -> str:
         for part, step in ((first, steps[0]), (last, steps[-1]))
     ]
     begin, end = (
-        f"{1e3 * off:.4g} mm from home at {speed:.3g} m/s"
+        f"{np.round(1e3 * off, 3):.6g} mm from home at {np.round(speed, 4):.4g} m/s"
         for off, speed in zip(away, speeds, strict=True)
     )
     return f"a piece of a motion, which begins {begin} and ends {end} (mean of a row)"
