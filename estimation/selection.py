@@ -26,10 +26,14 @@ from estimation.diagnostics.linearisation import CandidateEffects, Linearisation
 from estimation.diagnostics.residual_covariance import empirical_noise, with_empirical_colour
 from estimation.diagnostics.significance import log_tail
 from estimation.estimators import Experiment, ParameterPriors
-from estimation.measurement_model.motion import Elimination, NormalEquations
+from estimation.measurement_model.motion import (
+    Elimination,
+    NormalEquations,
+    root_of_pseudo_inverse,
+)
 from expdesign.configuration import InputError
 from expdesign.configuration.estimate import SelectionCriterion
-from expdesign.information.fisher import EXCITABLE, ScaledInformation
+from expdesign.information.fisher import EXCITABLE
 from expdesign.robot import Robot
 from expdesign.runfolder import OpenNumber, described
 
@@ -212,12 +216,8 @@ class Split:
     def error(self, places: Places) -> float:
         """Return the mean −2 log L of predictions with the parameters at some places fitted."""
         own = np.ix_(places, places)
-        scaled = ScaledInformation.of(self.fitted.information[own])
-        values, vectors = np.linalg.eigh(scaled.matrix)
         # Combinations that the fitted data do not determine keep the values of linearisation.
-        kept = values > EXCITABLE * values[-1]
-        scales = np.where(scaled.scales > 0, scaled.scales, 1.0)
-        root = vectors[:, kept] / np.sqrt(values[kept]) / scales[:, None]
+        root = root_of_pseudo_inverse(self.fitted.information[own], EXCITABLE)
         steps = root @ (root.T @ self.fitted.gradient[places])
         error = self.predicted.information[own] @ steps - 2 * self.predicted.gradient[places]
         return float(np.mean(np.sum(error * steps, axis=0)))
@@ -255,7 +255,7 @@ def splits(evidence: Evidence) -> tuple[Split, ...]:
         rest = InformationShare(
             whole.information - few.information, whole.gradient[:, None] - few.gradient
         )
-        return (Split(_add_prior(evidence, few), rest),)
+        return (Split(evidence.prior.column + few, rest),)
     found = []
     for number, recording in enumerate(recordings):
         others = [few for place, few in enumerate(fitted) if place != number]
@@ -266,11 +266,8 @@ def splits(evidence: Evidence) -> tuple[Split, ...]:
             )
             for few in others
         ]
-        whole = recording.total
-        predicted = InformationShare(whole.information, whole.gradient[:, None])
-        found.append(
-            Split(_add_prior(evidence, reduce(InformationShare.__add__, alike)), predicted)
-        )
+        few = evidence.prior.column + reduce(InformationShare.__add__, alike)
+        found.append(Split(few, recording.total.column))
     return tuple(found)
 
 
@@ -283,14 +280,6 @@ def _fitted_periods(recording: RecordingInformation, share: float) -> Informatio
     return InformationShare(recording.total.information * (length / count), gradients)
 
 
-def _add_prior(evidence: Evidence, few: InformationShare) -> InformationShare:
-    """Add the priors to some data."""
-    prior = evidence.prior
-    return InformationShare(
-        prior.information + few.information, prior.gradient[:, None] + few.gradient
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class InformationShare:
     """F, (u, u), and g, (u,), of some data: a step s lowers −2 log L by 2 gᵀs − sᵀ F s.
@@ -300,6 +289,11 @@ class InformationShare:
 
     information: Array
     gradient: Array
+
+    @property
+    def column(self) -> InformationShare:
+        """The same data with g as a column, (u, 1)."""
+        return InformationShare(self.information, self.gradient[:, None])
 
     def __add__(self, other: InformationShare) -> InformationShare:
         """Add the information of independent data."""

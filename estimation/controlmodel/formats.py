@@ -342,9 +342,9 @@ class SelfTest:
     compiler: Annotated[str, described("", "that built it, or Python, with its version")]
     deviation: Annotated[float, described("N", "worst deviation of a force from expdesign's")]
     median: Annotated[float | None, described("s", "of the time of a call; null: not measured")]
-    most: Annotated[float | None, described("s", "what 99.9 % of the calls take at most")]
+    most: Annotated[float | None, described("s", "duration that 99.9 % of the calls do not exceed")]
     worst: Annotated[
-        float | None, described("s", "longest call, with what else the machine was doing")
+        float | None, described("s", "longest call, including other load of the computer")
     ]
 
 

@@ -41,7 +41,7 @@ class Origin:
     version: Annotated[str, described("", "version of expdesign that made the model")]
     run: Annotated[str, described("", "run of the estimate; empty: not from an estimate")] = ""
     estimator: Annotated[str, described("", "ls, gm or ml")] = ""
-    verdict: Annotated[str, described("", "what its diagnostics say")] = ""
+    verdict: Annotated[str, described("", "verdict of its diagnostics")] = ""
 
     @property
     def sentence(self) -> str:

@@ -61,7 +61,7 @@ def format_of(path: Path) -> FileFormat:
         known = ", ".join(sorted({suffix for each in file_formats() for suffix in each.extensions}))
         message = f"this file has no known extension: '{path.suffix}'"
         if path.is_dir():
-            message = "this folder is no rosbag2 recording"
+            message = "this folder is not a rosbag2 recording"
         allowed = f"{known}, or the folder of a rosbag2 recording"
         raise InputError(message, path, allowed=allowed)
     try:

@@ -59,7 +59,7 @@ def label(text: str) -> str:
 
 
 def header_column(text: str, place: Any) -> RecordedColumn:
-    """Read a header such as ``q1 [mm]`` or ``q1 (mm)``; brackets around digits are no unit."""
+    """Read a header such as ``q1 [mm]`` or ``q1 (mm)``; brackets around digits are not a unit."""
     text = text.strip()
     match = _WITH_UNIT.fullmatch(text)
     if match is None:
@@ -195,7 +195,7 @@ class RawTable:
 
     file: Path
     values: Mapping[str, Array]
-    """Channel → (T,), numbers in the file's unit; NaN where there is no number."""
+    """Channel → (T,), numbers in the file's unit; NaN without a number."""
     columns: Mapping[str, RecordedColumn]
     """Channel → its column in the file."""
     row_noun: RowNoun = "sample"
@@ -290,14 +290,14 @@ def refuse_cells(table: RawTable, channels: Sequence[str], decimal: str) -> None
     problems = [
         _cell(table, channels[place], row, decimal) for row, place in sorted(found)[:MOST_PROBLEMS]
     ]
-    refuse(problems, table.file, "cells are no finite numbers", count)
+    refuse(problems, table.file, "cells are not finite numbers", count)
 
 
 def _cell(table: RawTable, channel: str, row: int, decimal: str) -> Problem:
     text = table.texts.get((channel, row))
     if text is None:
         if table.row_noun == "line":  # one of very many, without a stored text
-            return table.problem("the cell is no finite number", channel, row)
+            return table.problem("the cell is not a finite number", channel, row)
         found = table.values[channel][row]
         return table.problem("NaN" if np.isnan(found) else "an infinite value", channel, row)
     if not text:
@@ -305,7 +305,7 @@ def _cell(table: RawTable, channel: str, row: int, decimal: str) -> Problem:
     mark = "," if decimal == "." else "."
     digits = text.replace(mark, "", 1).lstrip("+-")
     allowed = f"numbers, or data.decimal: '{mark}'" if mark in text and digits.isdigit() else None
-    return table.problem(f"{quote(text)} is no finite number", channel, row, allowed)
+    return table.problem(f"{quote(text)} is not a finite number", channel, row, allowed)
 
 
 def refuse_periods(table: RawTable) -> None:
@@ -316,7 +316,7 @@ def refuse_periods(table: RawTable) -> None:
     name = "rows are like that"
 
     def fraction(row: int) -> Problem:
-        return table.problem(f"{values[row]:g} is no number of a period", "period", row)
+        return table.problem(f"{values[row]:g} is not a period number", "period", row)
 
     def fall(row: int) -> Problem:
         message = f"period {values[row]:.0f} after period {values[row - 1]:.0f}"

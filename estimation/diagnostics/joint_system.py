@@ -28,10 +28,14 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation, Signature
-from estimation.measurement_model.motion import NormalEquations, whiten_rows
+from estimation.measurement_model.motion import (
+    NormalEquations,
+    root_of_pseudo_inverse,
+    whiten_rows,
+)
 from estimation.processing import NoiseEstimate, NoiseModel
 from estimation.processing.spectrum import WhiteningFilter
-from expdesign.information.fisher import ScaledInformation, whitening
+from expdesign.information.fisher import whitening
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.noise import lines_of, multiplicity
 
@@ -67,12 +71,8 @@ class JointSystem:
     def solution(self) -> SolvedSystem:
         """System after the Gauss–Newton step."""
         flat = self.columns.reshape(-1, self.columns.shape[2])
-        scaled = ScaledInformation.of(flat.T @ flat + self.information)
-        values, vectors = np.linalg.eigh(scaled.matrix)
         # Undetermined combinations keep their values: their columns are dependent.
-        kept = values > _DETERMINED * values[-1]
-        scales = np.where(scaled.scales > 0, scaled.scales, 1.0)
-        root = vectors[:, kept] / np.sqrt(values[kept]) / scales[:, None]
+        root = root_of_pseudo_inverse(flat.T @ flat + self.information, _DETERMINED)
         inverse = root @ root.T
         step = inverse @ (flat.T @ self.forces.ravel() + self.gradient)
         return SolvedSystem(

@@ -221,7 +221,7 @@ class PayloadEstimate:
     ]
     freedom: Annotated[
         Freedoms,
-        described("1", "(10,) degrees of freedom behind the standard deviations; null: endless"),
+        described("1", "(10,) degrees of freedom of the standard deviations; null: infinite"),
     ]
 
     @property

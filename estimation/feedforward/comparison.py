@@ -46,11 +46,11 @@ from expdesign.robot.deviation import Deviation
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 
 WIDTH = 1e-3
-"""Of the smoothed friction, as a share of the fastest strut's largest speed."""
+"""Width of the smoothed friction, relative to the fastest strut's largest speed."""
 _FEWEST = 5
-"""Steps of the integration between two samples of the controller."""
+"""Smallest number of integration steps between two samples of the controller."""
 _TRIED = 64
-"""Poses along the motion at which the step is tried."""
+"""Number of poses along the motion for the choice of the step."""
 
 
 def compare_feedforward(
@@ -67,14 +67,14 @@ def compare_feedforward(
     saved : IdentifiedModel
         The identified model.
     design : FourierTrajectory or None
-        The designed motion, where that is followed.
+        The designed motion, if it is followed.
     width : float
-        Of the smoothed friction, as a share of the fastest strut's largest speed.
+        Width of the smoothed friction, relative to the fastest strut's largest speed.
 
     Raises
     ------
     InputError
-        The motion cannot be made, or its simulation would be too large.
+        The motion cannot be executed, or its simulation would be too large.
     ComputationError
         The loop is unstable.
     """
@@ -104,7 +104,7 @@ def compare_feedforward(
     feedback = dict(zip(forces, added[:, last:], strict=True))
     controller = loop.controller
     broken = broken_limits(nominal, motion, name)
-    doubt = f"the estimate that is fed forward is doubtful itself: {saved.doubt}"
+    doubt = f"the estimate of the fed-forward model is doubtful: {saved.doubt}"
     return FeedforwardResult(
         name=configuration.run.name,
         robot=nominal.name,
@@ -164,8 +164,8 @@ def _feedforwards(
 ) -> dict[CaseName, Array]:
     """Return the forces of each case, (T, 6), N, in the controller's units.
 
-    Those are true forces times the gains that a model has, measured over true; 1 where it has none.
-    Those of the nominal model are left out where that is the true one.
+    They are the true forces times the gains of the model (measured over true; 1 without any). The
+    nominal model is left out if it is the true one.
     """
     states = motion.sample(times)
     nominal = models["nominal"]
@@ -317,11 +317,10 @@ def true_machine(
     """Return the digital twin or, for recordings of a real machine, a random one.
 
     The true parameters of a real machine are unknown. They are drawn from the estimate's normal
-    distribution, and again until all are within their bounds: the simulation shows the cost of the
-    estimate's uncertainty, and nothing of the model's own errors.
-
-    Parameters and deviations θ (constants of terms, geometry, gains) are drawn together: their
-    errors compensate each other in the forces.
+    distribution until all are within their bounds: the simulation shows the effect of the
+    estimate's uncertainty, but not that of the model's errors. Parameters and deviations θ
+    (constants of terms, geometry, gains) are drawn jointly: their errors compensate each other in
+    the forces.
 
     Parameters
     ----------

@@ -72,18 +72,18 @@ class IntegrationSettings:
 class FeedforwardCase:
     """Tracking errors of the platform with one feed-forward."""
 
-    case: Annotated[CaseName, described("", "what is fed forward")]
+    case: Annotated[CaseName, described("", "kind of feed-forward")]
     rms_struts: Annotated[float, described("m", "rms error of all struts")]
     max_struts: Annotated[float, described("m", "largest error of a strut")]
     rms_position: Annotated[float, described("m", "rms distance of the TCP from its place")]
     max_position: Annotated[float, described("m", "largest distance")]
-    rms_rotation: Annotated[float, described("rad", "rms angle by which the platform is turned")]
+    rms_rotation: Annotated[float, described("rad", "rms rotation error of the platform")]
     max_rotation: Annotated[float, described("rad", "largest angle")]
     rms_from_true: Annotated[
         float,
-        described("m", "rms distance of the struts from where the true model's forces bring them"),
+        described("m", "rms distance of the struts from their motion with the true model's forces"),
     ]
-    rms_feedback: Annotated[float, described("N", "rms of what the controller itself adds")]
+    rms_feedback: Annotated[float, described("N", "rms of the controller's own force")]
     limited: Annotated[float, described("1", "share of the forces that are at their limit")]
     reduction: Annotated[
         OpenNumber, described("1", "rms_struts without feed-forward over this one")
@@ -94,11 +94,11 @@ class FeedforwardCase:
 class StrutRow:
     """Tracking errors of one strut with one feed-forward."""
 
-    case: Annotated[str, described("", "what is fed forward")]
+    case: Annotated[str, described("", "kind of feed-forward")]
     strut: Annotated[int, described("1", "strut")]
     rms: Annotated[float, described("m", "rms of the error")]
     max: Annotated[float, described("m", "largest error")]
-    rms_feedback: Annotated[float, described("N", "rms of what the controller itself adds")]
+    rms_feedback: Annotated[float, described("N", "rms of the controller's own force")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,9 +108,7 @@ class Tracking:
     time: Annotated[Array, Column("t", "s", "time from the start of the period")]
     struts: Annotated[Array, strutwise("e", "m", "error")]
     position: Annotated[Array, Column("position", "m", "distance of the TCP from its place")]
-    rotation: Annotated[
-        Array, Column("rotation", "rad", "angle by which the platform is turned from its own")
-    ]
+    rotation: Annotated[Array, Column("rotation", "rad", "rotation error of the platform")]
     forces: Annotated[Array, strutwise("Q", "N", "commanded force")]
 
 
@@ -124,7 +122,7 @@ class FeedforwardResult(RunFile, StageResult):
     estimator: Annotated[str, described("", "ls, gm or ml")]
     machine: Annotated[
         Literal["twin", "drawn"],
-        described("", "what moves: the twin, or a machine drawn from the estimate's covariance"),
+        described("", "moving machine: the twin, or one drawn from the estimate's covariance"),
     ]
     motion: Annotated[str, described("", "which motion is followed")]
     period: Annotated[float, described("s", "its duration")]

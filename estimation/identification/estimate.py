@@ -29,6 +29,7 @@ from estimation.identification.estimation import Estimation, estimate_parameters
 from estimation.identification.estimator_result import (
     ConstantResult,
     DeviationResult,
+    EstimatorResult,
     SystematicResult,
 )
 from estimation.identification.recording import PreparedRecording
@@ -37,7 +38,6 @@ from estimation.identification.result import (
     EstimatedRecording,
     EstimateFile,
     EstimationResult,
-    EstimatorResult,
     WeightingNoise,
 )
 from estimation.uncertainty.consistency import ConsistentEstimate

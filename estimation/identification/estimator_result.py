@@ -1,4 +1,4 @@
-"""Further results of one estimator: systematic errors, physical consistency, payload.
+"""Results of one estimator: parameters, systematic errors, physical consistency, payload.
 
 Each part is stored under the estimator in `estimate.json`, and as rows of a table.
 """
@@ -12,19 +12,27 @@ from typing import Annotated
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.estimators.result import ABOUT_CENTRE, TEN, PayloadEstimate, about_centre
+from estimation.estimators.result import (
+    ABOUT_CENTRE,
+    TEN,
+    Freedoms,
+    PayloadEstimate,
+    about_centre,
+)
 from estimation.uncertainty.consistency import ConsistentEstimate
-from estimation.uncertainty.intervals import interval_widths
+from estimation.uncertainty.intervals import Combination, interval_widths
+from expdesign.information.identifiable import KnownCombination
 from expdesign.mechanism.terms import parameter_unit
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
-from expdesign.runfolder import Numbers, OpenNumber, described
+from expdesign.runfolder import Numbers, OpenNumber, OpenNumbers, described
+from expdesign.trajectory import FourierKeys
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DeviationResult:
     """One deviation of the machine from its description."""
 
-    name: Annotated[str, described("", "what deviates, such as base_joint_1_x")]
+    name: Annotated[str, described("", "name, such as base_joint_1_x")]
     group: Annotated[str, described("", "key of its tolerance in the robot file")]
     unit: Annotated[str, described("", "SI unit of tolerance, value and std")]
     tolerance: Annotated[
@@ -42,13 +50,13 @@ class SystematicResult:
     """Deviations of the machine and their effect on an estimate."""
 
     estimated: Annotated[bool, described("", "they were estimated together with the parameters")]
-    deviations: Annotated[tuple[DeviationResult, ...], described("", "what is not known exactly")]
+    deviations: Annotated[tuple[DeviationResult, ...], described("", "the inexact quantities")]
     response: Annotated[
-        Numbers, described("SI", "what each parameter moves by per unit of each deviation, m × t")
+        Numbers, described("SI", "change of each parameter per unit of each deviation, m × t")
     ]
     left: Annotated[
         Numbers | None,
-        described("SI", "what each estimate of a deviation is off by per unit of each, t × t"),
+        described("SI", "error of each estimated deviation per unit of each deviation, t × t"),
     ]
 
     @property
@@ -108,9 +116,7 @@ class BudgetRow:
     estimator: Annotated[str, described("", "ls, gm or ml")]
     parameter: Annotated[str, described("", "name")]
     unit: Annotated[str, described("", "SI unit of std")]
-    source: Annotated[
-        str, described("", "key of the tolerance; noise: what another recording draws anew")
-    ]
+    source: Annotated[str, described("", "key of the tolerance; noise: the random share")]
     std: Annotated[float, described("see unit", "standard deviation that it makes")]
     share_percent: Annotated[float, described("%", "its share of the total variance")]
 
@@ -120,7 +126,7 @@ class DeviationRow:
     """Tolerance and estimate of one deviation."""
 
     estimator: Annotated[str, described("", "ls, gm or ml")]
-    deviation: Annotated[str, described("", "what deviates, such as base_joint_1_x")]
+    deviation: Annotated[str, described("", "name, such as base_joint_1_x")]
     source: Annotated[str, described("", "key of its tolerance")]
     unit: Annotated[str, described("", "SI unit of the numbers")]
     tolerance: Annotated[
@@ -232,7 +238,7 @@ class ConstantRow(ConstantResult, OfEstimator):
 
 
 _SURE = 3.0
-"""Standard deviations by which a mass must exceed zero for its centre to be defined."""
+"""Smallest mass, in standard deviations, with a defined centre."""
 _UNITS = tuple(parameter_unit(name) for name in OF_A_BODY.values())
 _UNITS_ABOUT_CENTRE = ("m",) * 3 + _UNITS[4:]
 
@@ -310,3 +316,95 @@ def _rows(
     )
     for name, unit, *numbers in zip(names, units, *(c.tolist() for c in columns), strict=True):
         yield PayloadRow(estimator, name, unit, *numbers)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EstimatorResult:
+    """Estimates of one estimator with their uncertainty."""
+
+    status: Annotated[str, described("", "how it ended, in words")]
+    converged: Annotated[bool, described("", "the iteration ended as it should")]
+    iterations: Annotated[int, described("1", "number of iterations")]
+    cost: Annotated[float, described("1", "weighted sum of squares that was minimised")]
+    seconds: Annotated[float, described("s", "how long it took")]
+    values: Annotated[dict[str, float], described("SI", "by parameter")]
+    covariance: Annotated[Numbers, described("SI", "m × m; zero for fixed parameters")]
+    covariance_forces: Annotated[
+        Numbers, described("SI", "its share that the forces' noise and the prior make")
+    ]
+    covariance_kinematics: Annotated[
+        Numbers | None,
+        described("SI", "its share that the lengths' noise makes; null where it is not known"),
+    ]
+    covariance_joint: Annotated[
+        Numbers | None,
+        described(
+            "SI",
+            "(m + e) × (m + e): random share, of the parameters and of the deviations that were "
+            "estimated with them, the first e of `systematic`; null: none was",
+        ),
+    ]
+    freedom: Annotated[
+        Freedoms,
+        described("1", "(m,) degrees of freedom of the standard deviations; null: infinite"),
+    ]
+    colour: Annotated[
+        OpenNumbers,
+        described("1", "(m,) variances over those that white noise would make"),
+    ]
+    covariance_systematic: Annotated[
+        Numbers, described("SI", "its share that the robot's tolerances make")
+    ]
+    systematic: Annotated[
+        SystematicResult | None,
+        described("", "quantities with a tolerance and their effect; null: taken as exact"),
+    ]
+    constants: Annotated[
+        tuple[ConstantResult, ...],
+        described("", "constants of terms that were estimated, as in tables/constants.csv"),
+    ]
+    payload: Annotated[
+        PayloadEstimate | None,
+        described("", "load in addition to the machine identified before; null: none"),
+    ]
+    consistent: Annotated[
+        ConsistentEstimate | None,
+        described("", "the nearest physically consistent parameters; null: excluded by fixed ones"),
+    ]
+    combinations: Annotated[
+        tuple[Combination, ...], described("", "combinations of unidentified parameters")
+    ]
+    base_parameters: Annotated[
+        tuple[KnownCombination, ...],
+        described("", "combinations that the data identify; of each the table's columns"),
+    ]
+    inseparable: Annotated[
+        tuple[KnownCombination, ...],
+        described(
+            "", "combinations that no motion separates, each estimated as its first parameter"
+        ),
+    ]
+    motions: Annotated[
+        tuple[FourierKeys, ...], described("", "motion of every recording, as in design.json")
+    ]
+
+    @property
+    def std(self) -> Array:
+        """(m,) standard deviations, SI; zero for fixed parameters."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True)
+class PrecisionRow:
+    """Shares of one standard deviation, and the Cramér–Rao bound."""
+
+    estimator: Annotated[str, described("", "ls, gm or ml")]
+    parameter: Annotated[str, described("", "name")]
+    std: Annotated[float, described("SI", "standard deviation")]
+    std_forces: Annotated[float, described("SI", "the share that the noise of the forces makes")]
+    std_kinematics: Annotated[
+        OpenNumber, described("SI", "the share that the noise of the lengths makes")
+    ]
+    bound: Annotated[
+        OpenNumber, described("SI", "Cramér–Rao bound with noise in forces and lengths")
+    ]

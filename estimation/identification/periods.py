@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -228,40 +229,34 @@ def fold_noise_recording(
         first, second = np.argwhere(same)[0] + 1
         message = f"the forces of actuators {first} and {second} are the same recording"
         raise _without_periods(data, f"{message}: look at `data.columns` and the cables")
+
+    def fold(find_omega: Callable[[Measurement], float], source: PeriodSource) -> PeriodicRecording:
+        try:
+            return fold_recording(data, find_omega(data), source)
+        except PeriodError as error:
+            note = "" if source is PeriodSource.REST else ", and the machine is not at rest"
+            raise _without_periods(data, f"{error}{note}") from error
+
     if all(resolution_only(column) for column in data.lengths.T):
-        return _at_rest(data)
+        return fold(choose_omega_at_rest, PeriodSource.REST)
     try:
         omega, source = choose_omega(configuration, data, design)
         recording = fold_recording(data, omega, source)
     except (UnsuitableDataError, PeriodError) as error:
         if is_at_rest(data):
-            return _at_rest(data)
+            return fold(choose_omega_at_rest, PeriodSource.REST)
         if certain:
             raise _without_periods(data, str(error)) from error
-        recording = _of_its_own(data)
-    if recording.periods < _TWO:
-        if is_at_rest(data):
-            return _at_rest(data)
-        raise _without_periods(
-            data,
-            f"{recording.periods:.3g} periods show no scatter between periods: the noise of a "
-            "recording takes two periods or more, or a machine at rest",
-        )
-    return recording
-
-
-def _of_its_own(data: Measurement) -> PeriodicRecording:
-    try:
-        return fold_recording(data, omega_from_data(data), PeriodSource.DATA)
-    except PeriodError as error:
-        raise _without_periods(data, f"{error}, and the machine is not at rest") from error
-
-
-def _at_rest(data: Measurement) -> PeriodicRecording:
-    try:
-        return fold_recording(data, choose_omega_at_rest(data), PeriodSource.REST)
-    except PeriodError as error:
-        raise _without_periods(data, str(error)) from error
+        recording = fold(omega_from_data, PeriodSource.DATA)
+    if recording.periods >= _TWO:
+        return recording
+    if is_at_rest(data):
+        return fold(choose_omega_at_rest, PeriodSource.REST)
+    raise _without_periods(
+        data,
+        f"{recording.periods:.3g} periods show no scatter between periods: the noise of a "
+        "recording takes two periods or more, or a machine at rest",
+    )
 
 
 def _without_periods(data: Measurement, message: str) -> UnsuitableDataError:

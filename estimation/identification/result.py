@@ -15,16 +15,16 @@ from estimation.diagnostics.diagnosis_result import (
     RecordingTables,
 )
 from estimation.diagnostics.noise_result import CovarianceRow, NoiseCovariances, covariance_rows
-from estimation.estimators.result import TEN, Freedoms, PayloadEstimate
+from estimation.estimators.result import TEN
 from estimation.identification.estimator_result import (
     BudgetRow,
     ConsistentRow,
-    ConstantResult,
     ConstantRow,
     DeviationRow,
+    EstimatorResult,
     OfEstimator,
     PayloadRow,
-    SystematicResult,
+    PrecisionRow,
     budget_rows,
     consistent_rows,
     deviation_rows,
@@ -32,8 +32,7 @@ from estimation.identification.estimator_result import (
 )
 from estimation.identification.term_selection import Selection
 from estimation.selection import SelectionRow
-from estimation.uncertainty.consistency import ConsistentEstimate
-from estimation.uncertainty.intervals import Combination, ParameterRow, correlation
+from estimation.uncertainty.intervals import ParameterRow, correlation
 from expdesign.configuration import Problem
 from expdesign.configuration.tolerances import IDENTIFIED_ROBOT
 from expdesign.information.identifiable import KnownCombination
@@ -42,8 +41,6 @@ from expdesign.runfolder import (
     Matrix,
     Numbered,
     Numbers,
-    OpenNumber,
-    OpenNumbers,
     RunFile,
     StageResult,
     Table,
@@ -62,7 +59,6 @@ from expdesign.runfolder.fields import (
     wrong_names,
     wrong_shape,
 )
-from expdesign.trajectory import FourierKeys
 
 _ESTIMATOR = Column("estimator", "", "ls, gm or ml")
 
@@ -109,104 +105,12 @@ class EstimatedRecording:
     ]
     harmonics_of_forces: Annotated[
         int | None,
-        described("1", "of ML's motion: what forces and lengths show together; null as before"),
+        described("1", "of ML's motion, from forces and lengths together; null as before"),
     ]
     harmonics_of_the_design: Annotated[
         int | None, described("1", "fewest that were tried; null when the number was given")
     ]
     noise: Annotated[WeightingNoise, described("", "noise that the estimators weighted with")]
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class EstimatorResult:
-    """Estimates of one estimator with their uncertainty."""
-
-    status: Annotated[str, described("", "how it ended, in words")]
-    converged: Annotated[bool, described("", "the iteration ended as it should")]
-    iterations: Annotated[int, described("1", "number of iterations")]
-    cost: Annotated[float, described("1", "weighted sum of squares that was minimised")]
-    seconds: Annotated[float, described("s", "how long it took")]
-    values: Annotated[dict[str, float], described("SI", "by parameter")]
-    covariance: Annotated[Numbers, described("SI", "m × m; zero for fixed parameters")]
-    covariance_forces: Annotated[
-        Numbers, described("SI", "its share that the forces' noise and the prior make")
-    ]
-    covariance_kinematics: Annotated[
-        Numbers | None,
-        described("SI", "its share that the lengths' noise makes; null where it is not known"),
-    ]
-    covariance_joint: Annotated[
-        Numbers | None,
-        described(
-            "SI",
-            "(m + e) × (m + e): random share, of the parameters and of the deviations that were "
-            "estimated with them, the first e of `systematic`; null: none was",
-        ),
-    ]
-    freedom: Annotated[
-        Freedoms,
-        described("1", "(m,) degrees of freedom behind the standard deviations; null: endless"),
-    ]
-    colour: Annotated[
-        OpenNumbers,
-        described("1", "(m,) variances over those that white noise would make"),
-    ]
-    covariance_systematic: Annotated[
-        Numbers, described("SI", "its share that the robot's tolerances make")
-    ]
-    systematic: Annotated[
-        SystematicResult | None,
-        described("", "quantities with a tolerance and their effect; null: taken as exact"),
-    ]
-    constants: Annotated[
-        tuple[ConstantResult, ...],
-        described("", "constants of terms that were estimated, as in tables/constants.csv"),
-    ]
-    payload: Annotated[
-        PayloadEstimate | None,
-        described("", "what the platform carries beyond the machine identified before; null: none"),
-    ]
-    consistent: Annotated[
-        ConsistentEstimate | None,
-        described("", "the nearest physically consistent parameters; null: excluded by fixed ones"),
-    ]
-    combinations: Annotated[
-        tuple[Combination, ...], described("", "what is known of parameters not identified")
-    ]
-    base_parameters: Annotated[
-        tuple[KnownCombination, ...],
-        described("", "combinations that the data identify; of each the table's columns"),
-    ]
-    inseparable: Annotated[
-        tuple[KnownCombination, ...],
-        described(
-            "", "combinations that no motion separates, each estimated as its first parameter"
-        ),
-    ]
-    motions: Annotated[
-        tuple[FourierKeys, ...], described("", "motion of every recording, as in design.json")
-    ]
-
-    @property
-    def std(self) -> Array:
-        """(m,) standard deviations, SI; zero for fixed parameters."""
-        return np.sqrt(np.diag(self.covariance))
-
-
-@dataclass(frozen=True)
-class PrecisionRow:
-    """Shares of one standard deviation, and the Cramér–Rao bound."""
-
-    estimator: Annotated[str, described("", "ls, gm or ml")]
-    parameter: Annotated[str, described("", "name")]
-    std: Annotated[float, described("SI", "standard deviation")]
-    std_forces: Annotated[float, described("SI", "the share that the noise of the forces makes")]
-    std_kinematics: Annotated[
-        OpenNumber, described("SI", "the share that the noise of the lengths makes")
-    ]
-    bound: Annotated[
-        OpenNumber, described("SI", "Cramér–Rao bound with noise in forces and lengths")
-    ]
 
 
 @dataclass(frozen=True)
@@ -250,7 +154,7 @@ class EstimateFile(RunFile):
     recordings: Annotated[
         tuple[EstimatedRecording, ...], described("", "recordings of the estimate")
     ]
-    estimators: Annotated[dict[str, EstimatorResult], described("", "what each of them found")]
+    estimators: Annotated[dict[str, EstimatorResult], described("", "results by estimator")]
     cramer_rao_covariance: Annotated[
         Numbers | None, described("SI", "the bound with noise in forces and lengths, m × m")
     ]
@@ -259,9 +163,9 @@ class EstimateFile(RunFile):
         described("SI", "of the difference of these estimates, m × m; null without both"),
     ]
     intervals_cover: Annotated[bool, described("", "the intervals count the lengths' noise")]
-    intervals_note: Annotated[str, described("", "what the intervals count, in words")]
+    intervals_note: Annotated[str, described("", "contents of the intervals, in words")]
     diagnostics: Annotated[
-        Diagnosis | None, described("", "what the residuals say; null when not asked")
+        Diagnosis | None, described("", "diagnosis of the residuals; null if not requested")
     ]
     selection: Annotated[
         Selection | None,

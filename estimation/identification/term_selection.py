@@ -26,16 +26,16 @@ from expdesign.runfolder import described
 
 CAVEAT = (
     "The standard deviations and intervals of an estimate after selection are those of the model "
-    "that was chosen, as if nobody had chosen it. They do not count that other data might have led "
-    "to another model, and a term that is weak enters only where noise makes it look strong: its "
-    "estimate is then too large. A term that was not chosen is not shown to be zero."
+    "that was chosen, as if there had been no selection. They do not include that other data might "
+    "have led to another model, and a weak term is chosen only if noise makes it look strong: its "
+    "estimate is then too large. A term that was not chosen need not be zero."
 )
 """Note on intervals after a selection."""
 
 SAME_MOTION = (
-    "held out were periods of the motion that was fitted: what the model lacks is the same in all "
-    "of them, so that a term that only imitates it is not punished. A recording of another motion "
-    "would tell"
+    "the held-out data are periods of the fitted motion: the error of the model is the same in all "
+    "of them, so that terms which only imitate it are not penalised. Record another motion to "
+    "detect them"
 )
 
 
@@ -75,12 +75,12 @@ class Selection:
     dispersion: Annotated[
         float,
         described(
-            "1", "by which chi-square was divided: what all candidates together leave, in noise"
+            "1", "divisor of chi-square: residual variance with all candidates over the noise"
         ),
     ]
-    held_out: Annotated[str, described("", "what was predicted: recordings or periods, or empty")]
+    held_out: Annotated[str, described("", "predicted data: recordings or periods, or empty")]
     steps: Annotated[tuple[SelectionRow, ...], described("", "every block that was tried")]
-    caveat: Annotated[str, described("", "what is to be known of the intervals")] = CAVEAT
+    caveat: Annotated[str, described("", "note on the intervals")] = CAVEAT
     bounded: Annotated[
         tuple[str, ...],
         described("", "parameters with bounds, which the choice did without, the estimate not"),
@@ -186,7 +186,7 @@ class Selection:
             judge = Judge(evidence, section.by, level or DEFAULT_LEVEL, needs)
         except LinAlgError as error:
             raise ComputationError(
-                f"the recordings do not determine the robot's own parameters beside all "
+                f"the recordings do not determine the robot's own parameters in addition to all "
                 f"candidates of estimate.select: {error}"
             ) from error
         chosen, steps = select(judge)

@@ -17,7 +17,7 @@ import numpy as np
 import scipy.linalg as sla
 
 from constraints.arrays import Array, ComplexArray
-from expdesign.information.fisher import whitening
+from expdesign.information.fisher import ScaledInformation, whitening
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.trajectory import FourierTrajectory
 
@@ -375,3 +375,20 @@ class Elimination:
     slope: Array
     offset: Array
     """(x, k) and (x,), the motion's step is offset − slope s."""
+
+
+def root_of_pseudo_inverse(information: Array, least: float) -> Array:
+    """Return R, (u, r), with R Rᵀ = F⁺ on the determined combinations of F, (u, u).
+
+    `least` is the smallest eigenvalue of the scaled F, relative to the largest, that counts.
+
+    Examples
+    --------
+    >>> root_of_pseudo_inverse(np.diag([4.0, 0.0]), 1e-9).tolist()
+    [[0.5], [0.0]]
+    """
+    scaled = ScaledInformation.of(information)
+    values, vectors = np.linalg.eigh(scaled.matrix)
+    kept = values > least * values[-1]
+    scales = np.where(scaled.scales > 0, scaled.scales, 1.0)
+    return np.asarray(vectors[:, kept] / np.sqrt(values[kept]) / scales[:, None])

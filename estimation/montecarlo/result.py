@@ -172,7 +172,7 @@ class RepetitionTable(CsvFile[tuple[Repetition, ...], None]):
         return (
             Column("repetition", "1", "number, from 1"),
             Column("estimator", "", "ls, gm or ml"),
-            Column("failure", "", "why there is no estimate; empty when there is one"),
+            Column("failure", "", "reason for a missing estimate; otherwise empty"),
             Column("converged", "", "whether the iteration ended as it should"),
             Column("iterations", "1", "of the estimator"),
             Column("harmonics", "1", "of ML's motion; empty after pointwise differentiation"),

@@ -280,7 +280,7 @@ def choose_omega_at_rest(data: Measurement) -> float:
     parts = min(_PARTS, rows // _FEWEST_ROWS)
     if parts < _FEWEST_PARTS:
         raise PeriodError(
-            f"the machine is at rest, and {rows} samples are too few to tell its noise: "
+            f"the machine is at rest, and {rows} samples are too few to estimate its noise: "
             f"{_FEWEST_PARTS * _FEWEST_ROWS} or more are needed"
         )
     lengths = np.arange(rows // (parts + 1) + 1, rows // parts + 1)

@@ -84,9 +84,7 @@ class ExecutedTableTruth:
         tuple[float, float],
         described("s", "measurement window: beginning and end, from the start of the table"),
     ]
-    position_error: Annotated[
-        float, described("m", "by which the struts are off `executed` at most")
-    ]
+    position_error: Annotated[float, described("m", "largest deviation of a strut from `executed`")]
 
 
 @dataclass(frozen=True)
@@ -112,17 +110,17 @@ class DisturbanceKeys:
     outliers: Annotated[dict[str, Any] | None, described("1", "share and size")]
     force_constant: Annotated[
         dict[str, Any] | None,
-        described("1", "shares by which forces are measured too large: common, each, drift"),
+        described("1", "relative errors of the measured forces: common, each, drift"),
     ] = None
     hum: Annotated[
         dict[str, Any] | None, described("Hz, N, rad", "in the measured forces; phase null: drawn")
     ] = None
     delay: Annotated[float | None, described("s", "of the forces against the lengths")] = None
     clock: Annotated[
-        float | None, described("1", "share by which the recording's stamps run fast")
+        float | None, described("1", "relative error of the recording's clock, positive if fast")
     ] = None
     strut_length: Annotated[
-        tuple[float, ...] | None, described("m", "by which each length is measured too long")
+        tuple[float, ...] | None, described("m", "error of each measured length")
     ] = None
     compliance: Annotated[
         tuple[float, ...] | None, described("m/N", "of each strut, beyond its motor")
@@ -187,7 +185,7 @@ class MachineKeys:
 class SeedKeys:
     """Seeds of the random numbers."""
 
-    experiment: Annotated[int, described("1", "of what all repetitions share")]
+    experiment: Annotated[int, described("1", "of the draws that all repetitions share")]
     repetitions: Annotated[int, described("1", "of their noise, outliers, hum and lost samples")]
 
 
@@ -209,7 +207,7 @@ class Truth(RunFile):
     ]
     payload: Annotated[
         dict[str, float] | None,
-        described("SI", "what of p6 … Iyz is the payload's (experiment.payload); null: none"),
+        described("SI", "share of the payload in p6 … Iyz (experiment.payload); null: none"),
     ] = None
     experiment: Annotated[ExperimentKeys, described("", "length and sampling")]
     design: Annotated[Motion, described("", "the motion that was commanded")]

@@ -62,16 +62,14 @@ class ConsistentEstimate:
     ]
     exchanged: Annotated[
         tuple[str, ...],
-        described("", "held parameters that took other values: no force shows which they have"),
+        described("", "held parameters with other values here; no force depends on them alone"),
     ]
     distance: Annotated[
-        float, described("1", "from the estimate, standard deviations; 0: bodies have it")
+        float, described("1", "from the estimate, standard deviations; 0: it is consistent")
     ]
-    p: Annotated[
-        float, described("1", "how often noise makes that distance where bodies have the truth")
-    ]
+    p: Annotated[float, described("1", "probability of such a distance if the truth is consistent")]
     significant: Annotated[bool, described("", "p is below 5 %")]
-    active: Annotated[tuple[str, ...], described("", "conditions and bounds that it stands at")]
+    active: Annotated[tuple[str, ...], described("", "active conditions and bounds")]
     spread: Annotated[
         OpenNumbers,
         described("SI", "(m,) root mean square error by simulation; null: fixed"),
@@ -80,7 +78,7 @@ class ConsistentEstimate:
     high: Annotated[OpenNumbers, described("SI", "(m,) upper ends")]
     bodies: Annotated[
         dict[str, BodyResult],
-        described("", "ring, stator, slider and platform that have the values: one of many sets"),
+        described("", "ring, stator, slider and platform with these values: one of many sets"),
     ]
     text: Annotated[str, described("", "in words")] = ""
 

@@ -60,7 +60,7 @@ class Accuracy:
         float, described("N", "largest of measured minus predicted force, mean over the periods")
     ]
     largest_error: Annotated[
-        float, described("N", "what of that no noise explains, at 95 %: 0 when all may be noise")
+        float, described("N", "its part beyond the noise, at 95 %; 0 if all may be noise")
     ]
     range: Annotated[float, described("N", "largest less smallest predicted force")]
     detectable: Annotated[

@@ -78,8 +78,8 @@ def validate(configuration: RunConfiguration, saved: IdentifiedModel) -> Validat
     warnings = list(configuration.warnings)
     if saved.doubt:
         warnings.append(
-            f"the estimate that predicts is doubtful itself: {saved.doubt}. Deviations of the "
-            "predictions may come from that, by whatever name"
+            f"the estimate itself is doubtful: {saved.doubt}. This may cause deviations of the "
+            "predictions, whatever the tests name as their cause"
         )
     if saved.estimate.covariance_kinematics is None:
         warnings.append(
@@ -199,7 +199,7 @@ class PredictedMotion:
     simulated: Annotated[bool, described("", "measured on the digital twin")]
     period: Annotated[float, described("s", "duration of a period")]
     periods: Annotated[float, described("1", "number of periods")]
-    diagnostics: Annotated[Diagnosis, described("", "what the residuals say")]
+    diagnostics: Annotated[Diagnosis, described("", "diagnosis of the residuals")]
     tolerance: Annotated[
         str | None, described("", "error that is good enough, as stated; null: none is")
     ]

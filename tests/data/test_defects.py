@@ -39,15 +39,15 @@ def _places(problems):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("abc", "'abc' is no finite number"),
-        ("0.7.1", "'0.7.1' is no finite number"),
-        ("NaN", "'NaN' is no finite number"),
-        ("-inf", "'-inf' is no finite number"),
-        ("1e999", "'1e999' is no finite number"),
-        ("#N/A", "'#N/A' is no finite number"),
+        ("abc", "'abc' is not a finite number"),
+        ("0.7.1", "'0.7.1' is not a finite number"),
+        ("NaN", "'NaN' is not a finite number"),
+        ("-inf", "'-inf' is not a finite number"),
+        ("1e999", "'1e999' is not a finite number"),
+        ("#N/A", "'#N/A' is not a finite number"),
         ("", "the cell is empty"),
         ("  ", "the cell is empty"),
-        ("\x1b[31m0.7", "'\\x1b[31m0.7' is no finite number"),
+        ("\x1b[31m0.7", "'\\x1b[31m0.7' is not a finite number"),
     ],
 )
 @pytest.mark.parametrize(("line", "column"), [(2, "t"), (17, "q3"), (61, "Q6")])
@@ -61,7 +61,7 @@ def test_the_message_as_the_user_sees_it(csv, read):
     path = csv([(17, "q3", "abc")])
     with pytest.raises(InputError) as caught:
         read(path)
-    assert str(caught.value) == f"{path}:17: q3: 'abc' is no finite number"
+    assert str(caught.value) == f"{path}:17: q3: 'abc' is not a finite number"
 
 
 def test_a_decimal_comma_is_recognised(tmp_path, rec, refused, read):
@@ -78,7 +78,7 @@ def test_a_decimal_comma_is_recognised(tmp_path, rec, refused, read):
 def test_many_cells_are_summed_up(csv, refused):
     problems = refused(csv([(line, "q1", "x") for line in range(10, 30)]))
     assert _places(problems[:-1]) == [(line, "q1") for line in range(10, 15)]
-    assert problems[-1].message == "15 more cells are no finite numbers"
+    assert problems[-1].message == "15 more cells are not finite numbers"
 
 
 def test_columns_that_nobody_asked_for_may_hold_anything(csv, rec, read):
@@ -250,7 +250,7 @@ def test_period_column(csv, rec, read, refused):
     assert np.array_equal(found.period, frame["period"])
     (problem,) = refused(csv([(12, "period", "1.5")], frame=frame))
     assert (problem.line, problem.key) == (12, "period")
-    assert problem.message == "1.5 is no number of a period"
+    assert problem.message == "1.5 is not a period number"
     (problem,) = refused(csv([(52, "period", "1")], frame=frame))
     assert (problem.line, problem.message) == (52, "period 1 after period 3")
 

@@ -161,8 +161,8 @@ def test_a_delimiter_that_is_not_there_is_told(tmp_path, rec, refused):
         (b"", "the file is empty"),
         (b"\n\n", "the file is empty"),
         (b"\n1,2\n", "the first line names no columns"),
-        (b"\x00\x01\x02", "the file is no text"),
-        (b"\xff\xfe\x00", "the file is no text"),
+        (b"\x00\x01\x02", "the file is not text"),
+        (b"\xff\xfe\x00", "the file is not text"),
     ],
 )
 def test_files_without_text(content, message, tmp_path, refused):

@@ -95,7 +95,7 @@ def test_a_missing_extra_is_named(name, tmp_path, rec, refused, monkeypatch):
 
 def test_what_is_no_recording(tmp_path, refused):
     assert refused(tmp_path / "absent.csv")[0].message == "there is no such file"
-    assert "no rosbag2 recording" in refused(tmp_path)[0].message
+    assert "not a rosbag2 recording" in refused(tmp_path)[0].message
     other = tmp_path / "recording.xlsx"
     other.touch()
     (problem,) = refused(other)

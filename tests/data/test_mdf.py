@@ -91,12 +91,12 @@ def test_invalid_samples_and_texts_are_defects(tmp_path, rec, refused):
     _write(path, signals)
     (problem,) = refused(path)
     assert problem.key == "q3, sample 17"
-    assert problem.message == "'marked invalid' is no finite number"
+    assert problem.message == "'marked invalid' is not a finite number"
     signals[2] = Signal(np.array([b"ok"] * 60), rec.t, name="q3", encoding="utf-8")
     _write(path, signals)
     problems = refused(path)
     assert problems[0].key == "q3, sample 1"
-    assert problems[0].message == "'ok' is no finite number"
+    assert problems[0].message == "'ok' is not a finite number"
 
 
 def test_compressed_files_and_integers(tmp_path, rec, read):

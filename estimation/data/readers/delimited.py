@@ -43,7 +43,7 @@ def encoding_of(path: Path) -> str:
     Raises
     ------
     InputError
-        It is no text.
+        It is not text.
     """
     with path.open("rb") as stream:
         marked = stream.read(len(_MARKS[0])) in _MARKS
@@ -60,7 +60,7 @@ def encoding_of(path: Path) -> str:
 
 
 def _no_text(path: Path) -> InputError:
-    return InputError("the file is no text", path, allowed="text in UTF-8")
+    return InputError("the file is not text", path, allowed="text in UTF-8")
 
 
 def line_blocks(path: Path) -> Iterator[list[str]]:
@@ -71,7 +71,7 @@ def line_blocks(path: Path) -> Iterator[list[str]]:
     Raises
     ------
     InputError
-        It is no text, or a line is too long for a table.
+        It is not text, or a line is too long for a table.
     """
     with path.open(encoding=encoding_of(path)) as stream:
         number = 0
@@ -106,7 +106,7 @@ def read(path: Path, section: DataSection) -> RawTable:
     Raises
     ------
     InputError
-        It is no text, columns are missing, or lines have more or fewer columns than the header.
+        It is not text, columns are missing, or lines have more or fewer columns than the header.
         Cells without a number become NaN; their text is in the table.
     """
     blocks = line_blocks(path)
