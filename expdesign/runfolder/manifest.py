@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import platform
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 from expdesign.runfolder.fields import described
-from expdesign.runfolder.files import RUN_FILE
+from expdesign.runfolder.files import RUN_FILE, json_values
 from expdesign.runfolder.store import JsonFile
 
 _PACKAGES = (
@@ -27,7 +28,8 @@ class StageEntry:
     Its status is ``"done"``, ``"limits broken"``, ``"incomplete"`` (parts of it failed),
     ``"interrupted"`` or ``"failed"``. `files` has the SHA-256 of every file that it wrote, by path
     in the run folder; `inputs` is the hash of its inputs. `run.yaml` is not among the
-    files.
+    files. `made_from` has a hash of every input by its path, of `run.yaml` that of the sections
+    that the stage depends on.
     """
 
     status: str
@@ -36,6 +38,7 @@ class StageEntry:
     finished: str
     message: str = ""
     files: dict[str, str] = field(default_factory=dict)
+    made_from: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,21 @@ class Manifest(JsonFile):
     warnings: Annotated[
         tuple[str, ...], described("", "of robot and run, shown once per folder")
     ] = ()
+    run_file: Annotated[str, described("", "SHA-256 of `run.yaml` as it was written")] = ""
+    checksum: Annotated[str, described("", "SHA-256 of the other keys")] = ""
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the keys of the file and their values, with a new checksum."""
+        return super().as_data() | {"checksum": self._checksum()}
+
+    @property
+    def is_intact(self) -> bool:
+        """Whether the file is as it was written."""
+        return self.checksum == self._checksum()
+
+    def _checksum(self) -> str:
+        data = json_values(super().as_data())
+        return text_hash(json.dumps({**data, "checksum": ""}, sort_keys=True))
 
     @classmethod
     def new(cls, seeds: dict[str, int], evaluation: str) -> Manifest:
@@ -92,8 +110,63 @@ class Manifest(JsonFile):
         )
 
 
+def find_changes(
+    folder: Path, stages: Mapping[str, str], manifest: Manifest | None
+) -> dict[str, tuple[str, ...]]:
+    """Return the changes by hand in a run folder since its stages were done, in sentences.
+
+    Parameters
+    ----------
+    folder : Path
+    stages : mapping of str to str
+        The file without which the folder does not hold a stage, by the stage's name.
+    manifest : Manifest or None
+        That of the folder.
+
+    Returns
+    -------
+    dict
+        By stage: files that it wrote and inputs that are others now; under an empty name changes
+        of `run.yaml` and `manifest.json`. Without changes it is empty.
+    """
+    if manifest is None:
+        return {"": ("there is no usable manifest.json: changes by hand are not known",)}
+    found: dict[str, list[str]] = {"": []}
+    if not manifest.is_intact:
+        found[""].append(f"{Manifest.FILE} was changed by hand")
+    if manifest.run_file != known_hash(folder / RUN_FILE):
+        found[""].append(f"{RUN_FILE} was changed by hand")
+    for name, file in stages.items():
+        entry = manifest.stages.get(name)
+        made = {} if entry is None else entry.files
+        found[name] = [
+            f"{written} was changed by hand"
+            for written, digest in made.items()
+            if not written.startswith("figures/")
+            and (folder / written).exists()
+            and known_hash(folder / written) != digest
+        ]
+        if file not in made and (folder / file).exists():
+            found[name].append(f"{file} was made by hand")
+        for source, digest in ({} if entry is None else entry.made_from).items():
+            if source != RUN_FILE and known_hash(folder / source) != digest:
+                found[name].append(f"{source} is another one than when {file} was made")
+    return {name: tuple(texts) for name, texts in found.items() if texts}
+
+
+def known_hash(path: Path) -> str:
+    """Return the SHA-256 of a file; empty for anything else."""
+    return file_hash(path) if path.is_file() else ""
+
+
 def entry(
-    status: str, inputs: str, seconds: float, message: str, folder: Path, files: Iterable[Path]
+    status: str,
+    inputs: str,
+    seconds: float,
+    message: str,
+    folder: Path,
+    files: Iterable[Path],
+    made_from: Mapping[str, str] | None = None,
 ) -> StageEntry:
     """Return the entry of a stage that ended now and wrote `files`."""
     return StageEntry(
@@ -107,6 +180,7 @@ def entry(
             for file in sorted(files)
             if file != folder / RUN_FILE
         },
+        made_from=dict(made_from or {}),
     )
 
 
