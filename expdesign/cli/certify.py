@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from expdesign.cli.output import results, say, write_json
-from expdesign.cli.runs import run_configuration
+from expdesign.cli.runs import run_configuration, warn_of_changes
 from expdesign.cli.terminal import working
 from expdesign.configuration import InputError, quantity_text
 from expdesign.export.certification import BROKEN, IN_PART, PROVED, PathCertificate
@@ -22,7 +22,7 @@ from expdesign.recheck.certificate import recheck
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.robot import ForwardKinematicsError, LimitModel, Robot, robot_from
 from expdesign.runfolder.files import RUN_FILE
-from expdesign.runfolder.manifest import Manifest, file_hash
+from expdesign.runfolder.lock import consistent_reading
 from expdesign.stages.execution import refuse_run_file
 from expdesign.stages.stage import StageFailed, Workspace, short
 from expdesign.trajectory import FourierTrajectory
@@ -46,7 +46,8 @@ def certify_motions(place: Path, design: Path | None, *, piece: bool, as_json: b
     if not path.is_dir():
         folder = folder_of_table(path) if design is None else design.absolute()
     configuration = run_configuration(folder)
-    with working("certify") as terminal:
+    warn_of_changes(folder, "", "design", "export")
+    with working("certify") as terminal, consistent_reading(folder):
         work = Workspace(configuration, folder, terminal)
         if path.is_dir():
             parts = certified_folder(work)
@@ -150,11 +151,6 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
     if not work.design_file.exists():
         message = f"there is no {work.design_file.name}"
         raise InputError(message, work.folder, allowed="a folder that `expdesign design` wrote")
-    manifest = Manifest.known(work.folder)
-    entry = None if manifest is None else manifest.stages.get("design")
-    name = work.design_file.name
-    if entry is not None and entry.files.get(name) not in (None, file_hash(work.design_file)):
-        work.progress.warn(f"{name} was changed after it was designed")
     robot = robot_from(work.configuration.robot)
     trajectory = work.design().trajectory
     with progress_prefix("design"):

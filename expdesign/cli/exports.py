@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,14 @@ from rich.table import Table
 
 from expdesign.cli.options import EXPORT_OPTIONS, flag
 from expdesign.cli.output import note, results, write_json
-from expdesign.cli.runs import execute_stage, run_configuration
+from expdesign.cli.runs import execute_stage, run_configuration, warn_of_changes
 from expdesign.cli.terminal import working
 from expdesign.configuration import ExportSection, InputError, RunConfiguration
 from expdesign.configuration.document import document_from_mapping
 from expdesign.configuration.export import STRUT_ONLY, export_formats
 from expdesign.configuration.schema import validate
 from expdesign.export.formats import table_formats
+from expdesign.runfolder.lock import one_writer
 from expdesign.stages.export import export_one
 from expdesign.stages.registry import stages
 from expdesign.stages.stage import Workspace, short
@@ -53,7 +55,12 @@ def export_motion(
         key: EXPORT_OPTIONS[key].read(text) for key, text in options.items() if text is not None
     }
     section = _section(name, given, configuration)
-    with working("export") as terminal:
+    warn_of_changes(folder, "", "design", "export")
+    is_inside = out is None or out.absolute().is_relative_to(folder)
+    with (
+        working("export") as terminal,
+        one_writer(folder, "expdesign export") if is_inside else nullcontext(),
+    ):
         outcome = export_one(
             stages()["export"], section, Workspace(configuration, folder, terminal), out
         )

@@ -6,12 +6,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from expdesign.cli.output import note, say, write_json
+from expdesign.cli.output import note, say, warn, write_json
 from expdesign.cli.terminal import Terminal, working
 from expdesign.configuration import InputError, RunConfiguration, load_run
+from expdesign.runfolder.files import RUN_FILE
+from expdesign.runfolder.lock import consistent_reading, one_writer
 from expdesign.stages.execution import execute, refuse_run_file, refuse_unwritable, run_folder
 from expdesign.stages.registry import reported_stages, stages
-from expdesign.stages.run import report_of, run
+from expdesign.stages.run import folder_changes, report_of, run
 from expdesign.stages.stage import Sources, StageFailed, Workspace, short
 
 
@@ -36,8 +38,10 @@ def execute_stage(
         Terminal(quiet=as_json),
         Sources(**(sources or {})),
     )
-    work.warn(before)
-    outcome = execute(stages()[name], work)
+    refuse_unwritable(work.folder)
+    with one_writer(work.folder, f"expdesign {name}"):
+        work.warn(before)
+        outcome = execute(stages()[name], work)
     if strict and outcome.doubt:
         raise StageFailed(f"{outcome.doubt}, and --strict was given", outcome.summary)
     if as_json:
@@ -64,6 +68,7 @@ def write_report(folder: Path, as_json: bool) -> None:
     place = folder.absolute()
     if place.is_dir():
         refuse_unwritable(place)
+        warn_of_changes(place)
     else:
         refuse_run_file(folder)
     with working("report"):
@@ -84,9 +89,11 @@ def compare_folders(
     place = out.absolute()
     refuse_unwritable(place)
     paths = [folder.absolute() for folder in folders]
+    for path in paths:
+        warn_of_changes(path, short(path))
     if not quick and not as_json and any((path / "design.json").is_file() for path in paths):
         note("one solve per design for the costs of its limits (--quick leaves them out) …")
-    with working("compare"):
+    with working("compare"), one_writer(place, "expdesign compare"), consistent_reading(*paths):
         written = write_comparison(paths, place, reported_stages(), precision=share, quick=quick)
     if as_json:
         write_json(
@@ -119,6 +126,13 @@ def precision_share(text: str) -> float:
         allowed = "above 0 and at most 100 %, e.g. 1% or 0.01"
         raise InputError(message, key="--precision", allowed=allowed)
     return share
+
+
+def warn_of_changes(folder: Path, label: str = "", *stages: str) -> None:
+    """Warn of changes by hand in a run folder, of those of some stages or of all."""
+    if (folder / RUN_FILE).is_file():
+        for change in folder_changes(folder, run_configuration(folder), *stages):
+            warn(f"{label}: {change}" if label else change)
 
 
 def run_configuration(folder: Path) -> RunConfiguration:

@@ -12,6 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
+from expdesign.configuration import RunConfiguration
 from expdesign.runfolder.fields import described
 from expdesign.runfolder.files import RUN_FILE, json_values
 from expdesign.runfolder.store import JsonFile
@@ -54,6 +55,9 @@ class Manifest(JsonFile):
     warnings: Annotated[
         tuple[str, ...], described("", "of robot and run, shown once per folder")
     ] = ()
+    added: Annotated[
+        dict[str, str], described("", "SHA-256 of further files, of `expdesign export`")
+    ] = field(default_factory=dict)
     run_file: Annotated[str, described("", "SHA-256 of `run.yaml` as it was written")] = ""
     checksum: Annotated[str, described("", "SHA-256 of the other keys")] = ""
 
@@ -88,11 +92,23 @@ class Manifest(JsonFile):
         now = {str(file.relative_to(folder)): file_hash(file) for file in files}
         return replace(self, stages=self._with(now))
 
+    def with_added(self, folder: Path, files: Iterable[Path]) -> Manifest:
+        """Return the manifest with further files of the folder as they are now."""
+        now = {str(file.relative_to(folder)): file_hash(file) for file in files}
+        return replace(self, added=self.added | now)
+
     def _with(self, now: dict[str, str]) -> dict[str, StageEntry]:
         return {
             key: replace(stage, files={file: now.get(file, d) for file, d in stage.files.items()})
             for key, stage in self.stages.items()
         }
+
+    def changed_files(self, folder: Path) -> list[str]:
+        """Return the files that are others now than when a stage or command wrote them."""
+        known = dict(self.added)
+        for entry in self.stages.values():
+            known |= entry.files
+        return [file for file, digest in known.items() if known_hash(folder / file) != digest]
 
     def is_done(
         self, name: str, inputs: str, folder: Path, *, growing: Collection[str] = ()
@@ -111,17 +127,22 @@ class Manifest(JsonFile):
 
 
 def find_changes(
-    folder: Path, stages: Mapping[str, str], manifest: Manifest | None
+    folder: Path,
+    manifest: Manifest | None,
+    stages: Mapping[str, str],
+    sections: Mapping[str, str],
 ) -> dict[str, tuple[str, ...]]:
-    """Return the changes by hand in a run folder since its stages were done, in sentences.
+    """Return the changes in a run folder that none of its commands has made, in sentences.
 
     Parameters
     ----------
     folder : Path
-    stages : mapping of str to str
-        The file without which the folder does not hold a stage, by the stage's name.
     manifest : Manifest or None
         That of the folder.
+    stages : mapping of str to str
+        The file without which the folder does not hold a stage, by the stage's name.
+    sections : mapping of str to str
+        Hash of the sections of `run.yaml` that a stage depends on, by its name.
 
     Returns
     -------
@@ -130,28 +151,45 @@ def find_changes(
         of `run.yaml` and `manifest.json`. Without changes it is empty.
     """
     if manifest is None:
-        return {"": ("there is no usable manifest.json: changes by hand are not known",)}
+        return {"": (f"there is no usable {Manifest.FILE}: changes by hand are not known",)}
     found: dict[str, list[str]] = {"": []}
     if not manifest.is_intact:
         found[""].append(f"{Manifest.FILE} was changed by hand")
     if manifest.run_file != known_hash(folder / RUN_FILE):
         found[""].append(f"{RUN_FILE} was changed by hand")
     for name, file in stages.items():
+        if not (folder / file).exists():
+            continue
         entry = manifest.stages.get(name)
         made = {} if entry is None else entry.files
+        if file.startswith(f"{name}s/"):  # exports/, to which `expdesign export` adds
+            made = made | manifest.added
         found[name] = [
             f"{written} was changed by hand"
             for written, digest in made.items()
-            if not written.startswith("figures/")
-            and (folder / written).exists()
-            and known_hash(folder / written) != digest
+            if known_hash(folder / written) not in ("", digest) and not _is_drawn(written)
         ]
-        if file not in made and (folder / file).exists():
+        if file not in made:
             found[name].append(f"{file} was made by hand")
-        for source, digest in ({} if entry is None else entry.made_from).items():
-            if source != RUN_FILE and known_hash(folder / source) != digest:
-                found[name].append(f"{source} is another one than when {file} was made")
+        sources = {} if entry is None else entry.made_from
+        found[name] += [
+            f"{source} is another one than when {file} was made"
+            for source, digest in sources.items()
+            if source != RUN_FILE and known_hash(folder / source) not in ("", digest)
+        ]
+        if sources.get(RUN_FILE, sections.get(name)) != sections.get(name):
+            found[name].append(f"{RUN_FILE} is another one than when {file} was made")
     return {name: tuple(texts) for name, texts in found.items() if texts}
+
+
+def _is_drawn(file: str) -> bool:
+    """Return whether a file only shows a result: nothing reads it but a report."""
+    return file.startswith("figures/") or file.endswith((".tex", ".txt"))
+
+
+def sections_text(configuration: RunConfiguration, sections: Mapping[str, Any]) -> str:
+    """Return sections of the run as JSON."""
+    return configuration.run.model_dump_json(include=dict(sections))
 
 
 def known_hash(path: Path) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from fnmatch import fnmatch
@@ -27,12 +27,15 @@ from expdesign.interruption import interruptible
 from expdesign.library import run_files
 from expdesign.progress import listening, report_progress
 from expdesign.runfolder.files import RUN_FILE, remove_leftovers, write_text
+from expdesign.runfolder.lock import is_empty
 from expdesign.runfolder.manifest import (
     Manifest,
     StageEntry,
     entry,
     file_hash,
+    known_hash,
     package_versions,
+    sections_text,
     text_hash,
 )
 from expdesign.runfolder.tables import COLUMNS_FILE, tables_described
@@ -64,6 +67,9 @@ def execute(stage: Stage, work: Workspace) -> Outcome:
         An interruption came, and the stage is complete or nothing of it is kept.
     """
     work.inputs[stage.name] = input_hash(stage, work)
+    work.origins[stage.name] = origins(stage, work)
+    for warning in changed_inputs(stage, work):
+        work.progress.warn(warning)
     refuse_unwritable(work.folder)
     clear_leftovers(work.folder)
     began = time.perf_counter()
@@ -75,7 +81,7 @@ def execute(stage: Stage, work: Workspace) -> Outcome:
             with interruptible(work.progress.note, *_SAVING) as asked:
                 outcome = save(outcome, stage, work, began)
     except ComputationError as error:
-        if work.folder.is_dir():
+        if not is_empty(work.folder):
             status = "interrupted" if isinstance(error, StoppedError) else "failed"
             ended = Outcome(stage.name, work.folder, status=status, message=error.message)
             write_entry(work, ended, time.perf_counter() - began)
@@ -138,9 +144,45 @@ def input_hash(stage: Stage, work: Workspace) -> str:
     return text_hash(stage.name, sections, made_from, sorted(package_versions().items()))
 
 
-def sections_text(configuration: RunConfiguration, sections: Mapping[str, Any]) -> str:
-    """Return sections of the run as JSON."""
-    return configuration.run.model_dump_json(include=dict(sections))
+def origins(stage: Stage, work: Workspace) -> dict[str, str]:
+    """Return a hash of each input of a stage by its path; of `run.yaml` that of its sections."""
+    found = {} if stage.sections is None else {RUN_FILE: sections_hash(stage, work.configuration)}
+    for need in stage.inputs(work.configuration):
+        for path in work.input_files(need):
+            inside = path.is_relative_to(work.folder)
+            name = str(path.relative_to(work.folder) if inside else path)
+            found[name] = file_hash(path)
+    return found
+
+
+def sections_hash(stage: Stage, configuration: RunConfiguration) -> str:
+    """Return the hash of the sections of a run that a stage depends on."""
+    return text_hash(sections_text(configuration, stage.sections or {}))
+
+
+def changed_inputs(stage: Stage, work: Workspace) -> Iterator[str]:
+    """Yield the changes by hand of the files that a stage reads, in sentences.
+
+    Results in memory are not read.
+    """
+    for need in stage.inputs(work.configuration):
+        for path in work.input_files(need):
+            folder = path.parent
+            manifest = Manifest.known(folder)
+            if manifest is None or (folder == work.folder and work.made):
+                continue
+            if path.name in manifest.changed_files(folder):
+                yield f"{short(path)} was changed by hand"
+
+
+def stage_changes(stage: Stage, folder: Path) -> list[str]:
+    """Return the changes by hand of the files that a stage wrote, in sentences."""
+    manifest = Manifest.known(folder)
+    made = None if manifest is None else manifest.stages.get(stage.name)
+    if manifest is None or made is None:
+        return []
+    changed = set(manifest.changed_files(folder)) & made.files.keys() - {COLUMNS_FILE}
+    return [f"{file} was changed by hand" for file in sorted(changed) if (folder / file).exists()]
 
 
 def is_done(stage: Stage, work: Workspace) -> bool:
@@ -193,7 +235,10 @@ def write_entry(work: Workspace, outcome: Outcome, seconds: float) -> None:
     warned = () if known is None else known.warnings
     fresh = replace(fresh, warnings=tuple(dict.fromkeys((*warned, *work.warned))))
     inputs, message = work.inputs[outcome.stage], outcome.message
-    made = entry(outcome.status, inputs, seconds, message, work.folder, outcome.files)
+    origin = work.origins.get(outcome.stage, {})
+    made = entry(outcome.status, inputs, seconds, message, work.folder, outcome.files, origin)
+    if outcome.files:
+        fresh = replace(fresh, run_file=known_hash(work.folder / RUN_FILE))
     fresh.with_stage(outcome.stage, made).write(work.folder)
 
 
@@ -202,6 +247,9 @@ def keep_configuration(configuration: RunConfiguration, folder: Path) -> None:
     path, text = folder / RUN_FILE, resolved_yaml(configuration)
     if not path.is_file() or path.read_bytes() != text.encode():
         write_text(path, text)
+    known, digest = Manifest.known(folder), file_hash(path)
+    if known is not None and known.run_file != digest:
+        replace(known, run_file=digest).write(folder)
 
 
 @contextmanager
@@ -222,6 +270,13 @@ def added_to(folder: Path, files: Iterable[Path]) -> Iterator[None]:
     yield
     if before is not None and intact:
         before.with_files(folder, intact).write(folder)
+
+
+def record_added(folder: Path, files: Iterable[Path]) -> None:
+    """Write files that no stage has written into the manifest, as they are now."""
+    known = Manifest.known(folder)
+    if known is not None:
+        known.with_added(folder, files).write(folder)
 
 
 def clear_outdated(stage: str, work: Workspace) -> set[Path]:

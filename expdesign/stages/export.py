@@ -39,13 +39,13 @@ from expdesign.motion.planning import check_motion, executable_motion
 from expdesign.progress import forward_progress, progress_prefix, report_progress
 from expdesign.robot import robot_from
 from expdesign.runfolder.files import remove_leftovers, write_text
-from expdesign.runfolder.manifest import package_versions, text_hash
+from expdesign.runfolder.manifest import package_versions, sections_text, text_hash
 from expdesign.stages.execution import (
     added_to,
     clear_outdated,
     keep_configuration,
+    record_added,
     refuse_unwritable,
-    sections_text,
     view_result,
 )
 from expdesign.stages.stage import (
@@ -159,6 +159,7 @@ def export_one(stage: Stage, section: ExportSection, work: Workspace, out: Path 
         places = target / RECORD, target / README
         with added_to(work.folder, places):
             _describe(ExportResult(motion, others | entry), *places)
+        record_added(work.folder, (path, *made.beside, *places))
     else:
         _describe_beside(path, ExportResult(motion, entry))
     files = (path, *made.beside)

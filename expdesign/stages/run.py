@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
+from expdesign.runfolder.lock import one_writer
+from expdesign.runfolder.manifest import Manifest
 from expdesign.stages.execution import (
     Place,
     clear_leftovers,
@@ -14,10 +18,13 @@ from expdesign.stages.execution import (
     is_done,
     keep_configuration,
     refuse_removed,
+    refuse_unwritable,
     run_folder,
+    stage_changes,
 )
 from expdesign.stages.registry import missing_design, named_stages, reported_stages
 from expdesign.stages.stage import Outcome, Progress, StageFailed, Workspace, short
+from results.views.folder import RunFolder
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +67,13 @@ def run(
     refuse_unfit(configuration)
     if missing := missing_design(configuration, folder):
         raise InputError(missing)
+    refuse_unwritable(folder)
+    with one_writer(folder, "expdesign run"):
+        return _run_stages(work)
+
+
+def _run_stages(work: Workspace) -> RunResult:
+    configuration, folder = work.configuration, work.folder
     clear_leftovers(folder)
     work.warn(configuration.warnings)
     failed: StageFailed | None = None
@@ -72,6 +86,8 @@ def run(
             work.progress.note(f"{stage.name}: done already, in {short(folder)}")
             work.made[stage.name] = Outcome(stage.name, folder)
             continue
+        for change in stage_changes(stage, folder):
+            work.progress.warn(f"{change}; {stage.name} is done again")
         try:
             execute(stage, work)
         except StageFailed as error:
@@ -86,6 +102,24 @@ def run(
     if failed is not None:
         raise failed
     return RunResult(configuration, work.folder, work.made)
+
+
+def folder_changes(folder: Path, configuration: RunConfiguration, *names: str) -> Iterator[str]:
+    """Yield the changes by hand in a run folder that concern stages, in sentences.
+
+    Parameters
+    ----------
+    folder : Path
+    configuration : RunConfiguration
+        That of the folder.
+    names : str
+        The stages; all by default.
+    """
+    stages = reported_stages()
+    changes = RunFolder(folder, stages, configuration, Manifest.known(folder)).changes
+    yield from dict.fromkeys(
+        text for name in ("", *(names or stages)) for text in changes.get(name, ())
+    )
 
 
 def refuse_unfit(configuration: RunConfiguration) -> None:
@@ -120,4 +154,6 @@ def report_of(folder: Path) -> Outcome:
     """Write the report of a run folder; return its page, files and summary."""
     from expdesign.stages.report import report_folder
 
-    return report_folder(folder.absolute(), reported_stages())
+    place = folder.absolute()
+    with one_writer(place, "expdesign report") if place.is_dir() else nullcontext():
+        return report_folder(place, reported_stages())

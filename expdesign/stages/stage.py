@@ -214,6 +214,8 @@ class Workspace:
     """Stages with a section in the report, in the order of the sections."""
     inputs: dict[str, str] = field(default_factory=dict)
     """Hash of the inputs of each stage that was begun, by name."""
+    origins: dict[str, dict[str, str]] = field(default_factory=dict)
+    """Hash of each input of each stage that was begun, by stage and path."""
     warned: list[str] = field(default_factory=list)
     """Warnings of robot and run that were reported."""
 
@@ -312,7 +314,7 @@ class Workspace:
         if need == "design":
             return trajectory_text(self.design().trajectory)
         if need == "recording":
-            return " ".join(file_hash(path) for path in self._recorded_files() if path.is_file())
+            return " ".join(file_hash(path) for path in self.input_files(need))
         if need == "estimate":
             place = self.estimate_place
             path = place / ESTIMATE_FILE if place.is_dir() else place
@@ -322,10 +324,20 @@ class Workspace:
         others = {name: asdict(entry) for name, entry in entries.items() if name != "report"}
         return repr(list(others.items()))
 
-    def _recorded_files(self) -> Iterator[Path]:
-        yield from self.data_files()
-        for path in self.sources.designs or (self.folder,):
-            yield path / self.design_file.name if path.is_dir() else path
+    def input_files(self, need: str) -> list[Path]:
+        """Return the files of an input of a stage, of `Stage.needs`, as far as there are any."""
+        designs = [path.absolute() for path in self.sources.designs or (self.folder,)]
+        files = [path / self.design_file.name if path.is_dir() else path for path in designs]
+        if need == "recording":
+            files = [*self.data_files(), *files]
+        elif need == "estimate":
+            place = self.estimate_place
+            files = [place / ESTIMATE_FILE if place.is_dir() else place]
+        elif need == "design" and self.sources.table is not None:
+            files.append(self.sources.table.absolute())
+        elif need != "design":
+            files = []
+        return [file for file in files if file.is_file()]
 
     @property
     def estimate_place(self) -> Path:

@@ -120,7 +120,15 @@ def _page(folders: Mapping[str, RunFolder], views: Sequence[StageView], out: Pat
         verdicts=tuple(view.verdict for view in views),
         facts=tuple(fact for view in views for fact in view.facts),
         sections=(*sections, sources_section(folders)),
-        warnings=tuple(warning for view in views for warning in view.warnings),
+        warnings=(
+            *(
+                f"{label}: {change}"
+                for label, folder in folders.items()
+                for changes in folder.changes.values()
+                for change in changes
+            ),
+            *(warning for view in views for warning in view.warnings),
+        ),
     )
 
 
@@ -197,10 +205,7 @@ def _labels(paths: list[Path]) -> list[str]:
 
 def compare_facts(stage: str, folders: Mapping[str, RunFolder]) -> StageView | None:
     """Return verdicts and facts of a stage's views, one column per folder; None without facts."""
-    views = {
-        label: folder.stages[stage].views().view(replace(folder, brief=True))
-        for label, folder in folders.items()
-    }
+    views = {label: replace(folder, brief=True).view(stage) for label, folder in folders.items()}
     facts = {label: {fact.name: fact.value for fact in view.facts} for label, view in views.items()}
     names = dict.fromkeys(name for own in facts.values() for name in own)
     if not names:

@@ -80,7 +80,7 @@ def write_report(
         run = folder.configuration.run.model_copy(update={"report": configuration.run.report})
         folder = replace(folder, configuration=replace(folder.configuration, run=run))
     formats = folder.configuration.run.report.figures
-    views = {name: stages[name].views().view(folder) for name in track("sections", folder.held)}
+    views = {name: folder.view(name) for name in track("sections", folder.held)}
     report_progress("drawing missing figures")
     written = [
         file for view in views.values() for file in draw_figures(view, path, formats, missing=True)
@@ -112,6 +112,7 @@ def run_page(folder: RunFolder, views: Mapping[str, StageView]) -> Page:
     if further := other_figures(folder.path, known):
         sections.append(PageSection("further", "Further figures", further))
     sections.append(_provenance(folder))
+    changed = folder.changes.get("", ())
     warnings = [text for view in views.values() for text in view.warnings]
     return Page(
         title=run.report.title or run.name,
@@ -120,7 +121,7 @@ def run_page(folder: RunFolder, views: Mapping[str, StageView]) -> Page:
         verdicts=tuple(_with_failures(folder, views)),
         facts=tuple(fact for view in views.values() for fact in view.facts),
         sections=tuple(sections),
-        warnings=tuple(dict.fromkeys(warnings or folder.configuration.warnings)),
+        warnings=tuple(dict.fromkeys((*changed, *(warnings or folder.configuration.warnings)))),
     )
 
 

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from expdesign.configuration import InputError, RunConfiguration, load_run
 from expdesign.runfolder import JsonFile
-from expdesign.runfolder.manifest import Manifest, StageEntry
-from results.views.view import StageView
+from expdesign.runfolder.manifest import (
+    Manifest,
+    StageEntry,
+    find_changes,
+    sections_text,
+    text_hash,
+)
+from results.views.view import Level, StageView, TextBlock
 
 
 @dataclass(frozen=True)
@@ -34,6 +41,7 @@ class ViewedStage(Protocol):
 
     file: str
     compared: str
+    sections: Mapping[str, Any] | None
 
     def views(self) -> StageViews:
         """Return the type of the stored result, its view and its comparison."""
@@ -83,6 +91,27 @@ class RunFolder:
             Manifest.known(path),
             {type(result): result for result in results},
         )
+
+    @cached_property
+    def changes(self) -> dict[str, tuple[str, ...]]:
+        """Changes by hand of the files, by stage, as `find_changes`."""
+        hashes = {
+            name: text_hash(sections_text(self.configuration, stage.sections or {}))
+            for name, stage in self.stages.items()
+        }
+        files = {name: stage.file for name, stage in self.stages.items()}
+        return find_changes(self.path, self.manifest, files, hashes)
+
+    def view(self, stage: str) -> StageView:
+        """Return the view of a stage; changed files take the place of its verdict and facts."""
+        view = self.stages[stage].views().view(self)
+        changes = self.changes.get(stage, ())
+        if not changes:
+            return view
+        sentence = f"{'; '.join(changes)}. Nothing below is known to hold for these files"
+        verdict = replace(view.verdict, level=Level.BAD, word="changed", sentence=sentence)
+        blocks = (TextBlock(f"{sentence}.", Level.BAD), *view.blocks)
+        return replace(view, verdict=verdict, blocks=blocks, facts=())
 
     @property
     def held(self) -> tuple[str, ...]:
