@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -21,6 +22,7 @@ from estimation.controlmodel.model import (
 )
 from estimation.identification.result import EstimateFile
 from expdesign.cli.output import results, write_json
+from expdesign.cli.runs import warn_of_changes
 from expdesign.cli.terminal import working
 from expdesign.configuration import InputError
 from expdesign.configuration.quantity import SPEED
@@ -31,8 +33,9 @@ from expdesign.progress import report_progress
 from expdesign.robot import Robot, load_robot
 from expdesign.robot.deviation import FORCE_CONSTANT, deviations, estimated_constants
 from expdesign.runfolder.files import atomic_write
+from expdesign.runfolder.lock import one_writer
 from expdesign.runfolder.manifest import Manifest, file_hash, package_versions
-from expdesign.stages.execution import refuse_unwritable
+from expdesign.stages.execution import record_added, refuse_unwritable
 from expdesign.stages.stage import Progress, short
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 from results.render.terminal import print_view
@@ -65,9 +68,17 @@ def write_model(source: str, name: str, out: Path | None, width: str, *, as_json
     ComputationError
         The format cannot be made here, or its self-test fails.
     """
-    speed = _speed(width)
-    with working("model") as progress:
+    speed, folder = _speed(width), Path(source).absolute()
+    if folder.is_dir():
+        warn_of_changes(folder, "", "estimate", "design")
+    is_inside = folder.is_dir() and (out is None or out.absolute().is_relative_to(folder))
+    with (
+        working("model") as progress,
+        one_writer(folder, "expdesign model") if is_inside else nullcontext(),
+    ):
         target, result = _written_model(source, name, out, speed, progress)
+        if is_inside:
+            record_added(folder, (target / file for file in (*result.files, result.FILE)))
     if as_json:
         write_json({"status": 0, "folder": str(target), **result.as_data()})
     else:
@@ -95,7 +106,7 @@ def _written_model(
         message = f"there is no format '{name}'" if name else "no format is given"
         raise InputError(message, key="--format", allowed=" | ".join(FORMATS))
     folder = Path(source).absolute() if Path(source).is_dir() else None
-    robot = load_robot(source if folder is None else _identified(folder, progress))
+    robot = load_robot(source if folder is None else _identified(folder))
     known, path = robot.description.description.identification, robot.description.source
     if path is None:
         raise InputError("a robot without a file has no control model", key="DIR")
@@ -143,8 +154,8 @@ def _written_model(
     return target, result
 
 
-def _identified(folder: Path, progress: Progress) -> Path:
-    """Return the robot file of a run folder's estimate; warn when it was changed."""
+def _identified(folder: Path) -> Path:
+    """Return the robot file of a run folder's estimate."""
     path = folder / IDENTIFIED
     if not path.is_file():
         raise InputError(
@@ -154,10 +165,6 @@ def _identified(folder: Path, progress: Progress) -> Path:
             allowed="a run folder in which `expdesign estimate` was done, a robot file, or the "
             "name of a robot that ships",
         )
-    manifest = Manifest.known(folder)
-    entry = None if manifest is None else manifest.stages.get(_ESTIMATE)
-    if entry is not None and entry.files.get(path.name) not in (None, file_hash(path)):
-        progress.warn(f"{short(path)} was changed after the estimate")
     return path
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections.abc import Callable, Hashable
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from expdesign.runfolder.fields import checker
 from expdesign.runfolder.files import FORMAT, check_format, errors_naming, json_values, write_text
@@ -15,13 +16,20 @@ Entry = TypeVar("Entry")
 Key = TypeVar("Key", bound=Hashable)
 
 _FORMAT = 1
+_CHECK = "check"
+
+
+def _check(data: dict[str, Any]) -> str:
+    """Return the hash of a part."""
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
 
 
 class Journal(Generic[Entry, Key]):
     """Finished parts of a computation, one line each, in the order of their ends.
 
-    Numbers that JSON does not have are texts: ``"inf"``. The first line has a hash of the inputs.
-    An incomplete last line, of a run that was killed, is dropped, and its part is done again.
+    Numbers that JSON does not have are texts: ``"inf"``. The first line has a hash of the inputs,
+    each other line one of its content. From an incomplete or changed line on, the parts are done
+    again.
 
     Parameters
     ----------
@@ -68,10 +76,12 @@ class Journal(Generic[Entry, Key]):
         size = len(lines[0])
         for line in lines[1:]:
             try:
-                part = checker(self._kind).validate_python(json.loads(line))
-            except (ValueError, RecursionError):
+                data = json.loads(line)
+                is_whole = data.pop(_CHECK) == _check(data) and line.endswith(b"\n")
+                part = checker(self._kind).validate_python(data)
+            except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
                 break
-            if not line.endswith(b"\n"):
+            if not is_whole:
                 break
             self.done[self._key(part)] = part
             size += len(line)
@@ -92,8 +102,8 @@ class Journal(Generic[Entry, Key]):
         if not self._valid:
             write_text(self.path, self._header)
             self._valid = len(self._header)
-        data = checker(self._kind).dump_python(part)
-        line = (json.dumps(json_values(data, repr)) + "\n").encode()
+        data = json_values(checker(self._kind).dump_python(part), repr)
+        line = (json.dumps({**data, _CHECK: _check(data)}) + "\n").encode()
         with errors_naming(self.path), self.path.open("r+b") as stream:
             stream.truncate(self._valid)
             stream.seek(self._valid)

@@ -148,7 +148,8 @@ def find_changes(
     -------
     dict
         By stage: files that it wrote and inputs that are others now; under an empty name changes
-        of `run.yaml` and `manifest.json`. Without changes it is empty.
+        of `run.yaml` and `manifest.json`, under ``"shown"`` those of figures and control models,
+        which only pages show. Without changes it is empty.
     """
     if manifest is None:
         return {"": (f"there is no usable {Manifest.FILE}: changes by hand are not known",)}
@@ -167,7 +168,8 @@ def find_changes(
         found[name] = [
             f"{written} was changed by hand"
             for written, digest in made.items()
-            if known_hash(folder / written) not in ("", digest) and not _is_drawn(written)
+            if known_hash(folder / written) not in ("", digest)
+            and not (written.startswith(_SHOWN) or written.endswith(_UNREAD))
         ]
         if file not in made:
             found[name].append(f"{file} was made by hand")
@@ -179,12 +181,17 @@ def find_changes(
         ]
         if sources.get(RUN_FILE, sections.get(name)) != sections.get(name):
             found[name].append(f"{RUN_FILE} is another one than when {file} was made")
+    found["shown"] = [
+        f"{file} was changed by hand"
+        for file in manifest.changed_files(folder)
+        if file.startswith(_SHOWN) and (folder / file).exists()
+    ]
     return {name: tuple(texts) for name, texts in found.items() if texts}
 
 
-def _is_drawn(file: str) -> bool:
-    """Return whether a file only shows a result: nothing reads it but a report."""
-    return file.startswith("figures/") or file.endswith((".tex", ".txt"))
+_SHOWN = ("figures/", "model/")
+_UNREAD = (".tex", ".txt")
+"""Endings of files that no command reads."""
 
 
 def sections_text(configuration: RunConfiguration, sections: Mapping[str, Any]) -> str:
