@@ -103,14 +103,18 @@ class RunFolder:
         return find_changes(self.path, self.manifest, files, hashes)
 
     def view(self, stage: str) -> StageView:
-        """Return the view of a stage; changed files take the place of its verdict and facts."""
+        """Return the view of a stage; a good verdict and facts of changed files are left out."""
         view = self.stages[stage].views().view(self)
         changes = self.changes.get(stage, ())
         if not changes:
             return view
-        sentence = f"{'; '.join(changes)}. Nothing below is known to hold for these files"
-        verdict = replace(view.verdict, level=Level.BAD, word="changed", sentence=sentence)
-        blocks = (TextBlock(f"{sentence}.", Level.BAD), *view.blocks)
+        said, verdict = "; ".join(changes), view.verdict
+        if verdict.level is Level.BAD:
+            verdict = replace(verdict, sentence=f"{verdict.sentence.rstrip('.')}. {said}")
+        else:
+            sentence = f"{said}: what this stage found is not known to hold for these files"
+            verdict = replace(verdict, level=Level.CAUTION, word="changed", sentence=sentence)
+        blocks = (TextBlock(f"{said}.", Level.CAUTION), *view.blocks)
         return replace(view, verdict=verdict, blocks=blocks, facts=())
 
     @property
