@@ -32,6 +32,7 @@ from results.figures.drawing import (
     figure_definition,
     write_centred,
     write_margin,
+    write_small,
 )
 from results.figures.motion import (
     cardan_angles_figure,
@@ -291,15 +292,8 @@ def _mark_stages(axes: Axes, trace: Trace, longest: float) -> None:
         if at - written < _APART * longest:
             continue
         written = at
-        axes.annotate(
-            PHASE_TITLES.get(stage, stage),
-            (at, 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(0, 2),
-            textcoords="offset points",
-            color=EMPHASIS,
-            fontsize="small",
-        )
+        title, above = PHASE_TITLES.get(stage, stage), ("data", "axes fraction")
+        write_small(axes, title, (at, 1.0), (0, 2), xycoords=above, color=EMPHASIS)
 
 
 def _objective_axis(axes: Axes, result: DesignResult, found: Sequence[Trace]) -> list[Line2D]:

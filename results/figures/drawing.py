@@ -17,6 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.container import Container
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.text import Annotation
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from constraints.arrays import Array
@@ -238,6 +239,12 @@ def add_legend_above(axes: Axes, handles: Sequence[Artist | Container]) -> None:
     )
 
 
+def label_figure(figure: Figure, x: str, y: str) -> None:
+    """Name the axes that all panels share."""
+    figure.supxlabel(x, fontsize="medium")
+    figure.supylabel(y, fontsize="medium")
+
+
 def strut_panels(
     figure: Figure, title: str, shape: tuple[int, int] = (2, 3), *, share: bool
 ) -> tuple[Axes, ...]:
@@ -310,17 +317,16 @@ def write_centred(axes: Axes, text: str, height: float = 0.5, **look: Any) -> No
 
 def write_margin(axes: Axes, y: float, text: str, colour: str, offset: float = 4) -> None:
     """Write small text right of the axes: `offset` points from them, y in units of the data."""
-    axes.annotate(
-        text,
-        (1.0, y),
-        xycoords=("axes fraction", "data"),
-        xytext=(offset, 0),
-        textcoords="offset points",
-        va="center",
-        color=colour,
-        fontsize="small",
-        annotation_clip=False,
-    )
+    place = {"xycoords": ("axes fraction", "data"), "va": "center", "annotation_clip": False}
+    write_small(axes, text, (1.0, y), (offset, 0), color=colour, **place)
+
+
+def write_small(
+    axes: Axes, text: str, at: tuple[float, float], offset: tuple[float, float], **look: Any
+) -> Annotation:
+    """Write small text at a place, in the coordinates `xycoords`, with an offset in points."""
+    look = {"fontsize": "small", "textcoords": "offset points", **look}
+    return axes.annotate(text, at, xytext=offset, **look)
 
 
 def write_upright(axes: Axes, places: Iterable[float], text: str) -> None:

@@ -62,6 +62,13 @@ def draw_robot(
     axes.plot(*line.T, color=INK, linewidth=0.8, linestyle=":")
 
 
+def add_space(figure: Figure, view: View) -> Any:
+    """Return three-dimensional axes in a part of a figure; Matplotlib has no types for them."""
+    # The layout engine does not know how far the labels of such axes reach out.
+    figure.set_layout_engine("none")
+    return figure.add_axes(view, projection="3d", computed_zorder=False)
+
+
 def bound_view(axes: Any, unit: DisplayUnit, points: Array) -> float:
     """Put the axes around the points, with one scale for all three; return the floor."""
     low, high = np.min(points, axis=0), np.max(points, axis=0)
@@ -140,8 +147,6 @@ _AIR = 0.06
 )
 def machine_figure(figure: Figure, robot: Robot) -> None:
     """Draw the robot at home in three views."""
-    # The layout engine does not know how far the labels of three-dimensional axes reach out.
-    figure.set_layout_engine("none")
     about = robot.description
     base, joints, home = about.base_joints, about.struts_at(robot.home).joints, robot.home[:3]
     unit = handy_unit("m", np.concatenate([base, joints, home[None, :]]))
@@ -149,8 +154,7 @@ def machine_figure(figure: Figure, robot: Robot) -> None:
     ends = np.stack([base - way * about.alpha_axes, base + way * about.alpha_axes])
     base, joints, home, ends = (unit.shown(part) for part in (base, joints, home, ends))
     points = np.concatenate([base, joints, home[None, :], *ends])
-    # Matplotlib has no types for three dimensions.
-    space: Any = figure.add_axes(_SPACE, projection="3d", computed_zorder=False)
+    space = add_space(figure, _SPACE)
     bound_view(space, unit, points)
     places = _places(figure, points)
     planes = [figure.add_axes(place) for place in places]

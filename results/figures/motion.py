@@ -32,7 +32,7 @@ from results.figures.drawing import (
     add_strut_legend,
     figure_definition,
 )
-from results.figures.machine import bound_view, close_path, draw_robot, fill_view
+from results.figures.machine import add_space, bound_view, close_path, draw_robot, fill_view
 from results.notation import DisplayUnit, handy_unit, symbol
 
 _DOT = 0.15
@@ -52,12 +52,7 @@ _VIEWS = ((0.01, 0.01, 0.47, 0.86), (0.52, 0.01, 0.47, 0.86))
 )
 def path_figure(figure: Figure, result: DesignResult) -> None:
     """Draw both views, each with one scale for its three axes."""
-    # The layout engine does not know how far the labels of three-dimensional axes reach out.
-    figure.set_layout_engine("none")
-    # Matplotlib has no types for three dimensions.
-    views: list[Any] = [
-        figure.add_axes(view, projection="3d", computed_zorder=False) for view in _VIEWS
-    ]
+    views = [add_space(figure, view) for view in _VIEWS]
     _draw_robot(views[0], result)
     _draw_path(views[1], result)
     bounded = _workspace(result) is not None

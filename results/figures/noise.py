@@ -19,6 +19,7 @@ from results.figures.drawing import (
     VERMILLION,
     draw_correlation,
     figure_definition,
+    label_figure,
     name_places,
     strut_panels,
     write_centred,
@@ -57,8 +58,7 @@ def noise_distribution_figure(figure: Figure, pictures: NoiseResult | RecordingD
             f"std {plain_number(test.std[j], 3)} N\nskew {_signed(test.skewness[j])}\n"
             f"kurt {_signed(test.kurtosis[j])}\np = {plain_number(test.p_values[j], 2)}",
         )
-    figure.supxlabel("Noise of one force sample (N)", fontsize="medium")
-    figure.supylabel("Probability density (1/N)", fontsize="medium")
+    label_figure(figure, "Noise of one force sample (N)", "Probability density (1/N)")
 
 
 def _signed(value: float) -> str:
@@ -82,8 +82,11 @@ def noise_quantiles_figure(figure: Figure, pictures: NoiseResult | RecordingDiag
         axes.plot(
             found.normal, found.noise[:, j], ".", color=STRUT_COLOURS[j], markersize=2.4, zorder=3
         )
-    figure.supxlabel("Quantile of the normal distribution (standard deviations)", fontsize="medium")
-    figure.supylabel("Quantile of the noise (standard deviations)", fontsize="medium")
+    label_figure(
+        figure,
+        "Quantile of the normal distribution (standard deviations)",
+        "Quantile of the noise (standard deviations)",
+    )
 
 
 _DARK = 0.6
@@ -193,8 +196,7 @@ def noise_spectrum_figure(figure: Figure, result: NoiseResult) -> None:
         axes.set_yscale("log")
     bottom, top = panels[0].get_ylim()
     panels[0].set_ylim(bottom, top * (top / bottom) ** _HEADROOM)
-    figure.supxlabel("Frequency (Hz)", fontsize="medium")
-    figure.supylabel("Density of the force noise (N²/Hz)", fontsize="medium")
+    label_figure(figure, "Frequency (Hz)", "Density of the force noise (N²/Hz)")
 
 
 def _middle(frequency: Array) -> float:

@@ -25,6 +25,7 @@ from results.figures.drawing import (
     VERMILLION,
     figure_definition,
     label_decades,
+    label_figure,
     name_places,
     strut_panels,
     write_centred,
@@ -89,8 +90,7 @@ def _residual_panels(
             )
         axes.set_ylim(-height, room * height)
         axes.set_xlim(time[0], time[-1])
-    figure.supxlabel("Time (s)", fontsize="medium")
-    figure.supylabel("Measured − predicted force, mean over the periods (N)", fontsize="medium")
+    label_figure(figure, "Time (s)", "Measured − predicted force, mean over the periods (N)")
     return panels
 
 
@@ -167,8 +167,7 @@ def position_periodic_figure(figure: Figure, result: RecordingDiagnosis) -> None
     linear = 2 * critical if np.isfinite(critical) else 60.0
     shared.set_yscale("symlog", linthresh=linear, linscale=1.6)
     shared.set_ylim(bottom=0)
-    figure.supxlabel("Pitch (mm)", fontsize="medium")
-    figure.supylabel("Statistic (χ² of sine and cosine)", fontsize="medium")
+    label_figure(figure, "Pitch (mm)", "Statistic (χ² of sine and cosine)")
 
 
 DIAGNOSTIC_FIGURES = (residuals_figure, residual_dependence_figure, position_periodic_figure)

@@ -32,6 +32,7 @@ from results.figures.drawing import (
     set_parameter_axis,
     write_centred,
     write_margin,
+    write_small,
 )
 
 Rows = Sequence[StatisticsRow]
@@ -303,27 +304,14 @@ def label_points(axes: Axes, points: Array, texts: Sequence[str], colours: Seque
         return sum(box.overlaps(other) for other in taken) + (0 if inside else _OUTSIDE)
 
     for point, text, colour in zip(points, texts, colours, strict=True):
-        name = axes.annotate(
-            text,
-            (float(point[0]), float(point[1])),
-            xytext=(0, 0),
-            textcoords="offset points",
-            fontsize="small",
-            color=colour,
-            annotation_clip=False,
-            zorder=5,
-        )
+        at = float(point[0]), float(point[1])
+        name = write_small(axes, text, at, (0, 0), color=colour, annotation_clip=False, zorder=5)
         costs = [cost(_put(name, *place)) for place in _PLACES]
         step, right, up = _PLACES[int(np.argmin(costs))]
         taken.append(_put(name, step, right, up))
         if step > _STEPS[0]:
-            axes.annotate(
-                "",
-                (float(point[0]), float(point[1])),
-                xytext=name.get_position(),
-                textcoords="offset points",
-                arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkB": 3},
-            )
+            line = {"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkB": 3}
+            write_small(axes, "", at, name.get_position(), arrowprops=line)
 
 
 def _put(name: Text, step: float, right: int, up: int) -> Bbox:
