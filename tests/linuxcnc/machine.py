@@ -1,9 +1,11 @@
 """A hexapod under the real LinuxCNC, simulated and without a screen."""
 
+import contextlib
 import os
 import pwd
+import signal
 import subprocess
-from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -27,9 +29,7 @@ EMCIO = io
 CYCLE_TIME = 0.1
 TOOL_TABLE = {folder}/machine.tbl
 [HAL]
-HALFILE = LIB:basic_sim.tcl -no_use_hal_manualtoolchange -no_sim_spindle -no_simulated_home
-HALFILE = {folder}/geometry.hal
-HALFILE = {folder}/sample.hal
+HALFILE = {folder}/machine.hal
 [KINS]
 KINEMATICS = genhexkins
 JOINTS = 6
@@ -56,16 +56,24 @@ MIN_LIMIT = 1
 MAX_LIMIT = 9999
 MAX_VELOCITY = 1e4
 MAX_ACCELERATION = 1e7
-FERROR = 1000
-MIN_FERROR = 1000
+FERROR = 1
+MIN_FERROR = 1
 """
-SAMPLE = """loadrt sampler depth=60000 cfg=ffffff
+HAL = """loadrt genhexkins
+loadrt motmod servo_period_nsec={period} num_joints=6
+addf motion-command-handler servo-thread
+addf motion-controller servo-thread
+net enable iocontrol.0.user-enable-out => iocontrol.0.emc-enable-in
+{more}
+loadrt sampler depth=60000 cfg=ffffff
 addf sampler.0 servo-thread
 setp sampler.0.enable 0
 """
 PLAY = """#!/usr/bin/python3
-import subprocess, time
+import subprocess, sys, time
 import linuxcnc
+
+sys.stdout = sys.stderr = open("{folder}/play.txt", "w", buffering=1)
 
 command, status = linuxcnc.command(), linuxcnc.stat()
 
@@ -82,14 +90,12 @@ command.state(linuxcnc.STATE_ON); command.wait_complete()
 command.teleop_enable(0); command.wait_complete()
 command.home(-1)
 wait(lambda: all(status.homed[:6]))
-command.mode(linuxcnc.MODE_AUTO); command.wait_complete()
-command.program_open("{program}"); command.wait_complete()
 sampler = subprocess.Popen(["halsampler", "{folder}/samples.txt"])
 subprocess.run(["halcmd", "setp", "sampler.0.enable", "1"], check=True)
-command.auto(linuxcnc.AUTO_RUN, 0)
+{body}
 time.sleep(0.2)
-wait(lambda: status.interp_state == linuxcnc.INTERP_IDLE and status.inpos and not status.queue)
-time.sleep(0.2)
+status.poll()
+print("still on:", status.task_state == linuxcnc.STATE_ON)
 errors = linuxcnc.error_channel()
 while (error := errors.poll()) is not None:
     print("error:", error[1])
@@ -97,45 +103,55 @@ sampler.terminate()
 """
 
 
-@dataclass(frozen=True)
-class Played:
-    """Joint commands in every servo cycle from the last at rest on, (N, 6) in m, and messages."""
-
-    lengths: np.ndarray
-    messages: str
+AUTO = """command.mode(linuxcnc.MODE_AUTO); command.wait_complete()
+command.program_open("{program}"); command.wait_complete()
+command.auto(linuxcnc.AUTO_RUN, 0)
+time.sleep(0.2)
+wait(lambda: status.interp_state == linuxcnc.INTERP_IDLE and status.inpos and not status.queue)"""
 
 
 def play(made, folder):
-    """Run the G-code of an export on its robot, with the limits and the geometry beside it."""
-    robot, limits = made.settings.task.robot, made.path.with_suffix(".planner.ini")
+    """Run the G-code of an export with the limits and the geometry beside it.
+
+    Returns the joint commands in every servo cycle from the last at rest on, (N, 6) in m.
+    """
+    geometry = made.path.with_suffix(".genhexkins.hal").read_text()
+    nets = (f"net s{j} joint.{j}.motor-pos-cmd => joint.{j}.motor-pos-fb\n" for j in range(6))
+    more = geometry + "".join(nets)
+    pins = [f"net p{j} joint.{j}.pos-cmd => sampler.0.pin.{j}" for j in range(6)]
+    limits = _values(made.path.with_suffix(".planner.ini"))
+    samples, _ = run_linuxcnc(
+        made.settings.task.robot, limits, more, pins, AUTO.format(program=made.path), folder
+    )
+    samples = samples / 1e3
+    moved = np.flatnonzero(np.abs(np.diff(samples, axis=0)).max(axis=1) > 0)
+    return samples[moved[0] : moved[-1] + 2]
+
+
+def run_linuxcnc(robot, limits, hal, sampled, body, folder):
+    """Home a robot and run lines of Python; return samples (N, 6) in mm and what was printed."""
     home = [*(1e3 * robot.home[:3]), 0, 0, 0]
     lengths = 1e3 * robot.inverse_kinematics(robot.home)
-    values = _values(limits)
-    text = INI.format(
-        folder=folder,
-        period=values["SERVO_PERIOD"][0],
-        home=" ".join(f"{value:.9g}" for value in home),
-    )
-    axes = zip("XYZABC", values["MAX_VELOCITY"], values["MAX_ACCELERATION"], strict=True)
+    period = limits["SERVO_PERIOD"][0]
+    text = INI.format(folder=folder, period=period, home=" ".join(f"{value:.9g}" for value in home))
+    axes = zip("XYZABC", limits["MAX_VELOCITY"], limits["MAX_ACCELERATION"], strict=True)
     text += "".join(AXIS.format(*axis) for axis in axes)
     text += "".join(JOINT.format(j, length) for j, length in enumerate(lengths))
-    nets = (f"net s{j} joint.{j}.pos-cmd => sampler.0.pin.{j}\n" for j in range(6))
     files = {
         "machine.ini": text,
         "machine.var": "",
         "machine.tbl": "",
-        "geometry.hal": made.path.with_suffix(".genhexkins.hal").read_text(),
-        "sample.hal": SAMPLE + "".join(nets),
-        "play.py": PLAY.format(program=made.path, folder=folder),
+        "machine.hal": HAL.format(period=period, more=hal) + "\n".join(sampled) + "\n",
+        "play.py": PLAY.format(body=body, folder=folder),
     }
     for name, content in files.items():
         (folder / name).write_text(content)
     (folder / "play.py").chmod(0o755)
     done = run_as_user(["linuxcnc", folder / "machine.ini"], folder)
-    text = done.stdout + done.stderr
-    samples = np.loadtxt(folder / "samples.txt") / 1e3
-    moved = np.flatnonzero(np.abs(np.diff(samples, axis=0)).max(axis=1) > 0)
-    return Played(samples[moved[0] : moved[-1] + 2], text)
+    told = (folder / name for name in ("play.txt", "linuxcnc_debug.txt"))
+    text = done.stdout + done.stderr + "".join(one.read_text() for one in told if one.exists())
+    assert "still on: True" in text, text
+    return np.loadtxt(folder / "samples.txt"), text
 
 
 def _values(ini):
@@ -159,14 +175,25 @@ def run_as_user(words, folder, **options):
             if not parent.stat().st_mode & 0o1:
                 parent.chmod(parent.stat().st_mode | 0o1)
     environment = {"PATH": os.environ["PATH"], "HOME": str(folder), "LANG": "C"}
-    return subprocess.run(
-        words,
-        cwd=folder,
-        env=environment,
-        check=False,
-        timeout=120,
-        **options,
-        capture_output=True,
-        text=True,
-        stdin=subprocess.DEVNULL,
-    )
+    try:
+        return subprocess.run(
+            words,
+            cwd=folder,
+            env=environment,
+            check=False,
+            timeout=90,
+            **options,
+            capture_output=True,
+            text=True,
+            stdin=subprocess.DEVNULL,
+        )
+    finally:
+        _end_processes(folder)
+
+
+def _end_processes(folder):
+    """End what the programs left running in their folder: now and then rtapi_app stays."""
+    for place in Path("/proc").glob("[0-9]*/cwd"):
+        with contextlib.suppress(OSError):
+            if place.resolve() == folder.resolve():
+                os.kill(int(place.parent.name), signal.SIGKILL)

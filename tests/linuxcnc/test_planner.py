@@ -54,8 +54,7 @@ def test_the_planner_does_what_the_export_says(case, tmp_path):
     made = export_table(
         export_section(format="linuxcnc-gcode", scale=scale), work, tmp_path / "table.ngc"
     )
-    played, said = play(made, tmp_path), made.check.controller
-    lengths = played.lengths
+    lengths, said = play(made, tmp_path), made.check.controller
     duration = said.cycle * (len(lengths) - 1)
     assert duration == pytest.approx(said.duration, rel=0.01)
     designed = made.settings.task.motion.duration

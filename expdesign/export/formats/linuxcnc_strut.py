@@ -56,6 +56,68 @@ def _with_our_head(text: Iterator[str], settings: Settings) -> Iterator[str]:
         yield line
 
 
+STREAMER_ENDING = ".streamer.hal"
+_DEPTH = 4000
+"""Rows that the streamer holds in advance."""
+
+
+def hal_lines(_rows: Rows, settings: Settings) -> list[str]:
+    """Return the HAL file that adds a table to the commands of the joints.
+
+    Until the first row, and whenever the table is at its start, the joints obey LinuxCNC alone. The
+    first row is played in the cycle in which `table-run` is seen, so that no other value of the
+    streamer's pins, which are 0 before, reaches the drives.
+    """
+    joints = range(ACTUATORS)
+    names = {
+        kind: ",".join(f"table-{kind}-{j}" for j in joints)
+        for kind in ("shift", "gate", "cmd", "fb")
+    }
+    text = [
+        f"# Adds {settings.title} to the motor commands of joints 0 to 5:",
+        "#   command = joint.N.motor-pos-cmd + (row - first row), from the first row on.",
+        "# Connect table-cmd-N.out to drive N, and its measured position to table-fb-N.in0.",
+        f"loadrt streamer depth={_DEPTH} cfg={'f' * ACTUATORS}",
+        "loadrt or2 names=table-on",
+        "loadrt not names=table-filled",
+        "loadrt and2 names=table-row",
+        "loadrt flipflop names=table-begun",
+        f"loadrt mux2 names=table-count,{names['gate']}",
+        "loadrt integ names=table-rows",
+        f"loadrt sum2 names={names['shift']},{names['cmd']},{names['fb']}",
+        "net table-run => table-on.in0",
+        "net table-on table-on.out => streamer.0.enable table-row.in0",
+        "net table-empty streamer.0.empty => table-filled.in",
+        "net table-filled table-filled.out => table-row.in1",
+        "net table-row table-row.out => table-count.sel table-begun.set",
+        "net table-begun table-begun.out => "
+        + " ".join(f"table-gate-{joint}.sel" for joint in joints),
+        "setp table-count.in1 1",
+        f"setp table-rows.gain {1 / (settings.step or 1.0):.9g}",
+        "net table-count table-count.out => table-rows.in",
+        *(
+            f"addf {name} servo-thread"
+            for name in (
+                *("table-on", "streamer.0", "table-filled", "table-row", "table-begun"),
+                *("table-count", "table-rows"),
+            )
+        ),
+    ]
+    for joint, start in enumerate(settings.start):
+        text += [
+            f"net table-pin-{joint} streamer.0.pin.{joint} => table-shift-{joint}.in0",
+            f"setp table-shift-{joint}.offset {settings.number(-start)}",
+            f"net table-shift-{joint} table-shift-{joint}.out => table-gate-{joint}.in1",
+            f"net table-gate-{joint} table-gate-{joint}.out => table-cmd-{joint}.in1 "
+            f"table-fb-{joint}.in1",
+            f"setp table-fb-{joint}.gain1 -1",
+            f"net motion-cmd-{joint} joint.{joint}.motor-pos-cmd => table-cmd-{joint}.in0",
+            f"net motion-fb-{joint} table-fb-{joint}.out => joint.{joint}.motor-pos-fb",
+            *(f"addf table-{kind}-{joint} servo-thread" for kind in ("shift", "gate", "cmd", "fb")),
+        ]
+    return text
+
+
 class HalstreamerOptions(ExportSection):
     """Options of strut lengths for halstreamer."""
 
@@ -72,16 +134,49 @@ FORMAT = TableFormat(
     read=_read,
     options=HalstreamerOptions,
     guide=Guide(
-        before="The period of the servo thread has to be {step}; no kinematics is needed.",
+        before=(
+            "The period of the servo thread has to be {step}; no kinematics is needed. The HAL "
+            "file {beside} adds the rows to the motor commands of joints 0 to 5, in the units of "
+            "the joints: {axes} have to be joints 0 to 5 with the sign and the unit of the table. "
+            "LinuxCNC keeps the command of the joints, and its way to the start, its limits and "
+            "its emergency stop remain; it does not see the table as a following error.\n\n"
+            "In a copy of the machine's HAL files, remove the connections of joint.N.motor-pos-cmd "
+            "and joint.N.motor-pos-fb, load the file after motmod and before the functions of the "
+            "drives are added, as one of the HALFILEs of the INI file or with\n\n"
+            "    halcmd -f {beside}\n\n"
+            "and connect table-cmd-N.out to the command of drive N, and its measured position to "
+            "table-fb-N.in0. Until the first row the drives get what LinuxCNC commands."
+        ),
         load=(
-            "Load the streamer with `loadrt streamer depth=4000 cfg=ffffff`, add it to the servo "
-            "thread and connect its pins 0 to 5 to the position commands of {axes}."
+            "Home the machine and move it to the start below by jogging or MDI, and leave it "
+            "there. Fill the streamer; the table does not begin yet:\n\n"
+            "    halstreamer {file} &\n\n"
+            "    halcmd getp streamer.0.curr-depth\n\n"
+            "The depth has to be 3999 or, of a shorter table, the number of rows."
         ),
         run=(
-            "Move the struts to the start below and feed the file with `halstreamer {file}`. One "
-            "line is taken every period of the servo thread."
+            "Start the table:\n\n"
+            "    halcmd sets table-run 1\n\n"
+            "One row is played in every period of the servo thread. Watch how many were, which "
+            "has to be the number of rows at the end:\n\n"
+            "    halcmd getp table-rows.out\n\n"
+            "streamer.0.underruns counts every cycle without a row, after the last one too: it "
+            "proves nothing. To stop in between, press the emergency stop; the next command stops "
+            "the struts where they are, in one cycle:\n\n"
+            "    halcmd sets table-run 0"
+        ),
+        afterwards=(
+            "The table ends where it began. Give the joints back to LinuxCNC there:\n\n"
+            "    halcmd sets table-run 0\n\n"
+            "    halcmd setp table-begun.reset 1\n\n"
+            "    halcmd setp table-begun.reset 0\n\n"
+            "    halcmd setp table-rows.reset 1\n\n"
+            "    halcmd setp table-rows.reset 0\n\n"
+            "Away from the start the reset makes the struts jump: stop the machine instead."
         ),
     ),
+    executed="halrun of LinuxCNC 2.9 ran these commands: every row in its cycle",
+    beside={STREAMER_ENDING: hal_lines},
     clock="one row every servo cycle",
     capacity="none: rows are streamed",
     axes={"strut": actuator_names("S")},
