@@ -413,7 +413,10 @@ def test_the_stage_of_run(expdesign, folder, run_file):
     assert status == 0, messages
     assert json.loads(answer)["stages"]["export"]["resumed"] is False
     exports = folder / "exports"
-    assert names(exports) == ["README.txt", "exports.json", "linuxcnc-strut.txt", "xps-pvt.trj"]
+    assert names(exports) == [
+        *("README.txt", "exports.json", "linuxcnc-strut.streamer.hal", "linuxcnc-strut.txt"),
+        "xps-pvt.trj",
+    ]
     entry = json.loads((folder / "manifest.json").read_text())["stages"]["export"]
     assert entry["status"] == "done"
     assert set(entry["files"]) == {f"exports/{name}" for name in names(exports)}
@@ -451,7 +454,9 @@ def test_a_run_keeps_what_is_told_of_tables_exported_by_hand(expdesign, folder, 
     status, answer, _ = expdesign("run", again, "--out", folder, "--json")
     assert (status, json.loads(answer)["resumed"]) == (0, False)
     assert described() == {"other.txt", "xps-pvt.trj"}
-    assert names(exports) == ["README.txt", "exports.json", "other.txt", "xps-pvt.trj"]
+    assert names(exports) == [
+        *("README.txt", "exports.json", "other.streamer.hal", "other.txt", "xps-pvt.trj"),
+    ]
     # One that fails takes nothing with it.
     bad = measured_run(run_file(["linuxcnc-strut"]), COARSE | {"segment": "80 ms"})
     assert expdesign("run", bad, "--out", folder)[0] == 1
