@@ -84,7 +84,7 @@ def _stop_message(number: int, kept: str, abandons: str) -> str:
 
 
 @contextmanager
-def raising(while_importing: Callable[[], Any]) -> Iterator[None]:
+def raise_interruptions(while_importing: Callable[[], Any]) -> Iterator[None]:
     """Let every interruption raise `KeyboardInterrupt`, not only Ctrl-C.
 
     An exception in code that cannot raise, such as the finaliser of an object, is raised later.
@@ -114,7 +114,7 @@ def raising(while_importing: Callable[[], Any]) -> Iterator[None]:
 
 
 @contextmanager
-def ignored() -> Iterator[None]:
+def without_interruptions() -> Iterator[None]:
     """Ignore interruptions, while the report of one is written."""
     with _handle_signals(lambda _number, _frame: None):
         yield
@@ -125,7 +125,7 @@ def has_raised() -> bool:
     return _raised.is_set()
 
 
-def ignore() -> None:
+def ignore_interruptions() -> None:
     """Ignore interruptions from now on: the process is about to end with its status."""
     for number in ENDING:
         if signal.getsignal(number) is not None:

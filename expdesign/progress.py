@@ -48,7 +48,7 @@ def progress_prefix(name: str) -> Iterator[None]:
 
 
 @contextmanager
-def listening(listener: Listener) -> Iterator[None]:
+def listen_to_progress(listener: Listener) -> Iterator[None]:
     """Pass all reports within this context to a listener, without the prefixes around it."""
     outer, prefixes = _listener.set(listener), _prefixes.set(())
     try:

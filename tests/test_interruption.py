@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from expdesign.interruption import ENDING, ignored, interruptible, raising
+from expdesign.interruption import ENDING, interruptible, raise_interruptions, without_interruptions
 
 OTHERS = [number for number in ENDING if number != signal.SIGINT]
 
@@ -75,7 +75,10 @@ def test_a_signal_that_is_ignored_or_handled_otherwise_is_left_alone(number):
     for handler, times in ((signal.SIG_IGN, 0), (handle, 1)):
         before = signal.signal(number, handler)
         try:
-            with raising(seen.clear), interruptible(seen.append, "stopping") as stop_requested:
+            with (
+                raise_interruptions(seen.clear),
+                interruptible(seen.append, "stopping") as stop_requested,
+            ):
                 signal.raise_signal(number)
                 assert not stop_requested()
         finally:
@@ -96,9 +99,9 @@ def test_what_cannot_be_said_is_no_reason_not_to_stop(error):
 @pytest.mark.parametrize("number", ENDING)
 def test_every_signal_is_an_interruption(number):
     before = handlers()
-    with raising(lambda: None), pytest.raises(KeyboardInterrupt):
+    with raise_interruptions(lambda: None), pytest.raises(KeyboardInterrupt):
         signal.raise_signal(number)
-    with raising(lambda: None), ignored():
+    with raise_interruptions(lambda: None), without_interruptions():
         signal.raise_signal(number)
     assert handlers() == before
 
@@ -115,7 +118,7 @@ def test_amid_an_import_the_process_is_ended(tmp_path, monkeypatch):
     def end():
         raise EndedError
 
-    with raising(end), pytest.raises(EndedError):
+    with raise_interruptions(end), pytest.raises(EndedError):
         __import__("that_takes_long")
 
 
@@ -130,6 +133,6 @@ def test_an_interruption_that_cannot_be_raised_is_raised_afterwards():
         time.sleep(60)
 
     before = sys.unraisablehook
-    with raising(lambda: None), pytest.raises(KeyboardInterrupt):
+    with raise_interruptions(lambda: None), pytest.raises(KeyboardInterrupt):
         ended()
     assert sys.unraisablehook is before

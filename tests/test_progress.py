@@ -2,7 +2,13 @@
 
 import threading
 
-from expdesign.progress import forward_progress, listening, progress_prefix, report_progress, track
+from expdesign.progress import (
+    forward_progress,
+    listen_to_progress,
+    progress_prefix,
+    report_progress,
+    track,
+)
 
 
 def test_nobody_has_to_listen():
@@ -12,7 +18,7 @@ def test_nobody_has_to_listen():
 
 def test_a_listener_hears_how_far_it_is():
     heard = []
-    with listening(lambda *one: heard.append(one)):
+    with listen_to_progress(lambda *one: heard.append(one)):
         seen = [(item, len(heard)) for item in track("items", ["a", "b"])]
         report_progress("end")
     report_progress("too late")
@@ -22,7 +28,7 @@ def test_a_listener_hears_how_far_it_is():
 
 def test_parts_are_named_until_they_end():
     heard = []
-    with listening(lambda what, *_: heard.append(what)):
+    with listen_to_progress(lambda what, *_: heard.append(what)):
         with progress_prefix("table"):
             with progress_prefix("file"):
                 report_progress("rows")
@@ -37,8 +43,8 @@ def test_parts_are_named_until_they_end():
 
 def test_the_listener_before_hears_again_and_other_threads_are_not_heard():
     outer, inner = [], []
-    with listening(lambda what, *_: outer.append(what)):
-        with listening(lambda what, *_: inner.append(what)):
+    with listen_to_progress(lambda what, *_: outer.append(what)):
+        with listen_to_progress(lambda what, *_: inner.append(what)):
             report_progress("one")
         thread = threading.Thread(target=report_progress, args=("elsewhere",))
         thread.start()
@@ -51,10 +57,10 @@ def test_what_another_thread_is_at_is_heard_where_it_is_passed_on():
     heard = []
 
     def work(report):
-        with listening(lambda *told: report(told)), progress_prefix("file"):
+        with listen_to_progress(lambda *told: report(told)), progress_prefix("file"):
             report_progress("rows", 1, 2)
 
-    with listening(lambda *one: heard.append(one)), progress_prefix("table"):
+    with listen_to_progress(lambda *one: heard.append(one)), progress_prefix("table"):
         thread = threading.Thread(target=work, args=(forward_progress(),))
         thread.start()
         thread.join()

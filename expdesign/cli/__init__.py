@@ -20,18 +20,23 @@ def main() -> None:
     usual = signal.getsignal(signal.SIGINT)
     if usual is signal.default_int_handler:
         signal.signal(signal.SIGINT, _end_at_once)
-    from expdesign.interruption import has_raised, ignore, ignored, raising
+    from expdesign.interruption import (
+        has_raised,
+        ignore_interruptions,
+        raise_interruptions,
+        without_interruptions,
+    )
 
     if usual is signal.default_int_handler:
         signal.signal(signal.SIGINT, usual)
     try:
-        with raising(_end_at_once):
+        with raise_interruptions(_end_at_once):
             status = _run()
     except KeyboardInterrupt:
-        with ignored():
+        with without_interruptions():
             _say_interrupted()
         status = _FAILED
-    ignore()
+    ignore_interruptions()
     if has_raised():
         # An exception that went through code in a text lets Python end itself by a signal later on.
         with contextlib.suppress(OSError):

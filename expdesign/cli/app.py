@@ -18,7 +18,7 @@ import typer
 from typer.core import TyperCommand, TyperOption
 
 from expdesign.cli import machine_commands, run_commands
-from expdesign.interruption import ignored
+from expdesign.interruption import without_interruptions
 
 app = typer.Typer(
     name="expdesign",
@@ -118,7 +118,7 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     except SystemExit as stop:
         status = stop.code
     except (Exception, KeyboardInterrupt) as error:
-        with ignored():
+        with without_interruptions():
             from expdesign.cli.output import report_error  # --help needs no configuration
 
             interrupted = isinstance(error, InterruptedCommand)

@@ -17,7 +17,7 @@ from rich.text import Text
 from expdesign.cli.output import messages, note, results, warn
 from expdesign.configuration import RunConfiguration
 from expdesign.information.criteria import Criterion, criteria
-from expdesign.progress import Listener, listening
+from expdesign.progress import Listener, listen_to_progress
 from expdesign.recheck.limit_check import TOLERANCE
 from expdesign.solver.phases import PHASE_TITLES, SearchEvent
 from expdesign.solver.search import FINISHED, REFINED, groups
@@ -203,7 +203,7 @@ class Terminal(Progress):
             section.max_seconds,
         )
         hidden = nullcontext() if self._activity is None else self._activity.hide()
-        with hidden, display.display(), listening(display.show_progress):
+        with hidden, display.display(), listen_to_progress(display.show_progress):
             yield display.report
 
 
@@ -211,7 +211,7 @@ class Terminal(Progress):
 def working(what: str) -> Iterator[Terminal]:
     """Show the progress of a command that is not a stage."""
     terminal = Terminal()
-    with terminal.working(what) as listener, listening(listener):
+    with terminal.working(what) as listener, listen_to_progress(listener):
         yield terminal
 
 

@@ -302,7 +302,7 @@ def take_root(x: Array, kx: int, out: Array, room: Array) -> int:
 
 
 @compiled
-def larger(x: Array, kx: int, y: Array, ky: int, out: Array, room: Array) -> int:
+def take_larger(x: Array, kx: int, y: Array, ky: int, out: Array, room: Array) -> int:
     """Write the larger of two; return its number of coefficients.
 
     If neither is always larger, (x + y)/2 + |x − y|/2 with 0 ≤ |x − y| ≤ most. `room`

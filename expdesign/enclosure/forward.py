@@ -121,16 +121,16 @@ def enclosed_poses(
             _poses(kinematics, lengths, edges[start : start + _BLOCK], guess)
             for start in range(0, len(edges), _BLOCK)
         ]
-        poses = _Poses.joined(parts)
+        poses = _Poses.join(parts)
         again = ~(poses.error <= ACCURATE) & (division < _DIVISIONS)
         found.append(poses.among(~again))
         grid = np.stack([edges[again, 0], edges[again].mean(axis=1), edges[again, 1]], axis=1)
         edges = np.stack([grid[:, :-1], grid[:, 1:]], axis=2).reshape(-1, 2)
         if not len(edges):
             break
-    every = _Poses.joined(found)
+    every = _Poses.join(found)
     every = every.among(np.argsort(every.edges[:, 0], kind="stable"))
-    return every.from_home(_known_from_home(kinematics, lengths, every))
+    return every.as_path(_reached_from_home(kinematics, lengths, every))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +150,7 @@ class _Poses:
     """(6,), unit of these distances in each coordinate."""
 
     @classmethod
-    def joined(cls, parts: list[_Poses]) -> _Poses:
+    def join(cls, parts: list[_Poses]) -> _Poses:
         """Return the cells of all parts."""
         return cls(
             np.concatenate([part.edges for part in parts]),
@@ -175,7 +175,7 @@ class _Poses:
         powers = end ** np.arange(TERMS)
         return np.asarray(np.tensordot(powers, self.coefficients, 1).T)
 
-    def apart(self, first: Array, second: Array, size: Array) -> Array:
+    def distances(self, first: Array, second: Array, size: Array) -> Array:
         """Return the distances of poses (N, 6), (N,), rounded up.
 
         `size` is the sum of the absolute terms of the poses.
@@ -183,7 +183,7 @@ class _Poses:
         rounding = 4 * TERMS * EPS * size
         return np.asarray(np.max((np.abs(first - second) + rounding) / self.scale, axis=1)) * UP
 
-    def from_home(self, known: Mask) -> PiecewisePolynomials:
+    def as_path(self, known: Mask) -> PiecewisePolynomials:
         """Return the poses as a path, unknown outside some of the cells (N,)."""
         error = np.zeros_like(self.coefficients)
         error[0] = self.scale[:, None] * np.where(known, self.error, np.inf) * UP
@@ -191,7 +191,7 @@ class _Poses:
         return PiecewisePolynomials(times, self.coefficients, error)
 
 
-def _known_from_home(
+def _reached_from_home(
     kinematics: EnclosedKinematics, lengths: PiecewisePolynomials, poses: _Poses
 ) -> Mask:
     """Return the cells (N,) whose pose is proved to be reached from home."""
@@ -213,7 +213,7 @@ def _known_from_home(
     ends = np.concatenate([home.T, poses.at(1.0)[:-1]])
     sizes = np.abs(poses.coefficients).sum(axis=0).T
     before = np.concatenate([np.abs(home.T), sizes[:-1]])
-    gaps = poses.apart(poses.at(-1.0), ends, sizes + before)
+    gaps = poses.distances(poses.at(-1.0), ends, sizes + before)
     # The pose of one of the two is within the ρ of the other.
     joined = (gaps + errors[1:] < withins[:-1]) | (gaps + errors[:-1] < withins[1:])
     joined[0] &= np.isfinite(error[0])
@@ -260,11 +260,12 @@ def _tighten_poses(
     rough = [TaylorModel(model.coefficients, np.zeros(1)) for model in pose]
     x, usable = _inverse_at_middle(kinematics, rough)
     off = [a - b for a, b in zip(kinematics.lengths(rough), lengths, strict=True)]
-    lacking = np.stack([_whole(model) for model in off], axis=2)
+    lacking = np.stack([_padded_coefficients(model) for model in off], axis=2)
     steps = (x @ lacking[..., None])[..., 0]
     steps = np.where(usable[:, None] & np.isfinite(steps), steps, 0.0)
     moved = [
-        TaylorModel(_whole(model) - steps[:, :, i], np.zeros(1)) for i, model in enumerate(rough)
+        TaylorModel(_padded_coefficients(model) - steps[:, :, i], np.zeros(1))
+        for i, model in enumerate(rough)
     ]
     # Both bounds hold: the known one, at this distance from the new polynomials, and the proof.
     shift = np.abs(steps).sum(axis=0)
@@ -294,7 +295,7 @@ def _inverse_at_middle(
     return np.linalg.inv(np.where(usable[:, None, None], jacobian, np.eye(ACTUATORS))), usable
 
 
-def _whole(model: TaylorModel) -> Array:
+def _padded_coefficients(model: TaylorModel) -> Array:
     """Return the coefficients, filled up with zeros, (`TERMS`, N)."""
     found = np.zeros((TERMS, model.coefficients.shape[1]))
     found[: len(model.coefficients)] = model.coefficients
@@ -347,11 +348,11 @@ class EnclosedKinematics:
 
     def lengths(self, pose: list[TaylorModel]) -> list[TaylorModel]:
         """Return the six lengths of a pose, m."""
-        return self._functions([pose, _nothing(), self._geometry], [0])[0]
+        return self._functions([pose, _zero_models(), self._geometry], [0])[0]
 
     def jacobian(self, pose: list[TaylorModel], cells: int) -> TaylorMatrix:
         """Return ∂q/∂λ."""
-        entries = self._functions([pose, _nothing(), self._geometry], [1])[1]
+        entries = self._functions([pose, _zero_models(), self._geometry], [1])[1]
         return TaylorMatrix.of(entries, ACTUATORS, cells)
 
     def rate(
@@ -360,7 +361,7 @@ class EnclosedKinematics:
         """Return λ̇ at a pose and speeds of the struts, and (∂q/∂λ)⁻¹."""
         cells = max(model.radius.size for model in pose)
         inverse = self.jacobian(pose, cells).inverse()
-        return _times(inverse, speed, cells), inverse
+        return _multiply_column(inverse, speed, cells), inverse
 
     def motion(
         self, pose: list[TaylorModel], speed: list[TaylorModel], acceleration: list[TaylorModel]
@@ -370,14 +371,16 @@ class EnclosedKinematics:
         # q̈ = J λ̈ + J̇ λ̇; the graph gives the second part at λ̈ = 0.
         rest = self._functions([pose, rate, self._geometry], [2])[2]
         left = [whole - part for whole, part in zip(acceleration, rest, strict=True)]
-        return rate, _times(inverse, left, len(inverse.radius))
+        return rate, _multiply_column(inverse, left, len(inverse.radius))
 
 
-def _times(matrix: TaylorMatrix, column: list[TaylorModel], cells: int) -> list[TaylorModel]:
+def _multiply_column(
+    matrix: TaylorMatrix, column: list[TaylorModel], cells: int
+) -> list[TaylorModel]:
     return (matrix @ TaylorMatrix.of(column, ACTUATORS, cells)).models()
 
 
-def _nothing() -> list[TaylorModel]:
+def _zero_models() -> list[TaylorModel]:
     return [TaylorModel.number(0.0)] * COORDINATES
 
 

@@ -16,8 +16,8 @@ from expdesign.enclosure.arithmetic import (
     TERMS,
     add,
     invert,
-    larger,
     multiply,
+    take_larger,
     take_root,
 )
 from expdesign.enclosure.taylor_model import TaylorModel
@@ -231,7 +231,7 @@ def run_instructions(
         elif do == INVERT:
             count = invert(work[a], counts[a], out, room[1:])
         elif do == LARGER:
-            count = larger(work[a], counts[a], work[b], counts[b], out, room[1:])
+            count = take_larger(work[a], counts[a], work[b], counts[b], out, room[1:])
         elif do == ROOT:
             count = take_root(work[a], counts[a], out, room[1:])
         for k in range(count):

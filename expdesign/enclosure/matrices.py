@@ -13,7 +13,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.enclosure.arithmetic import EPS, TERMS, TINY, UP
-from expdesign.enclosure.taylor_model import TaylorModel, chosen, reciprocal, root
+from expdesign.enclosure.taylor_model import TaylorModel, reciprocal, root, select_cells
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,4 +174,4 @@ def _extreme(gram: TaylorMatrix, place: int, sign: float) -> TaylorModel:
         discs.append(high + sums[:, k] if sign > 0 else low - sums[:, k])
     edge = np.max(discs, axis=0) if sign > 0 else np.min(discs, axis=0)
     edge += sign * 1e-13 * np.abs(edge)
-    return chosen(good, isolated, TaylorModel(edge[None, :], np.zeros(1)))
+    return select_cells(good, isolated, TaylorModel(edge[None, :], np.zeros(1)))

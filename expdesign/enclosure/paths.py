@@ -65,13 +65,15 @@ class PiecewisePolynomials:
         error = self.error[1:] * power / half + 4 * EPS * np.abs(found)
         return PiecewisePolynomials(self.times, found, error * UP)
 
-    def mapped(self, source: NDArray[np.intp], factor: Array, zero: Array) -> PiecewisePolynomials:
+    def map_coordinates(
+        self, source: NDArray[np.intp], factor: Array, zero: Array
+    ) -> PiecewisePolynomials:
         """Return the coordinates p[source] / factor + zero of the path p."""
         found = self.coefficients[:, source] / factor[:, None]
         error = self.error[:, source] / np.abs(factor[:, None]) + 2 * EPS * np.abs(found)
-        return PiecewisePolynomials(self.times, found, error * UP).moved(zero)
+        return PiecewisePolynomials(self.times, found, error * UP).translate(zero)
 
-    def moved(self, way: Array) -> PiecewisePolynomials:
+    def translate(self, way: Array) -> PiecewisePolynomials:
         """Return the path moved by a vector (m,), with the rounding in its error."""
         found, error = self.coefficients.copy(), self.error.copy()
         found[0] += way[:, None]

@@ -243,7 +243,7 @@ def arc_tangent(y: TaylorModel, x: TaylorModel) -> TaylorModel:
     if np.all(good):
         return found
     turn = np.full(good.shape, np.nextafter(np.pi, 4))
-    return chosen(good, found, TaylorModel.within(-turn, turn))
+    return select_cells(good, found, TaylorModel.within(-turn, turn))
 
 
 def arc_sine(a: TaylorModel) -> TaylorModel:
@@ -266,14 +266,16 @@ def sign(a: TaylorModel) -> TaylorModel:
 def absolute(a: TaylorModel) -> TaylorModel:
     """Return the absolute value."""
     low, high = a.bounds()
-    flipped = chosen(high <= 0, -a, a)
+    flipped = select_cells(high <= 0, -a, a)
     known = (low >= 0) | (high <= 0)
     if np.all(known):
         return flipped
-    return chosen(known, flipped, TaylorModel.within(np.zeros_like(high), np.maximum(-low, high)))
+    return select_cells(
+        known, flipped, TaylorModel.within(np.zeros_like(high), np.maximum(-low, high))
+    )
 
 
-def chosen(which: Mask, a: TaylorModel, b: TaylorModel) -> TaylorModel:
+def select_cells(which: Mask, a: TaylorModel, b: TaylorModel) -> TaylorModel:
     """Return a in the cells of a mask (N,), b in the others."""
     if np.all(which):
         return a

@@ -142,7 +142,7 @@ class BatchFunction:
             The number of inputs or the size of one is wrong.
         """
         count = len(np.atleast_2d(inputs[0])) if inputs else 0
-        code, form = self._compiled(count), self._form
+        code, form = self._machine_code(count), self._form
         # Machine code reads memory without any check of its own.
         if len(inputs) != len(form.inputs):
             raise ValueError(f"{len(inputs)} inputs, not {len(form.inputs)}")
@@ -152,7 +152,7 @@ class BatchFunction:
             size = rows * (count if k < form.varying else 1)
             if value.size != size or (k < form.varying and len(value) != count):
                 raise ValueError(f"input {k}: {value.size} values, not {size}")
-        flat = code(varying, fixed) if code else self._mapped(varying, fixed, count)
+        flat = code(varying, fixed) if code else self._interpret(varying, fixed, count)
         return [
             values if columns == 1 else values.reshape(count, rows, columns)
             for values, (rows, columns) in zip(flat, form.shapes, strict=True)
@@ -165,7 +165,7 @@ class BatchFunction:
 
     def compile(self) -> None:
         """Compile machine code now, for all processes of this user, where that is possible."""
-        self._compiled(_COMPILING)
+        self._machine_code(_COMPILING)
 
     def at(self, *inputs: Array) -> list[Array]:
         """Evaluate one instant: every input as (rows,), outputs without the axis of samples.
@@ -176,7 +176,7 @@ class BatchFunction:
             self._one = _OneInstant(*self._graph)
         return self._one(*inputs)
 
-    def _compiled(self, count: int) -> MachineCode | None:
+    def _machine_code(self, count: int) -> MachineCode | None:
         before, self._asked = self._asked, self._asked + count
         if self._code is None and self._key is not None and before == 0:
             self._code = kept_code(self._key)
@@ -187,18 +187,18 @@ class BatchFunction:
                 self._code = machine_code(function, form, self._key, compiling=compiling)
         return self._code
 
-    def _mapped(self, varying: list[Array], fixed: list[Array], count: int) -> list[Array]:
+    def _interpret(self, varying: list[Array], fixed: list[Array], count: int) -> list[Array]:
         """Evaluate by the virtual machine: (N, elements) of every output."""
         places = [list(place) for place in self._form.places]
         results = [np.zeros((count, size)) for size in self._form.sizes]
         for start in range(0, count, _PIECE):
             piece = slice(start, start + _PIECE)
-            found = self._piece([value[piece] for value in varying], fixed)
+            found = self._interpret_piece([value[piece] for value in varying], fixed)
             for whole, at, values in zip(results, places, found, strict=True):
                 whole[piece, at] = values
         return results
 
-    def _piece(self, varying: list[Array], fixed: list[Array]) -> list[Array]:
+    def _interpret_piece(self, varying: list[Array], fixed: list[Array]) -> list[Array]:
         count = len(varying[0])
         mapped = self._maps.get(count)
         if mapped is None:

@@ -40,7 +40,7 @@ class Lanes:
         bits = struct.unpack("<Q", struct.pack("<d", value))[0]
         return f"<{', '.join([f'double 0x{bits:016X}'] * self.count)}>"
 
-    def transposed(self, rows: Sequence[str]) -> tuple[list[str], list[str]]:
+    def transpose(self, rows: Sequence[str]) -> tuple[list[str], list[str]]:
         """Return instructions that transpose as many vectors as there are lanes, and their names.
 
         Blocks off the diagonal are exchanged: those of half the size, of a quarter, and so on.
@@ -65,7 +65,7 @@ class Lanes:
         return lines, now
 
 
-def _copying(name: str, parameters: str, body: Sequence[str], lanes: Lanes) -> list[str]:
+def _copy_function(name: str, parameters: str, body: Sequence[str], lanes: Lanes) -> list[str]:
     """Return a function that copies groups of as many elements as there are lanes.
 
     The last sample fills an incomplete group. `body` has the instructions for the group with the
@@ -100,7 +100,7 @@ def _copying(name: str, parameters: str, body: Sequence[str], lanes: Lanes) -> l
     ]
 
 
-def _gather(lanes: Lanes) -> list[str]:
+def _gather_function(lanes: Lanes) -> list[str]:
     """Return the function that copies elements of an input into lanes.
 
     The last group overlaps the one before; that of an input with fewer elements than lanes extends
@@ -116,7 +116,7 @@ def _gather(lanes: Lanes) -> list[str]:
             f"  %from{k} = getelementptr double, ptr %at{k}, i64 %element",
             f"  %of_lane{k} = load {lanes}, ptr %from{k}, align 8",
         ]
-    turned, found = lanes.transposed([f"%of_lane{k}" for k in every])
+    turned, found = lanes.transpose([f"%of_lane{k}" for k in every])
     body += turned
     for j in every:
         body += [
@@ -124,10 +124,10 @@ def _gather(lanes: Lanes) -> list[str]:
             f"  %to{j} = getelementptr {lanes}, ptr %rows, i64 %row{j}",
             f"  store {lanes} {found[j]}, ptr %to{j}, align {lanes.bytes}",
         ]
-    return _copying("gather", "i64 %highest", body, lanes)
+    return _copy_function("gather", "i64 %highest", body, lanes)
 
 
-def _scatter(lanes: Lanes) -> list[str]:
+def _scatter_function(lanes: Lanes) -> list[str]:
     """Return the function that copies rows of lanes to elements of an output.
 
     Each group has a row in the table: the row of each of its elements, and the first element.
@@ -144,7 +144,7 @@ def _scatter(lanes: Lanes) -> list[str]:
             f"  %from{j} = getelementptr {lanes}, ptr %rows, i64 %row{j}",
             f"  %of_element{j} = load {lanes}, ptr %from{j}, align {lanes.bytes}",
         ]
-    turned, found = lanes.transposed([f"%of_element{j}" for j in every])
+    turned, found = lanes.transpose([f"%of_element{j}" for j in every])
     body += [
         *turned,
         f"  %element_at = getelementptr i64, ptr %listed, i64 {lanes.count}",
@@ -155,13 +155,13 @@ def _scatter(lanes: Lanes) -> list[str]:
             f"  %to{k} = getelementptr double, ptr %at{k}, i64 %element",
             f"  store {lanes} {found[k]}, ptr %to{k}, align 8",
         ]
-    return _copying("scatter", "ptr %table", body, lanes)
+    return _copy_function("scatter", "ptr %table", body, lanes)
 
 
-def _groups(
+def _table_rows(
     places: Sequence[int], size: int, start: int, zero: int, lanes: Lanes
 ) -> Iterator[list[int]]:
-    """Yield the rows of an output's table, see `_scatter`, without groups of zeros.
+    """Yield the rows of an output's table, see `_scatter_function`, without groups of zeros.
 
     The last group overlaps the one before; that of an output with fewer elements than lanes
     extends into the next sample, which is written after it.
@@ -220,7 +220,7 @@ def block_loop(
     # Behind everything that gathering an input with few elements overwrites.
     zero = ends[-1] + work + lanes.count
     tables = [
-        list(_groups(row, size, start, zero, lanes))
+        list(_table_rows(row, size, start, zero, lanes))
         for start, row, size in zip(ends, places, sizes, strict=False)
     ]
     lines = []
@@ -229,7 +229,11 @@ def block_loop(
         if numbers:
             listed = ", ".join(numbers)
             lines.append(f"@table{k} = private constant [{len(numbers)} x i64] [{listed}]")
-    lines += ["declare i64 @llvm.umin.i64(i64, i64)", *_gather(lanes), *_scatter(lanes)]
+    lines += [
+        "declare i64 @llvm.umin.i64(i64, i64)",
+        *_gather_function(lanes),
+        *_scatter_function(lanes),
+    ]
     lines.append(
         _HEAD.format(
             entry=ENTRY,

@@ -154,7 +154,7 @@ class _Program:
         self._used: dict[str, list[str]] = {}
         steps = [_step(function, k) for k in range(function.n_instructions())]
         cuts = [*range(0, len(steps), _PART), len(steps)]
-        kept = _kept(steps, cuts)
+        kept = _places_read_later(steps, cuts)
         self.parts = len(cuts) - 1
         self._lines: list[str] = []
         for k, (start, end) in enumerate(pairwise(cuts)):
@@ -203,7 +203,7 @@ class _Program:
         else:
             called = LIBRARY[operation]
             name = f"@lanes_{called}"
-            self._used[name] = _lane_by_lane(called, len(operands), lanes)
+            self._used[name] = _library_call(called, len(operands), lanes)
         return part.add(f"call {lanes} {name}({given})")
 
 
@@ -239,13 +239,13 @@ class _Part:
     def value(self, place: int) -> str:
         """Return the value at a place of CasADi's work."""
         if place not in self.values:
-            self.values[place] = self._loaded("%work", place, _READ)
+            self.values[place] = self._load("%work", place, _READ)
         return self.values[place]
 
     def input(self, row: int, *, varies: bool) -> str:
         """Return a row of the varying or the fixed inputs."""
         if varies:
-            return self._loaded("%inputs", row, "%v")
+            return self._load("%inputs", row, "%v")
         at = self.add(f"getelementptr double, ptr %fixed, i64 {row}")
         number = self.add(f"load double, ptr {at}")
         lanes = self.lanes
@@ -258,7 +258,7 @@ class _Part:
         at = self.add(f"getelementptr {self.lanes}, ptr {base}, i64 {row}")
         self.lines.append(f"  store {self.lanes} {value}, ptr {at}, align {self.lanes.bytes}")
 
-    def _loaded(self, base: str, row: int, name: str) -> str:
+    def _load(self, base: str, row: int, name: str) -> str:
         at = self.add(f"getelementptr {self.lanes}, ptr {base}, i64 {row}")
         return self.add(f"load {self.lanes}, ptr {at}, align {self.lanes.bytes}", name)
 
@@ -270,7 +270,7 @@ def _sign(part: _Part, x: str, _: str) -> str:
     return part.select(below, lanes.constant(-1), part.select(above, lanes.constant(1), x))
 
 
-def _joint(joint: str) -> Callable[[_Part, str, str], str]:
+def _combine_conditions(joint: str) -> Callable[[_Part, str, str], str]:
     def both(part: _Part, x: str, y: str) -> str:
         first, second = part.not_zero(x), part.not_zero(y)
         return part.number(part.add(f"{joint} {part.lanes.mask} {first}, {second}"))
@@ -278,15 +278,15 @@ def _joint(joint: str) -> Callable[[_Part, str, str], str]:
     return both
 
 
-def _if_not_zero(part: _Part, x: str, y: str) -> str:
+def _select_if_not_zero(part: _Part, x: str, y: str) -> str:
     return part.select(part.not_zero(x), y, part.lanes.constant(0))
 
 
 _LOGICAL = {
-    ca.OP_AND: _joint("and"),
-    ca.OP_OR: _joint("or"),
+    ca.OP_AND: _combine_conditions("and"),
+    ca.OP_OR: _combine_conditions("or"),
     ca.OP_SIGN: _sign,
-    ca.OP_IF_ELSE_ZERO: _if_not_zero,
+    ca.OP_IF_ELSE_ZERO: _select_if_not_zero,
 }
 _KNOWN = {
     *(*_EXACT, *_INTRINSIC, *_COMPARISON, *LIBRARY, *_LOGICAL),
@@ -303,7 +303,7 @@ def _step(function: ca.Function, k: int) -> _Step:
     return operation, function.instruction_output(k), function.instruction_input(k), 0.0
 
 
-def _kept(steps: Sequence[_Step], cuts: Sequence[int]) -> list[set[int]]:
+def _places_read_later(steps: Sequence[_Step], cuts: Sequence[int]) -> list[set[int]]:
     """Return the places whose values are read after each part before they are overwritten."""
     needed: set[int] = set()
     found: list[set[int]] = []
@@ -319,7 +319,7 @@ def _kept(steps: Sequence[_Step], cuts: Sequence[int]) -> list[set[int]]:
     return found[::-1]
 
 
-def _lane_by_lane(name: str, operands: int, lanes: Lanes) -> list[str]:
+def _library_call(name: str, operands: int, lanes: Lanes) -> list[str]:
     """Return a function that calls a function of the C library sample by sample."""
     kinds = ", ".join(["double"] * operands)
     parameters = ", ".join(f"{lanes} %x{j}" for j in range(operands))

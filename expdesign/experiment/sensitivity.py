@@ -150,7 +150,7 @@ def _active_rows(problem: DesignProblem, x: Array, width: float, near: float) ->
     sign = np.where(above, 1.0, -1.0)
     wider, reserved = (
         np.where(above, up[columns], down[columns])
-        for down, up in (_wider(problem), _reserved(problem))
+        for down, up in (_widening_shifts(problem), _reserve_shifts(problem))
     )
     bounds = _frequency_rows(problem, x, near)
     return _ActiveRows(
@@ -161,24 +161,24 @@ def _active_rows(problem: DesignProblem, x: Array, width: float, near: float) ->
     )
 
 
-def _wider(problem: DesignProblem) -> tuple[Array, Array]:
+def _widening_shifts(problem: DesignProblem) -> tuple[Array, Array]:
     """Return the shifts of lower and upper smooth bounds for wider limits, (R,) each."""
     limits = problem.limits
     # Both ends of a range move by half of the widening.
     share = np.where(limits.two_sided, WIDER / 2, WIDER)
-    below, above = _shifts(limits, limits.smooth_bounds(-_STEP * share))
+    below, above = _bound_shifts(limits, limits.smooth_bounds(-_STEP * share))
     return below / _STEP / limits.scale, above / _STEP / limits.scale
 
 
-def _reserved(problem: DesignProblem) -> tuple[Array, Array]:
+def _reserve_shifts(problem: DesignProblem) -> tuple[Array, Array]:
     """Return the shifts of the bounds without reserves, (R,) each."""
     limits = problem.limits
     stated = replace(limits, limits=tuple(limit.with_reserve(0.0) for limit in limits.limits))
-    below, above = _shifts(limits, stated.smooth_bounds())
+    below, above = _bound_shifts(limits, stated.smooth_bounds())
     return below / limits.scale, above / limits.scale
 
 
-def _shifts(limits: LimitModel, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+def _bound_shifts(limits: LimitModel, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
     """Return the distances of other smooth bounds beyond the limits' own, (R,) each."""
     lower, upper = limits.smooth_bounds()
     with np.errstate(invalid="ignore"):

@@ -161,7 +161,7 @@ def enclose_table(table: ExecutedTable, *, piece: bool = False) -> EnclosedMotio
     acceleration = rows.accelerations if table.interpolation is Interpolation.QUINTIC else None
     places: NDArray[np.intp] = np.argsort(axes.source)
     path = between_rows(rows.times, rows.position, rate, acceleration)
-    path = path.mapped(places, axes.factor[places], axes.zero)
+    path = path.map_coordinates(places, axes.factor[places], axes.zero)
     if axes.space == "strut":
         if piece or np.any(np.abs(table.motion.sample(0.0).pose[0] - table.robot.home) > AT_HOME):
             return _led_from_home(table, path)
@@ -169,7 +169,7 @@ def enclose_table(table: ExecutedTable, *, piece: bool = False) -> EnclosedMotio
     turns = table.turns
     if linear:
         return PoseLines(table.robot, path, turns, fixed=axes.fixed)
-    return PosePath(path.moved(turns))
+    return PosePath(path.translate(turns))
 
 
 def _led_from_home(table: ExecutedTable, path: PiecewisePolynomials) -> StrutPath:

@@ -26,7 +26,7 @@ from expdesign.export.read_back import ReadBack, read_back
 from expdesign.export.row_times import designed_rows, sufficient_step
 from expdesign.export.text_table import write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES, POSE
-from expdesign.progress import listening, progress_prefix, report_progress
+from expdesign.progress import listen_to_progress, progress_prefix, report_progress
 from expdesign.robot import Robot
 from expdesign.runfolder.files import errors_naming, remove_leftovers, temporary_prefix
 from expdesign.runfolder.manifest import file_hash
@@ -197,7 +197,7 @@ def export_job(
 
     An error is returned instead of raised: the tables of other jobs are still written.
     """
-    with listening(lambda *told: monitor.report(told)), progress_prefix(name):
+    with listen_to_progress(lambda *told: monitor.report(told)), progress_prefix(name):
         try:
             return export_table(section, task, path, place)
         except (InputError, ComputationError) as error:

@@ -306,11 +306,11 @@ class PriorMachine:
 
         The prior counts in proportion to the experiment's samples.
         """
-        return self._solved(information, samples).marginal
+        return self._solve(information, samples).marginal
 
     def gain(self, information: Array, samples: float) -> Array:
         """Return S⁻¹ Rᵀ, (k, m): the response of π̂ to Aᵀ Σ⁻¹ times a change of the forces."""
-        solved = self._solved(information, samples)
+        solved = self._solve(information, samples)
         return np.asarray(np.linalg.solve(solved.marginal, solved.reduced.T), dtype=np.float64)
 
     def cost(
@@ -320,7 +320,7 @@ class PriorMachine:
 
         The basis is (m, k + r): R times the eigenvectors of S, then L M^(−1/2).
         """
-        solved = self._solved(information, samples)
+        solved = self._solve(information, samples)
         own = spectral_cost(solved.marginal, criterion, level)
         whitened = sla.solve_triangular(solved.root, solved.factor.T, lower=True).T
         count, others = len(own.slope), whitened.shape[1]
@@ -340,7 +340,7 @@ class PriorMachine:
             curvature,
         )
 
-    def _solved(self, information: Array, samples: float) -> _Solved:
+    def _solve(self, information: Array, samples: float) -> _MarginalInformation:
         factor = self.factor * np.sqrt(self.samples / samples)
         seen = information @ factor
         root = np.linalg.cholesky(np.eye(factor.shape[1]) + factor.T @ seen)
@@ -348,10 +348,10 @@ class PriorMachine:
         reduced = -factor @ share
         reduced[self.changed, np.arange(len(self.changed))] += 1.0
         marginal = reduced.T @ information @ reduced + share.T @ share
-        return _Solved((marginal + marginal.T) / 2, factor, root, reduced)
+        return _MarginalInformation((marginal + marginal.T) / 2, factor, root, reduced)
 
 
-class _Solved(NamedTuple):
+class _MarginalInformation(NamedTuple):
     marginal: Array
     """(k, k), S."""
     factor: Array

@@ -80,7 +80,7 @@ class BaseParameters:
         # Columns of unit length are well conditioned, whatever the threshold.
         unit = np.asarray(np.linalg.qr(root * units, mode="r"), dtype=np.float64)
         ratios = np.ones(norms.shape) if scales is None else scales / units
-        chosen, left = _regrouped(unit * ratios, relative=scales is None, keep=keep)
+        chosen, left = _split_columns(unit * ratios, relative=scales is None, keep=keep)
         coefficients: Array = np.zeros((len(chosen), len(left)))
         if len(chosen) and len(left):
             solved = np.linalg.lstsq(unit[:, chosen], unit[:, left], rcond=None)[0]
@@ -194,7 +194,7 @@ def root_of_inverse(covariance: Array) -> Array:
     return (vectors / np.sqrt(np.maximum(values, floor))).T / std
 
 
-def _regrouped(
+def _split_columns(
     columns: Array, *, relative: bool, keep: Array | None
 ) -> tuple[list[int], list[int]]:
     """Return the base columns and the regrouped ones of scaled columns, (r, m), ascending."""

@@ -339,12 +339,12 @@ def pause_near(problem: RampProblem, width: float, *, arriving: bool) -> RampPro
     orbit = problem.end if arriving else problem.start
     sign = 1.0 if arriving else -1.0
 
-    def paused(duration: float) -> RampProblem:
+    def problem_from_rest(duration: float) -> RampProblem:
         distance = sign * orbit.rate * duration / 2 - orbit.acceleration * duration**2 / 12
         rest = MotionState.at_rest(orbit.pose - distance)
         return replace(problem, start=rest) if arriving else replace(problem, end=rest)
 
-    tried = [(paused(duration), duration) for duration in _DURATIONS]
+    tried = [(problem_from_rest(duration), duration) for duration in _DURATIONS]
     best, _ = min(tried, key=lambda one: _worst(one[0], _polynomial(*one), width))
     return best
 

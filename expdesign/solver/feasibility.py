@@ -85,13 +85,13 @@ def random_start(
     omega = rng.uniform((lower[-1] + upper[-1]) / 2, upper[-1])
     phases = 2 * np.pi * np.arange(points) / points
 
-    def kept(at: float, share: float) -> bool:
+    def is_kept(at: float, share: float) -> bool:
         candidate = np.append((share * table).ravel(), at)
         violations = problem.smooth_violations(candidate, phases, width)
         return bool(np.all(violations <= 0))
 
     for at in (omega, lower[-1]):
-        share = _largest(partial(kept, at), 0.0, _LARGEST_SHARE, _BISECTIONS)
+        share = _largest(partial(is_kept, at), 0.0, _LARGEST_SHARE, _BISECTIONS)
         if share > 0:
             return np.append((_INSIDE * share * table).ravel(), at)
     raise InfeasibleLimitsError(
@@ -110,11 +110,11 @@ def _broken(problem: DesignProblem, table: Array, omega: float, width: float) ->
     return ", ".join(keys) or "one of them"
 
 
-def _largest(kept: Callable[[float], bool], low: float, high: float, steps: int) -> float:
-    """Return by bisection the largest number that is kept; `low` is assumed to be."""
+def _largest(is_kept: Callable[[float], bool], low: float, high: float, steps: int) -> float:
+    """Return by bisection the largest number that is kept, from `low`, which is."""
     for _ in range(steps):
         middle = (low + high) / 2
-        low, high = (middle, high) if kept(middle) else (low, middle)
+        low, high = (middle, high) if is_kept(middle) else (low, middle)
     return low
 
 
@@ -134,10 +134,10 @@ def perturb(problem: DesignProblem, origin: Array, rng: np.random.Generator, wid
     def motion(factor: float) -> Array:
         return np.append((factor * table).ravel(), omega)
 
-    def kept(factor: float) -> bool:
+    def is_kept(factor: float) -> bool:
         return bool(np.all(problem.smooth_violations(motion(factor), phases, width) <= 0))
 
-    return motion(_HOP_INSIDE * _largest(kept, 0.0, 1.0, _HOP_BISECTIONS))
+    return motion(_HOP_INSIDE * _largest(is_kept, 0.0, 1.0, _HOP_BISECTIONS))
 
 
 @dataclass(frozen=True)

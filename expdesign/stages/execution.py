@@ -25,7 +25,7 @@ from expdesign.configuration import (
 from expdesign.evaluation.machine_code import evaluator
 from expdesign.interruption import interruptible
 from expdesign.library import run_files
-from expdesign.progress import listening, report_progress
+from expdesign.progress import listen_to_progress, report_progress
 from expdesign.runfolder.files import RUN_FILE, remove_leftovers, write_text
 from expdesign.runfolder.lock import is_empty
 from expdesign.runfolder.manifest import (
@@ -74,7 +74,7 @@ def execute(stage: Stage, work: Workspace) -> Outcome:
     clear_leftovers(work.folder)
     began = time.perf_counter()
     try:
-        with work.progress.working(stage.name) as listener, listening(listener):
+        with work.progress.working(stage.name) as listener, listen_to_progress(listener):
             report_progress("loading modules")
             outcome = stage.functions().run(work)
             # Hours of computation are not lost to a Ctrl-C in the seconds of saving.

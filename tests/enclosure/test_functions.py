@@ -117,7 +117,7 @@ def test_sizes_and_the_larger_of_two_that_cross_hold(a, b, cell, time):
 def test_each_cell_has_the_model_that_is_chosen_for_it(a, b, cell, time):
     which = np.array([True, False])
 
-    found = f.chosen(which, a.model, b.model)
+    found = f.select_cells(which, a.model, b.model)
 
     assert_holds(found, cell, time, (a if which[cell] else b).at(cell, time))
 

@@ -93,7 +93,7 @@ def test_coordinates_are_those_of_their_axes():
     source, factor, zero = np.array([1, 0]), np.array([-1000.0, 20.0]), np.array([0.5, -3.0])
     edges = np.stack([times[:-1], times[1:]], axis=1)[:2]
 
-    models = between_rows(times, *rows).mapped(source, factor, zero).over(edges)
+    models = between_rows(times, *rows).map_coordinates(source, factor, zero).over(edges)
 
     for place in range(2):
         for column in range(2):
