@@ -29,6 +29,8 @@ _GRID = 1e-3
 _STEP = 1e-9
 _STEP_SHARE = 1e-6
 _COMPUTED = 1e-9
+_PROGRAMS = (".py",)
+"""Companions that read the table itself: users may change them or use others."""
 _DIGITS = 9
 
 
@@ -209,7 +211,7 @@ def wrong_companions(settings: Settings, rows: Rows, path: Path) -> list[str]:
     for ending, expected in settings.form.beside.items():
         wanted = expected(rows, settings)
         file = path.with_name(f"{path.stem}{ending}")
-        if not wanted:
+        if not wanted or file.suffix in _PROGRAMS:
             continue
         if not file.is_file():
             found.append(f"{file.name} is missing")

@@ -245,14 +245,21 @@ def test_what_is_left_out_is_not_called_proved(expdesign, folder):
     assert "hal is missing" in left["linuxcnc-gcode.ngc"]["unchecked"][0]
 
 
-def test_the_geometry_of_a_machine_is_that_of_the_robot(expdesign, folder):
-    geometry = folder / "exports" / "linuxcnc-gcode.genhexkins.hal"
-    text = geometry.read_text(encoding="utf-8")
-    geometry.write_text(f"# checked\n{text}", encoding="utf-8")
-    assert verdict_of(expdesign, folder)[0] == 0
-    geometry.write_text(text.replace("platform.0.x ", "platform.0.x 1"), encoding="utf-8")
-    status, verdict, left = verdict_of(expdesign, folder)
-    assert (status, verdict, list(left)) == (1, "proved in part", ["linuxcnc-gcode.ngc"])
+@pytest.mark.parametrize(
+    ("ending", "change"),
+    [("hal", ("platform.0.x ", "platform.0.x 1")), ("ini", ("MAX_ACCELERATION = ", "\\g<0>1"))],
+)
+def test_the_settings_of_the_machine_are_those_of_the_export(ending, change, expdesign, folder):
+    table = folder / "exports" / "linuxcnc-gcode.ngc"
+    (file,) = table.parent.glob(f"{table.stem}.*.{ending}")
+    text = file.read_text(encoding="utf-8")
+    file.write_text(f"# checked\n{text}", encoding="utf-8")
+    assert verdict_of(expdesign, table)[0] == 0
+    changed = re.sub(*change, text)
+    assert changed != text
+    file.write_text(changed, encoding="utf-8")
+    status, verdict, left = verdict_of(expdesign, table)
+    assert (status, verdict, list(left)) == (1, "proved in part", [table.name])
 
 
 def test_lead_in_and_tables_of_another_design_are_not_called_proved(expdesign, folder):
