@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BeforeValidator
 
 from constraints.arrays import Array, Mask
 from constraints.limits import attitude
-from expdesign.configuration.errors import Problem, refusal
+from expdesign.configuration.errors import InputError, Problem, refusal
 from expdesign.configuration.quantity import Angle, Length, Positive, quantity_text
 from expdesign.configuration.schema import Section, ShortForm
 from expdesign.mechanism.graph import hexapod_graph
@@ -135,6 +135,7 @@ _SAME_POINT = 1e-9
 _ON_AXIS = 1e-9
 _ALONG = 1e-6
 _UNIT = 1e-14
+_NOT_PARALLEL = "an axis that is not parallel to the strut"
 
 
 def unit_vectors(vectors: Array) -> Array:
@@ -145,23 +146,20 @@ def unit_vectors(vectors: Array) -> Array:
     return np.where(off > _UNIT, normalised, vectors)
 
 
-def default_alpha_axes(base_joints: Array, problem: Report) -> tuple[Array, list[Problem]]:
+def default_alpha_axes(base_joints: Array, problem: Report) -> Array:
     """Return the horizontal parts of the base joints' positions as unit vectors, (6, 3)."""
     horizontal = base_joints * [1.0, 1.0, 0.0]
     radii = np.hypot(horizontal[:, 0], horizontal[:, 1])
-    problems = _at_struts(
-        radii <= _ON_AXIS * max(1.0, float(np.max(np.abs(base_joints)))),
-        problem,
-        "base_joints",
-        "strut {}: the base joint is on the z axis, where the first cardan axis has no default",
-        f"alpha_axes: {ACTUATORS} directions",
+    on_axis = radii <= _ON_AXIS * max(1.0, float(np.max(np.abs(base_joints))))
+    message = (
+        "strut {}: the base joint is on the z axis, where the first cardan axis has no default"
     )
-    return horizontal / radii[:, None], problems
+    allowed = f"alpha_axes: {ACTUATORS} directions"
+    _refuse(_at_struts(on_axis, problem, "base_joints", message, allowed))
+    return horizontal / radii[:, None]
 
 
-def thread_axes(
-    axes: Array, alpha_axes: Array, home: StrutGeometry, problem: Report
-) -> tuple[Array, list[Problem]]:
+def thread_axes(axes: Array, alpha_axes: Array, home: StrutGeometry, problem: Report) -> Array:
     """Return the first axes of the cardan joints at the platform, (6, 3), platform frame, unit.
 
     Of the two directions of an axis, the result has the one with which the second axes of a strut's
@@ -171,14 +169,10 @@ def thread_axes(
     upper = np.cross(axes @ home.rotation.T, home.directions)
     lower = np.cross(alpha_axes, home.directions)
     signs = np.where(np.sum(upper * lower, axis=1) < 0, -1.0, 1.0)
-    problems = _at_struts(
-        np.linalg.norm(upper, axis=1) < _ALONG,
-        problem,
-        "platform_cardan_axes",
-        "strut {}: the axis is along the strut at home",
-        "an axis that is not parallel to the strut",
-    )
-    return axes * signs[:, None], problems
+    along = np.linalg.norm(upper, axis=1) < _ALONG
+    message = "strut {}: the axis is along the strut at home"
+    _refuse(_at_struts(along, problem, "platform_cardan_axes", message, _NOT_PARALLEL))
+    return axes * signs[:, None]
 
 
 # --- faults ---------------------------------------------------------------------------------------
@@ -187,31 +181,22 @@ LARGEST_CONDITION = 1e6
 """Largest condition number of the inverse Jacobian at home, with scaled rotations."""
 
 
-def geometry_problems(
+def refuse_unusable(
     geometry: StrutGeometry, alpha_axes: Array, length: float, problem: Report
-) -> list[Problem]:
-    """Return the faults that make the home pose unusable.
+) -> None:
+    """Refuse faults of the home pose.
 
     They are struts without length, first cardan axes along a strut, a singular pose, and an
     attitude near the singularity of the pose's angles.
     """
     if not np.all(np.isfinite(geometry.lengths)):
-        return [problem(("base_joints",), "the coordinates are too large for the computation")]
-    problems = _at_struts(
-        geometry.lengths <= _SAME_POINT,
-        problem,
-        "base_joints",
-        "strut {} has no length at home: base and platform joint are the same point",
-    )
-    if problems:
-        return problems
-    problems = _at_struts(
-        np.linalg.norm(np.cross(alpha_axes, geometry.directions), axis=1) < _ALONG,
-        problem,
-        "alpha_axes",
-        "strut {}: the first cardan axis is along the strut at home",
-        "an axis that is not parallel to the strut",
-    )
+        message = "the coordinates are too large for the computation"
+        raise InputError(problem(("base_joints",), message))
+    message = "strut {} has no length at home: base and platform joint are the same point"
+    _refuse(_at_struts(geometry.lengths <= _SAME_POINT, problem, "base_joints", message))
+    along = np.linalg.norm(np.cross(alpha_axes, geometry.directions), axis=1) < _ALONG
+    message = "strut {}: the first cardan axis is along the strut at home"
+    problems = _at_struts(along, problem, "alpha_axes", message, _NOT_PARALLEL)
     theta = math.asin(max(-1.0, min(float(geometry.rotation[0, 2]), 1.0)))
     if abs(theta) > attitude.LARGEST:
         message = (
@@ -229,7 +214,12 @@ def geometry_problems(
         )
         allowed = f"a geometry and home pose with at most {LARGEST_CONDITION:g}"
         problems.append(problem(("home",), message, allowed))
-    return problems
+    _refuse(problems)
+
+
+def _refuse(problems: list[Problem]) -> None:
+    if problems:
+        raise InputError(problems)
 
 
 def _at_struts(

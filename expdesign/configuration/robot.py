@@ -16,7 +16,7 @@ from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
 from expdesign.configuration.bodies import Bodies, BodyDescription, payload_parameters
 from expdesign.configuration.document import Located, find_file, read_yaml
-from expdesign.configuration.errors import InputError, Problem
+from expdesign.configuration.errors import InputError
 from expdesign.configuration.geometry import OrRing
 from expdesign.configuration.limits import (
     Limits,
@@ -248,8 +248,11 @@ def resolve_robot(
     if scale is None:
         with np.errstate(all="ignore"):
             scale = geo.rms_radius(np.array(description.platform_joints))
-    alpha_axes, joint_axes, thread_axes, found = _axes(source, scale)
-    if problems := [*problems, *found]:
+    try:
+        alpha_axes, joint_axes, thread_axes = _axes(source, scale)
+    except InputError as error:
+        problems += error.problems
+    if problems:
         raise InputError(problems)
 
     written = description.model_copy(
@@ -298,32 +301,28 @@ def resolve_robot(
     return _with_warnings(robot, source, stated, before, reserve_warnings(reserve, stated))
 
 
-def _axes(
-    source: Located[RobotDescription], length: float
-) -> tuple[Array, Array, Array | None, list[Problem]]:
-    """Return the axes of the struts' joints, and the problems of the geometry.
+def _axes(source: Located[RobotDescription], length: float) -> tuple[Array, Array, Array | None]:
+    """Return the axes of the struts' joints; refuse faults of the geometry.
 
     They are first cardan axes at the base, reference axes and first cardan axes at the platform.
     """
-    description, problems = source.value, list[Problem]()
-    base_joints = np.array(description.base_joints)
-    platform_joints = np.array(description.platform_joints)
+    given = source.value
+    base_joints, platform_joints = np.array(given.base_joints), np.array(given.platform_joints)
+    thread_axes = None
     with np.errstate(all="ignore"):
-        home = geo.geometry_at(np.array(description.home), base_joints, platform_joints)
-        if description.alpha_axes is None:
-            alpha_axes, problems = geo.default_alpha_axes(base_joints, source.problem)
+        home = geo.geometry_at(np.array(given.home), base_joints, platform_joints)
+        if given.alpha_axes is None:
+            alpha_axes = geo.default_alpha_axes(base_joints, source.problem)
         else:
-            alpha_axes = geo.unit_vectors(np.array(description.alpha_axes))
-        if description.platform_joint_axes is None:
-            joint_axes = home.directions @ home.rotation
-        else:
-            joint_axes = geo.unit_vectors(np.array(description.platform_joint_axes))
-        problems = problems or geo.geometry_problems(home, alpha_axes, length, source.problem)
-        thread_axes = None
-        if description.platform_cardan_axes is not None and not problems:
-            given = np.array(description.platform_cardan_axes)
-            thread_axes, problems = geo.thread_axes(given, alpha_axes, home, source.problem)
-    return alpha_axes, joint_axes, thread_axes, problems
+            alpha_axes = geo.unit_vectors(np.array(given.alpha_axes))
+        joint_axes = home.directions @ home.rotation
+        if given.platform_joint_axes is not None:
+            joint_axes = geo.unit_vectors(np.array(given.platform_joint_axes))
+        geo.refuse_unusable(home, alpha_axes, length, source.problem)
+        if given.platform_cardan_axes is not None:
+            axes = np.array(given.platform_cardan_axes)
+            thread_axes = geo.thread_axes(axes, alpha_axes, home, source.problem)
+    return alpha_axes, joint_axes, thread_axes
 
 
 def _rows(axes: Array | None) -> tuple[tuple[float, ...], ...] | None:
