@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -98,6 +99,15 @@ def remaining_problems(count: int) -> tuple[Problem, ...]:
     """Return one entry for problems that are only counted; nothing for none."""
     words = f"and {count} more problem{'' if count == 1 else 's'}"
     return (Problem(words, more=count),) if count > 0 else ()
+
+
+@contextmanager
+def collect(problems: list[Problem]) -> Iterator[None]:
+    """Add the problems of an `InputError` inside to a list, and go on."""
+    try:
+        yield
+    except InputError as error:
+        problems += error.problems
 
 
 class ComputationError(Exception):

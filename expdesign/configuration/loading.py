@@ -25,7 +25,7 @@ from expdesign.configuration.document import (
     find_file,
     read_yaml,
 )
-from expdesign.configuration.errors import InputError, Problem
+from expdesign.configuration.errors import InputError, Problem, collect
 from expdesign.configuration.grid import grid_points
 from expdesign.configuration.robot import (
     ResolvedRobot,
@@ -161,7 +161,7 @@ class _Reading:
         self, source: Located[RobotDescription], run: RunDescription | None
     ) -> ResolvedRobot | None:
         """Return the robot with the run's limits, noise and tolerances."""
-        try:
+        with collect(self.problems):
             if run is None:
                 return resolve_robot(source)
             return resolve_robot(
@@ -171,9 +171,7 @@ class _Reading:
                 self._located(run.tolerances, "tolerances"),
                 run.experiment.sampling,
             )
-        except InputError as error:
-            self.problems.extend(error.problems)
-            return None
+        return None
 
     def _located(self, value: S | None, key: str) -> list[Located[S]]:
         return [] if value is None else [Located(value, self.document, (key,))]
@@ -193,18 +191,12 @@ class _Reading:
             for one in (robot, source)
             if one.value.noise is not None
         ]
-        bare = source.value.model_copy(update={"noise": None})
-        if run.experiment.payload:
-            bare = as_general(bare)
-        try:
-            return resolve_robot(
-                replace(source, value=bare),
-                noise=[*noise, *self._located(run.noise, "noise")],
-                sampling=run.experiment.sampling,
-            )
-        except InputError as error:
-            self.problems.extend(error.problems)
-            return None
+        own = source.value.model_copy(update={"noise": None})
+        bare = replace(source, value=as_general(own) if run.experiment.payload else own)
+        noise += self._located(run.noise, "noise")
+        with collect(self.problems):
+            return resolve_robot(bare, noise=noise, sampling=run.experiment.sampling)
+        return None
 
     def priors(self, run: RunDescription, robot: ResolvedRobot) -> dict[str, RobotDescription]:
         """Return the identified machines among the run's priors, by section."""
@@ -213,10 +205,8 @@ class _Reading:
             source, key = getattr(run, section).prior, (section, "prior")
             if source is None or isinstance(source, dict):
                 continue  # none, or priors of single parameters
-            try:
+            with collect(self.problems):
                 found[section] = prior_machine(source, key, robot, self.document)
-            except InputError as error:
-                self.problems.extend(error.problems)
         if "estimate" in found:
             key = ("estimate", "prior")
             self.problems.extend(payload_problems(found["estimate"], robot, key, self.document))

@@ -18,7 +18,7 @@ from pydantic import BeforeValidator, model_validator
 
 from constraints.arrays import Array
 from expdesign.configuration.document import Document, Located, absolute, read_text
-from expdesign.configuration.errors import InputError, Key, Problem, refusal
+from expdesign.configuration.errors import InputError, Key, Problem, collect, refusal
 from expdesign.configuration.quantity import (
     NUMBER,
     Force,
@@ -384,8 +384,8 @@ class ResolvedNoise:
 
 def resolve_noise(
     sources: Sequence[Located[NoiseDescription]], sampling: float | None = None
-) -> tuple[NoiseDescription | None, ResolvedNoise | None, list[Problem]]:
-    """Merge the noise of robot and run: section, covariances with spectra, and problems.
+) -> tuple[NoiseDescription | None, ResolvedNoise | None]:
+    """Merge the noise of robot and run: the section, and its covariances with spectra.
 
     Later sources override earlier ones by key. A later covariance replaces an earlier standard
     deviation and correlation, a later standard deviation or correlation an earlier covariance, and
@@ -393,7 +393,7 @@ def resolve_noise(
     a problem.
     """
     if not sources:
-        return None, None, []
+        return None, None
     merged: dict[str, Any] = {}
     places: dict[str, Located[NoiseDescription]] = {}
     for source in sources:
@@ -411,15 +411,13 @@ def resolve_noise(
         places |= dict.fromkeys(given, source)
     found, problems = [], list[Problem]()
     for family in _FAMILIES:
-        try:
+        with collect(problems):
             found.append(_resolve_family(family, merged, places, sampling or np.inf))
-        except InputError as error:
-            problems += error.problems
     if problems:
-        return None, None, problems
+        raise InputError(problems)
     (forces, force_spectrum), (lengths, length_spectrum) = found
     resolved = ResolvedNoise(forces, lengths, force_spectrum, length_spectrum)
-    return NoiseDescription(**merged), resolved, []
+    return NoiseDescription(**merged), resolved
 
 
 def _resolve_family(

@@ -16,7 +16,7 @@ from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
 from expdesign.configuration.bodies import Bodies, BodyDescription, payload_parameters
 from expdesign.configuration.document import Located, find_file, read_yaml
-from expdesign.configuration.errors import InputError
+from expdesign.configuration.errors import InputError, Problem, collect
 from expdesign.configuration.geometry import OrRing
 from expdesign.configuration.limits import (
     Limits,
@@ -230,12 +230,14 @@ def resolve_robot(
     reserve = merge_reserves(limits)
     if description.noise is not None:
         noise = [Located(description.noise, document, (*source.key, "noise")), *noise]
-    merged_noise, resolved_noise, problems = resolve_noise(noise, sampling)
+    problems, merged_noise, resolved_noise, merged = list[Problem](), None, None, None
+    with collect(problems):
+        merged_noise, resolved_noise = resolve_noise(noise, sampling)
     if description.tolerances is not None:
         own = Located(description.tolerances, document, (*source.key, "tolerances"))
         tolerances = [own, *tolerances]
-    merged, found = merge_tolerances(tolerances, (term.name for term in description.terms))
-    problems += found
+    with collect(problems):
+        merged = merge_tolerances(tolerances, (term.name for term in description.terms))
     if tolerances:
         sizes = geo.sizes(description.home, description.base_joints, description.platform_joints)
         problems += oversized_tolerances(tolerances, sizes)
@@ -248,10 +250,8 @@ def resolve_robot(
     if scale is None:
         with np.errstate(all="ignore"):
             scale = geo.rms_radius(np.array(description.platform_joints))
-    try:
+    with collect(problems):
         alpha_axes, joint_axes, thread_axes = _axes(source, scale)
-    except InputError as error:
-        problems += error.problems
     if problems:
         raise InputError(problems)
 

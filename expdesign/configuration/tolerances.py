@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import model_validator
 
 from expdesign.configuration.document import Located
-from expdesign.configuration.errors import Problem, nearest_name, quote, refusal
+from expdesign.configuration.errors import InputError, Problem, nearest_name, quote, refusal
 from expdesign.configuration.quantity import (
     Angle,
     Duration,
@@ -241,13 +241,13 @@ def oversized_tolerances(
 
 def merge_tolerances(
     sources: Sequence[Located[RobotTolerances]], terms: Iterable[str]
-) -> tuple[RobotTolerances | None, list[Problem]]:
+) -> RobotTolerances | None:
     """Merge the tolerances of robot and run; constants of terms that the robot lacks are problems.
 
     Later ones override earlier ones by key, also inside `force_constant` and `terms`.
     """
     if not sources:
-        return None, []
+        return None
     present, merged, problems = list(terms), dict[str, Any](), list[Problem]()
     for source in sources:
         given = source.value.model_dump(exclude_none=True)
@@ -257,7 +257,9 @@ def merge_tolerances(
             if name not in present
         ]
         merged = _update(merged, given)
-    return (None, problems) if problems else (RobotTolerances.model_validate(merged), [])
+    if problems:
+        raise InputError(problems)
+    return RobotTolerances.model_validate(merged)
 
 
 def _update(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from expdesign.configuration import InputError
 from expdesign.configuration.document import Document, Located
+from expdesign.configuration.errors import collect
 from expdesign.configuration.noise import NoiseDescription, resolve_noise
 from expdesign.configuration.schema import validate
 
@@ -19,9 +20,10 @@ def _resolve(*raws):
         problems += found
         if description is not None:
             sources.append(Located(description, Document({}), ("noise",)))
-    _, noise, found = resolve_noise(sources)
-    if problems + found:
-        raise InputError(problems + found)
+    with collect(problems):
+        noise = resolve_noise(sources)[1]
+    if problems:
+        raise InputError(problems)
     return noise
 
 
@@ -55,7 +57,7 @@ def test_covariance():
 
 
 def test_no_noise():
-    assert resolve_noise([]) == (None, None, [])
+    assert resolve_noise([]) == (None, None)
     assert _resolve({}).force_covariance is None
 
 
