@@ -108,11 +108,11 @@ def _section(name: str, given: dict[str, Any], configuration: RunConfiguration) 
     for key in left_out:
         del data[key]
     data |= {"format": name, **given}
-    found, problems = validate(
-        export_formats().get(name, ExportSection), data, document_from_mapping(data)
-    )
-    if found is None:
-        raise InputError(replace(problem, key=flag(problem.key)) for problem in problems)
+    options = export_formats().get(name, ExportSection)
+    try:
+        found = validate(options, data, document_from_mapping(data))
+    except InputError as error:
+        raise InputError(replace(one, key=flag(one.key)) for one in error.problems) from None
     for option in dict.fromkeys(left_out.values()):
         keys = ", ".join(key for key, given_option in left_out.items() if given_option == option)
         note(f"left out, since {option} is given: {keys} of the run's export")

@@ -61,10 +61,10 @@ def write_machine(
 
 def _validated_answers(data: dict[str, Any]) -> Located[MachineDescription]:
     document = document_from_mapping(data)
-    found, problems = validate(MachineDescription, document.data, document)
-    if found is None:
-        raise InputError(_with_option(problem, INIT_OPTIONS) for problem in problems)
-    return Located(found, document)
+    try:
+        return Located(validate(MachineDescription, document.data, document), document)
+    except InputError as error:
+        raise InputError(_with_option(one, INIT_OPTIONS) for one in error.problems) from None
 
 
 def _with_option(problem: Problem, options: Mapping[str, Any]) -> Problem:

@@ -94,7 +94,12 @@ def _run_of(robot: str) -> str:
 
 
 def _load(document: Document) -> RunConfiguration:
-    run, problems = validate(run_schema(), document.data, document)
+    run: RunDescription | None = None
+    problems: list[Problem] = []
+    try:
+        run = validate(run_schema(), document.data, document)
+    except InputError as error:
+        problems += error.problems
     reading = _Reading(document, problems)
     # An invalid run does not hide the problems of its robot.
     named = document.data.get("robot") if run is None else run.robot

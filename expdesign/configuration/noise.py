@@ -316,10 +316,7 @@ def read_spectrum_table(path: Path) -> SpectrumTable:
         "coherency": block(COHERENCIES) if COHERENCIES in optional else None,
     }
     lines: dict[Key, int] = {(key, n): n + _FIRST_LINE for key in data for n in range(len(rows))}
-    found, problems = validate(SpectrumTable, data, Document(data, path, lines))
-    if found is None:
-        raise InputError(problems)
-    return found
+    return validate(SpectrumTable, data, Document(data, path, lines))
 
 
 NOISE_FROM_DATA = "`expdesign noise RUN.yaml --data FILE` makes it from a recording at rest"

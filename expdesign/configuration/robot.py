@@ -210,10 +210,7 @@ def load_robot_description(name_or_path: str | PathLike[str]) -> ResolvedRobot:
 def read_robot(path: Path) -> Located[RobotDescription]:
     """Read and validate a robot file, without resolving it."""
     document = read_yaml(path, "robot file", offered_keys(RobotDescription))
-    description, problems = validate(RobotDescription, document.data, document)
-    if description is None:
-        raise InputError(problems)
-    return Located(description, document)
+    return Located(validate(RobotDescription, document.data, document), document)
 
 
 def resolve_robot(

@@ -71,16 +71,15 @@ _TAGS = ("[key]", "(inline)", "(name)", "(names)")
 """Steps of pydantic's locations that are not keys of the document."""
 
 
-def validate(
-    model: type[Model], data: object, document: Document, prefix: Key = ()
-) -> tuple[Model | None, list[Problem]]:
-    """Validate the value at a key of a document: a section, or None with its problems."""
+def validate(model: type[Model], data: object, document: Document, prefix: Key = ()) -> Model:
+    """Validate the value at a key of a document; refuse it with all of its problems."""
     try:
-        return model.model_validate(data), []
+        return model.model_validate(data)
     except ValidationError as error:
         found = error.errors(include_url=False)
         problems = [_problem(model, one, document, prefix) for one in found[:MOST_REPORTED]]
-        return None, [*problems, *remaining_problems(len(found) - MOST_REPORTED)]
+        more = remaining_problems(len(found) - MOST_REPORTED)
+        raise InputError([*problems, *more]) from None
 
 
 def _problem(

@@ -96,9 +96,7 @@ def complete_machine(machine: MachineDraft) -> Complete:
     """Fill in all unknown values."""
     known, given = machine, dict(vars(machine))
     document = document_from_mapping({"limits": machine.limits})
-    _, problems = validate(_Bounded, document.data, document)
-    if problems:
-        raise InputError(problems)
+    validate(_Bounded, document.data, document)
     machine = _with_geometry(machine)
     base, platform = points(machine.base_joints), points(machine.platform_joints)
     lengths = geo.geometry_at(np.array(machine.home), base, platform).lengths
@@ -228,9 +226,7 @@ def _robot(machine: MachineDraft, general: bool) -> Robot:
         if getattr(machine, key) is not None:
             mapping[key] = getattr(machine, key)
     document = document_from_mapping(mapping)
-    description, problems = validate(RobotDescription, document.data, document)
-    if description is None:
-        raise InputError(problems)
+    description = validate(RobotDescription, document.data, document)
     return Robot(resolve_robot(Located(description, document)))
 
 

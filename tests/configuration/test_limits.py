@@ -6,6 +6,7 @@ import pytest
 from constraints import limit_definitions
 from expdesign.configuration import InputError
 from expdesign.configuration.document import Document, Located
+from expdesign.configuration.errors import collect
 from expdesign.configuration.limits import Limits, limits_as_written, resolve_limits
 from expdesign.configuration.robot import load_robot_description
 from expdesign.configuration.schema import Section, validate
@@ -18,9 +19,8 @@ class _File(Section):
 def _resolve(*raws):
     sources, problems = [], []
     for raw in raws:
-        file, found = validate(_File, {"limits": raw}, Document({}))
-        problems += found
-        if file is not None:
+        with collect(problems):
+            file = validate(_File, {"limits": raw}, Document({}))
             sources.append(Located(file.limits, Document({}), ("limits",)))
     if problems:
         raise InputError(problems)

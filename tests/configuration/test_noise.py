@@ -16,9 +16,8 @@ RING = [[0.5 ** min(abs(i - j), 6 - abs(i - j)) for j in range(6)] for i in rang
 def _resolve(*raws):
     sources, problems = [], []
     for raw in raws:
-        description, found = validate(NoiseDescription, raw, Document({}), ("noise",))
-        problems += found
-        if description is not None:
+        with collect(problems):
+            description = validate(NoiseDescription, raw, Document({}), ("noise",))
             sources.append(Located(description, Document({}), ("noise",)))
     with collect(problems):
         noise = resolve_noise(sources)[1]

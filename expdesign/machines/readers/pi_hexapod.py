@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, create_model, model_validator
 
 from expdesign.configuration.document import read_yaml
-from expdesign.configuration.errors import InputError, quote, refusal
+from expdesign.configuration.errors import quote, refusal
 from expdesign.configuration.schema import validate
 from expdesign.machines.machine import MachineDraft, MachineFormat, Question, rows
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -71,9 +71,7 @@ _Description = create_model("_Description", **_STRUTS, **_RANGES)
 
 def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
     document = read_yaml(files[0])
-    found, problems = validate(_Description, document.data, document)
-    if found is None:
-        raise InputError(problems)
+    found = validate(_Description, document.data, document)
     struts = [getattr(found, axis) for axis in _JOINTS]
     base, platform = (
         np.array([list(vars(getattr(strut, end)).values()) for strut in struts])
