@@ -255,3 +255,78 @@ def test_the_configuration_that_linuxcnc_ships():
     )
     assert machine.limits == {"strut_speed": 20 * inch, "strut_acceleration": 200 * inch}
     assert {"limits.strut_length", "limits.position"} <= asked(machine)
+
+
+def _split(folder, line="source joints.hal"):
+    """Move the joints of the mill into a file of their own, which a line executes."""
+    ini = changed(folder, "", "")
+    hal = folder / "mill.hal"
+    lines = hal.read_text().splitlines(keepends=True)
+    joints = [one for one in lines if "genhexkins.base." in one or "genhexkins.platform." in one]
+    (folder / "joints.hal").write_text("".join(joints))
+    hal.write_text("".join([one for one in lines if one not in joints] + [f"{line}\n"]))
+    return ini
+
+
+def test_a_file_that_a_hal_file_executes_is_read(mill, tmp_path):
+    found = read_machine("mill", [_split(tmp_path)])
+    assert found.base_joints == mill.base_joints
+    assert found.platform_joints == mill.platform_joints
+
+
+def test_a_missing_source_and_one_that_executes_itself_are_refused(tmp_path):
+    ini = _split(tmp_path, "source elsewhere.hal")
+    with pytest.raises(InputError, match=r"'elsewhere.hal' is not here"):
+        read_machine("mill", [ini])
+    hal = tmp_path / "mill.hal"
+    hal.write_text(hal.read_text().replace("source elsewhere.hal", "source mill.hal"))
+    with pytest.raises(InputError, match="executes itself"):
+        read_machine("mill", [ini])
+
+
+def test_halcmd_counts_after_the_files(mill, tmp_path):
+    line = "HALFILE = mill.hal\nHALCMD = setp genhexkins.platform.0.x 107.5"
+    found = read_machine("mill", [changed(tmp_path, "HALFILE = mill.hal", line)])
+    assert found.platform_joints[0][0] == 0.1075
+    assert found.platform_joints[1:] == mill.platform_joints[1:]
+
+
+@pytest.mark.parametrize(
+    "line", ["loadusr -w halcmd -f more.hal", "alias pin genhexkins.base.0.x left"]
+)
+def test_what_may_set_pins_elsewhere_is_refused_by_name(line, tmp_path):
+    ini = changed(tmp_path, "loadrt motmod", f"{line}\nloadrt motmod", "mill.hal")
+    with pytest.raises(InputError, match=line.split()[-1]):
+        read_machine("mill", [ini])
+
+
+def test_tcl_that_names_pins_is_refused_and_missing_files_are_asked_for(tmp_path):
+    ini = changed(tmp_path, "HALFILE = mill.hal", "HALFILE = mill.hal\nHALFILE = more.hal")
+    texts = [one.text for one in read_machine("mill", [ini]).questions if not one.key]
+    assert [text.split(" is not read")[0] for text in texts] == [
+        "[HAL]HALFILE = more.hal",
+        "[HAL]HALFILE = elsewhere.tcl",
+    ]
+    (tmp_path / "elsewhere.tcl").write_text("setp genhexkins.base.0.x 400\n")
+    with pytest.raises(InputError, match=r"elsewhere.tcl names pins of genhexkins"):
+        read_machine("mill", [ini])
+
+
+def test_joints_with_some_coordinates_built_in_are_asked_for_at_the_top(tmp_path):
+    ini = changed(tmp_path, "setp genhexkins.platform.3.z  -2 # below the plate\n", "", "mill.hal")
+    (found,) = [one.text for one in read_machine("mill", [ini]).questions if "mix" in one.text]
+    assert "joints 3 of platform" in found
+
+
+def test_a_platform_much_smaller_than_the_base_is_doubted(tmp_path):
+    ini = changed(tmp_path, "", "")
+    hal = tmp_path / "mill.hal"
+    lines = hal.read_text().splitlines(keepends=True)
+    hal.write_text("".join(one for one in lines if "genhexkins.platform." not in one))
+    text = hal.read_text().replace("391.259", "1391.259")
+    hal.write_text(text)
+    machine = read_machine("mill", [ini])
+    assert any("are all of them set" in one.text for one in machine.questions if not one.key)
+    (tmp_path / "robots").mkdir()
+    texts = write_files(machine, tmp_path / "robots").robot.read_text()
+    assert texts.index("are all of them set") < texts.index("base_joints:")

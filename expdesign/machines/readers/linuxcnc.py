@@ -36,6 +36,8 @@ _KEYS = {"base-n": "alpha_axes", "platform-n": "platform_cardan_axes"}
 _RANGE = ("MIN_LIMIT", "MAX_LIMIT")
 _HALF_TURN = 180.0
 """Degrees."""
+_SMALLER = 50.0
+"""A platform or base that is smaller by this factor is doubted."""
 _FAR = 5.0
 """A limit that is beyond so many times the machine's size limits nothing."""
 _HOMED = 1e-3
@@ -53,34 +55,58 @@ def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
     kinematics = ini.entry("KINS", "KINEMATICS")
     if kinematics is not None and kinematics.value.split()[:1] != [_KINEMATICS]:
         raise kinematics.refusal("these kinematics are not read", _KINEMATICS)
-    named = [path for path in files if path not in inis] or _hal_files(ini)
+    given = [path for path in files if path not in inis]
+    found, missing = _hal_files(ini, given)
+    named = given or found
     pins = Pins({})
     for path in named:
-        text = read_text(path, _LARGEST, "LinuxCNC's HAL file")
-        pins = pins.joined(read_hal(path, text, f"{_KINEMATICS}.", ini))
+        pins = pins.joined(read_hal(path, f"{_KINEMATICS}.", ini))
+    # LinuxCNC executes these lines after the files.
+    for entry in ini.entries("HAL", "HALCMD"):
+        line = (entry.line, entry.value)
+        pins = pins.joined(_read_commands(entry.file, [line], f"{_KINEMATICS}.", ini, ()))
     if not pins.values and kinematics is None:
         message = f"neither '{_KINEMATICS}' in [KINS]KINEMATICS nor a line 'setp {_KINEMATICS}.…'"
         raise InputError(message, ini.file, allowed="the configuration of a hexapod")
-    return _Hexapod(ini, pins).machine(name, (*inis, *named))
+    return _Hexapod(ini, pins, missing).machine(name, (*inis, *named))
 
 
-def _hal_files(ini: IniFile) -> list[Path]:
-    """Return the existing HAL files that the INI file names."""
-    entries = [entry for entry in ini.entries("HAL", "HALFILE") if entry.value.endswith(".hal")]
-    paths = [ini.file.parent / entry.value for entry in entries if ":" not in entry.value]
-    return [path for path in paths if path.is_file()]
+def _hal_files(ini: IniFile, given: Sequence[Path]) -> tuple[list[Path], list[Question]]:
+    """Return the HAL files that LinuxCNC executes, and questions about those that are not read.
+
+    Files of LinuxCNC's own library (``LIB:``) set no pins of the kinematics.
+    """
+    paths, questions = [], []
+    known = {path.name for path in given}
+    for key in ("HALFILE", "POSTGUI_HALFILE"):
+        for entry in ini.entries("HAL", key):
+            name = entry.value.split()[0] if entry.value.split() else ""
+            path = ini.file.parent / name
+            if name.startswith("LIB:") or path.name in known:
+                continue
+            if path.suffix == ".tcl" and path.is_file():
+                if f"{_KINEMATICS}." in read_text(path, _LARGEST, "LinuxCNC's Tcl file"):
+                    message = f"{name} names pins of {_KINEMATICS}: Tcl is not executed here"
+                    raise entry.refusal(message, "setp lines in a HAL file")
+            elif path.is_file() and not given:
+                paths.append(path)
+            else:
+                text = f"{entry.key} = {name} is not read: does it set pins of {_KINEMATICS}?"
+                questions.append(Question("", text))
+    return paths, questions
 
 
 class _Hexapod:
     """Machine by the INI and HAL files together."""
 
-    def __init__(self, ini: IniFile, pins: Pins) -> None:
+    def __init__(self, ini: IniFile, pins: Pins, questions: Sequence[Question] = ()) -> None:
         self.ini, self.pins = ini, pins
         self.unit = self._unit()
-        self.questions: list[Question] = []
+        self.questions = list(questions)
 
     def machine(self, name: str, files: tuple[Path, ...]) -> MachineDraft:
         base, platform = self._joints("base"), self._joints("platform")
+        self._doubt_sizes(base, platform)
         home = self._home()
         size = float(
             max(np.linalg.norm(base, axis=1).max(), np.linalg.norm(platform, axis=1).max())
@@ -137,6 +163,17 @@ class _Hexapod:
                 if value is None:
                     missing.append(pin)
                 joints[j, k] = built_in[j, k] if value is None else value
+        mixed = [
+            str(j)
+            for j in range(ACTUATORS)
+            if 0 < sum(pin.startswith(f"{kind}.{j}.") for pin in missing) < joints.shape[1]
+        ]
+        if mixed:
+            self.ask(
+                "",
+                f"The joints {', '.join(mixed)} of {kind} mix coordinates that are set with values "
+                f"built into {_KINEMATICS}: which lines are missing?",
+            )
         if missing:
             pins = ", ".join(missing[:3]) + (f" and {len(missing) - 3} more" if missing[3:] else "")
             self.ask(
@@ -147,6 +184,20 @@ class _Hexapod:
         for offset in ("spindle-offset", "tool-offset"):
             joints[:, 2] += self._offset(offset, ask=kind == "platform")
         return joints * self.unit
+
+    def _doubt_sizes(self, base: Array, platform: Array) -> None:
+        """Ask about a platform that is much smaller than the base, or the other way round."""
+        radii = [
+            float(np.linalg.norm(joints - joints.mean(axis=0), axis=1).max())
+            for joints in (base, platform)
+        ]
+        if min(radii) * _SMALLER < max(radii):
+            self.ask(
+                "",
+                f"The joints of the base lie within {1e3 * radii[0]:.4g} mm of their centre, those "
+                f"of the platform within {1e3 * radii[1]:.4g} mm: are all of them set, and in the "
+                "same unit?",
+            )
 
     def _offset(self, pin: str, ask: bool) -> float:
         value = self.pins.number(pin)
@@ -434,30 +485,77 @@ def read_ini(file: Path, text: str) -> IniFile:
     return IniFile(file, sections)
 
 
-def read_hal(file: Path, text: str, component: str, ini: IniFile) -> Pins:
-    """Return what a HAL file sets of the pins whose names begin with `component`.
+def read_hal(file: Path, component: str, ini: IniFile, above: tuple[Path, ...] = ()) -> Pins:
+    """Return the pins that a HAL file sets of a component, and the files that it executes.
 
     A value such as ``[TRAJ]LEAD`` is looked up in the INI file.
+
+    Parameters
+    ----------
+    file : Path
+    component : str
+        Beginning of the names of its pins.
+    ini : IniFile
+    above : tuple of Path
+        Files that execute this one.
     """
-    values: dict[str, Entry] = {}
-    linked: set[str] = set()
-    for number, line in _lines(text):
+    text = read_text(file, _LARGEST, "LinuxCNC's HAL file")
+    return _read_commands(file, _lines(text), component, ini, (*above, file.resolve()))
+
+
+def _read_commands(
+    file: Path,
+    lines: Sequence[tuple[int, str]],
+    component: str,
+    ini: IniFile,
+    above: tuple[Path, ...],
+) -> Pins:
+    pins = Pins({})
+    for number, line in lines:
         words = line.partition("#")[0].strip()
-        if words.startswith(("net ", "linkps ", "linksp ")):
-            pins = [word for word in words.split() if word.startswith(component)]
-            linked.update(pin.removeprefix(component) for pin in pins)
-            continue
-        pin = words.removeprefix("setp").split("=")[0].split()
-        if not pin or not pin[0].startswith(component):
-            continue
-        found = _SET.fullmatch(words)
-        key = pin[0]
-        if found is None:
-            message = f"{quote(words)} sets no pin"
-            raise InputError(message, file, number, key, f"setp {key} NUMBER")
-        entry = Entry(found[2], file, number, key)
-        values[key.removeprefix(component)] = _looked_up(entry, ini)
-    return Pins(values, frozenset(linked))
+        command = words.split()[0] if words else ""
+        if command == "source":
+            path = _sourced(words, file, number, ini, above)
+            pins = pins.joined(read_hal(path, component, ini, above))
+        elif command in ("net", "linkps", "linksp"):
+            linked = [word for word in words.split() if word.startswith(component)]
+            pins = pins.joined(Pins({}, frozenset(pin.removeprefix(component) for pin in linked)))
+        elif command in ("loadusr", "alias"):
+            if any(name in words for name in (component, "halcmd", "haltcl")):
+                message = f"{quote(words)} may set pins of {component.rstrip('.')}"
+                raise InputError(message, file, number, command, "setp lines in the HAL file")
+        else:
+            pins = pins.joined(_set_pin(words, file, number, component, ini))
+    return pins
+
+
+def _sourced(words: str, file: Path, number: int, ini: IniFile, above: tuple[Path, ...]) -> Path:
+    """Return the file that a line `source FILE` executes; refuse one that cannot be read."""
+    name = words.removeprefix("source").strip().strip("\"'")
+    places = [folder / name for folder in (ini.file.parent, file.parent)]
+    path = next((place for place in places if place.is_file()), None)
+    allowed = "a HAL file in the folder of the INI file"
+    if path is None:
+        raise InputError(f"the file {quote(name)} is not here", file, number, "source", allowed)
+    if path.resolve() in above:
+        raise InputError(f"{quote(name)} executes itself", file, number, "source", allowed)
+    if path.suffix == ".tcl":
+        message = f"{quote(name)} is Tcl, which is not executed here"
+        raise InputError(message, file, number, "source", allowed)
+    return path
+
+
+def _set_pin(words: str, file: Path, number: int, component: str, ini: IniFile) -> Pins:
+    pin = words.removeprefix("setp").split("=")[0].split()
+    if not pin or not pin[0].startswith(component):
+        return Pins({})
+    found = _SET.fullmatch(words)
+    key = pin[0]
+    if found is None:
+        message = f"{quote(words)} sets no pin"
+        raise InputError(message, file, number, key, f"setp {key} NUMBER")
+    entry = Entry(found[2], file, number, key)
+    return Pins({key.removeprefix(component): _looked_up(entry, ini)})
 
 
 def _looked_up(entry: Entry, ini: IniFile) -> Entry:
