@@ -25,6 +25,7 @@ from estimation.diagnostics.joint_system import Places
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.priors import ParameterPriors
 from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model.motion import root_of_pseudo_inverse
 from estimation.processing.periodic_recording import Channels
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.terms.rigid_platform import MASS
@@ -216,17 +217,12 @@ class _Recording:
         rows = self._whiten(columns[:, strut_of] * signs[:, None])
         forces = self.forces - rows[:, ~self.free] @ self.start[~self.free]
         rows = rows[:, self.free]
-        sizes = np.linalg.norm(rows, axis=0)
-        sizes = np.where(sizes > 0, sizes, 1.0)
-        values, vectors = np.linalg.eigh(rows.T @ rows / np.multiply.outer(sizes, sizes))
-        kept = values > _DETERMINED * values[-1]
-        root = vectors[:, kept] / np.sqrt(values[kept]) / sizes[:, None]
+        root = root_of_pseudo_inverse(rows.T @ rows, _DETERMINED)
         found = root @ (root.T @ (rows.T @ forces))
         rest = forces - rows @ found
         names = [n for n, free in zip(self.robot.parameter_names, self.free, strict=True) if free]
         mass = float(found[names.index(MASS)]) if MASS in names else 1.0
-        freedom = rest.size - int(np.count_nonzero(kept))
-        return _Fit(float(rest @ rest), freedom, rest, mass)
+        return _Fit(float(rest @ rest), rest.size - root.shape[1], rest, mass)
 
     def alternatives(self, columns: Array, own: _Fit) -> Iterator[Assignment]:
         """Yield alternative assignments, the simplest first."""

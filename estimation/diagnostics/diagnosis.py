@@ -58,6 +58,7 @@ from estimation.diagnostics.residuals import (
 )
 from estimation.diagnostics.significance import GAIN_DRIFT, LACK_OF_FIT, NOISE
 from estimation.estimators.experiment import Experiment
+from estimation.estimators.prior_estimate import invert_covariance
 from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate
 from estimation.measurement_model import HarmonicMotion
@@ -197,11 +198,8 @@ def _prior_equations(
     if not held_out:
         off = (priors.prior_mean - estimate.values)[free]
         return priors.precision, priors.precision @ off
-    covariance = estimate.covariance[np.ix_(free, free)]
-    scales = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.multiply.outer(scales, scales)
-    inverse = np.linalg.inv(correlation) / np.multiply.outer(scales, scales)
-    return (inverse + inverse.T) / 2, np.zeros(len(scales))
+    precision = invert_covariance(estimate.covariance[np.ix_(free, free)])
+    return precision, np.zeros(len(precision))
 
 
 def _judge_estimate(

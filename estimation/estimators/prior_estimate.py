@@ -100,7 +100,7 @@ class PriorEstimate:
             )
         values = _append_constants(found.unconstrained or robot.parameters, found)
         covariance, deviating, response = _split_covariance(found, robot, "estimate.prior_from")
-        return cls(values, _inverse(covariance), deviating, response)
+        return cls(values, invert_covariance(covariance), deviating, response)
 
     @classmethod
     def without_payload(cls, robot: Robot, machine: RobotDescription) -> PriorEstimate:
@@ -125,7 +125,7 @@ class PriorEstimate:
         )
         kept = covariance.copy()
         kept[unloaded.platform] = kept[:, unloaded.platform] = 0.0
-        return cls(unloaded.values, _inverse(kept), deviating, response, unloaded)
+        return cls(unloaded.values, invert_covariance(kept), deviating, response, unloaded)
 
     def of_combinations(
         self, base: BaseParameters, names: Sequence[str], held: Array
@@ -157,7 +157,7 @@ class PriorEstimate:
         matrix = block_diag(base.matrix, np.eye(len(constants)))
         fixed = np.isin(np.arange(len(self.values)), at, invert=True)
         inner = self.precision[np.ix_(at, at)]
-        covariance = _inverse(inner)
+        covariance = invert_covariance(inner)
         estimated = np.diag(inner)[: len(base.names)] > 0
         rows = base.matrix[:, estimated] * base.units[estimated]
         rows = rows[np.any(rows != 0, axis=1)]
@@ -172,7 +172,7 @@ class PriorEstimate:
             )
         values, precision = np.pad(held, (0, len(constants))), np.zeros_like(self.precision)
         values[own] += matrix @ (self.conditional_mean(fixed[: len(held)], held) - values)[at]
-        precision[np.ix_(own, own)] = _inverse(matrix @ covariance @ matrix.T)
+        precision[np.ix_(own, own)] = invert_covariance(matrix @ covariance @ matrix.T)
         # Fixed parameters now pass their part of the systematic error on to the others.
         change = (
             self.response[at] + covariance @ self.precision[at][:, fixed] @ self.response[fixed]
@@ -204,7 +204,7 @@ def _append_constants(parameters: Sequence[float] | Array, found: Identification
     return np.pad(np.array(parameters), (0, len(found.constants)))
 
 
-def _inverse(covariance: Array) -> Array:
+def invert_covariance(covariance: Array) -> Array:
     """Return the inverse, (m, m), of the rows with a non-zero diagonal; zeros elsewhere."""
     std = np.sqrt(np.diag(covariance))
     at = np.flatnonzero(std > 0)
