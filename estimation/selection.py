@@ -2,6 +2,13 @@
 
 A step is judged by Schwarz's criterion, an F test, or the prediction of held-out forces. Each of
 these is a potential that every step must lower, so that no model occurs twice.
+
+The information of the recordings on the parameters of candidate terms follows from the joint
+regression of the diagnostics (`estimation.diagnostics.joint_system`): whitened forces and lengths,
+one Gauss–Newton step in the parameters p, the deviations θ with tolerances, and the motion ξ. The
+motion is eliminated for every recording; the remaining F and g of (p, θ) are added over the
+recordings. They determine the decrease of −2 log L by any block of columns given any others, so
+that thousands of models are compared without returning to the data.
 """
 
 from __future__ import annotations

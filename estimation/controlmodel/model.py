@@ -1,4 +1,13 @@
-"""A control model: a robot, where its numbers come from, and how sure they are."""
+"""Control model: functions of a robot, origin and uncertainty of its numbers, and test vectors.
+
+Poses, rates and accelerations are λ, λ̇, λ̈: (6, 1) each, SI and radians.
+
+With Q = A p and the covariance C of p, the covariance of Q is A C Aᵀ at every instant. C has a
+random share, independent in another recording, and the systematic share of the tolerances. If
+constants θ of terms were estimated with p (the pitch of cogging), C is the covariance of both, and
+[A, ∂(A p)/∂θ] replaces A: their errors are correlated with those of p and compensate them in part.
+Other effects of a wrong geometry on Q are not included.
+"""
 
 from __future__ import annotations
 

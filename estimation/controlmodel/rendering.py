@@ -1,4 +1,9 @@
-"""The files of a control model from their templates."""
+"""Files of a control model from their templates, with CasADi functions as lines of C or NumPy.
+
+CasADi's own C generator is not used: it keeps double constants and double functions for `float`,
+its unused arguments and functions do not compile without warnings, and the robot's numbers would be
+scattered over the code. Here they are named constants at the top of the file.
+"""
 
 from __future__ import annotations
 

@@ -10,7 +10,9 @@ replicates in the sense of the lack-of-fit test. Residuals and columns of the mo
 over the same cells with the same weights; the only approximation is a constant model error within a
 step.
 
-A `Signature` contains the columns that an effect adds to the forces and lengths.
+A `Signature` contains the columns that an effect adds to the forces and lengths. Those of candidate
+effects (`CandidateEffects`) are evaluated at the estimate, along the estimated motion, and averaged
+over the same cells; the load of the actuators is that of the estimate.
 """
 
 from __future__ import annotations

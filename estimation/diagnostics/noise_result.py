@@ -1,4 +1,9 @@
-"""The result of the stage `noise`: covariances, tests, spectra and lines for the robot file."""
+"""The result of the stage `noise`: covariances, tests, spectra and lines for the robot file.
+
+The spectrum, a table for `noise.force_spectrum`, is the smoothed spectrum of the contrasts between
+periods without the hum of the mains, whose lines have separate columns. Rows are added until linear
+interpolation between them is accurate.
+"""
 
 from __future__ import annotations
 

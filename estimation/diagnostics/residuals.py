@@ -1,4 +1,4 @@
-"""Residuals of an estimate: χ², lack of fit per actuator, and their display.
+"""Residuals of an estimate: χ², lack of fit, drift of the gains, and their display.
 
 `chi_square` uses the full covariance of the noise. `lack_of_fit` tests every actuator for a bias,
 comparing the means over the periods with the scatter between them:
@@ -10,6 +10,14 @@ comparing the means over the periods with the scatter between them:
 of Cov(e_j) in units of the noise, so that E[MS_lof] = σ_j² for a correct model. For held-out data
 ν_j = 0, and A Cov(p̂) Aᵀ adds to the expected variance. The p-value belongs to the sum of squares
 with all eigenvalues of Cov(e_j); it is that of F if Cov(e_j) is a projection.
+
+`gain_drift` tests for a drift of the force gains, such as a motor constant that falls as the motor
+warms up. Differences between periods show it independently of errors of the model, which are the
+same in every period. In each period the residuals of all actuators are regressed on the predicted
+force and on a constant of each actuator, weighted with Σ⁻¹; the twelve coefficients are regressed
+on the number of the period. Their scatter about these lines, over all actuators together, scales
+the variance according to Σ, so that coloured noise, or a given Σ that is too small, does not appear
+as a drift.
 """
 
 from __future__ import annotations

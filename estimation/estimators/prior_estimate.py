@@ -45,7 +45,7 @@ class UnloadedMachine:
         """(10, m + c), T = [1, −G]: payload per unit of p' − p₀.
 
         G = P_ab P_bb⁻¹ is the regression of the platform's parameters on all others (parameters
-        and constants); see `estimation.estimators.result`.
+        and constants); see `payload_estimate`.
         """
         others = self.is_estimated.copy()
         others[self.platform] = False

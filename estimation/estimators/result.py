@@ -1,4 +1,4 @@
-"""Result of an estimator: parameters, covariance and its parts."""
+"""Result of an estimator: parameters, covariance and its parts, and the estimate of a payload."""
 
 from __future__ import annotations
 
@@ -237,6 +237,26 @@ def payload_estimate(estimate: ParameterEstimate, before: PriorEstimate) -> Payl
     ------
     ValueError
         The prior is that of a machine without a payload.
+
+    Notes
+    -----
+    The forces depend on p' = p + E π: the payload's ten parameters π add to those of the platform
+    (a); the others (b), with constants of terms estimated with p, do not change. The identification
+    gives p₀ with the covariance P; there is no prior for π. Integrated over π, the prior of p' is
+    that of p_b alone, and p' is estimated with it. Then
+
+        π̂ = p̂'_a − p̂_a = T (p̂' − p₀),   T = [1, −G],   G = P_ab P_bb⁻¹,
+
+    since the new recording changes p_b, and with it the conditional mean of p_a. This is the
+    estimate of the joint problem in (π, p) with P as the prior. The error of the identification
+    e = p₀ − p enters p̂' by the gain H = F⁻¹ P_bb⁻¹ of its part b. T e is uncorrelated with that
+    part, so that
+
+        Cov(π̂) = T Cov(p̂') Tᵀ + T P Tᵀ.
+
+    Deviations θ of the machine from its description (its tolerances) are the same in both
+    recordings. Their effect on the payload, T (D' − D₀) per unit, is a difference, so that equal
+    parts cancel.
     """
     if before.unloaded is None:
         raise ValueError("the prior belongs to the machine with its payload")

@@ -8,6 +8,10 @@ length, i(t) = ∫ e and ė by filtered differences,
 for the effective mass m of a strut with the others held, the natural frequency ω, the damping ratio
 D and the corner frequency ω_i of the integral action. It is the usual cascade of a position
 controller k/d around a speed controller with the gain d.
+
+The motion follows from the inverse dynamics solved for λ̈, M(λ) λ̈ + h(λ, λ̇) = Q, step by step. The
+sign of dry friction is smoothed to tanh(v/w): a strut at rest creeps more slowly than w, while a
+real one sticks.
 """
 
 from __future__ import annotations

@@ -212,7 +212,7 @@ class _Loop:
         resolution = experiment.quantisation
         self.task = TrackingTask(
             lengths=struts.length,
-            noise=noise.draws(stream),
+            noise=noise.draw(stream),
             resolution=0.0 if resolution is None else resolution.length,
             gains=truth.gains,
         )

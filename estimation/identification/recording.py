@@ -1,4 +1,11 @@
-"""Preparation of a recording for the estimators: period, means, noise and motion."""
+"""Preparation of a recording for the estimators: period, means, noise and motion.
+
+Friction proportional to the load makes the forces a product of two unknowns. With a given load they
+are linear; with the load of the nominal parameters, the estimate would contain their error.
+`linearise_at_load` therefore takes the load of a Gauss–Markov estimate, and once more that of the
+next: each round reduces the load's error by the factor μ, a few per cent. The remaining error, that
+of an estimate, adds a share of the same relative size to the covariance; it is neglected.
+"""
 
 from __future__ import annotations
 

@@ -193,13 +193,13 @@ class NoiseSource:
     sampling: float
     """Hz."""
 
-    def draws(self, rng: np.random.Generator) -> Array:
+    def draw(self, rng: np.random.Generator) -> Array:
         """Draw the noise of a recording, (T, 6)."""
         if self.spectrum is None:
             return draw_noise(self.covariance, self.count, rng)
         found = np.zeros((self.count, len(self.covariance)))
         if self._continuous.parts:
-            found += self._continuous_draws(rng)
+            found += self._draw_continuous(rng)
         for part in self.spectrum.parts:
             if isinstance(part, SpectralHum):
                 found += draw_hum(part, np.arange(self.count) / self.sampling, rng)
@@ -215,39 +215,40 @@ class NoiseSource:
     def _length(self) -> int:
         """Return the length L of the random series, of which T samples are used.
 
-        The DFT makes the series periodic: with twice the length no sample is correlated
-        with a repetition. A narrow band needs more, to have lines in it.
+        The DFT makes the series periodic: with twice the length no sample is correlated with a
+        repetition. A narrow band needs more, to have lines in it.
         """
         length, longest = 2 * self.count, min(_LONGEST * self.count, 2 * MOST_SAMPLES)
         wanted = np.diag(self._continuous.covariance)
-        while length < longest and self._variance(length, wanted) > _RESOLVED:
+        while length < longest:
+            total = np.zeros(len(wanted))
+            for place, matrices in self._spectral_lines(length):
+                total += multiplicity(length)[place] @ np.einsum("ljj->lj", matrices).real
+            # NaN, of a channel without noise, ends the loop.
+            if not np.max(np.abs(total / length / wanted - 1)) > _RESOLVED:
+                break
             length *= 2
         return int(next_fast_len(length, real=True))
 
-    def _variance(self, length: int, wanted: Array) -> float:
-        """Return the largest relative error of the variances on the lines of a length."""
-        total = np.zeros(len(wanted))
-        for block in _blocks(length // 2 + 1):
-            matrices = self._matrices(block, length)
-            times = multiplicity(length)[int(block[0]) : int(block[-1]) + 1]
-            total += times @ np.einsum("ljj->lj", matrices).real
-        return float(np.max(np.abs(total / length / wanted - 1)))
+    def _spectral_lines(self, length: int) -> Iterator[tuple[slice, ComplexArray]]:
+        """Yield the spectrum at the lines of a length, (L, 6, 6), block by block."""
+        count = length // 2 + 1
+        for start in range(0, count, _BLOCK):
+            place = slice(start, min(start + _BLOCK, count))
+            numbers = np.arange(place.start, place.stop, dtype=np.float64)
+            frequencies = numbers * self.sampling / length
+            yield place, self._continuous.at(frequencies, self.sampling, float(self.count))
 
-    def _matrices(self, numbers: Array, length: int) -> ComplexArray:
-        """Return S at the lines with these numbers, (L, 6, 6)."""
-        frequencies = numbers * self.sampling / length
-        return self._continuous.at(frequencies, self.sampling, float(self.count))
-
-    def _factors(self) -> Iterator[ComplexArray]:
+    def _factors(self) -> Iterator[tuple[slice, ComplexArray]]:
         """Yield R of S = R Rᴴ, block by block of the lines."""
-        for block in _blocks(self._length // 2 + 1):
-            yield _factor(self._matrices(block, self._length))
+        for place, matrices in self._spectral_lines(self._length):
+            yield place, _factor(matrices)
 
     @cached_property
-    def _kept(self) -> list[ComplexArray] | None:
+    def _kept_factors(self) -> list[tuple[slice, ComplexArray]] | None:
         return list(self._factors()) if self._length // 2 < _MOST_KEPT else None
 
-    def _continuous_draws(self, rng: np.random.Generator) -> Array:
+    def _draw_continuous(self, rng: np.random.Generator) -> Array:
         length, channels = self._length, len(self.covariance)
         drawn = rng.standard_normal((length // 2 + 1, 2, channels))
         lines = (drawn[:, 0] + 1j * drawn[:, 1]) / np.sqrt(2)
@@ -255,16 +256,9 @@ class NoiseSource:
         lines[0] = drawn[0, 0]
         if length % 2 == 0:
             lines[-1] = drawn[-1, 0]
-        blocks = _blocks(len(lines))
-        for block, factor in zip(blocks, self._kept or self._factors(), strict=True):
-            place = slice(int(block[0]), int(block[-1]) + 1)
+        for place, factor in self._kept_factors or self._factors():
             lines[place] = np.einsum("lij,lj->li", factor, lines[place])
         return np.ascontiguousarray(series_of(lines, length)[: self.count])
-
-
-def _blocks(count: int) -> Iterator[Array]:
-    for start in range(0, count, _BLOCK):
-        yield np.arange(start, min(start + _BLOCK, count), dtype=np.float64)
 
 
 def _factor(matrices: ComplexArray) -> ComplexArray:

@@ -168,8 +168,8 @@ class Twin:
         def stream(purpose: Repeated) -> np.random.Generator:
             return repetition_stream(truth.seeds.repetitions, repetition, purpose)
 
-        lengths = self.lengths + self.length_noise.draws(stream(Repeated.LENGTH_NOISE))
-        forces = self.forces + self.force_noise.draws(stream(Repeated.FORCE_NOISE))
+        lengths = self.lengths + self.length_noise.draw(stream(Repeated.LENGTH_NOISE))
+        forces = self.forces + self.force_noise.draw(stream(Repeated.FORCE_NOISE))
         if section.hum is not None:
             forces += hum_force(section.hum, self.grid.times, stream(Repeated.HUM))
         if section.outliers is not None:

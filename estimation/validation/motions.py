@@ -74,7 +74,7 @@ def motion_of_run(
     Raises
     ------
     InputError
-        The motion cannot be made.
+        The motion cannot be computed.
     """
     try:
         return benchmark_motion(motion, home, configuration.run.controller_period)
@@ -83,7 +83,7 @@ def motion_of_run(
 
 
 def refuse_unfit_motions(configuration: RunConfiguration, home: Array) -> None:
-    """Refuse motions that cannot be made, or that need too many samples."""
+    """Refuse motions that cannot be computed, or that need too many samples."""
     for number, motion in enumerate(configuration.run.validation, start=1):
         if motion.motion == "file":
             continue
@@ -115,7 +115,7 @@ def motion_name(motion: BenchmarkMotion) -> str:
 
 
 def _circle(motion: BenchmarkMotion, home: Array) -> FourierTrajectory:
-    """Counter-clockwise about the normal, from the direction of +x in its plane."""
+    """Return a counter-clockwise circle about the normal, from the direction of +x."""
     normal = np.asarray(motion.normal, dtype=float)
     normal = normal / np.linalg.norm(normal)
     first = np.array([1.0, 0.0, 0.0]) - normal[0] * normal
@@ -137,7 +137,7 @@ def _line(motion: BenchmarkMotion, _home: Array) -> FourierTrajectory:
 
 
 def _spline(motion: BenchmarkMotion, _home: Array) -> FourierTrajectory:
-    """Periodic cubic spline, in time proportional to the way between the poses, as a series."""
+    """Fit a series to a periodic cubic spline, with times proportional to the distances."""
     poses = np.asarray(motion.poses, dtype=float)
     closed = np.concatenate([poses, poses[:1]])
     way = np.linalg.norm(np.diff(closed, axis=0), axis=1)

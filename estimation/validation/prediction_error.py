@@ -1,15 +1,14 @@
 """Size of the prediction error of each actuator, corrected for the noise.
 
-A test asks whether there is an error at all, and with enough data every real model has one. This
-asks how large it is. With e the mean residual of an actuator at R phases of the motion, V its
-covariance if the prediction is right (noise of the forces, and of the motion that was fitted to the
-lengths) and b the error itself,
+With enough data, a test finds an error in every real model; its size is estimated here. With the
+mean residual e of an actuator at R phases of the motion, its covariance V for a correct prediction
+(noise of the forces, and of the motion fitted to the lengths) and the error b,
 
     E Σ e² = tr V + Σ b²,        Var Σ e² = 2 tr V² + 4 bᵀ V b,
 
 so that (Σ e² − tr V) / R estimates the mean square of b without bias. The errors of the parameters
-are part of b: whoever uses the model has them. To the variance comes that of tr V, which rests on
-as many degrees of freedom as the covariance of the noise.
+are part of b, since every use of the model contains them. The variance of tr V is added; its
+degrees of freedom are those of the noise's covariance.
 """
 
 from __future__ import annotations
@@ -33,10 +32,10 @@ from expdesign.robot import Robot
 from expdesign.runfolder import OpenNumber, described
 
 _SIDES = float(ndtri(0.975))
-"""Of a 95 % interval, in standard deviations."""
+"""Half width of a 95 % interval in standard deviations."""
 
 _FOUND = 0.9
-"""Probability of finding an error that is called detectable."""
+"""Probability of detection that defines a detectable error."""
 
 
 class Kept(StrEnum):
@@ -123,15 +122,15 @@ class _Spread:
     """V of one actuator's mean residuals: noise, and U C Uᵀ of the fitted motion."""
 
     diagonal: Array
-    """(R,), variances that noise and unknown signs of friction make, N²."""
+    """(R,), variances due to noise and unknown signs of friction, N²."""
     lines: Array | None
-    """(L,), variances of the noise's lines, where it is not white."""
+    """(L,), variances of the noise's lines; None for white noise."""
     factor: Array
     """(R, x), U C^½."""
     contrasts: float
-    """Complex degrees of freedom behind every line; inf when they were given."""
+    """Complex degrees of freedom of every line; inf if given."""
     freedom: float
-    """Degrees of freedom of the variance of the noise; inf when it was given."""
+    """Degrees of freedom of the noise's variance; inf if given."""
     known: bool
     """False: the noise comes from the residuals of a model and cannot be subtracted."""
 
@@ -161,7 +160,7 @@ class _Spread:
 
     @property
     def trace(self) -> float:
-        """Trace of V; zero where it is not known."""
+        """Trace of V; zero if unknown."""
         return float(np.sum(self.variances)) if self.known else 0.0
 
     def excess(self, residuals: Array) -> float:
@@ -198,7 +197,7 @@ class _Spread:
 
     @property
     def uncertainty(self) -> float:
-        """Variance of the estimate of Σ b² when there is no error."""
+        """Variance of the estimate of Σ b² without an error."""
         return 2 * self.squares + 2 * float(np.sum(self.diagonal)) ** 2 / self.freedom
 
     def bounds(self, residuals: Array) -> tuple[float, float]:

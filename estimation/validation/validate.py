@@ -51,13 +51,13 @@ _ESTIMATE_FIRST = (
 def validate(configuration: RunConfiguration, saved: IdentifiedModel) -> ValidationResult:
     """Predict the forces of every motion of `validate:` and test the predictions.
 
-    Computed motions are measured on the digital twin, with the disturbances of `experiment:`
-    except lost samples; recorded ones are read as described under `data:`.
+    Computed motions are measured on the digital twin, with the disturbances of `experiment:` except
+    lost samples; recorded motions are read according to `data:`.
 
     Raises
     ------
     InputError
-        The run names no motion, or one that cannot be made or read.
+        The run names no motion, or one that cannot be executed or read.
     """
     began = time.perf_counter()
     if not configuration.run.validation:

@@ -56,7 +56,7 @@ def test_the_spectrum_of_what_is_drawn(parts):
     whole matrices, are compared with what that leaves open.
     """
     count = 16_384
-    found = source(parts, count).draws(np.random.default_rng(1))
+    found = source(parts, count).draw(np.random.default_rng(1))
     # A smooth window: what a line leaks does not reach lines of a hundredth of its size.
     window = np.hanning(count)
     lines = np.fft.rfft(found * window[:, None], axis=0) / np.sqrt(np.sum(window**2))
@@ -79,7 +79,7 @@ def test_memory_runs_through_a_record_that_begins_like_any_other():
     count, records, rho = 12, 6000, 0.9
     noise = source((autoregressive(*[[rho]] * 6),), count)
     rng = np.random.default_rng(2)
-    drawn = np.array([noise.draws(rng)[:, 0] for _ in range(records)]) / np.sqrt(COVARIANCE[0, 0])
+    drawn = np.array([noise.draw(rng)[:, 0] for _ in range(records)]) / np.sqrt(COVARIANCE[0, 0])
     found = drawn.T @ drawn / records
     apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
     # The DFT makes the series periodic; it is drawn so long that this cannot be seen.
@@ -115,7 +115,7 @@ def test_a_line_of_the_spectrum_is_a_sinusoid_of_its_size():
     angles = 2 * np.pi * np.multiply.outer(times, frequencies)
     basis = np.concatenate([np.sin(angles), np.cos(angles)], axis=1)
     for seed in (1, 2):
-        drawn = noise.draws(np.random.default_rng(seed))
+        drawn = noise.draw(np.random.default_rng(seed))
         found, *_ = np.linalg.lstsq(basis, drawn, rcond=None)
         np.testing.assert_allclose(drawn, basis @ found, atol=1e-9)
         np.testing.assert_allclose(np.hypot(found[:2], found[2:]), amplitudes, atol=1e-9)
@@ -126,23 +126,23 @@ def test_a_narrow_band_has_its_variance_in_a_short_record():
     band = Band(COVARIANCE, 30.07, 0.05)
     noise = source((band,), 500)
     rng = np.random.default_rng(3)
-    power = np.mean([np.mean(noise.draws(rng) ** 2, axis=0) for _ in range(120)], axis=0)
+    power = np.mean([np.mean(noise.draw(rng) ** 2, axis=0) for _ in range(120)], axis=0)
     # Each record has about two degrees of freedom.
     np.testing.assert_allclose(power / np.diag(COVARIANCE), 1, atol=5 / np.sqrt(120))
 
 
 def test_draws_do_not_depend_on_what_is_kept(monkeypatch):
     noise = source(SPECTRA["autoregressive"], 300)
-    kept = noise.draws(np.random.default_rng(7))
+    kept = noise.draw(np.random.default_rng(7))
     monkeypatch.setattr("estimation.twin.disturbances._MOST_KEPT", 0)
     monkeypatch.setattr("estimation.twin.disturbances._BLOCK", 64)
-    again = source(SPECTRA["autoregressive"], 300).draws(np.random.default_rng(7))
+    again = source(SPECTRA["autoregressive"], 300).draw(np.random.default_rng(7))
     np.testing.assert_allclose(again, kept, atol=1e-12)
 
 
 def test_white_noise_is_drawn_as_ever():
     noise = NoiseSource(COVARIANCE, None, 50, SAMPLING)
     np.testing.assert_array_equal(
-        noise.draws(np.random.default_rng(5)),
+        noise.draw(np.random.default_rng(5)),
         draw_noise(COVARIANCE, 50, np.random.default_rng(5)),
     )
