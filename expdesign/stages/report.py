@@ -38,18 +38,7 @@ def report_folder(
     configuration: RunConfiguration | None = None,
     results: Iterable[Any] = (),
 ) -> Outcome:
-    """Write the report of a folder, with the sections of the stages that it holds.
-
-    Parameters
-    ----------
-    folder : Path
-    stages : mapping of str to ViewedStage
-        Stages in the order of their sections.
-    configuration : RunConfiguration, optional
-        Run whose `report` section is used; the folder's `run.yaml` by default.
-    results : iterable
-        Results in memory, which are not read from the folder.
-    """
+    """Write the report of a folder, with the parameters of `write_report`; return its outcome."""
     files = tuple(write_report(folder, stages, configuration, results))
     page = folder / NAME
     return Outcome(
