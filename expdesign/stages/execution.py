@@ -253,7 +253,7 @@ def keep_configuration(configuration: RunConfiguration, folder: Path) -> None:
 
 
 @contextmanager
-def added_to(folder: Path, files: Iterable[Path]) -> Iterator[None]:
+def add_to_files(folder: Path, files: Iterable[Path]) -> Iterator[None]:
     """Add content to files of stages, and update their hashes in the manifest.
 
     The stage's own content is still there, so that the stage need not be done again. A file that

@@ -41,7 +41,7 @@ from expdesign.robot import robot_from
 from expdesign.runfolder.files import remove_leftovers, write_text
 from expdesign.runfolder.manifest import package_versions, sections_text, text_hash
 from expdesign.stages.execution import (
-    added_to,
+    add_to_files,
     clear_outdated,
     keep_configuration,
     record_added,
@@ -157,7 +157,7 @@ def export_one(stage: Stage, section: ExportSection, work: Workspace, out: Path 
         known = ExportResult.known(target / RECORD)
         others = _files_of_motion(known, motion, {path.name}, work)
         places = target / RECORD, target / README
-        with added_to(work.folder, places):
+        with add_to_files(work.folder, places):
             _describe(ExportResult(motion, others | entry), *places)
         record_added(work.folder, (path, *made.beside, *places))
     else:

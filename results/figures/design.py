@@ -191,7 +191,7 @@ _LOGARITHMIC = 50.0
 _KEPT = 1e-2
 """Violation at its end up to which a start sets the scale of the iterations."""
 _APART = 0.12
-"""Names of stages that are closer than this share of the axis would overlap."""
+"""Names of phases that are closer than this share of the axis would overlap."""
 _BEST, _OTHER, _HOP = "best", "starts", "hops"
 _LINES: dict[str, dict[str, Any]] = {
     _BEST: {"color": EMPHASIS, "linewidth": 1.5, "zorder": 3},
@@ -210,7 +210,7 @@ class Trace:
 
     start: int
     kind: str
-    stages: tuple[str, ...]
+    phases: tuple[str, ...]
     iteration: Array
     objective: Array
     violation: Array
@@ -223,8 +223,8 @@ def traces(iterations: Sequence[Iteration]) -> tuple[Trace, ...]:
     for start, group in groupby(sorted(iterations, key=key), attrgetter("start")):
         points = tuple(group)
         numbers = np.array([(p.iteration, p.objective, p.violation) for p in points])
-        stages = tuple(point.phase for point in points)
-        found.append(Trace(start, points[0].kind, stages, *numbers.T))
+        phases = tuple(point.phase for point in points)
+        found.append(Trace(start, points[0].kind, phases, *numbers.T))
     return tuple(found)
 
 
@@ -256,7 +256,7 @@ def convergence_figure(figure: Figure, result: DesignResult) -> None:
         objective.plot(trace.iteration, trace.objective, **looks[role])
         violation.plot(trace.iteration, np.fmax(trace.violation, FLOOR), **looks[role])
         if role == _BEST:
-            _mark_stages(objective, trace, longest)
+            _mark_phases(objective, trace, longest)
     value_line = _objective_axis(objective, result, found)
     violation.set_yscale("log")
     violation.set_ylim(bottom=FLOOR / 2)
@@ -274,25 +274,25 @@ def convergence_figure(figure: Figure, result: DesignResult) -> None:
 
 def _iteration_label(result: DesignResult, found: Sequence[Trace]) -> str:
     criterion = criteria().get(result.criterion)
-    stages = {stage for trace in found for stage in trace.stages}
-    if not found or "blunt" in stages or criterion is None or not criterion.flat:
+    phases = {phase for trace in found for phase in trace.phases}
+    if not found or "blunt" in phases or criterion is None or not criterion.flat:
         return "Iteration of the start"
     log_det = criteria()["d"].named(result.configuration.run.design.information)
     return f"Iteration of the start (the rough search before is on {log_det})"
 
 
-def _mark_stages(axes: Axes, trace: Trace, longest: float) -> None:
-    """Mark where the best start entered each stage, out of `longest` iterations in view."""
+def _mark_phases(axes: Axes, trace: Trace, longest: float) -> None:
+    """Mark where the best start entered each phase, out of `longest` iterations in view."""
     written = -np.inf
-    for k, stage in enumerate(trace.stages):
-        if k and stage == trace.stages[k - 1]:
+    for k, phase in enumerate(trace.phases):
+        if k and phase == trace.phases[k - 1]:
             continue
         at = trace.iteration[k]
         axes.axvline(at, color=EMPHASIS, linewidth=0.6, alpha=0.5, zorder=1)
         if at - written < _APART * longest:
             continue
         written = at
-        title, above = PHASE_TITLES.get(stage, stage), ("data", "axes fraction")
+        title, above = PHASE_TITLES.get(phase, phase), ("data", "axes fraction")
         write_small(axes, title, (at, 1.0), (0, 2), xycoords=above, color=EMPHASIS)
 
 

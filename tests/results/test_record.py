@@ -114,7 +114,7 @@ def test_parameters_that_are_not_those_of_the_information(run):
 def test_iterations_are_put_in_their_order():
     points = [(2, "hop", "sharp", 1), (0, "random", "sharp", 2), (0, "random", "blunt", 1)]
     found = traces([Iteration(*point, 1.0, 0.1) for point in points])
-    assert [(trace.start, trace.stages) for trace in found] == [
+    assert [(trace.start, trace.phases) for trace in found] == [
         (0, ("blunt", "sharp")),
         (2, ("sharp",)),
     ]

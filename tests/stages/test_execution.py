@@ -9,7 +9,7 @@ import pytest
 from expdesign.configuration import load_run
 from expdesign.runfolder.manifest import Manifest, entry, file_hash
 from expdesign.stages import execution
-from expdesign.stages.execution import added_to, execute, input_hash
+from expdesign.stages.execution import add_to_files, execute, input_hash
 from expdesign.stages.registry import DesignStage, stages
 from expdesign.stages.stage import Outcome, StageFailed, StageFunctions, Workspace
 from results.views.folder import StageViews
@@ -102,18 +102,18 @@ def test_what_the_manifest_says(done):
 
 def test_a_file_to_which_a_command_added(done):
     file, other = done / "design.json", done / "tables" / "limits.csv"
-    with added_to(done, (file, done / "new")):
+    with add_to_files(done, (file, done / "new")):
         file.write_text("more")
         (done / "new").write_text("of no stage")
     assert is_done("design", configuration(), done)
     assert set(Manifest.known(done).stages["design"].files) == {"design.json", "tables/limits.csv"}
     # What was changed before is not taken for the stage's.
     other.write_text("changed")
-    with added_to(done, (file, other)):
+    with add_to_files(done, (file, other)):
         other.write_text("changed and more")
     assert not is_done("design", configuration(), done)
     (done / Manifest.FILE).unlink()
-    with added_to(done, (file,)):
+    with add_to_files(done, (file,)):
         file.write_text("even more")
     assert not (done / Manifest.FILE).exists()
 
