@@ -139,16 +139,21 @@ def _coherency(rows: tuple[tuple[float, ...], ...]) -> Any:
     return matrix
 
 
-Amplitudes = TypeVar("Amplitudes")
-_ForceAmplitudes = Annotated[tuple[Annotated[Force, NotNegative], ...], per_strut("amplitudes")]
-_LengthAmplitudes = Annotated[tuple[Annotated[Length, NotNegative], ...], per_strut("amplitudes")]
-
-
-class HumDescription(Section, Generic[Amplitudes]):
-    """A hum at one frequency, with amplitudes in N or m."""
+class ForceHum(Section):
+    """A hum of the forces at one frequency."""
 
     frequency: Annotated[Frequency, Positive]
-    amplitude: Amplitudes
+    amplitude: Annotated[tuple[Annotated[Force, NotNegative], ...], per_strut("amplitudes")]
+
+
+class LengthHum(Section):
+    """A hum of the lengths at one frequency."""
+
+    frequency: Annotated[Frequency, Positive]
+    amplitude: Annotated[tuple[Annotated[Length, NotNegative], ...], per_strut("amplitudes")]
+
+
+Hums = TypeVar("Hums", ForceHum, LengthHum)
 
 
 class NoiseBand(Section):
@@ -198,7 +203,7 @@ def _read_lines(value: object) -> object:
     return [value] if isinstance(value, dict) else value
 
 
-class SpectrumDescription(Section, Generic[Amplitudes]):
+class SpectrumDescription(Section, Generic[Hums]):
     """The spectrum of the noise of forces or lengths."""
 
     ar: Annotated[tuple[tuple[float, ...], ...] | None, BeforeValidator(_read_coefficients)] = None
@@ -209,7 +214,7 @@ class SpectrumDescription(Section, Generic[Amplitudes]):
     """Content of such a file."""
     band: Annotated[tuple[NoiseBand, ...], BeforeValidator(_read_lines)] = ()
     """Bands with a share of the noise."""
-    hum: Annotated[tuple[HumDescription[Amplitudes], ...], BeforeValidator(_read_lines)] = ()
+    hum: Annotated[tuple[Hums, ...], BeforeValidator(_read_lines)] = ()
     """Additional lines."""
 
     @model_validator(mode="after")
@@ -235,8 +240,13 @@ class SpectrumDescription(Section, Generic[Amplitudes]):
         return self.file is not None or self.table is not None
 
 
-ForceSpectrum = SpectrumDescription[_ForceAmplitudes]
-LengthSpectrum = SpectrumDescription[_LengthAmplitudes]
+# Classes with names of their own: a worker process finds them.
+class ForceSpectrum(SpectrumDescription[ForceHum]):
+    """The spectrum of the noise of the forces."""
+
+
+class LengthSpectrum(SpectrumDescription[LengthHum]):
+    """The spectrum of the noise of the lengths."""
 
 
 def _read_spectrum(value: object) -> object:
