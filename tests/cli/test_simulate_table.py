@@ -269,7 +269,7 @@ def _other_element(table):
         (_changed(("motion", "sampling"), 0), "motion.sampling"),
         (_changed(("motion", "controller_period"), 10**399), "motion.controller_period"),
         (_changed(("motion", "controller_period"), "abc"), "motion.controller_period"),
-        (_changed(("motion", "ways", "periods"), 10**399), "is not that of the design"),
+        (_changed(("motion", "ways", "periods"), 10**399), "is not a number of a result"),
         (_changed(("files", "xps-pvt.trj", "options"), {"format": "none"}), "cannot be used"),
         (_changed(("files", "xps-pvt.trj", "options", "units"), "mm"), "does not hold the design"),
         (_changed(("files", "xps-pvt.trj", "options", "sign"), [1] * 6), "does not hold"),
