@@ -45,6 +45,7 @@ from expdesign.export.linuxcnc_planner import PlannerLimits, plan_motion
 from expdesign.export.rotation import roll_pitch_yaw
 from expdesign.export.row_times import ideal_rows, uniform_times
 from expdesign.export.text_table import every_line, lines, mark_window, number, write_lines
+from expdesign.machines.readers.linuxcnc import turn_errors
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.progress import track
 
@@ -206,6 +207,8 @@ def _points(kind: str, joints: Array) -> Iterator[str]:
 
 
 PLANNER_ENDING = ".planner.ini"
+_PERIOD = 1e-3
+"""s; servo period of LinuxCNC's configurations."""
 _CYCLES = (10, 15, 20, 30, 50)
 """Servo cycles of a row that are tried."""
 _MORE = 0.002
@@ -218,6 +221,7 @@ _LAG = 4.0
 _SPEED = 2.0
 _GRID = 4001
 _WITHOUT_TURN = 0.01
+_POSES, _EXACT = 400, 1e-6
 _FUZZ = 1e-8
 
 
@@ -250,7 +254,10 @@ def choose_row_times(settings: Settings, place: str) -> Array:
     """
     motion, period = settings.task.motion, planner_limits(settings).period
     given = settings.section.segment
-    steps = [period * (cycles + _MORE) for cycles in _CYCLES] if given is None else [given]
+    steps = [period * (cycles + _MORE) for cycles in _CYCLES]
+    if given is not None:
+        whole = abs(given / period - round(given / period)) < _MORE / 2
+        steps = [given + _MORE * period if whole else given]
     made = f"{motion.duration:.4g} s in steps of {steps[-1]:g} s"
     key = f"{place}.segment" if place else "segment"
     require_at_most(motion.duration / steps[-1], MOST_ROWS, made, key=key)
@@ -259,6 +266,7 @@ def choose_row_times(settings: Settings, place: str) -> Array:
         _written_times(uniform_times(motion, step), settings) for step in steps if step * most >= 1
     ]
     _refuse_without_turn(settings, choices[-1], place)
+    _refuse_ambiguous_screws(settings, place)
     if given is not None:
         return choices[0]
     judged = [_judge(settings, times) for times in track("rows of the planner", choices)]
@@ -290,6 +298,26 @@ def _refuse_without_turn(settings: Settings, times: Array, place: str) -> None:
         )
 
 
+def _refuse_ambiguous_screws(settings: Settings, place: str) -> None:
+    """Refuse axes with which genhexkins takes another turn of the screws than the robot."""
+    robot, motion = settings.task.robot.description, settings.task.motion
+    if robot.platform_cardan_axes is None:
+        return
+    poses = motion.sample(np.linspace(0.0, motion.duration, _POSES)).pose
+    joints = robot.base_joints, robot.platform_joints
+    axes = robot.alpha_axes, -robot.platform_cardan_axes
+    off = float(
+        np.max(turn_errors(robot.thread_lead, *axes, settings.task.robot.home, poses, *joints))
+    )
+    if off > _EXACT:
+        raise InputError(
+            "genhexkins takes the turn of the struts on their screws from an arc sine, which is "
+            f"ambiguous with these joint axes: its lengths are off by up to {1e3 * off:.3g} mm",
+            key=f"{place}.format" if place else "format",
+            allowed="linuxcnc-strut",
+        )
+
+
 def planner_limits(settings: Settings) -> PlannerLimits:
     """Return the limits of the planner in the table's units; the section may leave some open.
 
@@ -312,7 +340,7 @@ def planner_limits(settings: Settings) -> PlannerLimits:
         for given, default, unit in values
     ]
     return PlannerLimits(
-        options.servo_period or settings.task.controller_period,
+        options.servo_period or min(settings.task.controller_period, _PERIOD),
         np.concatenate(found[:2]),
         np.concatenate(found[2:]),
         np.inf if options.path_speed is None else metre * options.path_speed,
@@ -419,7 +447,7 @@ class GcodeOptions(ExportSection):
     blend: Annotated[Length, Positive] | None = None
     """Path tolerance of LinuxCNC's G64, m; by default `tolerance`."""
     servo_period: Annotated[Duration, Positive] | None = None
-    """`[EMCMOT]SERVO_PERIOD`, s; by default the controller's period."""
+    """`[EMCMOT]SERVO_PERIOD`, s; by default the controller's period, 1 ms at most."""
     linear_speed: _PerAxis[Speed] = None
     """MAX_VELOCITY of the axes X, Y, Z, m/s."""
     angular_speed: _PerAxis[AngularSpeed] = None

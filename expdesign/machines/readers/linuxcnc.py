@@ -36,6 +36,8 @@ _KEYS = {"base-n": "alpha_axes", "platform-n": "platform_cardan_axes"}
 _RANGE = ("MIN_LIMIT", "MAX_LIMIT")
 _HALF_TURN = 180.0
 """Degrees."""
+_POSES, _MOVED, _TURNED, _EXACT = 200, 0.3, math.radians(15), 1e-6
+"""Poses about home, their distances as a share of the platform's radius and in rad, and m."""
 _SMALLER = 50.0
 """A platform or base that is smaller by this factor is doubted."""
 _FAR = 5.0
@@ -261,6 +263,8 @@ class _Hexapod:
                 "joints stand in the platform (platform_cardan_axes)?",
             )
         else:
+            if home is not None and lower is not None and upper is not None:
+                self._doubt_turns(lead, lower, upper, np.array(home), base, platform)
             self.ask(
                 "platform_cardan_axes",
                 f"{corrected}, and so does the model. With these axes its thread is {thread}-handed"
@@ -269,6 +273,27 @@ class _Hexapod:
         self.ask("drive", INERTIA)
         screw = Screw(lead=abs(lead) * self.unit, thread=thread or "right")
         return Drive(screw=screw), lower, upper
+
+    def _doubt_turns(
+        self, lead: float, lower: Array, upper: Array, home: Array, base: Array, platform: Array
+    ) -> None:
+        """Ask about axes with which genhexkins' arc sine is ambiguous near home."""
+        rng = np.random.default_rng(0)
+        radius = float(np.linalg.norm(platform - platform.mean(axis=0), axis=1).max())
+        ranges = np.repeat([_MOVED * radius, _TURNED], 3)
+        poses = home + ranges * rng.uniform(-1, 1, (_POSES, len(ranges)))
+        errors = turn_errors(lead * self.unit, lower, upper, home, poses, base, platform)
+        if np.max(errors) > _EXACT:
+            share = float(np.mean(np.max(errors, axis=1) > _EXACT))
+            self.ask(
+                "",
+                f"{_KINEMATICS} takes the turn of the struts on their screws from an arc sine, "
+                "which is ambiguous beyond a quarter turn. With these base-n and platform-n its "
+                f"lengths are off by up to {1e3 * np.max(errors):.3g} mm in {100 * share:.0f} % of "
+                f"the poses within {1e3 * ranges[0]:.3g} mm and {math.degrees(_TURNED):.0f} deg of "
+                "home, on the machine as well; the model has the turns themselves. Are these axes "
+                "right?",
+            )
 
     def _home(self) -> tuple[float, ...] | None:
         entry = self.ini.entry("TRAJ", "HOME")
@@ -643,3 +668,63 @@ def hand(lead: float, base_axes: Array, platform_axes: Array, home: StrutGeometr
     if np.all(alike < 0):
         return "right"
     return "left" if np.all(alike > 0) else None
+
+
+def length_corrections(
+    lead: float, base_axes: Array, platform_axes: Array, struts: StrutGeometry
+) -> Array:
+    """Return the lengths (6,) that genhexkins adds for the turn of the struts on their screws.
+
+    Source: ``StrutLengthCorrection`` of genhexkins.c, an arc sine.
+
+    Parameters
+    ----------
+    lead : float
+        ``screw-lead``, m.
+    base_axes, platform_axes : (6, 3)
+        ``base-n``, ``platform-n``: base frame, platform frame.
+    struts : StrutGeometry
+        At the pose.
+    """
+    sine, _ = _turns(base_axes, platform_axes, struts)
+    return np.asarray(lead * np.arcsin(np.clip(sine, -1, 1)) / (2 * np.pi))
+
+
+def turn_errors(
+    lead: float,
+    base_axes: Array,
+    platform_axes: Array,
+    home: Array,
+    poses: Array,
+    base: Array,
+    platform: Array,
+) -> Array:
+    """Return by how much genhexkins' lengths are off at poses, (N, 6), m, as `length_corrections`.
+
+    Its arc sine is that of another turn where the axes, seen along the strut, are more than a right
+    angle from their sense at home.
+
+    Parameters
+    ----------
+    home : (6,)
+    poses : (N, 6)
+        m, rad.
+    base, platform : (6, 3)
+        Joints, m.
+    """
+    _, sense = _turns(base_axes, platform_axes, geometry_at(home, base, platform))
+    errors = np.zeros((len(poses), ACTUATORS))
+    for row, pose in zip(errors, poses, strict=True):
+        sine, cosine = _turns(base_axes, platform_axes, geometry_at(pose, base, platform))
+        beyond = np.pi - 2 * np.abs(np.arcsin(np.clip(sine, -1, 1)))
+        row[:] = np.where(cosine * sense < 0, abs(lead) * beyond / (2 * np.pi), 0.0)
+    return errors
+
+
+def _turns(base_axes: Array, platform_axes: Array, struts: StrutGeometry) -> tuple[Array, Array]:
+    """Return sine and cosine of the angle between the axes, seen along each strut, (6,)."""
+    along = struts.directions
+    lower, upper = base_axes, platform_axes @ struts.rotation.T
+    parts = [axes - np.sum(axes * along, axis=1)[:, None] * along for axes in (lower, upper)]
+    lower, upper = (part / np.linalg.norm(part, axis=1)[:, None] for part in parts)
+    return np.sum(along * np.cross(lower, upper), axis=1), np.sum(lower * upper, axis=1)

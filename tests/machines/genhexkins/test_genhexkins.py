@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import export_section, load_run
+from expdesign.configuration.geometry import geometry_at
 from expdesign.export.exporting import export_table
 from expdesign.export.formats.linuxcnc_gcode import setp_lines
 from expdesign.machines.importing import read_machine
+from expdesign.machines.readers.linuxcnc import length_corrections, turn_errors
 from expdesign.machines.writing import write_files
 from expdesign.robot import robot_from
 from tests.export.motions import task
@@ -92,3 +94,29 @@ def test_a_table_with_its_geometry_moves_the_struts_as_designed(unit, metres, ge
     designed = work.robot.inverse_kinematics(work.motion.sample(times).pose)
     lengths = genhexkins.lengths(rows) * metres
     np.testing.assert_allclose(lengths, designed, rtol=0, atol=NANOMETRE)
+
+
+def test_corrections_are_those_of_its_source_and_ambiguous_axes_are_told(genhexkins, tmp_path):
+    robot, lines = _imported(tmp_path, "mm", "5")
+    # Platform axes a quarter turn about the struts from where they usually are.
+    home = geometry_at(robot.home, robot.description.base_joints, robot.description.platform_joints)
+    turned = np.cross(home.directions, robot.description.alpha_axes) @ home.rotation
+    pins = [
+        f"setp genhexkins.platform-n.{j}.{letter} {value:.12g}"
+        for j, axis in enumerate(turned)
+        for letter, value in zip("xyz", axis, strict=True)
+    ]
+    genhexkins.set(lines + pins)
+    poses, controller = _poses(robot, 1e-3)
+    lengths = genhexkins.lengths(controller) * 1e-3
+    joints = robot.description.base_joints, robot.description.platform_joints
+    axes = robot.description.alpha_axes, turned
+    struts = [geometry_at(pose, *joints) for pose in poses]
+    ours = [one.lengths + length_corrections(5e-3, *axes, one) for one in struts]
+    np.testing.assert_allclose(ours, lengths, rtol=0, atol=NANOMETRE)
+    errors = turn_errors(5e-3, *axes, robot.home, poses, *joints)
+    assert 0.2 < np.mean(errors.max(axis=1) > 1e-6) < 1.0
+    assert 0.2e-3 < errors.max() < 2.5e-3
+    # Of the axes that stand there, none is ambiguous.
+    usual = robot.description.alpha_axes, -robot.description.platform_cardan_axes
+    assert turn_errors(5e-3, *usual, robot.home, poses, *joints).max() == 0
