@@ -330,3 +330,25 @@ def test_a_platform_much_smaller_than_the_base_is_doubted(tmp_path):
     (tmp_path / "robots").mkdir()
     texts = write_files(machine, tmp_path / "robots").robot.read_text()
     assert texts.index("are all of them set") < texts.index("base_joints:")
+
+
+def test_the_run_file_proposes_g_code_with_the_limits_of_the_planner(tmp_path):
+    axes = "".join(
+        f"[AXIS_{letter}]\nMAX_VELOCITY = {speed}\nMAX_ACCELERATION = 900\n"
+        for letter, speed in zip("XYZABC", (50, 50, 40, 30, 30, 30), strict=True)
+    )
+    more = f"{axes}[EMCMOT]\nSERVO_PERIOD = 500000\n[SCREW]"
+    ini = changed(tmp_path, "[SCREW]", more)
+    text = ini.read_text()
+    ini.write_text(text.replace("HOME = 5", "MAX_LINEAR_VELOCITY = 60\nHOME = 5"))
+    (tmp_path / "run").mkdir()
+    run = write_files(read_machine("mill", [ini]), tmp_path / "run").run
+    found = [line for line in run.read_text().splitlines() if line.startswith("# export: ")]
+    run.write_text(run.read_text().replace(found[0], found[0].removeprefix("# ")))
+    (section,) = load_run(run).run.export
+    assert section.servo_period == pytest.approx(5e-4)
+    np.testing.assert_allclose(section.linear_speed, [0.05, 0.05, 0.04], rtol=1e-12)
+    np.testing.assert_allclose(section.angular_speed, np.radians([30] * 3), rtol=1e-12)
+    np.testing.assert_allclose(section.linear_acceleration, [0.9] * 3, rtol=1e-12)
+    np.testing.assert_allclose(section.angular_acceleration, np.radians([900] * 3), rtol=1e-12)
+    assert section.path_speed == pytest.approx(0.06)

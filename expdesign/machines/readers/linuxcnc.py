@@ -21,7 +21,14 @@ from expdesign.configuration.document import read_text
 from expdesign.configuration.errors import InputError, quote
 from expdesign.configuration.geometry import StrutGeometry, geometry_at
 from expdesign.configuration.parameters import Drive, Screw, Thread
-from expdesign.machines.machine import MachineDraft, MachineFormat, Question, rows
+from expdesign.machines.machine import (
+    MachineDraft,
+    MachineFormat,
+    Question,
+    format_flow,
+    format_quantity,
+    rows,
+)
 from expdesign.machines.writing import INERTIA
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.strut import ANGLES, FIXED_AXES
@@ -131,8 +138,30 @@ class _Hexapod:
             platform_cardan_axes=None if turning is None else rows(turning),
             limits=limits,
             drive=drive,
+            table=self._table(),
             questions=tuple(self.questions),
         )
+
+    def _table(self) -> str:
+        """Return the options of G-code that are limits of the planner in the INI file."""
+        options = {}
+        if (period := self.ini.entry("EMCMOT", "SERVO_PERIOD")) is not None:
+            options["servo_period"] = format_quantity(1e-9 * period.number(), "s")
+        metre, radian = self.unit, math.radians(1.0)
+        for name, letters, key, unit, factor in (
+            ("linear_speed", "XYZ", "MAX_VELOCITY", "m/s", metre),
+            ("angular_speed", "ABC", "MAX_VELOCITY", "rad/s", radian),
+            ("linear_acceleration", "XYZ", "MAX_ACCELERATION", "m/s^2", metre),
+            ("angular_acceleration", "ABC", "MAX_ACCELERATION", "rad/s^2", radian),
+        ):
+            entries = [self.ini.entry(f"AXIS_{letter}", key) for letter in letters]
+            values = [factor * entry.number() for entry in entries if entry is not None]
+            if len(values) == len(letters):
+                options[name] = format_flow(values, unit)
+        if (speed := self.ini.entry("TRAJ", "MAX_LINEAR_VELOCITY")) is not None:
+            options["path_speed"] = format_quantity(metre * speed.number(), "m/s")
+        named = "".join(f", {key}: {value}" for key, value in options.items())
+        return f"{{format: linuxcnc-gcode{named}}}"
 
     def ask(self, key: str, text: str) -> None:
         self.questions.append(Question(key, text))
