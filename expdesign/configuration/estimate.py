@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Generic, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
@@ -70,15 +70,25 @@ class Delay(Section):
     lengths: Duration = 0.0
 
 
-LengthValue = TypeVar("LengthValue")
-ForceValue = TypeVar("ForceValue")
+class OrderByChannel(Section):
+    """Separate orders of the channels for lengths and forces."""
+
+    q: Order | None = None
+    Q: Order | None = None
 
 
-class ByChannel(Section, Generic[LengthValue, ForceValue]):
-    """Separate values for the channels of lengths and of forces."""
+class SignsByChannel(Section):
+    """Separate signs of the channels for lengths and forces."""
 
-    q: LengthValue | None = None
-    Q: ForceValue | None = None
+    q: Signs | None = None
+    Q: Signs | None = None
+
+
+class OffsetsByChannel(Section):
+    """Lengths, m, and forces, N, of the struts at readings of zero."""
+
+    q: Offsets | None = None
+    Q: ForceOffsets | None = None
 
 
 class DataSection(Section):
@@ -96,11 +106,11 @@ class DataSection(Section):
         None
     )
     """Force per ampere of the actuators, N/A, for files that hold currents."""
-    order: PlainOrSection[Order, ByChannel[Order, Order]] | None = None
+    order: PlainOrSection[Order, OrderByChannel] | None = None
     """Number of the strut on each channel."""
-    sign: PlainOrSection[Signs, ByChannel[Signs, Signs]] | None = None
+    sign: PlainOrSection[Signs, SignsByChannel] | None = None
     """Signs by the struts' numbers: length or force = sign · channel + offset."""
-    offset: PlainOrSection[Offsets, ByChannel[Offsets, ForceOffsets]] | None = None
+    offset: PlainOrSection[Offsets, OffsetsByChannel] | None = None
     """Lengths of the struts at readings of zero, m; forces, N, in a mapping with the key Q."""
     start: Duration | None = None
     """Time of the trigger, s: earlier rows are ignored."""
@@ -151,13 +161,13 @@ class DataSection(Section):
     @property
     def length_offsets(self) -> tuple[float, ...] | Literal["home"]:
         """Lengths of the struts at readings of zero, m; ``"home"``: their lengths at home."""
-        found = self.offset.q if isinstance(self.offset, ByChannel) else self.offset
+        found = self.offset.q if isinstance(self.offset, OffsetsByChannel) else self.offset
         return found or (0.0,) * ACTUATORS
 
     @property
     def force_offsets(self) -> tuple[float, ...]:
         """Forces of the struts at readings of zero, N."""
-        found = self.offset.Q if isinstance(self.offset, ByChannel) else None
+        found = self.offset.Q if isinstance(self.offset, OffsetsByChannel) else None
         return found or (0.0,) * ACTUATORS
 
 
