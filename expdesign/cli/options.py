@@ -99,6 +99,7 @@ EXPORT_OPTIONS = {
     "tolerance": Option("L", "Largest deviation of a strut, such as '1 um'."),
     "blend": Option("L", "P of G64 for LinuxCNC."),
     "encoding": Option("yaml|mcap", "Of ros2."),
+    "repeat": Option("file|controller", "Where a period is repeated."),
     "clock": Option("1/4096 ms|1 ms", "Of the PMAC's row times."),
     "trigger": Option("N", "Digital output that is on in the measurement window.", _whole),
 }

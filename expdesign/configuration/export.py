@@ -91,6 +91,8 @@ class ExportSection(Section):
     """Largest deviation of a strut's length from the design, m."""
     trigger: Annotated[int, whole(0)] | None = None
     """Number of the digital output that is on during the measurement window."""
+    repeat: Literal["file", "controller"] | None = None
+    """Where a period is repeated: ``"file"``, the default, or ``"controller"``."""
 
     @classmethod
     def own_options(cls) -> tuple[str, ...]:
@@ -122,6 +124,11 @@ class ExportSection(Section):
             message = f"{self.format} has no output {self.trigger}"
             raise refusal(message, f"a whole number from {first} to {last}", key="trigger")
         return self
+
+    @property
+    def looped(self) -> bool:
+        """Whether the controller repeats the period."""
+        return self.repeat == "controller"
 
     @property
     def coordinates(self) -> Space:

@@ -115,12 +115,12 @@ class Rows:
         if not self.repeated:
             yield self
             return
-        yield self._part(0, last)
+        yield self.part(0, last)
         for k in range(1, self.repeated + 1):
-            yield self._part(first, last, k * self.period)
-        yield self._part(last, len(self.times), self.left_out[1])
+            yield self.part(first, last, k * self.period)
+        yield self.part(last, len(self.times), self.left_out[1])
 
-    def _part(self, first: int, last: int, delay: float = 0.0) -> Rows:
+    def part(self, first: int, last: int, delay: float = 0.0) -> Rows:
         """Return rows from the first to the last, delayed by a time, s."""
         rows = slice(first, last + 1)
         times = self.times[rows] + delay
@@ -137,7 +137,7 @@ class Rows:
     def expanded(self) -> Rows:
         """Return the rows with all periods."""
         parts = list(self.parts())
-        whole = [parts[0], *(part._part(1, len(part.times)) for part in parts[1:])]  # noqa: SLF001
+        whole = [parts[0], *(part.part(1, len(part.times)) for part in parts[1:])]
 
         def joined(values: Iterable[Array | None]) -> Array | None:
             found = [one for one in values if one is not None]

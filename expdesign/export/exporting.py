@@ -165,6 +165,13 @@ def export_table(
         )
         settings = resolve_settings(section.model_copy(update={"segment": step}), task, place)
     rows = designed_rows(settings, place)
+    if section.looped and not rows.repeated:
+        raise InputError(
+            "the controller cannot repeat a period: there are fewer than three, or a period is no "
+            "whole number of steps of time",
+            key=f"{place}.repeat" if place else "repeat",
+            allowed="repeat: file",
+        )
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(path.parent)
     # A folder beside it: some libraries go by the file's name.

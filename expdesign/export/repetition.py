@@ -6,9 +6,11 @@ neighbouring rows of the whole table are among their rows.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
+from itertools import repeat
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +20,7 @@ from expdesign.configuration.schema import MOST_ROWS
 from expdesign.export.definition import Rows, Settings, TableError, Task
 
 PERIODS = 2
+LEAD_IN, LEAD_OUT = ".lead-in", ".lead-out"
 _SAME_STEP = 0.5e-9
 """s; largest difference of two steps of time that count as equal."""
 _AT_EDGE = 1e-7
@@ -55,6 +58,61 @@ def repeat_rows(rows: Rows, settings: Settings) -> Rows | None:
         part[middle + 1 : last] = part[first + 1 : middle]
     repeated = settings.task.motion.periods - PERIODS
     return replace(rows, repeated=repeated, block=(middle - 1, last - 1))
+
+
+def split_rows(rows: Rows) -> tuple[Rows, Rows, Rows]:
+    """Return lead-in, one period and lead-out; the last two begin with the row before them."""
+    before, last = rows.block
+    middle, end = before + 1, last + 1
+    first = middle - (last - before)
+    return rows.part(0, first), rows.part(first, middle), rows.part(end, len(rows.times) - 1)
+
+
+def lead_files(
+    suffix: str, text: Callable[[Rows, Settings], Iterable[str]]
+) -> dict[str, Callable[[Rows, Settings], list[str]]]:
+    """Return the companion files with lead-in and lead-out of a period that is repeated.
+
+    Parameters
+    ----------
+    suffix : str
+        Of the format.
+    text : callable
+        Returns a line for each row of a part.
+    """
+    return {
+        f"{name}{suffix}": partial(_lead_lines, text=text, part=part)
+        for name, part in ((LEAD_IN, 0), (LEAD_OUT, 2))
+    }
+
+
+def _lead_lines(
+    rows: Rows, settings: Settings, *, text: Callable[[Rows, Settings], Iterable[str]], part: int
+) -> list[str]:
+    if not settings.section.looped:
+        return []
+    return list(text(split_rows(rows)[part], settings))[min(part, 1) :]
+
+
+def read_looped(
+    path: Path, settings: Settings, read: Callable[[Path], Iterable[Array]]
+) -> Iterator[Array]:
+    """Yield the numbers of a table whose period is repeated: lead-in, every period, lead-out.
+
+    Raises
+    ------
+    TableError
+        A companion file is missing.
+    """
+    lead_in, lead_out = (
+        path.with_name(f"{path.stem}{n}{path.suffix}") for n in (LEAD_IN, LEAD_OUT)
+    )
+    for file in (lead_in, lead_out):
+        if not file.is_file():
+            raise TableError(f"{file.name} is missing")
+    yield from read(lead_in)
+    yield from repeat(np.concatenate(list(read(path))), settings.task.motion.periods)
+    yield from read(lead_out)
 
 
 def _find_periods(times: Array, short: Settings) -> tuple[int, int, int] | None:

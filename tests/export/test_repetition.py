@@ -1,12 +1,13 @@
 """Tables of many periods: rows of one period are written again, and read back as two of them."""
 
+import re
 import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from expdesign.configuration import export_section
+from expdesign.configuration import InputError, export_section
 from expdesign.export.exporting import export_table, file_name, resolve_settings
 from expdesign.export.read_back import read_back
 from expdesign.export.table_file import read_table_file
@@ -151,3 +152,64 @@ def test_memory_does_not_grow_with_the_periods(tmp_path):
     tracemalloc.stop()
     assert again.count == rows.count
     assert peak < 20e6
+
+
+LOOPED = {
+    "pmac-pvt": COARSE | {"trigger": 3},
+    "pvt-csv": COARSE,
+    "linuxcnc-strut": UNIFORM,
+}
+
+
+@pytest.mark.parametrize("name", LOOPED)
+def test_a_controller_repeats_the_period(name, tmp_path):
+    section = export_section(format=name, repeat="controller", **LOOPED[name])
+    made = export_table(section, work(), tmp_path / "looped" / file_name(section))
+    whole = export_table(
+        section.model_copy(update={"repeat": None}), work(), tmp_path / file_name(section)
+    )
+    # What the controller executes, by its own means, is the whole table.
+    if name == "pmac-pvt":
+        text = made.path.read_text()
+        head, count, body, tail = re.fullmatch(
+            r"(.*)Q100=0 WHILE\(Q100<(\d+)\)\n(.*)Q100=Q100\+1 ENDWHILE\n(.*)", text, re.DOTALL
+        ).groups()
+        program = head + int(count) * body + tail
+        assert program.index("M3==1") < program.index("M3==0")
+    else:
+        lead_in, period, lead_out = (
+            (made.path.with_name(f"{name}{part}{made.path.suffix}")).read_text().splitlines()
+            for part in (".lead-in", "", ".lead-out")
+        )
+        first = 1 if name == "pvt-csv" else 0  # the header
+        program = "\n".join([*lead_in, *PERIODS * period[first:], *lead_out[first:]])
+
+    def rows(text):
+        """Return the lines with numbers of six axes."""
+        found = (line for line in text.splitlines() if sum(c.isdigit() for c in line) > 30)
+        return [line for line in found if not line.startswith((";", "#"))]
+
+    assert rows(program) == rows(whole.path.read_text())
+    assert made.check.passed
+    assert made.check.rows == whole.check.rows
+    assert made.check.trigger == whole.check.trigger
+    assert made.check.deviation == whole.check.deviation
+    assert made.path.stat().st_size < 0.4 * whole.path.stat().st_size
+    # A changed lead-out is seen.
+    for path in (made.path, *made.beside):
+        before = path.read_text()
+        lines = before.splitlines()
+        k = max(k for k, line in enumerate(lines) if rows(line))
+        del lines[k]
+        path.write_text("\n".join(lines) + "\n")
+        assert not read_back(made.path, made.settings).passed
+        path.write_text(before)
+    assert read_back(made.path, made.settings).passed
+
+
+def test_two_periods_are_not_repeated_by_a_controller(tmp_path):
+    section = export_section(format="pmac-pvt", repeat="controller", **COARSE)
+    with pytest.raises(InputError, match="fewer than three"):
+        export_table(section, work(2), tmp_path / "t.pmc")
+    with pytest.raises(ValueError, match="no option 'repeat'"):
+        export_section(format="xps-pvt", repeat="controller")

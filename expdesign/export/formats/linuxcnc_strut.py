@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import chain
+from functools import partial
+from itertools import chain, islice
 from pathlib import Path
 
+from constraints.arrays import Array
 from expdesign.configuration.export import STRUT_AXES, ExportSection
 from expdesign.export.definition import (
     Guide,
@@ -15,6 +17,7 @@ from expdesign.export.definition import (
     TableError,
     TableFormat,
 )
+from expdesign.export.repetition import LEAD_IN, LEAD_OUT, lead_files, read_looped, split_rows
 from expdesign.export.text_table import (
     every_line,
     lines,
@@ -27,11 +30,17 @@ from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
-    def lines_of(part: Rows) -> Iterator[str]:
-        return (" ".join(settings.numbers(row)) for row in part.position)
-
-    text = mark_window(every_line(rows, lines_of), rows, settings, "# {}")
+    text: Iterator[str]
+    if settings.section.looped:
+        text = islice(_lines(split_rows(rows)[1], settings), 1, None)
+    else:
+        made = every_line(rows, partial(_lines, settings=settings))
+        text = mark_window(made, rows, settings, "# {}")
     write_lines(path, chain(_head(settings), text))
+
+
+def _lines(part: Rows, settings: Settings) -> Iterator[str]:
+    return (" ".join(settings.numbers(row)) for row in part.position)
 
 
 def _head(settings: Settings) -> list[str]:
@@ -40,8 +49,12 @@ def _head(settings: Settings) -> list[str]:
 
 
 def _read(path: Path, settings: Settings) -> Rows:
-    text = _with_our_head(lines(path), settings)
-    return uniform_rows(numbers(text, ACTUATORS, "lengths", comment="#"), settings)
+    def read(file: Path) -> Iterator[Array]:
+        text = _with_our_head(lines(file), settings)
+        return numbers(text, ACTUATORS, "lengths", comment="#")
+
+    looped = settings.section.looped
+    return uniform_rows(read_looped(path, settings, read) if looped else read(path), settings)
 
 
 def _with_our_head(text: Iterator[str], settings: Settings) -> Iterator[str]:
@@ -122,7 +135,16 @@ class HalstreamerOptions(ExportSection):
     """Options of strut lengths for halstreamer."""
 
     spaces = ("strut",)
-    shared = ("digits", "units", *STRUT_AXES, "counts_per_metre")
+    shared = ("digits", "units", *STRUT_AXES, "counts_per_metre", "repeat")
+
+
+def _feed(settings: Settings) -> dict[str, str]:
+    """Return the command that feeds the streamer."""
+    if not settings.section.looped:
+        return {"feed": "halstreamer {file}"}
+    files = f"cat {{stem}}{LEAD_IN}.txt; for k in $(seq {settings.task.motion.periods}); "
+    files += f"do cat {{file}}; done; cat {{stem}}{LEAD_OUT}.txt"
+    return {"feed": f"({files}) | halstreamer"}
 
 
 FORMAT = TableFormat(
@@ -136,21 +158,21 @@ FORMAT = TableFormat(
     guide=Guide(
         before=(
             "The period of the servo thread has to be {step}; no kinematics is needed. The HAL "
-            "file {beside} adds the rows to the motor commands of joints 0 to 5, in the units of "
+            "file {stem}.streamer.hal adds the rows to the motor commands of joints 0 to 5, in the units of "
             "the joints: {axes} have to be joints 0 to 5 with the sign and the unit of the table. "
             "LinuxCNC keeps the command of the joints, and its way to the start, its limits and "
             "its emergency stop remain; it does not see the table as a following error.\n\n"
             "In a copy of the machine's HAL files, remove the connections of joint.N.motor-pos-cmd "
             "and joint.N.motor-pos-fb, load the file after motmod and before the functions of the "
             "drives are added, as one of the HALFILEs of the INI file or with\n\n"
-            "    halcmd -f {beside}\n\n"
+            "    halcmd -f {stem}.streamer.hal\n\n"
             "and connect table-cmd-N.out to the command of drive N, and its measured position to "
             "table-fb-N.in0. Until the first row the drives get what LinuxCNC commands."
         ),
         load=(
             "Home the machine and move it to the start below by jogging or MDI, and leave it "
             "there. Fill the streamer; the table does not begin yet:\n\n"
-            "    halstreamer {file} &\n\n"
+            "    {feed} &\n\n"
             "    halcmd getp streamer.0.curr-depth\n\n"
             "The depth has to be 3999 or, of a shorter table, the number of rows."
         ),
@@ -176,10 +198,11 @@ FORMAT = TableFormat(
         ),
     ),
     executed="halrun of LinuxCNC 2.9 ran these commands: every row in its cycle",
-    beside={STREAMER_ENDING: hal_lines},
+    beside={STREAMER_ENDING: hal_lines, **lead_files(".txt", _lines)},
     clock="one row every servo cycle",
     capacity="none: rows are streamed",
     axes={"strut": actuator_names("S")},
     repeats=True,
+    guide_values=_feed,
     uniform=True,
 )

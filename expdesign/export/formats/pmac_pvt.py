@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain, islice
 from pathlib import Path
 from typing import Literal
@@ -15,6 +15,7 @@ from pydantic import model_validator
 from constraints.arrays import Array
 from expdesign.configuration.errors import refusal
 from expdesign.configuration.export import PVT_OPTIONS, ExportSection
+from expdesign.configuration.schema import LARGEST_COUNT
 from expdesign.export.definition import (
     Guide,
     Interpolation,
@@ -26,7 +27,7 @@ from expdesign.export.definition import (
     switched_at,
     switching,
 )
-from expdesign.export.repetition import collect
+from expdesign.export.repetition import collect, split_rows
 from expdesign.export.text_table import (
     every_line,
     lines,
@@ -47,8 +48,11 @@ _PROGRAM = 10
 _NO_PROGRAM = (
     "no program of PVT times and moves between OPEN PROG … CLEAR, ABS and CLOSE, and nothing else"
 )
-_ROWS, _KNOWN = 20_000, 50_000
-"""Rows that are read at once, and moves that are remembered."""
+_LINES, _KNOWN = 40_000, 50_000
+"""Lines that are read at once, and moves that are remembered."""
+_COUNTER = "Q100"
+_WHILE = re.compile(rf"{_COUNTER}=0 WHILE\({_COUNTER}<(\d{{1,7}})\)")
+_ENDWHILE = f"{_COUNTER}={_COUNTER}+1 ENDWHILE"
 _MOVE = re.compile(r"([A-Z])([^:\s]*):(\S*)")
 
 
@@ -66,9 +70,31 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
             yield f"PVT{_milliseconds(step, settings)}\n{words}"
 
     behind = switching(rows, settings, _commands(settings))
-    moves = mark_window(every_line(rows, lines_of), rows, settings, "; {}", ends=True)
-    text = islice(_switched(moves, behind), 1, None)
-    write_lines(path, chain(_head(settings), [behind[0]] if 0 in behind else [], text, ["CLOSE"]))
+    if settings.section.looped:
+        parts = (islice(lines_of(part), 1, None) for part in split_rows(rows))
+        text = _loop(parts, settings.task.motion.periods, [*behind.values()])
+    else:
+        moves = mark_window(every_line(rows, lines_of), rows, settings, "; {}", ends=True)
+        first = [behind[0]] if 0 in behind else []
+        text = chain(first, islice(_switched(moves, behind), 1, None))
+    write_lines(path, chain(_head(settings), text, ["CLOSE"]))
+
+
+def _loop(parts: Iterable[Iterable[str]], count: int, switches: Sequence[str]) -> Iterator[str]:
+    """Yield the lines of a program that repeats a period; the switches are before and after it.
+
+    The parts are lead-in, period and lead-out.
+    """
+    lead_in, period, lead_out = parts
+    yield from lead_in
+    yield "; measurement window begins"
+    yield from switches[:1]
+    yield f"{_COUNTER}=0 WHILE({_COUNTER}<{count})"
+    yield from period
+    yield _ENDWHILE
+    yield "; measurement window ends"
+    yield from switches[1:]
+    yield from lead_out
 
 
 def _switched(moves: Iterable[str], behind: Mapping[int, str]) -> Iterator[str]:
@@ -131,47 +157,76 @@ def _moves(
     Rows before which an output is switched are added to `switched`.
     """
     read, clock = _MoveReader(settings), _ticks(settings)
-    ticks, total, number = [0], 0, 0
-    values = [[*settings.start.tolist(), *[0.0] * len(settings.axes.names)]]
-    step, ended = 0, False
-    code = _code(path, settings)
-    if [word for _, word in islice(code, 2)] != [f"OPEN PROG {_PROGRAM} CLEAR", "ABS"]:
-        raise TableError(_NO_PROGRAM)
     on, off = _commands(settings) if settings.section.trigger is not None else ("", "")
-    for k, word in code:
-        if ended:
+    yield np.zeros(1), np.concatenate([settings.start, np.zeros(len(LETTERS))])[None, :]
+    total = number = 0
+    for count, block in _stretches(_code(path, settings)):
+        values: list[list[float]] = []
+        step, ticks = 0, [0]
+        for k, word in block:
+            if count == 1 and word in (on, off):
+                switched.append((-1 if step else number + len(values), word == on))
+            elif not step:
+                step = read.time(word, k)
+            else:
+                ticks.append(ticks[-1] + step)
+                values.append(read.move(word, k))
+                step = 0
+        if step:
             raise TableError(_NO_PROGRAM)
-        if word == "CLOSE":
-            ended = True
-        elif word in (on, off):
-            switched.append((-1 if step else number, word == on))
-        elif not step:
-            step = read.time(word, k)
-        else:
-            total, number = total + step, number + 1
-            ticks.append(total)
-            values.append(read.move(word, k))
-            step = 0
-            if len(ticks) == _ROWS:
-                yield np.array(ticks) / clock, np.array(values)
-                ticks, values = [], []
-    if not ended or step or not number:
+        if values:
+            for repetition in range(count):
+                begin = total + repetition * ticks[-1]
+                yield (begin + np.array(ticks[1:])) / clock, np.array(values)
+            total += count * ticks[-1]
+            number += count * len(values)
+    if not number:
         raise TableError(_NO_PROGRAM)
-    if ticks:
-        yield np.array(ticks) / clock, np.array(values)
+
+
+def _stretches(code: Iterable[tuple[int, str]]) -> Iterator[tuple[int, list[tuple[int, str]]]]:
+    """Yield numbered lines of moves, with the number of times that the program executes them."""
+    block: list[tuple[int, str]] = []
+    count = 0
+    for k, word in code:
+        begins = _WHILE.fullmatch(word)
+        if begins or word == _ENDWHILE:
+            if bool(begins) == bool(count):
+                raise TableError(f"line {k}: '{word[:40]}' is not that of a single loop")
+            yield max(1, count), block
+            block, count = [], int(begins[1]) if begins else 0
+            if begins and not 1 <= count <= LARGEST_COUNT:
+                raise TableError(f"line {k}: {count} repetitions")
+            continue
+        block.append((k, word))
+        if not count and len(block) > _LINES and not word.startswith("PVT"):
+            yield 1, block
+            block = []
+    if count:
+        raise TableError(_NO_PROGRAM)
+    yield 1, block
 
 
 def _code(path: Path, settings: Settings) -> Iterator[tuple[int, str]]:
     """Yield the lines of the program with their numbers; comments of the head have to be ours."""
     known = _head(settings)[1:3]
+    expected = [f"OPEN PROG {_PROGRAM} CLEAR", "ABS"]
+    ended = False
     for k, line in enumerate(lines(path), start=1):
-        bare, _, _ = line.partition(";")
+        bare = line.partition(";")[0].strip()
         for own in known:
             about, _, _ = own.partition(":")
             if line.startswith(about) and line.rstrip() != own:
                 raise TableError(f"line {k}: '{line[:60]}' where the table says '{own}'")
-        if bare.strip():
-            yield k, bare.strip()
+        if not bare:
+            continue
+        if ended or (expected and bare != expected.pop(0)):
+            raise TableError(_NO_PROGRAM)
+        ended = bare == "CLOSE"
+        if not (ended or bare == "ABS" or bare.startswith("OPEN")):
+            yield k, bare
+    if not ended:
+        raise TableError(_NO_PROGRAM)
 
 
 class _MoveReader:
@@ -217,7 +272,7 @@ class PmacOptions(ExportSection):
     """Options of a PVT motion program of the PMAC."""
 
     spaces = ("strut", "pose")
-    shared = PVT_OPTIONS
+    shared = (*PVT_OPTIONS, "repeat")
     outputs = (0, 8191)
     """M-variable."""
 
@@ -274,7 +329,8 @@ FORMAT = TableFormat(
             "Move the axes to the start one by one, wait until they are in position, and run the "
             "program:\n\n"
             "    &1 B10 R\n\n"
-            "`&1 A` aborts it."
+            "`&1 A` aborts it. With repeat: controller the program repeats the period in a loop "
+            "and counts in Q100 of the coordinate system, which has to be free."
         ),
     ),
     clock="1/4096 ms (Turbo PMAC, I42 = 0), 1 ms with `clock: 1 ms`",

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
 
+from constraints.arrays import Array
 from expdesign.configuration.export import STRUT_AXES, ExportSection
 from expdesign.export.definition import (
     Guide,
@@ -19,7 +20,14 @@ from expdesign.export.definition import (
     TableFormat,
     round_to_clock,
 )
-from expdesign.export.repetition import collect
+from expdesign.export.repetition import (
+    LEAD_IN,
+    LEAD_OUT,
+    collect,
+    lead_files,
+    read_looped,
+    split_rows,
+)
 from expdesign.export.text_table import (
     add_times,
     every_line,
@@ -40,18 +48,33 @@ def _header(settings: Settings) -> str:
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
-    def lines_of(part: Rows) -> Iterator[str]:
-        steps = 1e3 * np.diff(part.times, prepend=part.times[0])
-        cells = np.stack([part.position, part.velocities], axis=2).reshape(len(steps), -1)
-        for step, row in zip(steps, cells, strict=True):
-            yield ",".join([f"{step:.{_TIME_DIGITS - 3}f}", *settings.numbers(row)])
+    text = every_line(rows, partial(_lines, settings=settings))
+    if settings.section.looped:
+        text = islice(_lines(split_rows(rows)[1], settings), 1, None)
+    write_lines(path, chain([_header(settings)], text))
 
-    write_lines(path, chain([_header(settings)], every_line(rows, lines_of)))
+
+def _lines(part: Rows, settings: Settings) -> Iterator[str]:
+    steps = 1e3 * np.diff(part.times, prepend=part.times[0])
+    cells = np.stack([part.position, part.velocities], axis=2).reshape(len(steps), -1)
+    for step, row in zip(steps, cells, strict=True):
+        yield ",".join([f"{step:.{_TIME_DIGITS - 3}f}", *settings.numbers(row)])
+
+
+def _lead(part: Rows, settings: Settings) -> Iterator[str]:
+    """Yield the lines of a lead-in; those of a lead-out lack the row before it."""
+    text = _lines(part, settings)
+    header = _header(settings)
+    return chain([header], text) if part.times[0] == 0 else chain([next(text), header], text)
 
 
 def _read(path: Path, settings: Settings) -> Rows:
     message = "the header does not name time, positions and velocities"
-    blocks = numbers(lines_after(path, _header(settings), message), _CELLS, "cells", ",", first=2)
+
+    def read(file: Path) -> Iterator[Array]:
+        return numbers(lines_after(file, _header(settings), message), _CELLS, "cells", ",", first=2)
+
+    blocks = read_looped(path, settings, read) if settings.section.looped else read(path)
     ticks = 10**_TIME_DIGITS
     found = collect(add_times(blocks, ticks / 1000, ticks), settings)
     if found.values[0, 0] != 0:
@@ -65,7 +88,16 @@ class PvtCsvOptions(ExportSection):
     """Options of PVT points as CSV."""
 
     spaces = ("strut",)
-    shared = ("digits", "units", "axes", *STRUT_AXES)
+    shared = ("digits", "units", "axes", *STRUT_AXES, "repeat")
+
+
+def _points(settings: Settings) -> dict[str, str]:
+    """Return the expression for all points."""
+    if not settings.section.looped:
+        return {"points": "read('{file}')"}
+    periods = f"{settings.task.motion.periods} * read('{{file}}')"
+    files = (f"read('{{stem}}{name}.csv')" for name in (LEAD_IN, LEAD_OUT))
+    return {"points": f" + {periods} + ".join(files)}
 
 
 FORMAT = TableFormat(
@@ -84,8 +116,9 @@ FORMAT = TableFormat(
         ),
         load=(
             "    from zaber_motion.ascii import PvtSequence\n"
-            "    data = PvtSequence.load_sequence_data('{file}').sequence_data\n"
-            "    start, points = data[0], data[1:]"
+            "    def read(file):\n"
+            "        return PvtSequence.load_sequence_data(file).sequence_data\n"
+            "    start, *points = {points}"
         ),
         run=(
             "The first row, at time 0, is the start. Move the axes there, one by one and slowly, "
@@ -106,5 +139,7 @@ FORMAT = TableFormat(
     axes={"strut": actuator_names("S")},
     digits=8,
     repeats=True,
+    beside=lead_files(".csv", _lead),
+    guide_values=_points,
     written_times=partial(round_to_clock, ticks=10**_TIME_DIGITS),
 )
