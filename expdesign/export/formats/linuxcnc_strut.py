@@ -158,9 +158,9 @@ FORMAT = TableFormat(
     guide=Guide(
         before=(
             "The period of the servo thread has to be {step}; no kinematics is needed. The HAL "
-            "file {stem}.streamer.hal adds the rows to the motor commands of joints 0 to 5, in the units of "
-            "the joints: {axes} have to be joints 0 to 5 with the sign and the unit of the table. "
-            "LinuxCNC keeps the command of the joints, and its way to the start, its limits and "
+            "file {stem}.streamer.hal adds the rows to the motor commands of joints 0 to 5, in the "
+            "units of the joints: {axes} have to be joints 0 to 5 with the sign and the unit of "
+            "the table. LinuxCNC keeps the command of the joints, and its way to the start, its limits and "
             "its emergency stop remain; it does not see the table as a following error.\n\n"
             "In a copy of the machine's HAL files, remove the connections of joint.N.motor-pos-cmd "
             "and joint.N.motor-pos-fb, load the file after motmod and before the functions of the "
