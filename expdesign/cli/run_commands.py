@@ -31,16 +31,24 @@ DesignsOption = Annotated[
         "or one each. The run folder's by default, if it has one.",
     ),
 ]
+ResumeOption = Annotated[
+    bool, flag_option("--resume", "Continue an interrupted search: what had ended is kept.")
+]
 StrictOption = Annotated[bool, flag_option("--strict", "Exit status 1 when a diagnostic fails.")]
 
 
-def design(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) -> None:
+def design(
+    run: RunArgument,
+    out: OutOption = None,
+    resume: ResumeOption = False,
+    as_json: JsonOption = False,
+) -> None:
     """Design the optimal excitation trajectory.
 
     Writes the resolved configuration, design.json, trajectory.csv, tables and figures. Ctrl-C
     ends the search and keeps the best so far, marked.
     """
-    _execute("design", run, out, as_json)
+    _execute("design", run, out, as_json, resume=resume)
 
 
 def simulate(
@@ -193,11 +201,16 @@ def report(
     write_report(folder, as_json)
 
 
-def run(run: RunArgument, out: OutOption = None, as_json: JsonOption = False) -> None:
+def run(
+    run: RunArgument,
+    out: OutOption = None,
+    resume: ResumeOption = False,
+    as_json: JsonOption = False,
+) -> None:
     """Do every stage that the run file names, in their order; finished stages are kept."""
     from expdesign.cli.runs import run_all
 
-    run_all(run, out, as_json)
+    run_all(run, out, as_json, resume=resume)
 
 
 def compare(

@@ -26,6 +26,7 @@ def execute_stage(
     sources: Mapping[str, Any] | None = None,
     strict: bool = False,
     repetitions: int | None = None,
+    resume: bool = False,
 ) -> None:
     """Execute one stage of a run; the sources replace the inputs that the folder holds."""
     configuration = load_run(config)
@@ -37,6 +38,7 @@ def execute_stage(
         run_folder(configuration, out),
         Terminal(quiet=as_json),
         Sources(**(sources or {})),
+        resume,
     )
     refuse_unwritable(work.folder)
     with one_writer(work.folder, f"expdesign {name}"):
@@ -48,9 +50,9 @@ def execute_stage(
         write_json({"status": 0, **outcome.summary})
 
 
-def run_all(config: str, out: Path | None, as_json: bool) -> None:
+def run_all(config: str, out: Path | None, as_json: bool, *, resume: bool) -> None:
     """Do every stage that a run names."""
-    made = run(config, out, Terminal(quiet=as_json))
+    made = run(config, out, Terminal(quiet=as_json), resume=resume)
     if as_json:
         outcomes = made.stages
         write_json(

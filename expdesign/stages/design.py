@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -25,29 +26,61 @@ from expdesign.experiment.sweep import (
 from expdesign.information.fisher import SingularInformationError
 from expdesign.information.identifiable import listed
 from expdesign.interruption import interruptible
+from expdesign.solver.starts import StartResult
 from expdesign.stages.execution import input_hash, is_done, save
 from expdesign.stages.stage import Outcome, Stage, StageFailed, StageFunctions, Workspace, short
-from expdesign.workers import Job, Monitor, StoppedError, run_jobs
+from expdesign.workers import (
+    ClusterError,
+    Job,
+    JobJournal,
+    Monitor,
+    StoppedError,
+    WorkerDiedError,
+    run_jobs,
+)
 from results.comparison.designs import compare_designs
 from results.views.design import design_view
 from results.views.folder import StageViews
 from results.views.sweep import sweep_view
 
 _KEPT = "if a start has a result by now, the best so far is finished and saved"
+_CONTINUES = "starts and hops that had ended are kept, and --resume continues"
 _DISCARDED = "discarded: nothing of this design is saved"
 _SWEEP_KEPT = "finished designs are kept, and of the running ones the best so far"
 _MOST_REASONS = 3
+SEARCH_JOURNAL = "search.jsonl"
+"""Journal of a search that has not ended."""
 
 
 def run_design(work: Workspace) -> Outcome:
-    """Design; Ctrl-C keeps the best so far."""
+    """Design; Ctrl-C keeps the best so far, and a lost cluster what had ended."""
     progress = work.progress
-    with interruptible(progress.note, _KEPT, "discards the design", _DISCARDED) as stop:
+    with (
+        _journal(work, "design", resume=work.resume) as journal,
+        interruptible(progress.note, _KEPT, "discards the design", _DISCARDED) as stop,
+    ):
+        if work.resume:
+            progress.note(f"results of earlier starts and hops: {journal.count}")
         with progress.search(work.configuration) as report:
             monitor = Monitor(stop, report)
-            result = name_unexcited(lambda: design(work.configuration, monitor))
+            result = name_unexcited(lambda: design(work.configuration, monitor, journal))
         outcome = design_outcome(result, work)
     return replace(outcome, asked_to_stop=stop())
+
+
+@contextmanager
+def _journal(work: Workspace, stage: str, *, resume: bool) -> Iterator[JobJournal]:
+    """Provide the journal of a search; remove it if a search fails that had its workers."""
+    path = work.folder / SEARCH_JOURNAL
+    journal = JobJournal(path, work.inputs[stage], StartResult, resume=resume)
+    try:
+        yield journal
+    except (ClusterError, WorkerDiedError) as error:
+        more = f"; {_CONTINUES}" if journal.count else ""
+        raise type(error)(f"{error.message}{more}") from error
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
 
 
 DESIGN = StageFunctions(run_design, StageViews(DesignResult, design_view, compare_designs))
@@ -69,6 +102,7 @@ def design_outcome(result: DesignResult, work: Workspace) -> Outcome:
         message=result.status_text,
         warnings=result.warnings[len(work.configuration.warnings) :],
         failure="" if result.passed else _failure(result, short(work.folder)),
+        temporary=() if result.status == "interrupted" else (work.folder / SEARCH_JOURNAL,),
     )
 
 
@@ -92,7 +126,10 @@ def name_unexcited(make: Callable[[], DesignResult]) -> DesignResult:
 
 def _failure(result: DesignResult, folder: str) -> str:
     if result.status == "interrupted":
-        return f"interrupted: the best so far is saved and marked in {folder}"
+        return (
+            f"interrupted: the best so far is saved and marked in {folder} ({result.status_text}); "
+            f"{_CONTINUES}"
+        )
     broken = [check for check in result.check.limits if not check.kept]
     parts = []
     for check in sorted(broken, key=lambda check: -check.violation):
@@ -195,8 +232,9 @@ def _make_design(
     """Make the design of a point and its run folder, in the process of the job."""
     work, began = _workspace(stage, point, folder), time.perf_counter()
     try:
-        result = name_unexcited(lambda: design_point(point.configuration, monitor))
-    except StoppedError as error:
+        with _journal(work, stage.name, resume=True) as journal:
+            result = name_unexcited(lambda: design_point(point.configuration, monitor, journal))
+    except (StoppedError, ClusterError) as error:
         return _End(INTERRUPTED, error.message)
     except ComputationError as error:
         return _End(FAILED, error.message)

@@ -104,6 +104,8 @@ def save(outcome: Outcome, stage: Stage, work: Workspace, began: float) -> Outco
     outcome = replace(outcome, stage=stage.name, folder=work.folder, summary=summary)
     keep_configuration(work.configuration, work.folder)
     write_entry(work, outcome, seconds)
+    for file in outcome.temporary:
+        file.unlink(missing_ok=True)
     work.made[stage.name] = outcome
     return outcome
 

@@ -30,7 +30,7 @@ from expdesign.stages.stage import (
     short,
 )
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
-from expdesign.workers import Monitor, StoppedError
+from expdesign.workers import ClusterError, Monitor, StoppedError
 from results.views.experiment import compare_montecarlo, experiment_view, montecarlo_view
 from results.views.folder import StageViews
 
@@ -145,7 +145,8 @@ def run_montecarlo(work: Workspace) -> Outcome:
         work.progress.count("repetitions") as advanced,
         interruptible(work.progress.note, kept) as stop,
     ):
-        monitor = Monitor(stop, advanced=advanced)
+        lost: list[ClusterError] = []
+        monitor = Monitor(stop, lost.append, advanced)
         result = run_study(configuration, design.trajectory, folder / JOURNAL, monitor)
     asked = monitor.stop_requested()
     if not result.repetitions:
@@ -155,6 +156,8 @@ def run_montecarlo(work: Workspace) -> Outcome:
         raise StageFailed(f"no repetition could be estimated: {_reasons(*found.values())}")
     count = f"{result.counts.done} of {result.counts.wanted} repetitions"
     message = f"interrupted after {count}" if result.interrupted else count
+    if lost:
+        message = f"{message} ({lost[0].message})"
     failed = tuple(_failed_repetitions(result))
     return Outcome(
         result=result,

@@ -42,6 +42,8 @@ def run(
     config: ConfigurationLike,
     out: Place | None = None,
     progress: Progress | None = None,
+    *,
+    resume: bool = False,
 ) -> RunResult:
     """Do every stage that a run names, as `expdesign run` does; finished stages are kept.
 
@@ -53,6 +55,8 @@ def run(
     progress : Progress, optional
         Listener of warnings, remarks, progress and outcomes; nothing is shown by default. The
         first Ctrl-C ends a search or a study with its result so far, the second at once.
+    resume : bool
+        Whether an interrupted search continues from its starts and hops that had ended.
 
     Raises
     ------
@@ -63,7 +67,9 @@ def run(
     """
     configuration = load_run(config)
     folder = run_folder(configuration, out)
-    work = Workspace(configuration, folder, progress or Progress(), stages=reported_stages())
+    work = Workspace(
+        configuration, folder, progress or Progress(), stages=reported_stages(), resume=resume
+    )
     refuse_unfit(configuration)
     if missing := missing_design(configuration, folder):
         raise InputError(missing)

@@ -132,6 +132,8 @@ class Outcome:
     """Whether later stages are done after a failure, because the result is complete in parts."""
     view: StageView | None = None
     """The view of the result, for the terminal."""
+    temporary: tuple[Path, ...] = ()
+    """Files that are removed once the result is saved."""
     asked_to_stop: bool = False
     """Whether an interruption came; the run ends after this stage."""
 
@@ -208,6 +210,8 @@ class Workspace:
     """The run folder, absolute."""
     progress: Progress = field(default_factory=Progress)
     sources: Sources = Sources()
+    resume: bool = False
+    """Whether an interrupted search continues."""
     made: dict[str, Outcome] = field(default_factory=dict)
     """Outcomes of the stages so far, by name."""
     stages: Mapping[str, ViewedStage] = field(default_factory=dict)
