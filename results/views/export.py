@@ -10,6 +10,7 @@ from estimation.controlmodel import FOLDER
 from estimation.controlmodel.formats import ControlModelFile
 from expdesign.configuration.tolerances import IDENTIFIED_ROBOT as IDENTIFIED
 from expdesign.experiment import DesignResult
+from expdesign.export.certification import LIMIT_SHARE
 from expdesign.export.result import ExportedTable, ExportResult
 from expdesign.runfolder.manifest import file_hash
 from results.figures.motion import RestToRestMotion, motion_figure
@@ -50,14 +51,26 @@ def export_view(folder: RunFolder) -> StageView:
         f"{count_text(len(files), 'table')} of a motion of {duration} from rest to rest. Each was "
         "read back, executed as by its controller, and kept every tolerance."
     )
+    beyond = False
     for name, entry in files.items():
-        if not all(limit.kept for limit in entry.read_back.limits):
+        controller, limits = entry.read_back.controller, entry.read_back.limits
+        if controller is not None:
+            beyond = beyond or any(limit.violation > LIMIT_SHARE for limit in limits)
+            sentence += (
+                f" {name}: the controller's planner takes {readable(controller.duration)} s for "
+                f"{readable(entry.duration)} s, and its struts accelerate by up to "
+                f"{readable(controller.acceleration, 3)} m/s² in single cycles, where the design "
+                f"has {readable(controller.designed_acceleration, 3)} m/s²."
+            )
+        if not all(limit.kept for limit in limits):
             sentence += f" {name}: {entry.read_back.limits_in_words}."
     if missing:
         sentence += f" No longer in the folder: {', '.join(missing)}."
     if changed:
         sentence += f" Changed since the check: {', '.join(changed)}."
-    level, word = (Level.CAUTION, "changed") if changed else (Level.GOOD, "checked")
+    level, word = (Level.CAUTION, "beyond limits") if beyond else (Level.GOOD, "checked")
+    if changed:
+        level, word = Level.CAUTION, "changed"
     verdict = StageVerdict(
         "Controller tables",
         Level.BAD if missing else level,
