@@ -177,7 +177,7 @@ def test_what_belongs_to_a_table_lies_beside_it(expdesign, folder, tmp_path):
     readme = " ".join((exports / "README.txt").read_text().split())
     assert "Output 2 of GPIO1 is on from 1.2" in readme
     out = tmp_path / "elsewhere" / "table.ngc"
-    options = ("--segment", "2 ms", "--tolerance", "50 um", "--units", "in", "--out", out)
+    options = ("--servo-period", "1 ms", "--units", "in", "--out", out)
     status, _, messages = expdesign("export", folder, "--format", "linuxcnc-gcode", *options)
     assert status == 0, messages
     assert (out.parent / "table.genhexkins.hal").is_file()
