@@ -329,7 +329,7 @@ def test_formats_of_controller_tables():
 
 def test_clocks_and_limits_of_controllers():
     rows = {
-        codes(row[0])[0]: row[1:]
+        codes(row[0])[0]: row[1:4]
         for row in table(TABLES_PAGE, "## The clocks and limits of the controllers")
     }
     facts = {n: [f.clock, f.capacity, f.executed] for n, f in table_formats().items()}

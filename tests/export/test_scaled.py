@@ -139,7 +139,9 @@ def test_its_record_tells_the_scale_and_it_is_found_again(tmp_path):
 
 @pytest.mark.parametrize("scale", [0, -0.5, 1.01, "30 mm"])
 def test_no_scale(scale):
-    with pytest.raises(ValueError, match=r"smaller and slower|not a share|is a length"):
+    with pytest.raises(
+        ValueError, match=r"greater than 0|less than or equal to 1|not a share|is a length"
+    ):
         export_section(format="csv", scale=scale)
 
 
