@@ -123,10 +123,10 @@ def _rows(file: ExportedTable) -> str:
     shortest, longest = 1e3 * file.shortest_step, 1e3 * file.longest_step
     apart = f"{longest:.6g}" if longest - shortest < 1e-6 else f"{shortest:.6g} to {longest:.6g}"  # noqa: PLR2004 - a nanosecond
     digits = "all digits" if file.digits is None else f"{file.digits} decimals"
-    return (
-        f"{file.rows} rows, {apart} ms apart, {digits}; checked for a controller that moves "
-        f"on {file.interpolation}."
-    )
+    path = f"moves on {file.interpolation}"
+    if file.read_back.controller is not None:
+        path = "plans between the rows itself"
+    return f"{file.rows} rows, {apart} ms apart, {digits}; checked for a controller that {path}."
 
 
 def _check_text(check: TableCheck) -> str:

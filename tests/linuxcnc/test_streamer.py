@@ -26,6 +26,12 @@ time.sleep({seconds})
 shell("echo played $({played})")
 for words in {afterwards!r}:
     shell(words)
+shell("halcmd sets table-run 1")
+command.state(linuxcnc.STATE_ESTOP); command.wait_complete()
+time.sleep(0.1)
+shell("echo allowed $(halcmd gets table-on)")
+command.state(linuxcnc.STATE_ESTOP_RESET); command.wait_complete()
+command.state(linuxcnc.STATE_ON); command.wait_complete()
 """
 LIMITS = {
     "SERVO_PERIOD": ["1000000"],
@@ -75,6 +81,8 @@ def test_the_printed_commands_play_every_row_from_the_measured_position_on(tmp_p
     )
     assert f"depth {min(len(rows), 3999)}" in text
     assert float(re.search(r"played (\S+)", text)[1]) == pytest.approx(len(rows))
+    # The emergency stop ends the table.
+    assert "allowed FALSE" in text
     # The motors count from where they were homed. Nothing moves before the first row.
     held = np.zeros(6)
     np.testing.assert_allclose(samples[0], held, rtol=0, atol=2e-6)

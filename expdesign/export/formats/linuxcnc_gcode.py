@@ -489,7 +489,7 @@ FORMAT = TableFormat(
             "B and C are roll, pitch and yaw about the fixed axes x, y, z: R = Rz(C) Ry(B) Rx(A)."
         ),
         run=(
-            "Home the machine, move it to the start below with a slow G1 in MDI, and run the file. "
+            "Home the machine, move it to the start above with a slow G1 in MDI, and run the file. "
             "Its first line goes to the start in 10 s; at the start it does not move. Abort stops "
             "the motion."
         ),

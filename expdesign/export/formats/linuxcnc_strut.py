@@ -91,14 +91,14 @@ def hal_lines(_rows: Rows, settings: Settings) -> list[str]:
         "#   command = joint.N.motor-pos-cmd + (row - first row), from the first row on.",
         "# Connect table-cmd-N.out to drive N, and its measured position to table-fb-N.in0.",
         f"loadrt streamer depth={_DEPTH} cfg={'f' * ACTUATORS}",
-        "loadrt or2 names=table-on",
         "loadrt not names=table-filled",
-        "loadrt and2 names=table-row",
+        "loadrt and2 names=table-on,table-row",
         "loadrt flipflop names=table-begun",
         f"loadrt mux2 names=table-count,{names['gate']}",
         "loadrt integ names=table-rows",
         f"loadrt sum2 names={names['shift']},{names['cmd']},{names['fb']}",
         "net table-run => table-on.in0",
+        "net table-allowed motion.motion-enabled => table-on.in1",
         "net table-on table-on.out => streamer.0.enable table-row.in0",
         "net table-empty streamer.0.empty => table-filled.in",
         "net table-filled table-filled.out => table-row.in1",
@@ -160,18 +160,19 @@ FORMAT = TableFormat(
             "The period of the servo thread has to be {step}; no kinematics is needed. The HAL "
             "file {stem}.streamer.hal adds the rows to the motor commands of joints 0 to 5, in the "
             "units of the joints: {axes} have to be joints 0 to 5 with the sign and the unit of "
-            "the table. LinuxCNC keeps the command of the joints, and its way to the start, its "
-            "limits and its emergency stop remain; it does not see the table as a following "
-            "error.\n\n"
-            "In a copy of the machine's HAL files, remove the connections of joint.N.motor-pos-cmd "
-            "and joint.N.motor-pos-fb, load the file after motmod and before the functions of the "
-            "drives are added, as one of the HALFILEs of the INI file or with\n\n"
+            "the table. LinuxCNC keeps the command of the joints, with its own moves to the start "
+            "and its emergency stop, which stops the table, too. It does not see the table as a "
+            "following error, and its limits of the joints do not hold for the rows.\n\n"
+            "In a copy of the machine's HAL files, remove the connections of "
+            "joint.N.motor-pos-cmd, joint.N.motor-pos-fb and motion.motion-enabled, load the file "
+            "after motmod and before the functions of the drives are added, as one of the HALFILEs "
+            "of the INI file or with\n\n"
             "    halcmd -f {stem}.streamer.hal\n\n"
             "and connect table-cmd-N.out to the command of drive N, and its measured position to "
             "table-fb-N.in0. Until the first row the drives get what LinuxCNC commands."
         ),
         load=(
-            "Home the machine and move it to the start below by jogging or MDI, and leave it "
+            "Home the machine and move it to the start above by jogging or MDI, and leave it "
             "there. Fill the streamer; the table does not begin yet:\n\n"
             "    {feed} &\n\n"
             "    halcmd getp streamer.0.curr-depth\n\n"
