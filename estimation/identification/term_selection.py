@@ -33,9 +33,9 @@ CAVEAT = (
 """Note on intervals after a selection."""
 
 SAME_MOTION = (
-    "the held-out data are periods of the fitted motion: the error of the model is the same in all "
-    "of them, so that terms which only imitate it are not penalised. Record another motion to "
-    "detect them"
+    "periods of the fitted motion were held out: the error of the model is the same in all of "
+    "them, so that terms which only imitate it are not penalised. Record another motion to detect "
+    "them"
 )
 
 
