@@ -21,6 +21,8 @@ _NO_PROGRAMMED_LENGTH = 1e-7
 _LEAST_FEED = 0.1
 """Units per minute."""
 _POSITION, _TIME, _VELOCITY = 1e-12, 1e-12, 1e-8
+_LONGEST, _MORE_CYCLES = 2.0, 1000
+"""Longest planned motion, as a multiple of the programmed time, and further cycles."""
 _LEAST_COSINE = math.sin(1e-3)
 
 
@@ -69,11 +71,12 @@ def plan_motion(
     202
     """
     moves = list(_moves(positions, feeds, tolerance, limits))
+    most = _LONGEST * float(np.sum(60 / feeds)) / limits.period + _MORE_CYCLES
     poses = [positions[0]]
     cycles = np.zeros(len(positions), dtype=int)
     for move, following in zip(moves, [*moves[1:], None], strict=True):
         move.blending = move.decelerating = False
-        while not move.done:
+        while not move.done and len(poses) < most:
             _run_cycle(move, following, limits.period)
             pose = move.pose
             if following is not None and following.progress > 0:

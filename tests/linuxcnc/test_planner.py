@@ -9,6 +9,7 @@ from expdesign.configuration import export_section, load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.export.execution import ExecutedTable
 from expdesign.export.exporting import ExportError, export_table
+from expdesign.export.read_back import read_back
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory
 from tests.export.motions import spline_motion_of, task
@@ -92,3 +93,20 @@ def test_rows_of_a_few_cycles_are_refused(cycles, tmp_path):
     asked = export_section(format="linuxcnc-gcode", segment=f"{cycles} ms")
     with pytest.raises(ExportError, match="linuxcnc-strut"):
         export_table(asked, motion(1.0, 0.05, 1.0), tmp_path / "table.ngc")
+
+
+def test_a_program_of_years_is_not_executed(tmp_path):
+    made = export_table(
+        export_section(format="linuxcnc-gcode"), motion(1.0, 0.02, 1.0), tmp_path / "table.ngc"
+    )
+    lines = made.path.read_text().splitlines()
+    lines[20] = lines[20].partition(" F")[0] + " F0.000001"
+    made.path.write_text("\n".join(lines) + "\n")
+    (failure,) = read_back(made.path, made.settings).failures
+    assert "the program lasts" in failure
+
+
+def test_limits_that_take_hours_are_refused_at_once(tmp_path):
+    asked = export_section(format="linuxcnc-gcode", linear_acceleration="1 um/s^2")
+    with pytest.raises(ExportError, match="times as long"):
+        export_table(asked, motion(1.0, 0.02, 1.0), tmp_path / "table.ngc")

@@ -53,6 +53,7 @@ AXES = ("X", "Y", "Z", "A", "B", "C")
 START_FEED = 6.0
 """1/min: the move to the start takes 10 s; a machine at the start does not move."""
 _FEED_DIGITS = 6
+_LONGER = 2.0
 _BLEND_DIGITS = 8
 _COMMENT = re.compile(r"\([^()]*\)")
 _WORD = re.compile(r"([A-Z])([^A-Z\s]*)")
@@ -141,6 +142,9 @@ def _read(path: Path, settings: Settings) -> Rows:
         raise TableError("the program has no M2 at its end")
     _check_feeds(feeds)
     times = np.concatenate([[0.0], np.cumsum(60 / np.array(feeds[1:]))])
+    duration = settings.task.motion.duration
+    if times[-1] > _LONGER * duration:
+        raise TableError(f"the program lasts {times[-1]:.6g} s, the motion {duration:.6g} s")
     rows = Rows(times, np.array(positions).reshape(-1, len(AXES))).checked()
     return switched_at(switched, rows)
 
