@@ -503,7 +503,8 @@ def test_tables_do_not_depend_on_the_number_of_workers(expdesign, folder, run_fi
         # Nothing hidden is left behind either.
         found[workers] = {path.name: path.read_bytes() for path in (place / "exports").iterdir()}
     assert found[1] == found[2]
-    assert sorted(found[2]) == ["README.txt", "exports.json", "linuxcnc-strut.txt", "xps-pvt.trj"]
+    tables = ["linuxcnc-strut.streamer.hal", "linuxcnc-strut.txt", "xps-pvt.trj"]
+    assert sorted(found[2]) == ["README.txt", "exports.json", *tables]
 
 
 @pytest.mark.parametrize("workers", [1, 2])
