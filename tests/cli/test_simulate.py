@@ -384,7 +384,7 @@ def test_ctrl_c_keeps_what_is_complete(expdesign, run_file, design, tmp_path, mo
         write(measurement, path)
         written.append(str(path.relative_to(out)))
 
-    monkeypatch.setattr(truths, "write_measurement", interrupted)
+    monkeypatch.setattr("expdesign.stages.experiment.write_measurement", interrupted)
     arguments = ("--design", design, "--out", out, "--repetitions", 50)
     # A shell lets what it starts in the background ignore the signal.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
