@@ -291,9 +291,9 @@ def _numbers(path: Path, frame: pd.DataFrame, name: str) -> Array:
 
 
 def _refuse_large(path: Path, frame: pd.DataFrame, name: str) -> None:
-    """Refuse numbers whose squares are none; other cells are texts, or refused by their kind."""
+    """Refuse numbers whose squares overflow; a broken limit may have an infinite excess."""
     values = pd.to_numeric(frame[name], errors="coerce").to_numpy(dtype=np.float64)
-    large = np.flatnonzero(np.abs(values) > LARGEST_NUMBER)
+    large = np.flatnonzero(np.isfinite(values) & (np.abs(values) > LARGEST_NUMBER))
     if large.size:
         row = int(large[0])
         raise InputError(

@@ -317,7 +317,7 @@ def _text(old, new):
         (lambda table: table.write_text("a: !!bool maybe"), "no YAML: 'maybe'"),
         (lambda table: table.write_text("a: " + "9" * 5000), "no YAML: Exceeds the limit"),
         (lambda table: table.write_text("a: !!timestamp 5"), "no YAML"),
-        (lambda table: table.write_bytes(b"\xff"), "no YAML"),
+        (lambda table: table.write_bytes(b"\xff"), "no plain text"),
     ],
 )
 def test_bad_messages(spoil, expected, expdesign, run_file, folder, export, tmp_path):

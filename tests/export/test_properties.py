@@ -36,7 +36,7 @@ def made(name, digits, start):
     space = section.coordinates
     units = (form.units,) * 6
     axes = Axes(space, form.axes[space], units, np.arange(6), np.ones(6), np.zeros(6))
-    motion = SimpleNamespace(window=(0.0, 1.0), periods=1)
+    motion = SimpleNamespace(window=(0.0, 1.0), periods=1, duration=10.0)
     task = SimpleNamespace(name="n", motion=motion)
     return Settings(section, form, task, axes, digits, 1e-3, 1e-6, start)
 
