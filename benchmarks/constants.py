@@ -105,7 +105,7 @@ def _std_if_white(found: ParameterEstimate) -> Array:
     shares = [
         share
         for influence in found.influences
-        for share in (influence.force_share(), influence.length_share())
+        for share in (influence.covariance_from_forces(), influence.covariance_from_lengths())
         if share is not None
     ]
     return np.sqrt(np.diag(sum(share.white for share in shares)))[-len(_TRUE) :]

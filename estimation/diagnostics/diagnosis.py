@@ -20,7 +20,6 @@ from estimation.diagnostics.diagnosis_result import (
     ResidualDiagnosis,
 )
 from estimation.diagnostics.finding import DiagnosisVerdict, Status
-from estimation.diagnostics.findings import check_motion_onset, verdict
 from estimation.diagnostics.hypotheses import list_hypotheses
 from estimation.diagnostics.hypothesis import DelayTest, HypothesisResult
 from estimation.diagnostics.joint_system import JointSystem, SolvedSystem, joint_systems
@@ -57,6 +56,7 @@ from estimation.diagnostics.residuals import (
     variance_comparison,
 )
 from estimation.diagnostics.significance import GAIN_DRIFT, LACK_OF_FIT, NOISE
+from estimation.diagnostics.verdict import check_motion_onset, verdict
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.prior_estimate import invert_covariance
 from estimation.estimators.priors import ParameterPriors

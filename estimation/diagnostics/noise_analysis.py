@@ -16,7 +16,6 @@ import scipy
 
 from constraints.arrays import Array, Mask
 from estimation.diagnostics.finding import Assumption, Finding
-from estimation.diagnostics.findings import noise_findings
 from estimation.diagnostics.noise_result import (
     Histogram,
     HumComponent,
@@ -28,6 +27,7 @@ from estimation.diagnostics.noise_result import (
     noise_density,
 )
 from estimation.diagnostics.noise_tests import noise_tests
+from estimation.diagnostics.verdict import noise_findings
 from estimation.processing import Channels, NoiseModel, PeriodicRecording, PeriodSource
 from estimation.processing.hum import HUM, MAINS, HumLine, HumSearch
 from expdesign.mechanism.hexapod import ACTUATORS

@@ -160,18 +160,18 @@ class Influence:
             _, columns = force_columns(self.robot, sampled, signs, self.values, self.free)
             yield part, columns.times(gain)
 
-    def force_share(self) -> Covariance:
+    def covariance_from_forces(self) -> Covariance:
         """Return the covariance due to the noise of the forces."""
         noise = self.experiment.noise.forces
         loss = noise.weighting_loss if self.weighted_by_noise else 1.0
-        return _covariance(self.forces(), noise, self.experiment.counts, loss)
+        return _sandwich_covariance(self.forces(), noise, self.experiment.counts, loss)
 
-    def length_share(self) -> Covariance | None:
+    def covariance_from_lengths(self) -> Covariance | None:
         """Return the covariance due to the noise of the lengths; None where K is unknown."""
         if self.length_gain is None:
             return None
         noise, counts = self.experiment.noise.lengths, self.experiment.recording.lengths.counts
-        return _covariance(self.lengths(), noise, counts, noise.weighting_loss)
+        return _sandwich_covariance(self.lengths(), noise, counts, noise.weighting_loss)
 
 
 def difference_covariance(first: Sequence[Influence], second: Sequence[Influence]) -> Array:
@@ -194,7 +194,7 @@ def difference_covariance(first: Sequence[Influence], second: Sequence[Influence
             ),
         ):
             apart = ((part, mine - others) for (part, mine), (_, others) in parts)
-            total = total + _covariance(apart, own.as_weighted_with(), counts, 1.0).matrix
+            total = total + _sandwich_covariance(apart, own.as_weighted_with(), counts, 1.0).matrix
     return total
 
 
@@ -212,7 +212,7 @@ def _weighted(
     yield slice(None), weighted * counts[:, None, None]
 
 
-def _covariance(
+def _sandwich_covariance(
     parts: Iterator[Part], noise: NoiseEstimate, counts: Array, loss: float
 ) -> Covariance:
     """Return the covariance of Σ Kᵀ ε̄ under the actual noise and under white noise."""

@@ -146,8 +146,8 @@ def covariance_fields(
     forces = Covariance.known(prior_share)
     kinematics: Covariance | None = Covariance.known(np.zeros_like(prior_share))
     for influence in influences:
-        forces = forces + influence.force_share()
-        lengths = influence.length_share()
+        forces = forces + influence.covariance_from_forces()
+        lengths = influence.covariance_from_lengths()
         kinematics = None if kinematics is None or lengths is None else kinematics + lengths
     total = forces if kinematics is None else forces + kinematics
     variance = np.diag(total.matrix)
@@ -289,8 +289,8 @@ def _noise_variance_uncertainty(estimate: ParameterEstimate, transfer: Array) ->
     for influence in estimate.influences:
         constants = np.ones(transfer.shape[1] - len(influence.free), dtype=bool)
         combined = influence.of(transfer[:, np.concatenate([influence.free, constants])])
-        lengths = combined.length_share()
-        found += combined.force_share().variance
+        lengths = combined.covariance_from_lengths()
+        found += combined.covariance_from_forces().variance
         found += 0.0 if lengths is None else lengths.variance
     return found
 

@@ -215,7 +215,7 @@ class _Proof:
         possible = np.full(undecided.shape, -np.inf)
         for k in which:
             self._cells[k] += int(np.count_nonzero(undecided[:, k]))
-            possible[:, k] = self._possible(k, rows[k], edges, undecided[:, k], smallest)
+            possible[:, k] = self._largest_excess(k, rows[k], edges, undecided[:, k], smallest)
         found = np.array([best.violation for best in self._best])
         left = undecided & ~(possible <= found + CLOSE)
         stuck = left & smallest[:, None]
@@ -247,7 +247,7 @@ class _Proof:
             checks.append(check)
         return tuple(checks)
 
-    def _possible(
+    def _largest_excess(
         self, k: int, rows: list[EnclosedRow], edges: Array, here: Mask, smallest: Mask
     ) -> Array:
         """Return the largest possible excess of a limit in each cell, (N,); record those found."""

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from estimation.diagnostics.finding import FindingOutcome, Status
-from estimation.diagnostics.findings import verdict
 from estimation.diagnostics.plausibility import plausibility
+from estimation.diagnostics.verdict import verdict
 from estimation.estimators import ParameterPriors
 from expdesign.configuration.estimate import EstimateSection
 from expdesign.library import robot_files

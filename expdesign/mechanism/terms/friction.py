@@ -58,7 +58,7 @@ ACTUATOR = Term(
 )
 
 
-def _further(
+def _friction_of_actuators(
     name: str,
     place: int,
     meaning: str,
@@ -79,7 +79,7 @@ def _further(
     )
 
 
-ASYMMETRIC = _further(
+ASYMMETRIC = _friction_of_actuators(
     "asymmetric_friction",
     60,
     "viscous friction of the actuators that differs between extending and retracting",
@@ -106,7 +106,7 @@ constant force, which cannot be separated from the zero of the force: `force_off
 term is the fourth part, a = ½ (v⁺ − v⁻). Friction that depends on the direction of the load is
 that of `load_friction`.
 """
-QUADRATIC = _further(
+QUADRATIC = _friction_of_actuators(
     "quadratic_friction",
     70,
     "friction of the actuators with the square of their speed",
@@ -125,7 +125,7 @@ The nonlinear viscous friction of Olsson, Åström, Canudas de Wit, Gäfvert and
 Journal of Control 4, 1998). With an integer δ, 3 in `cubic_friction`, the model stays linear in
 its parameters, and both together make a polynomial of the speed.
 """
-CUBIC = _further(
+CUBIC = _friction_of_actuators(
     "cubic_friction",
     80,
     "friction of the actuators with the third power of their speed",
@@ -139,7 +139,7 @@ CUBIC = _further(
     lambda instant: instant.kinematic["strut_speed"] ** 3,
 )
 """Above zero: friction grows faster than the speed; below: a lubricant shears or warms up."""
-STRIBECK = _further(
+STRIBECK = _friction_of_actuators(
     "stribeck",
     100,
     "friction of the actuators near standstill, beyond the dry one",
@@ -158,7 +158,7 @@ STRIBECK = _further(
 )
 """The Gaussian form, s exp(−(v/v_s)²) sign(v), of Armstrong-Hélouvry, Dupont and Canudas de Wit
 (Automatica 30, 1994)."""
-LOAD = _further(
+LOAD = _friction_of_actuators(
     "load_friction",
     110,
     "friction of the actuators in proportion to their load",
