@@ -255,6 +255,8 @@ def cache_warning() -> str:
 
 
 _refused: list[str] = []
+_own: list[Path] = []
+"""Temporary folder of this process; it is used even if others may write above it."""
 
 
 def _folder() -> Path:
@@ -264,6 +266,8 @@ def _folder() -> Path:
     removed at the end of this process.
     """
     given = os.environ.get(CACHE)
+    if _own and given == str(_own[0].parent):
+        return _own[0]
     root = Path(given) if given else platformdirs.user_cache_path("expdesign")
     folder = root / "kernels"
     with suppress(OSError):
@@ -272,11 +276,13 @@ def _folder() -> Path:
         own = tempfile.mkdtemp(prefix="expdesign-cache-")
         atexit.register(_remove, own, os.getpid())
         os.environ[CACHE] = own
+        _own[:] = [Path(own) / "kernels"]
+        _own[0].mkdir(mode=0o700)
         _refused.append(
             f"{reason}: machine code from there is not run. It is compiled again for this run; "
             f"{CACHE} may name another folder"
         )
-        return _folder()
+        return _own[0]
     return folder
 
 

@@ -125,7 +125,7 @@ def read_back(path: Path, settings: Settings) -> ReadBack:
         # Rows of another motion: what a machine would do with them is not worth computing.
         return replace(found, failures=tuple(failures))
     if table.row_times is not None:
-        check, trigger = _check_controller(table), table.rows.trigger
+        check, trigger = check_controller(table), table.rows.trigger
         if trigger is not None:
             on, off = (time - table.rows.times[0] for time in trigger)
             trigger = float(on), float(off)
@@ -189,7 +189,7 @@ def _add_execution(found: ReadBack, table: ExecutedTable) -> ReadBack:
     return replace(found, points=len(grid), deviation=worst, certificate=certify_table(table))
 
 
-def _check_controller(table: ExecutedTable) -> ControllerCheck:
+def check_controller(table: ExecutedTable) -> ControllerCheck:
     """Compare the largest acceleration of a strut with the design's."""
     times, motion = table.rows.times, table.motion
     cycle = float(times[1] - times[0])

@@ -23,6 +23,8 @@ PERIODS = 2
 LEAD_IN, LEAD_OUT = ".lead-in", ".lead-out"
 _SAME_STEP = 0.5e-9
 """s; largest difference of two steps of time that count as equal."""
+_SAME_PERIOD = 1e-10
+"""s; largest difference between the rows of a period and the period: it adds up."""
 _AT_EDGE = 1e-7
 """s; largest distance of a row from the beginning of its period."""
 
@@ -118,13 +120,16 @@ def read_looped(
 def _find_periods(times: Array, short: Settings) -> tuple[int, int, int] | None:
     """Return the rows at which the two periods begin and end; None without such rows.
 
-    The rows of both periods have the same steps of time.
+    The rows of both periods have the same steps of time, which together are a period: on the
+    controller's clock they may not be.
     """
     period = short.task.motion.trajectory.period
     edges = short.window[0] + period * np.arange(PERIODS + 1)
     places = np.minimum(np.searchsorted(times, edges - _AT_EDGE), len(times) - 1)
     first, middle, last = (int(place) for place in places)
     if middle - first != last - middle or np.any(np.abs(times[places] - edges) > _AT_EDGE):
+        return None
+    if abs(times[middle] - times[first] - period) > _SAME_PERIOD:
         return None
     steps = np.diff(times[first : last + 1]).reshape(PERIODS, -1)
     return None if np.any(np.abs(steps[0] - steps[1]) > _SAME_STEP) else (first, middle, last)

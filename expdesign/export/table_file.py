@@ -14,6 +14,7 @@ from expdesign.export.certification import PathCertificate, certify_table
 from expdesign.export.definition import Settings, TableError, Task
 from expdesign.export.execution import Executed, ExecutedTable
 from expdesign.export.exporting import refuse_missing_library, resolve_settings
+from expdesign.export.read_back import check_controller
 from expdesign.export.result import RECORD, ExportedTable, ExportResult, result_file
 from expdesign.export.whole_table import (
     controller_faults,
@@ -168,7 +169,12 @@ def certify_file(file: TableFile, *, piece: bool = False) -> PathCertificate:
     if not (faults or piece):
         faults = controller_faults(table)
     unchecked = wrong_companions(file.settings, rows, file.path)
+    unchecked += _short_accelerations(table)
     if piece:
+        if rows.columns:
+            unchecked.append("its further columns: a piece has no place in the design")
+        if settings.section.trigger is not None:
+            unchecked.append("the times at which it switches the output")
         return replace(
             certify_table(table, piece=True),
             faults=tuple(faults),
@@ -187,6 +193,23 @@ def certify_file(file: TableFile, *, piece: bool = False) -> PathCertificate:
         unchecked=tuple(unchecked),
         remarks=tuple(remarks),
     )
+
+
+def _short_accelerations(table: ExecutedTable) -> list[str]:
+    """Return the excess of a controller's motion in single cycles over the acceleration limit.
+
+    The limits are judged by means over a row, which level what lasts for one servo cycle.
+    """
+    limit = table.robot.limit("strut_acceleration")
+    if table.row_times is None or limit is None:
+        return []
+    largest = check_controller(table).acceleration
+    if largest <= np.max(np.maximum(-limit.lower, limit.upper)):
+        return []
+    return [
+        f"in single servo cycles a strut accelerates by {largest:.3g} m/s², beyond its limit: "
+        "means over a row were judged"
+    ]
 
 
 def _refusal(message: str, path: Path, allowed: str = _AGAIN) -> InputError:

@@ -21,7 +21,7 @@ from filelock import FileLock, Timeout
 from expdesign.configuration import ComputationError, InputError
 from expdesign.runfolder.fields import described
 from expdesign.runfolder.files import RUN_FILE
-from expdesign.runfolder.manifest import Manifest, file_hash
+from expdesign.runfolder.manifest import Manifest, known_hash
 from expdesign.runfolder.store import JsonFile
 
 LOCK = ".expdesign-lock"
@@ -116,18 +116,33 @@ def is_empty(folder: Path) -> bool:
 
 @contextmanager
 def consistent_reading(*folders: Path) -> Iterator[None]:
-    """Fail if another command has changed a folder before the end of this context.
+    """Fail if another command writes to a folder, or has written before the end of this context.
+
+    A command writes its manifest last; in between it holds the lock.
 
     Raises
     ------
     ComputationError
-        A manifest is another one than at the beginning.
+        A folder is locked, or its manifest is another one than at the beginning.
     """
-    files = [folder / Manifest.FILE for folder in folders]
-    before = [file_hash(file) if file.is_file() else "" for file in files]
+    before = [_manifest_if_unlocked(folder) for folder in folders]
     yield
-    for file, digest in zip(files, before, strict=True):
-        if digest != (file_hash(file) if file.is_file() else ""):
+    for folder, digest in zip(folders, before, strict=True):
+        if digest != _manifest_if_unlocked(folder):
             raise ComputationError(
-                f"{file.parent} was changed by another command while it was read: run it again"
+                f"{folder} was changed by another command while it was read: run it again"
             )
+
+
+def _manifest_if_unlocked(folder: Path) -> str:
+    """Return the hash of a folder's manifest; refuse a folder that another command writes to."""
+    if (folder / LOCK).exists():
+        lock = FileLock(folder / LOCK, timeout=0)
+        with suppress(OSError):
+            try:
+                lock.acquire()
+            except Timeout:
+                message = f"{folder}: {_who_writes(folder)}; run it again when that has ended"
+                raise ComputationError(message) from None
+            lock.release()
+    return known_hash(folder / Manifest.FILE)

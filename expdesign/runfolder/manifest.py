@@ -190,7 +190,7 @@ def find_changes(
 
 
 _SHOWN = ("figures/", "model/")
-_UNREAD = (".tex", ".txt")
+_UNREAD = (".tex", "README.txt")
 """Endings of files that no command reads."""
 
 

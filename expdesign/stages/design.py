@@ -78,7 +78,7 @@ def _journal(work: Workspace, stage: str, *, resume: bool) -> Iterator[JobJourna
     except (ClusterError, WorkerDiedError) as error:
         more = f"; {_CONTINUES}" if journal.count else ""
         raise type(error)(f"{error.message}{more}") from error
-    except BaseException:
+    except (KeyboardInterrupt, ComputationError, StageFailed):
         path.unlink(missing_ok=True)
         raise
 

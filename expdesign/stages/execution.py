@@ -232,6 +232,8 @@ def write_entry(work: Workspace, outcome: Outcome, seconds: float) -> None:
     sections = {name: getattr(run, name) for name in type(run).model_fields}
     seeds = {name: int(s.seed) for name, s in sections.items() if hasattr(s, "seed")}
     fresh, known = Manifest.new(seeds, evaluator()), Manifest.known(work.folder)
+    if known is not None:
+        fresh = replace(fresh, run_file=known.run_file)
     if known is not None and known.versions == fresh.versions:
         fresh = replace(known, seeds=seeds, evaluation=fresh.evaluation)
     warned = () if known is None else known.warnings

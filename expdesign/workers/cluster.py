@@ -297,12 +297,9 @@ def _results(
     stop_requested: Callable[[], bool],
     killed: type[BaseException],
 ) -> Generator[Any, None, None]:
-    try:
-        client.wait_for_workers(1, timeout=_CONNECT_SECONDS)
-    except TimeoutError as error:
-        raise ClusterError(f"the cluster of {address} has no workers") from error
+    _wait_for_workers(client, address)
     # A job of its own: the scheduler makes it again when the workers that had it are lost.
-    packed = client.submit(_unchanged, pickle.dumps(build), pure=False)
+    packed = _submit(client, address, _unchanged, pickle.dumps(build))
     ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
     under_way = set[Any]()
     last_seen = time.monotonic()
@@ -314,8 +311,7 @@ def _results(
             elif time.monotonic() - last_seen > _RETURN_SECONDS:
                 raise ClusterError(f"the cluster of {address} has lost all its workers")
             while jobs and len(under_way) < max(1, _WAITING * threads):
-                # Not pure: another study's job with the same arguments is another task.
-                future = client.submit(_run_on_worker, packed, jobs.popleft(), pure=False)
+                future = _submit(client, address, _run_on_worker, packed, jobs.popleft())
                 under_way.add(future)
                 future.add_done_callback(ended.put)
             with suppress(queue.Empty):
@@ -341,6 +337,28 @@ def _results(
         with suppress(*_LOST, RuntimeError):
             if client.status == "running":
                 client.cancel([*under_way, packed])
+
+
+def _wait_for_workers(client: Any, address: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=_CONNECT_SECONDS)
+    except TimeoutError as error:
+        raise ClusterError(f"the cluster of {address} has no workers") from error
+    except _LOST as error:
+        raise ClusterError(f"the cluster of {address} was lost: {error}") from error
+
+
+def _submit(client: Any, address: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Submit a job that is not pure: another study's job with the same arguments is another task.
+
+    A client whose connection has just ended raises an exception of a class of its own.
+    """
+    try:
+        return client.submit(function, *arguments, pure=False)
+    except Exception as error:
+        if client.status == "running":
+            raise
+        raise ClusterError(f"the cluster of {address} was lost: {error}") from error
 
 
 def _threads(client: Any, address: str) -> int:

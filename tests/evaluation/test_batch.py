@@ -295,3 +295,18 @@ def test_a_link_or_a_pipe_in_the_cache_is_replaced(cache, tmp_path):
         compile_three()
         assert made.is_file()
         assert not made.is_symlink()
+
+
+def test_a_process_compiles_where_others_write_to_every_folder(tmp_path):
+    places = {name: tmp_path / name for name in (CACHE, "TMPDIR")}
+    for place in places.values():
+        place.mkdir()
+        place.chmod(0o777)
+    code = "from expdesign.evaluation.machine_code import cache_warning; print(cache_warning())"
+    environment = os.environ | {name: str(place) for name, place in places.items()}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "may be written to by others" in done.stdout
+    assert not list(places["TMPDIR"].iterdir()), "the process's own folder goes with it"

@@ -27,11 +27,15 @@ shell("echo played $({played})")
 for words in {afterwards!r}:
     shell(words)
 shell("halcmd sets table-run 1")
+time.sleep(0.1)
+shell("echo runs $(halcmd gets table-on)")
 command.state(linuxcnc.STATE_ESTOP); command.wait_complete()
 time.sleep(0.1)
 shell("echo allowed $(halcmd gets table-on)")
 command.state(linuxcnc.STATE_ESTOP_RESET); command.wait_complete()
 command.state(linuxcnc.STATE_ON); command.wait_complete()
+time.sleep(0.1)
+shell("echo again $(halcmd gets table-on)")
 """
 LIMITS = {
     "SERVO_PERIOD": ["1000000"],
@@ -81,8 +85,10 @@ def test_the_printed_commands_play_every_row_from_the_measured_position_on(tmp_p
     )
     assert f"depth {min(len(rows), 3999)}" in text
     assert float(re.search(r"played (\S+)", text)[1]) == pytest.approx(len(rows))
-    # The emergency stop ends the table.
+    # The emergency stop ends the table, and switching the machine on does not go on with it.
+    assert "runs TRUE" in text
     assert "allowed FALSE" in text
+    assert "again FALSE" in text
     # The motors count from where they were homed. Nothing moves before the first row.
     held = np.zeros(6)
     np.testing.assert_allclose(samples[0], held, rtol=0, atol=2e-6)

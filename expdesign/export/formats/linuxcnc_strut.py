@@ -91,19 +91,23 @@ def hal_lines(_rows: Rows, settings: Settings) -> list[str]:
         "#   command = joint.N.motor-pos-cmd + (row - first row), from the first row on.",
         "# Connect table-cmd-N.out to drive N, and its measured position to table-fb-N.in0.",
         f"loadrt streamer depth={_DEPTH} cfg={'f' * ACTUATORS}",
-        "loadrt not names=table-filled",
+        "loadrt not names=table-filled,table-stopped,table-new",
         "loadrt and2 names=table-on,table-row",
-        "loadrt flipflop names=table-begun",
+        # Armed by table-run, until the machine is off: a stop in the table ends it for good.
+        "loadrt flipflop names=table-begun,table-armed",
         f"loadrt mux2 names=table-count,{names['gate']}",
         "loadrt integ names=table-rows",
         f"loadrt sum2 names={names['shift']},{names['cmd']},{names['fb']}",
-        "net table-run => table-on.in0",
-        "net table-allowed motion.motion-enabled => table-on.in1",
+        "net table-run => table-armed.clk table-on.in0",
+        "net table-allowed motion.motion-enabled => table-stopped.in",
+        "net table-stopped table-stopped.out => table-armed.reset",
+        "net table-new table-new.out => table-armed.data",
+        "net table-armed table-armed.out => table-on.in1",
         "net table-on table-on.out => streamer.0.enable table-row.in0",
         "net table-empty streamer.0.empty => table-filled.in",
         "net table-filled table-filled.out => table-row.in1",
         "net table-row table-row.out => table-count.sel table-begun.set",
-        "net table-begun table-begun.out => "
+        "net table-begun table-begun.out => table-new.in "
         + " ".join(f"table-gate-{joint}.sel" for joint in joints),
         "setp table-count.in1 1",
         f"setp table-rows.gain {1 / (settings.step or 1.0):.9g}",
@@ -111,7 +115,16 @@ def hal_lines(_rows: Rows, settings: Settings) -> list[str]:
         *(
             f"addf {name} servo-thread"
             for name in (
-                *("table-on", "streamer.0", "table-filled", "table-row", "table-begun"),
+                *(
+                    "table-stopped",
+                    "table-new",
+                    "table-armed",
+                    "table-on",
+                    "streamer.0",
+                    "table-filled",
+                    "table-row",
+                    "table-begun",
+                ),
                 *("table-count", "table-rows"),
             )
         ),
@@ -187,7 +200,9 @@ FORMAT = TableFormat(
             "streamer.0.underruns counts every cycle without a row, after the last one too: it "
             "proves nothing. To stop in between, press the emergency stop; the next command stops "
             "the struts where they are, in one cycle:\n\n"
-            "    halcmd sets table-run 0"
+            "    halcmd sets table-run 0\n\n"
+            "A table that was stopped does not go on, whatever is switched on afterwards: move the "
+            "machine to the start and load the HAL file anew."
         ),
         afterwards=(
             "The table ends where it began. Give the joints back to LinuxCNC there:\n\n"
