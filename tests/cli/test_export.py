@@ -488,6 +488,7 @@ def measured_run(file, options):
     return file
 
 
+@pytest.mark.slow
 def test_tables_do_not_depend_on_the_number_of_workers(expdesign, folder, run_file):
     wanted = [{"format": "xps-pvt", **GIVEN}, {"format": "linuxcnc-strut", **COARSE}]
     measured, found = folder.parent / "measured.csv", {}

@@ -50,6 +50,7 @@ def test_without_it_the_error_says_what_shows(data):
     assert "estimate.parameters" in str(caught.value)
 
 
+@pytest.mark.slow
 def test_combinations_do_not_depend_on_what_is_held(data, machine):
     wanted = ["ls", "gm", "ml"]
     near = estimate_parameters(_run(parameters="base", estimators=wanted), data, MOTION)

@@ -16,10 +16,11 @@ def no_process_of_its_own(monkeypatch):
     monkeypatch.setattr("expdesign.export.table_file._refuse_crashing", lambda *_: None)
 
 
-def test_no_wrong_table_is_called_proved(exported):
-    missed, wrong, proved = missed_tables(exported, 40)
-    assert not missed, f"{len(missed)} of {wrong} wrong tables; {proved} of 40 are proved"
-    assert wrong > 20
+@pytest.mark.parametrize("count", [16, pytest.param(40, marks=pytest.mark.slow)])
+def test_no_wrong_table_is_called_proved(count, exported):
+    missed, wrong, proved = missed_tables(exported, count)
+    assert not missed, f"{len(missed)} of {wrong} wrong tables; {proved} of {count} are proved"
+    assert wrong > count / 2
 
 
 def test_harmless_changes_are_accepted(exported):
