@@ -119,7 +119,7 @@ def export(
 
     Without --format these are the tables of the run's `export:`. With it, other options that are
     not given are those of the run's `export:` for this format, then the format's own. Every file
-    is read back, executed as by its controller, and compared with design and limits; a file that
+    is read back, executed as its controller does, and compared with design and limits; a file that
     fails is not kept (exit status 1).
     """
     from expdesign.cli.exports import export_motion

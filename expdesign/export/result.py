@@ -151,7 +151,7 @@ class TableTolerances:
 
 @dataclass(frozen=True)
 class TableCheck:
-    """Deviations of a table, executed as by its controller, from the design, and its limits."""
+    """Deviations of a table, executed as its controller does, from the design, and its limits."""
 
     points: Annotated[int, described("1", "points of the grid in time")]
     row_error: Annotated[float, described("1", "largest error of a row, half units of last digit")]

@@ -123,7 +123,7 @@ def consistent_reading(*folders: Path) -> Iterator[None]:
     Raises
     ------
     ComputationError
-        A folder is locked, or its manifest is another one than at the beginning.
+        A folder is locked, or its manifest has changed since the beginning.
     """
     before = [_manifest_if_unlocked(folder) for folder in folders]
     yield

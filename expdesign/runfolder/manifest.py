@@ -175,12 +175,12 @@ def find_changes(
             found[name].append(f"{file} was made by hand")
         sources = {} if entry is None else entry.made_from
         found[name] += [
-            f"{source} is another one than when {file} was made"
+            f"{source} has changed since {file} was made"
             for source, digest in sources.items()
             if source != RUN_FILE and known_hash(folder / source) not in ("", digest)
         ]
         if sources.get(RUN_FILE, sections.get(name)) != sections.get(name):
-            found[name].append(f"{RUN_FILE} is another one than when {file} was made")
+            found[name].append(f"{RUN_FILE} has changed since {file} was made")
     found["shown"] = [
         f"{file} was changed by hand"
         for file in manifest.changed_files(folder)

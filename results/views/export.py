@@ -49,7 +49,7 @@ def export_view(folder: RunFolder) -> StageView:
     duration = f"{readable(motion.duration)} s"
     sentence = (
         f"{count_text(len(files), 'table')} of a motion of {duration} from rest to rest. Each was "
-        "read back, executed as by its controller, and kept every tolerance."
+        "read back, executed as its controller does, and kept every tolerance."
     )
     beyond = False
     for name, entry in files.items():

@@ -112,7 +112,7 @@ class RunFolder:
         if verdict.level is Level.BAD:
             verdict = replace(verdict, sentence=f"{verdict.sentence.rstrip('.')}. {said}")
         else:
-            sentence = f"{said}: what this stage found is not known to hold for these files"
+            sentence = f"{said}: the results of this stage may not hold for these files"
             verdict = replace(verdict, level=Level.CAUTION, word="changed", sentence=sentence)
         blocks = (TextBlock(f"{said}.", Level.CAUTION), *view.blocks)
         return replace(view, verdict=verdict, blocks=blocks, facts=())

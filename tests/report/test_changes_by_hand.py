@@ -65,7 +65,7 @@ def test_a_changed_stage_keeps_no_good_verdict(folder):
     assert (verdict.level, verdict.word) == (Level.CAUTION, "changed")
     assert "measurement.csv was changed by hand" in verdict.sentence
     assert opened.view("experiment").facts == ()
-    assert "measurement.csv is another one than when estimate.json was made" in changes(folder)
+    assert "measurement.csv has changed since estimate.json was made" in changes(folder)
 
 
 def test_another_force_in_the_run_file_is_said(folder, expdesign_says):
@@ -78,7 +78,7 @@ def test_another_force_in_the_run_file_is_said(folder, expdesign_says):
     assert "warning: run.yaml was changed by hand" in said
     status, said, _ = expdesign_says("report", folder)
     assert status == 0
-    assert "run.yaml is another one than when estimate.json was made" in said
+    assert "run.yaml has changed since estimate.json was made" in said
 
 
 def keys_of(data, key=()):

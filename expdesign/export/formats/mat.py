@@ -66,7 +66,7 @@ def _read(path: Path, settings: Settings) -> Rows:
         raise TableError("command_axes and command_units are others than were written")
     windows = np.asarray(data.get("window"), dtype=float).ravel()
     if windows.shape != (2,) or np.any(np.abs(windows - settings.window) > _EDGE):
-        raise TableError("window is another one than was written")
+        raise TableError("window differs from the one that was written")
     if {name: str(unit.item()) for name, unit in _fields(data.get("units"))} != _UNITS:
         raise TableError("units are others than were written")
     return Rows(command[:, 0], command[:, 1:], columns=record).checked()
