@@ -39,6 +39,8 @@ from results.views.folder import StageViews
 from results.views.noise import noise_view
 from results.views.validate import feedforward_view, validation_view
 
+__all__ = ["Measurement", "estimate", "load_measurement"]  # the public names of `expdesign`
+
 
 def run_noise(work: Workspace) -> Outcome:
     """Analyse the noise of a recording."""

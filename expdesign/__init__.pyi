@@ -1,0 +1,16 @@
+from .configuration import InputError as InputError
+from .configuration import load_run as load_run
+from .experiment import DesignResult as DesignResult
+from .experiment import design as design
+from .robot import Robot as Robot
+from .robot import load_robot as load_robot
+from .stages.estimate import Measurement as Measurement
+from .stages.estimate import estimate as estimate
+from .stages.estimate import load_measurement as load_measurement
+from .stages.experiment import simulate as simulate
+from .stages.run import RunResult as RunResult
+from .stages.run import report as report
+from .stages.run import run as run
+from .stages.stage import Progress as Progress
+from .stages.stage import StageFailed as StageFailed
+from .trajectory import FourierTrajectory as FourierTrajectory
