@@ -46,6 +46,7 @@ NAMES = (
     "speed",
     "physical_consistency",
     "mutants",
+    "unknowns",
 )
 
 

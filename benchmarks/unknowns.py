@@ -1,0 +1,407 @@
+"""Effects that the model lacks, in recordings of an independent simulator.
+
+The machine of every recording is `tests/unknowns/simulator.py`, which shares no code with the
+package. Its parameters differ from those of the robot file by some 5 %, and it has at most one
+effect that the model lacks; the user of the package knows of neither. Periods of fewer samples than
+at 1 kHz have as much less noise. Results of a commit are kept in ``build/unknowns``, so that a
+measurement continues where it ended. ``python -m benchmarks.unknowns --help`` lists the options for
+a part of the table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from estimation.data.measurement import Measurement
+from estimation.identification.estimate import estimate
+from estimation.identification.result import EstimationResult
+from expdesign.configuration import RunConfiguration, load_run
+from expdesign.trajectory import FourierTrajectory, TrajectoryFile
+from tests.unknowns.simulator import Machine, Motion, draw_noise, read_noise, simulate
+
+TITLE = "Effects that the model lacks"
+
+_ROOT = Path(__file__).resolve().parents[1]
+_ROBOTS = {
+    "palida": _ROOT / "expdesign" / "library" / "robots" / "palida.yaml",
+    "irregular": _ROOT / "tests" / "unknowns" / "irregular.yaml",
+}
+_DESIGNS = {"palida": "palida", "irregular": "irregular"}
+_AT_1_KHZ = 1e-3
+_OFF = {"p2": 0.97, "p3": 0.98, "p5": 0.99, "p6": 1.06, "p7": 1.04, "p8": 1.05}
+"""Parameters of the machines over those of the robot files; all bodies are possible ones."""
+_SPREAD = 0.05
+"""Relative spread of all rigid-body parameters together, and of each of friction."""
+_CHANGED = "-changed"
+"""Mark of a working tree with changes: its results are not kept."""
+_OPEN_WORDS = "not in the list"
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Circumstances of a recording."""
+
+    robot: str = "palida"
+    design: str = "palida"
+    periods: int = 10
+    samples: float = 300
+    """Of a period."""
+    forces: float = 1.0
+    lengths: float = 1.0
+    """Factors of the standard deviations of the noise."""
+    memory: float = 0.0
+    """Correlation of the forces' noise from sample to sample."""
+    tracking: float = 0.0
+    """Error of the position in the harmonics 6 to 30, m."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """An effect, and what the package may say of it."""
+
+    unit: str
+    scale: float
+    """From SI to the unit."""
+    sizes: tuple[float, ...]
+    """About detection, and larger ones from the fourth on, in the unit."""
+    kinds: frozenset[str]
+    """Effects of the diagnosis that are the right kind; others are wrong."""
+
+
+def _case(unit: str, scale: float, sizes: Sequence[float], *kinds: str) -> Case:
+    return Case(unit, scale, tuple(sizes), frozenset(kinds))
+
+
+CASES = {
+    "drive_inertia": _case("g", 1e3, (25, 50, 100), "drive_inertia"),
+    "quadratic_friction": _case(
+        "% of viscous", 100, (2.5, 5, 10, 20), "quadratic_friction", "cubic_friction"
+    ),
+    "power_law": _case(
+        "exponent", 1, (0.95, 0.91, 0.85, 0.7), "quadratic_friction", "cubic_friction"
+    ),
+    "viscous_joints": _case("N m s", 1, (0.05, 0.1, 0.2, 0.4), "joint_viscosity"),
+    "saturation": _case("% at 200 N", 100, (0.5, 1, 2, 4), "saturation"),
+    "slow_stribeck": _case("% of dry", 100, (7, 14, 28), "stribeck"),
+    "cable_drag": _case("N", 1, (0.6, 1.2, 2.4), "drag"),
+    "base_on_springs": _case("Hz", 1, (20, 15, 11)),
+    "products_of_inertia": _case("g m^2", 1e3, (1, 2, 4, 8), "rigid_platform"),
+    "low_pass": _case("ms", 1e3, (0.25, 0.5, 1), "delay", "force_lag"),
+    "position_friction": _case("%", 100, (10, 20, 40), "position_friction"),
+    "direction_friction": _case("%", 100, (2, 4, 8), "asymmetric_friction", "force_offset"),
+    "liquid": _case("kg", 1, (0.1, 0.2, 0.4)),
+    "length_delays": _case("ms", 1e3, (0.03, 0.06, 0.15), "delay", "length_lag"),
+    "ball_friction": _case("N m", 1, (0.1, 0.2, 0.4)),
+    "speed_ripple": _case("N s/m", 1, (2, 4, 8), "position-periodic"),
+    "presliding": _case("mm", 1e3, (0.5, 1, 2, 5)),
+    "clock_jitter": _case("ms", 1e3, (0.3, 1, 2)),
+    "common_offset": _case("N", 1, (0.5, 0.9, 2), "force_offset"),
+    "off_centre": _case("mm", 1e3, (0.1, 0.3, 2), "rigid_platform"),
+}
+"""Effects of the simulator."""
+
+CLEAN = {
+    "palida": Recording(),
+    "3 harmonics": Recording(design="palida_best_3"),
+    "8 harmonics": Recording(design="palida_best_8"),
+    "2 periods": Recording(periods=2),
+    "3 periods": Recording(periods=3),
+    "no whole number of samples": Recording(samples=300.37),
+    "tracking error of 50 um": Recording(tracking=5e-5),
+    "1 mm length noise": Recording(lengths=10),
+    "AR(1), 0.9": Recording(memory=0.9),
+    "AR(1), 0.99": Recording(memory=0.99),
+    "1 mm length noise, tenth of the force noise": Recording(lengths=10, forces=0.1),
+    "irregular": Recording("irregular", "irregular"),
+    "irregular, tenth of the force noise": Recording("irregular", "irregular", forces=0.1),
+    "irregular, tenth of the force noise, 8 periods": Recording(
+        "irregular", "irregular", 8, forces=0.1
+    ),
+    "irregular, slow": Recording("irregular", "irregular_slow", 8),
+}
+"""Recordings without an effect."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Estimate and verdict of one recording."""
+
+    accepted: bool
+    summary: str
+    effects: list[tuple[str, int | None, str, bool]]
+    """Kind, strut, parameter, and whether it is certain, of all effects, the first one first."""
+    errors: dict[str, float]
+    """Estimate less truth in half widths of the 95 % interval."""
+    undetected: dict[str, float]
+    """`std_undetected` over `std`; empty without that column."""
+    seconds: float
+
+    def covered(self, rigid: bool, widened: bool = False) -> list[bool]:
+        """Return for rigid-body or friction parameters whether the interval holds the truth."""
+        return [
+            abs(error) <= (np.hypot(1, self.undetected.get(name, 0.0)) if widened else 1)
+            for name, error in self.errors.items()
+            if _is_rigid(name) == rigid
+        ]
+
+    def named_right(self, kinds: frozenset[str]) -> bool:
+        """Return whether the first effect is of the right kind."""
+        return bool(self.effects) and self.effects[0][0] in kinds
+
+    def named_nothing(self) -> bool:
+        """Return whether the recording is doubted without a cause, or for one that is unknown."""
+        return not self.accepted and (not self.effects or _OPEN_WORDS in self.summary)
+
+    def wrong_and_sure(self, kinds: frozenset[str]) -> bool:
+        """Return whether an effect of another kind is certain."""
+        return any(sure and kind not in kinds for kind, _, _, sure in self.effects)
+
+
+def _is_rigid(name: str) -> bool:
+    return name[0] in "psI"
+
+
+def measure(
+    recording: Recording, effect: str, size: float, numbers: Iterable[int]
+) -> list[Outcome]:
+    """Return the outcomes of recordings with an effect of a size, SI."""
+    path = _ROOT / "build" / "unknowns" / f"{_commit()}.jsonl"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    kept = {}
+    if path.exists():
+        kept = {row["key"]: row for row in map(json.loads, path.read_text().splitlines())}
+    outcomes = []
+    for number in numbers:
+        key = json.dumps([asdict(recording), effect, size, number])
+        if (row := kept.get(key)) is None:
+            row = {"key": key, **asdict(_outcome(recording, effect, size, number))}
+            if not _commit().endswith(_CHANGED):
+                with path.open("a") as file:
+                    file.write(json.dumps(row) + "\n")
+        outcomes.append(Outcome(**{name: value for name, value in row.items() if name != "key"}))
+    return outcomes
+
+
+@cache
+def _commit() -> str:
+    command = ["git", "-C", str(_ROOT), "describe", "--always", f"--dirty={_CHANGED}"]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+
+def _outcome(recording: Recording, effect: str, size: float, number: int) -> Outcome:
+    truth = _draw_truth(_machine(recording.robot), np.random.default_rng([1, number]))
+    data = _record(recording, truth, effect, size, np.random.default_rng([2, number]))
+    began = time.process_time()
+    result = estimate(_run(recording), data, _design(recording.design))
+    return _judge(result, truth.parameters, time.process_time() - began)
+
+
+def _judge(result: EstimationResult, truth: Mapping[str, float], seconds: float) -> Outcome:
+    if result.diagnostics is None:
+        raise RuntimeError("the estimate was not diagnosed")
+    verdict = result.diagnostics.verdict
+    rows = [row for row in result.rows if row.estimator == result.best]
+    (tests,) = result.diagnostics.experiments
+    drifts: list[tuple[str, int | None, str, bool]] = [
+        ("gain_drift", each.actuator, "", True) for each in tests.gain_drift.found
+    ]
+    return Outcome(
+        accepted=verdict.status == "accepted",
+        summary=verdict.summary,
+        effects=drifts + [(e.kind, e.strut, e.parameter, e.certain) for e in tests.effects],
+        errors={
+            row.parameter: 2 * (row.value - truth[row.parameter]) / (row.ci_high - row.ci_low)
+            for row in rows
+        },
+        undetected={row.parameter: getattr(row, "std_undetected", 0.0) / row.std for row in rows},
+        seconds=seconds,
+    )
+
+
+# --- recordings -----------------------------------------------------------------------------------
+
+
+@cache
+def _machine(robot: str) -> Any:
+    return Machine.read(_ROBOTS[robot])
+
+
+def _draw_truth(machine: Any, rng: np.random.Generator) -> Any:
+    together, *each = 1 + _SPREAD * rng.standard_normal(1 + len(machine.parameters))
+    drawn = {
+        name: value * _OFF.get(name, 1.0) * (together if _is_rigid(name) else one)
+        for (name, value), one in zip(machine.parameters.items(), each, strict=True)
+    }
+    return replace(machine, parameters=drawn)
+
+
+@cache
+def _design(name: str) -> FourierTrajectory:
+    return TrajectoryFile.read(_ROOT / "benchmarks" / "designs" / f"{name}.json").trajectory
+
+
+@cache
+def _motion(name: str) -> Any:
+    path = _ROOT / "benchmarks" / "designs" / f"{name}.json"
+    return Motion.read(json.loads(path.read_text()))
+
+
+@cache
+def _run(recording: Recording, **sections: Any) -> RunConfiguration:
+    """Return the run of a user who knows of no effect."""
+    sampling = recording.samples / _motion(recording.design).period
+    return load_run(
+        {
+            "name": "unknowns",
+            "robot": str(_ROBOTS[recording.robot]),
+            "experiment": {"periods": recording.periods, "sampling": sampling},
+            "estimate": {"estimators": ["gm", "ml"]},
+        }
+        | sections
+    )
+
+
+def _record(
+    recording: Recording,
+    machine: Any,
+    effect: str,
+    size: float,
+    rng: np.random.Generator,
+    sensors: Any = None,
+) -> Measurement:
+    motion = _motion(recording.design)
+    if recording.tracking:
+        motion = motion.with_tracking_error(recording.tracking, (6, 30), rng)
+    step = motion.period / recording.samples
+    stamps = step * np.arange(int(recording.periods * recording.samples))
+    # Of periods that are alike, one is enough.
+    alike = recording.samples == int(recording.samples) and effect != "clock_jitter"
+    times = stamps[: int(recording.samples)] if alike else stamps
+    lengths, forces = (
+        np.tile(part, (len(stamps) // len(times), 1))
+        for part in simulate(machine, motion, times, effect, size, sensors=sensors, rng=rng)
+    )
+    less = _AT_1_KHZ / step
+    of_forces, of_lengths = read_noise(_ROBOTS[recording.robot])
+    forces += draw_noise(len(stamps), less * recording.forces**2 * of_forces, rng, recording.memory)
+    lengths += draw_noise(len(stamps), less * recording.lengths**2 * of_lengths, rng)
+    return Measurement(stamps, lengths, forces)
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+def effect_rows(
+    recording: Recording, effects: Iterable[str], count: int, sizes: Sequence[float] = ()
+) -> Iterator[Row]:
+    """Yield a row for every size of every effect."""
+    for name in effects:
+        case = CASES[name]
+        for size in sizes or case.sizes:
+            outcomes = measure(recording, name, size / case.scale, range(count))
+            yield {"effect": name, "size": f"{size:g} {case.unit}"} | _row(outcomes, case.kinds)
+
+
+def clean_rows(count: int) -> Iterator[Row]:
+    """Yield a row for every kind of recording without an effect."""
+    for name, recording in CLEAN.items():
+        outcomes = measure(recording, "", 0.0, range(count))
+        yield {"effect": "none", "size": name} | _row(outcomes, frozenset())
+
+
+def _row(outcomes: Sequence[Outcome], kinds: frozenset[str]) -> Row:
+    accepted = [each for each in outcomes if each.accepted]
+    firsts = Counter(_first_cause(each) for each in outcomes if not each.accepted)
+    return {
+        "runs": len(outcomes),
+        "accepted": _percent(each.accepted for each in outcomes),
+        "covers: rigid": _percent(x for each in accepted for x in each.covered(True)),
+        "friction": _percent(x for each in accepted for x in each.covered(False)),
+        "widened: rigid": _percent(x for each in accepted for x in each.covered(True, True)),
+        "widened: friction": _percent(x for each in accepted for x in each.covered(False, True)),
+        "right kind first": _percent(each.named_right(kinds) for each in outcomes),
+        "not in the list": _percent(each.named_nothing() for each in outcomes),
+        "wrong and sure": _percent(each.wrong_and_sure(kinds) for each in outcomes),
+        "first causes": ", ".join(f"{name} {count}" for name, count in firsts.most_common(3)),
+        "seconds": f"{np.mean([each.seconds for each in outcomes]):.2f}",
+    }
+
+
+def _first_cause(outcome: Outcome) -> str:
+    if not outcome.effects:
+        return outcome.summary.removeprefix("doubtful: ").split(" (")[0].split(";")[0]
+    kind, strut, parameter, sure = outcome.effects[0]
+    return f"{kind}{'' if strut is None else ' of one'}{' ' * bool(parameter)}{parameter}" + (
+        "" if sure else " (not sure)"
+    )
+
+
+def _percent(values: Iterable[bool]) -> str:
+    found = list(values)
+    return f"{100 * np.mean(found):.0f} %" if found else ""
+
+
+_TABLES = {
+    "palida-300": Recording(),
+    "palida-1667": Recording(samples=1667),
+    "irregular-300": Recording("irregular", "irregular"),
+    "irregular-1667": Recording("irregular", "irregular", samples=1667),
+}
+SECTIONS = (*_TABLES, "clean")
+
+
+def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
+    """Yield the rows of a section."""
+    with threadpool_limits(limits=1):
+        if section == "clean":
+            yield from clean_rows(repetitions or 47)
+        else:
+            yield from effect_rows(_TABLES[section], CASES, repetitions or 20)
+
+
+def summary(table: pd.DataFrame) -> str:
+    """Return the number of recordings."""
+    return f"{table['runs'].sum()} recordings."
+
+
+def main() -> None:
+    """Print a part of the table."""
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("--effects", default=",".join(CASES), help="names, comma-separated")
+    parser.add_argument("--sizes", default="", help="in the unit of the effect, comma-separated")
+    parser.add_argument("--count", type=int, default=10, help="recordings of each size")
+    parser.add_argument("--samples", type=float, default=300, help="of a period")
+    parser.add_argument("--robot", choices=_ROBOTS, default="palida")
+    parser.add_argument("--clean", action="store_true", help="recordings without an effect")
+    options = parser.parse_args()
+    recording = Recording(options.robot, _DESIGNS[options.robot], samples=options.samples)
+    sizes = [float(size) for size in options.sizes.split(",") if size]
+    found = (
+        clean_rows(options.count)
+        if options.clean
+        else effect_rows(recording, options.effects.split(","), options.count, sizes)
+    )
+    with threadpool_limits(limits=1):
+        for k, row in enumerate(found):
+            if not k:
+                print("| " + " | ".join(row) + " |\n" + "|---" * len(row) + "|")
+            print("| " + " | ".join(map(str, row.values())) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
