@@ -281,7 +281,7 @@ def hypothesis_finding(attribution: Attribution, hypothesis: Hypothesis) -> Find
 
 def _describe(hypothesis: Hypothesis, effect: Effect) -> str:
     """Describe an effect with its place and size."""
-    unit = hypothesis.unit(effect.parameter)
+    unit = hypothesis.unit_of(effect.parameter)
     numbers = [
         f"{hypothesis.scale * value:{hypothesis.number}} ± {hypothesis.scale * std:.1g}"
         for value, std in _sizes(effect, hypothesis)

@@ -7,7 +7,8 @@ the same in all struts, and fixed parameters are tested with their whole columns
 all forces scales all parameters without any residual: it is not observable.
 
 The other families are terms that the robot may lack (inertia of the drives, friction depending on
-speed or load, offsets, cables), and deviations of the machine from its file.
+speed, load or position, offsets, cables, loads of the platform), deviations of the machine from its
+file, and errors of the measurement. Each is a row of `_FAMILIES`.
 
 A hum at a multiple of the motion's frequency is the same in every period: contrasts between periods
 cancel it, and the mean over the periods keeps it. In the mean residuals it is one line, at the
@@ -16,20 +17,21 @@ nearest multiple of the base frequency.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import Assumption
-from estimation.diagnostics.hypothesis import MODELLED, Hypothesis, Label
+from estimation.diagnostics.hypothesis import MODELLED, Candidates, Family, Hypothesis, Label
 from estimation.diagnostics.linearisation import CandidateEffects, Linearisation, Signature
 from estimation.diagnostics.significance import HYPOTHESES
 from estimation.processing.hum import mains_frequencies
 from estimation.processing.periodic_recording import PeriodicRecording
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
-from expdesign.mechanism.terms import term_definitions
+from expdesign.mechanism.terms.rigid_platform import LATERAL
 
 _FEWEST_PERIODS = 2
 _MULTIPLES = 3
@@ -40,9 +42,10 @@ _DELAYS = (-3.0, -1.0, 0.1, 1.0, 3.0)
 STRIBECK_VELOCITIES = (0.02, 0.05, 0.12)
 """Tested Stribeck velocities, m/s; neighbouring ones overlap."""
 
+_Finder = Callable[[CandidateEffects], Candidates]
+_ALL: Label = ("", None)
 _EACH: tuple[Label, ...] = tuple(("", j) for j in range(ACTUATORS))
-_ALL_AND_EACH: tuple[Label, ...] = (("", None), *(("", j) for j in range(ACTUATORS)))
-_POINTWISE = "pointwise kinematics have no motion model for deviations"
+_JOINTS = tuple((end, j) for end in ("base", "platform") for j in range(ACTUATORS))
 _JOINTLY = "`estimate.systematic: estimated`, which includes it in the estimate"
 
 
@@ -59,25 +62,20 @@ def list_hypotheses(
     these data.
     """
     own = parameter_hypothesis(effects.part, names, held_out=held_out)
-    others = [
-        _inertia(effects),
-        *_friction(effects),
-        *_forces(effects),
-        *_geometric_errors(effects),
-        _delay(effects),
-        *hum_hypotheses(effects),
-    ]
+    others = []
+    for family, find in _FAMILIES:
+        found = find(effects)
+        if found.labels or family.kind != "hum":
+            modelled = not found.labels and family.reason_untested == MODELLED
+            others.append(Hypothesis(**vars(family), **vars(found), modelled=modelled))
     # In a prediction, or with fixed parameters, the most frequent error is that of a parameter.
     parameters_first = held_out or not np.all(effects.part.free)
-    weights = np.ones(1 + len(others))
-    weights[0] = len(others) if parameters_first else 1.0
+    weights = np.array([1.0, *(each.weight for each in others)])
+    if parameters_first:
+        weights[0] = np.sum(weights[1:])
     levels = (HYPOTHESES / experiments * weights / np.sum(weights)).tolist()
     return tuple(
-        replace(
-            hypothesis,
-            level=level,
-            modelled=hypothesis.kind in term_definitions() and not effects.lacks(hypothesis.kind),
-        )
+        replace(hypothesis, level=level)
         for hypothesis, level in zip((own, *others), levels, strict=True)
     )
 
@@ -132,240 +130,6 @@ def _parameter_columns(
     return tuple(labels), stacked
 
 
-def _forces(effects: CandidateEffects) -> Iterator[Hypothesis]:
-    """Yield errors of one actuator: offset, gain, and a spring along the strut."""
-    part = effects.part
-    offsets = effects.missing_term("force_offset")
-    yield Hypothesis(
-        kind="force_offset",
-        labels=_EACH if offsets.count else (),
-        columns=offsets,
-        assumption=Assumption(
-            "no constant force in an actuator",
-            "an actuator has a constant force that the model lacks",
-            "add `force_offset` to the robot's `terms`: the offsets become parameters of the "
-            "estimate",
-        ),
-        noun="a constant force",
-        absent="no actuator has an unmodelled constant force (p = {p:.2g})",
-        unit=lambda _: "N",
-    )
-    yield Hypothesis(
-        kind="gain",
-        labels=_EACH,
-        columns=effects.gains(),
-        assumption=Assumption(
-            "the forces have the same gain",
-            "the gain of an actuator's force differs from the others",
-            "state the uncertainty of the force constants, `tolerances.force_constant.each`, with "
-            + _JOINTLY,
-        ),
-        noun="a gain error",
-        absent="no actuator's force has a different gain (p = {p:.2g})",
-        scale=100.0,
-        unit=lambda _: "%",
-    )
-    springs = Signature.none(part)
-    if effects.lacks("cable"):
-        # Each with a constant force, since the rest length is unknown.
-        middle = np.mean(part.position, axis=0)
-        stretch = effects.term("cable", rest_length=0.0).forces - np.eye(ACTUATORS) * middle
-        constant = np.broadcast_to(np.eye(ACTUATORS), stretch.shape)
-        springs = Signature.of_forces(part, np.concatenate([stretch, constant], axis=2))
-    yield Hypothesis(
-        kind="cable",
-        labels=_EACH if springs.count else (),
-        columns=springs,
-        places=tuple((j, ACTUATORS + j) for j in range(ACTUATORS)) if springs.count else (),
-        assumption=Assumption(
-            "no force linear in a strut's length",
-            "a spring acts along a strut",
-            "look for cables and hoses, or add `cable` and `force_offset` to the robot's `terms`: "
-            "the stiffness becomes a parameter of the estimate",
-        ),
-        noun="a spring",
-        absent="no force is linear in a strut's length (p = {p:.2g})",
-        unit=lambda _: "N/m",
-        values_shown=1,
-        contains="force_offset",
-    )
-
-
-def _geometric_errors(effects: CandidateEffects) -> Iterator[Hypothesis]:
-    """Yield deviations of the geometry and of gravity's direction from the robot file."""
-    has_motion = effects.motion is not None
-    untested = MODELLED if has_motion else _POINTWISE
-    joints = [
-        tuple(f"{kind}_{axis}" for axis in "xyz")
-        for kind in (*actuator_names("base_joint_"), *actuator_names("platform_joint_"))
-    ]
-    tilts, zeros = ("gravity_1", "gravity_2"), actuator_names("strut_length_")
-
-    def columns(names: Sequence[str]) -> Signature:
-        return effects.deviations(names) if has_motion else Signature.none(effects.part)
-
-    yield Hypothesis(
-        kind="joint",
-        labels=tuple((end, j) for end in ("base", "platform") for j in range(ACTUATORS))
-        if has_motion
-        else (),
-        columns=columns([name for joint in joints for name in joint]),
-        places=tuple((3 * k, 3 * k + 1, 3 * k + 2) for k in range(len(joints)))
-        if has_motion
-        else (),
-        assumption=Assumption(
-            "the joints are where the robot file says",
-            "a joint is not at its position in the robot file",
-            "measure it, or state the uncertainty of the joints, `tolerances.base_joints` and "
-            "`tolerances.platform_joints`, with " + _JOINTLY,
-        ),
-        noun="a displaced joint",
-        phrase="{place} displaced",
-        absent="no joint is displaced (p = {p:.2g})",
-        reason_untested=untested,
-        scale=1e3,
-        unit=lambda _: "mm",
-    )
-    yield Hypothesis(
-        kind="gravity",
-        labels=(("", None),) if has_motion else (),
-        columns=columns(tilts),
-        places=((0, 1),) if has_motion else (),
-        assumption=Assumption(
-            "gravity has the direction of the robot file",
-            "gravity does not have the direction in the robot file",
-            "level the base, or state its uncertainty, `tolerances.gravity`, with " + _JOINTLY,
-        ),
-        noun="a tilt of gravity",
-        absent="gravity is not tilted (p = {p:.2g})",
-        reason_untested=untested,
-        scale=180 / np.pi,
-        unit=lambda _: "deg",
-    )
-    yield Hypothesis(
-        kind="length_zero",
-        labels=_EACH if has_motion else (),
-        columns=columns(zeros),
-        assumption=Assumption(
-            "lengths are measured from where the robot file says",
-            "the zero of a length is wrong",
-            "reference the strut again, or state the uncertainty of the zeros, "
-            "`tolerances.strut_length`, with " + _JOINTLY,
-        ),
-        noun="a shifted zero of the length",
-        absent="no zero of a length is wrong (p = {p:.2g})",
-        reason_untested=untested,
-        scale=1e3,
-        unit=lambda _: "mm",
-    )
-
-
-def _delay(effects: CandidateEffects) -> Hypothesis:
-    """Return the delay of the forces, by its secants."""
-    step = effects.experiment.recording.step
-    has_motion = effects.motion is not None
-    seconds = tuple(steps * step for steps in _DELAYS) if has_motion else ()
-    secants = [effects.delay(each) for each in seconds]
-    return Hypothesis(
-        kind="delay",
-        labels=(("", None),) * len(seconds),
-        columns=Signature.concatenate([Signature.none(effects.part), *secants]),
-        constants=seconds,
-        at=lambda _, seconds: effects.delay(seconds),
-        sized_by_constant=True,
-        assumption=Assumption(
-            "forces and lengths are sampled at the same time",
-            "the forces lag behind the lengths",
-            "state the uncertainty of the delay, `tolerances.delay`, with "
-            + _JOINTLY
-            + "; a delay from the data sheet goes into `data.delay`",
-        ),
-        noun="a delay of the forces",
-        absent="no significant delay of the forces ({value:.3g} ± {std:.1g} ms)",
-        reason_untested="the forces do not change in time"
-        if has_motion
-        else "pointwise kinematics give no derivative of the forces in time",
-        scale=1e3,
-        number=".3g",
-        unit=lambda _: "ms",
-    )
-
-
-def _inertia(effects: CandidateEffects) -> Hypothesis:
-    """Return the inertia of motor and screw, which resists a strut's acceleration."""
-    part = effects.part
-    columns = Signature.none(part)
-    if effects.lacks("drive_inertia"):
-        along = effects.term("drive_inertia").forces
-        columns = _all_and_each(Signature.of_forces(part, along * np.eye(ACTUATORS)))
-    return Hypothesis(
-        kind="drive_inertia",
-        labels=_ALL_AND_EACH if columns.count else (),
-        columns=columns,
-        assumption=Assumption(
-            "the drives have no unmodelled inertia",
-            "the inertia of the drives is missing in the model",
-            "state the `drive` in the robot file, a screw or gear with lead and inertia: its "
-            "equivalent mass along the struts becomes a parameter of the estimate",
-        ),
-        noun="an inertia of the drives",
-        absent="no drive has an unmodelled inertia (p = {p:.2g})",
-        unit=lambda _: "kg",
-    )
-
-
-def _friction(effects: CandidateEffects) -> Iterator[Hypothesis]:
-    """Yield friction that depends on speed or on the load."""
-    speeds = STRIBECK_VELOCITIES if effects.lacks("stribeck") else ()
-    shapes = [_all_and_each(effects.term("stribeck", velocity=speed)) for speed in speeds]
-
-    def of_speed(label: Label, speed: float) -> Signature:
-        chosen = [_ALL_AND_EACH.index(label)]
-        return _all_and_each(effects.term("stribeck", velocity=speed)).select(chosen)
-
-    yield Hypothesis(
-        kind="stribeck",
-        labels=_ALL_AND_EACH * len(speeds),
-        columns=Signature.concatenate([Signature.none(effects.part), *shapes]),
-        constants=tuple(speed for speed in speeds for _ in _ALL_AND_EACH),
-        at=of_speed,
-        assumption=Assumption(
-            "friction does not rise near standstill",
-            "friction near standstill differs from the model",
-            "add `stribeck`, with a `velocity` near this one, to the robot's `terms`: it becomes a "
-            "parameter of the estimate, and so does the velocity with `estimate: true`",
-        ),
-        noun="friction near standstill",
-        absent="friction near standstill agrees with the model (p = {p:.2g})",
-        unit=lambda _: "N",
-    )
-    loaded = effects.missing_term("load_friction")
-    loaded = _all_and_each(loaded) if loaded.count else loaded
-    yield Hypothesis(
-        kind="load_friction",
-        labels=_ALL_AND_EACH if loaded.count else (),
-        columns=loaded,
-        assumption=Assumption(
-            "friction does not depend on the load",
-            "friction grows with the load of the actuators",
-            "add `load_friction` to the robot's `terms`: it becomes a parameter of the estimate",
-        ),
-        noun="friction by load",
-        absent="friction does not depend on the load (p = {p:.2g})",
-        scale=100.0,
-        unit=lambda _: "%",
-    )
-
-
-def _all_and_each(columns: Signature) -> Signature:
-    """Return the sum of all columns, followed by the columns."""
-    whole = Signature(
-        np.sum(columns.forces, axis=2, keepdims=True),
-        np.sum(columns.lengths, axis=2, keepdims=True),
-    )
-    return Signature.concatenate([whole, columns])
-
-
 def hidden_hums(recording: PeriodicRecording) -> tuple[tuple[float, int], ...]:
     """Return the mains frequencies, Hz, within one line of a multiple of the motion's frequency.
 
@@ -383,33 +147,407 @@ def hidden_hums(recording: PeriodicRecording) -> tuple[tuple[float, int], ...]:
     return tuple(found)
 
 
-def hum_hypotheses(effects: CandidateEffects) -> Iterator[Hypothesis]:
-    """Yield the family of hums that contrasts between periods cancel, if there are any."""
-    part, recording = effects.part, effects.experiment.recording
-    hidden = hidden_hums(recording)
-    if not hidden:
-        return
-    columns = []
+def _candidates(
+    columns: Signature, labels: Sequence[Label], groups: Sequence[Sequence[int]] = ()
+) -> Candidates:
+    """Return candidates of one column each, or of groups of columns; none without columns."""
+    if not columns.count:
+        return Candidates(labels=(), columns=columns)
+    return Candidates(labels=tuple(labels), columns=columns, places=tuple(map(tuple, groups)))
+
+
+def _all_and_each(columns: Signature) -> Candidates:
+    """Return the sum of six columns as a candidate, and each of them."""
+    return _candidates(_with_sum(columns), (_ALL, *_EACH))
+
+
+def _with_sum(columns: Signature) -> Signature:
+    """Return the sum of all columns, followed by the columns."""
+    if not columns.count:
+        return columns
+    whole = Signature(
+        np.sum(columns.forces, axis=2, keepdims=True),
+        np.sum(columns.lengths, axis=2, keepdims=True),
+    )
+    return Signature.concatenate([whole, columns])
+
+
+def _missing(effects: CandidateEffects, *names: str) -> Signature:
+    """Return the columns of terms, if the robot lacks the first of them; otherwise none."""
+    if not effects.lacks(names[0]):
+        return Signature.none(effects.part)
+    return Signature.concatenate([effects.term(name) for name in names])
+
+
+def _in_actuators(name: str) -> _Finder:
+    """Return the finder of a term with one parameter per actuator, or one for all."""
+
+    def find(effects: CandidateEffects) -> Candidates:
+        columns = _missing(effects, name)
+        if columns.count == 1:
+            columns = effects.of_forces(columns.forces * np.eye(ACTUATORS))
+        return _all_and_each(columns)
+
+    return find
+
+
+def _in_groups(name: str, *groups: tuple[str, Sequence[int]]) -> _Finder:
+    """Return the finder of a term with groups of parameters that are tested jointly."""
+
+    def find(effects: CandidateEffects) -> Candidates:
+        labels = [(label, None) for label, _ in groups]
+        return _candidates(_missing(effects, name), labels, [own for _, own in groups])
+
+    return find
+
+
+def _stribeck(effects: CandidateEffects) -> Candidates:
+    speeds, labels = STRIBECK_VELOCITIES if effects.lacks("stribeck") else (), (_ALL, *_EACH)
+
+    def of_speed(speed: float) -> Signature:
+        return _with_sum(effects.term("stribeck", velocity=speed))
+
+    return Candidates(
+        labels=labels * len(speeds),
+        columns=Signature.concatenate([Signature.none(effects.part), *map(of_speed, speeds)]),
+        constants=tuple(speed for speed in speeds for _ in labels),
+        at=lambda label, speed: of_speed(speed).select([labels.index(label)]),
+    )
+
+
+def _position_friction(effects: CandidateEffects) -> Candidates:
+    """Return dry and viscous friction that change along the stroke, jointly in each actuator."""
+    pairs = [(j, ACTUATORS + j) for j in range(ACTUATORS)]
+    return _candidates(_missing(effects, "position_friction"), _EACH, pairs)
+
+
+def _springs(effects: CandidateEffects) -> Candidates:
+    """Return springs along the struts, each with a constant force: its rest length is unknown."""
+    stiffness = _missing(effects, "cable")
+    if stiffness.count:
+        constant = effects.of_forces(np.broadcast_to(np.eye(ACTUATORS), stiffness.forces.shape))
+        stiffness = Signature.concatenate([_with_sum(stiffness), _with_sum(constant)])
+    pairs = [(j, 1 + ACTUATORS + j) for j in range(1 + ACTUATORS)]
+    return _candidates(stiffness, (_ALL, *_EACH), pairs)
+
+
+def _platform_springs(effects: CandidateEffects) -> Candidates:
+    """Return stiffnesses, with constant forces or moments: the rest position is unknown."""
+    columns = _missing(effects, "platform_spring", "platform_wrench")
+    labels = (("k_x, k_y, k_z", None), ("k_phi, k_theta, k_psi", None))
+    return _candidates(columns, labels, [(0, 1, 2, 6, 7, 8), (3, 4, 5, 9, 10, 11)])
+
+
+def _general_platform(effects: CandidateEffects) -> Candidates:
+    """Return the centre of mass off the axis, and the products of inertia."""
+    columns = Signature.none(effects.part)
+    if effects.robot.description.platform == "symmetric":
+        columns = effects.term("rigid_platform").select(range(-len(LATERAL), 0))
+    labels = [(", ".join(names), None) for names in (LATERAL[:2], LATERAL[2:])]
+    return _candidates(columns, labels, [(0, 1), (2, 3, 4)])
+
+
+def _deviations(
+    names: Sequence[str], labels: Sequence[Label], groups: Sequence[Sequence[int]] = ()
+) -> _Finder:
+    """Return the finder of deviations of the machine; none after pointwise kinematics."""
+
+    def find(effects: CandidateEffects) -> Candidates:
+        has_motion = effects.motion is not None
+        columns = effects.deviations(names) if has_motion else Signature.none(effects.part)
+        return _candidates(columns, labels, groups)
+
+    return find
+
+
+def _delay(effects: CandidateEffects) -> Candidates:
+    """Return the delay of all forces, by its secants."""
+    step = effects.experiment.recording.step
+    seconds = tuple(steps * step for steps in _DELAYS) if effects.motion is not None else ()
+    return Candidates(
+        labels=(_ALL,) * len(seconds),
+        columns=Signature.concatenate([Signature.none(effects.part), *map(effects.delay, seconds)]),
+        constants=seconds,
+        at=lambda _, seconds: effects.delay(seconds),
+    )
+
+
+def _lags(effects: CandidateEffects) -> Candidates:
+    """Return lags of single channels of the forces and of the lengths."""
+    columns = Signature.none(effects.part)
+    if effects.motion is not None:
+        late = effects.delay(effects.experiment.recording.step).forces * np.eye(ACTUATORS)
+        columns = Signature.concatenate([effects.of_forces(late), effects.length_lags()])
+    labels = [(of, j) for of in ("force", "length") for j in range(ACTUATORS)]
+    return _candidates(columns, labels)
+
+
+def _hums(effects: CandidateEffects) -> Candidates:
+    """Return the hums that contrasts between periods cancel."""
+    recording, columns = effects.experiment.recording, [Signature.none(effects.part)]
+    hidden, width = hidden_hums(recording), 2 * ACTUATORS
     for _, multiple in hidden:
         angle = multiple * recording.omega * recording.forces.times
         pair = np.stack([np.sin(angle), np.cos(angle)], axis=1)
-        each = np.einsum("tp,ij->tijp", pair, np.eye(ACTUATORS))
-        columns.append(part.cells.mean(each.reshape(len(angle), ACTUATORS, -1)))
-    width = 2 * ACTUATORS
-    yield Hypothesis(
-        kind="hum",
-        labels=tuple((f"of {frequency:g} Hz", None) for frequency, _ in hidden),
-        columns=Signature.of_forces(part, np.concatenate(columns, axis=2)),
-        places=tuple(tuple(range(k * width, (k + 1) * width)) for k in range(len(hidden))),
-        assumption=Assumption(
-            "no hum that repeats in every period",
-            "the mains hum at a multiple of the motion's frequency",
-            "earth and shield the measurement, or state the frequency in "
-            "`noise.force_spectrum.hum` of the run and design again: the motion then avoids it",
+        each = np.einsum("tp,ij->tijp", pair, np.eye(ACTUATORS)).reshape(-1, ACTUATORS, width)
+        columns.append(effects.of_forces(effects.part.cells.mean(each)))
+    return _candidates(
+        Signature.concatenate(columns),
+        [(f"of {frequency:g} Hz", None) for frequency, _ in hidden],
+        [range(k * width, (k + 1) * width) for k in range(len(hidden))],
+    )
+
+
+def _family(
+    kind: str, text: str, contradiction: str, noun: str, find: _Finder, advice: str, **more: Any
+) -> tuple[Family, _Finder]:
+    """Declare a family; an advice of one word is the term to add."""
+    if " " not in advice:
+        advice = f"add `{advice}` to the robot's `terms`: it becomes a parameter of the estimate"
+    more.setdefault("absent", text + " (p = {p:.2g})")
+    assumption = Assumption(text, contradiction, advice)
+    return Family(kind=kind, assumption=assumption, noun=noun, **more), find
+
+
+def _friction(
+    kind: str, text: str, contradiction: str, noun: str, **more: Any
+) -> tuple[Family, _Finder]:
+    """Declare a family that is a term with one parameter per actuator."""
+    return _family(kind, text, contradiction, noun, _in_actuators(kind), kind, **more)
+
+
+_OF_MOTION: dict[str, Any] = {
+    "reason_untested": "pointwise kinematics have no motion model for it",
+    "scale": 1e3,
+}
+_PLACED: dict[str, Any] = {"phrase": "{noun} ({place})"}
+_FAMILIES = (
+    _family(
+        "drive_inertia",
+        "the drives have no unmodelled inertia",
+        "the inertia of the drives is missing in the model",
+        "an inertia of the drives",
+        _in_actuators("drive_inertia"),
+        "state the `drive` in the robot file, a screw or gear with lead and inertia: its "
+        "equivalent mass along the struts becomes a parameter of the estimate",
+        unit="kg",
+    ),
+    _family(
+        "stribeck",
+        "friction does not rise near standstill",
+        "friction near standstill differs from the model",
+        "friction near standstill",
+        _stribeck,
+        "add `stribeck`, with a `velocity` near this one, to the robot's `terms`: it becomes a "
+        "parameter of the estimate, and so does the velocity with `estimate: true`",
+        unit="N",
+    ),
+    _friction(
+        "load_friction",
+        "friction does not depend on the load",
+        "friction grows with the load of the actuators",
+        "friction by load",
+        scale=100.0,
+        unit="%",
+    ),
+    _friction(
+        "quadratic_friction",
+        "viscous friction is proportional to the speed",
+        "viscous friction is not proportional to the speed",
+        "friction by the square of the speed",
+        unit="N s^2/m^2",
+    ),
+    _friction(
+        "asymmetric_friction",
+        "viscous friction is the same in both directions",
+        "viscous friction depends on the direction",
+        "a difference of viscous friction between the directions",
+        weight=0.5,
+        unit="N s/m",
+    ),
+    _family(
+        "position_friction",
+        "friction does not depend on the position",
+        "friction changes along the stroke",
+        "a change of friction along the stroke",
+        _position_friction,
+        "position_friction",
+        weight=0.25,
+        unit="N/m, N s/m^2",
+    ),
+    _family(
+        "passive_viscous_friction",
+        "the joints have no viscous friction",
+        "the joints at base or platform have viscous friction",
+        "viscous friction of the joints",
+        _in_groups("passive_viscous_friction", ("v_base", (0,)), ("v_platform", (1,))),
+        "passive_viscous_friction",
+        weight=0.5,
+        **_PLACED,
+    ),
+    _family(
+        "general_platform",
+        "the platform is symmetric",
+        "the platform is not symmetric",
+        "an asymmetry of the platform",
+        _general_platform,
+        "state `platform: general` in the robot file: centre of mass and products of inertia "
+        "become parameters of the estimate",
+        weight=0.5,
+        **_PLACED,
+    ),
+    _family(
+        "platform_wrench",
+        "no constant force or moment acts on the platform",
+        "a constant force or moment acts on the platform",
+        "a constant load of the platform",
+        _in_groups("platform_wrench", ("f_x, f_y, f_z", range(3)), ("m_x, m_y, m_z", range(3, 6))),
+        "platform_wrench",
+        weight=0.25,
+        **_PLACED,
+    ),
+    _family(
+        "platform_spring",
+        "no spring acts between base and platform",
+        "a spring acts between base and platform",
+        "a spring of the platform",
+        _platform_springs,
+        "look for hoses, or add `platform_spring` and `platform_wrench` to the robot's `terms`: "
+        "they become parameters of the estimate",
+        weight=0.25,
+        values_shown=3,
+        contains="platform_wrench",
+        **_PLACED,
+    ),
+    _family(
+        "platform_drag",
+        "nothing drags at the platform",
+        "a constant force acts against the platform's motion",
+        "a drag of the platform",
+        _in_groups("platform_drag", ("d_x, d_y, d_z", range(3))),
+        "platform_drag",
+        weight=0.25,
+        **_PLACED,
+    ),
+    _friction(
+        "force_offset",
+        "no constant force in an actuator",
+        "an actuator has a constant force that the model lacks",
+        "a constant force",
+        unit="N",
+    ),
+    _family(
+        "gain",
+        "the forces have the same gain",
+        "the gain of an actuator's force differs from the others",
+        "a gain error",
+        lambda effects: _candidates(effects.gains(), _EACH),
+        "state the uncertainty of the force constants, `tolerances.force_constant.each`, with "
+        + _JOINTLY,
+        scale=100.0,
+        unit="%",
+    ),
+    _family(
+        "saturation",
+        "the force constants do not depend on the force",
+        "the force constants depend on the force",
+        "a force constant that changes with the force",
+        lambda effects: _all_and_each(effects.gains(power=3)),
+        "measure the force constants up to the largest force, and correct the measured forces",
+        weight=0.5,
+        scale=100.0,
+        unit="% at the largest force",
+    ),
+    _family(
+        "cable",
+        "no force linear in a strut's length",
+        "a spring acts along a strut",
+        "a spring",
+        _springs,
+        "look for cables and hoses, or add `cable` and `force_offset` to the robot's `terms`: "
+        "the stiffness becomes a parameter of the estimate",
+        unit="N/m",
+        values_shown=1,
+        contains="force_offset",
+    ),
+    _family(
+        "joint",
+        "the joints are where the robot file says",
+        "a joint is not at its position in the robot file",
+        "a displaced joint",
+        _deviations(
+            [f"{end}_joint_{j + 1}_{axis}" for end, j in _JOINTS for axis in "xyz"],
+            _JOINTS,
+            [range(k, k + 3) for k in range(0, 3 * len(_JOINTS), 3)],
         ),
-        noun="a hum",
+        "measure it, or state the uncertainty of the joints, `tolerances.base_joints` and "
+        "`tolerances.platform_joints`, with " + _JOINTLY,
+        phrase="{place} displaced",
+        unit="mm",
+        **_OF_MOTION,
+    ),
+    _family(
+        "gravity",
+        "gravity has the direction of the robot file",
+        "gravity does not have the direction in the robot file",
+        "a tilt of gravity",
+        _deviations(["gravity_1", "gravity_2"], [_ALL], [range(2)]),
+        "level the base, or state its uncertainty, `tolerances.gravity`, with " + _JOINTLY,
+        unit="deg",
+        **(_OF_MOTION | {"scale": 180 / np.pi}),
+    ),
+    _family(
+        "length_zero",
+        "lengths are measured from where the robot file says",
+        "the zero of a length is wrong",
+        "a shifted zero of the length",
+        _deviations(actuator_names("strut_length_"), _EACH),
+        "reference the strut again, or state the uncertainty of the zeros, "
+        "`tolerances.strut_length`, with " + _JOINTLY,
+        unit="mm",
+        **_OF_MOTION,
+    ),
+    _family(
+        "delay",
+        "forces and lengths are sampled at the same time",
+        "the forces lag behind the lengths",
+        "a delay of the forces",
+        _delay,
+        f"state the uncertainty of the delay, `tolerances.delay`, with {_JOINTLY}; a delay from "
+        "the data sheet goes into `data.delay`",
+        absent="no significant delay of the forces ({value:.3g} ± {std:.1g} ms)",
+        sized_by_constant=True,
+        number=".3g",
+        unit="ms",
+        **_OF_MOTION,
+    ),
+    _family(
+        "lag",
+        "all channels are sampled at the same time",
+        "a channel lags behind the others",
+        "a lag of the",
+        _lags,
+        "compare filters and sampling of the channels, and correct the recording",
+        weight=0.5,
+        unit="ms",
+        **_OF_MOTION,
+    ),
+    _family(
+        "hum",
+        "no hum that repeats in every period",
+        "the mains hum at a multiple of the motion's frequency",
+        "a hum",
+        _hums,
+        "earth and shield the measurement, or state the frequency in "
+        "`noise.force_spectrum.hum` of the run and design again: the motion then avoids it",
         absent="no hum of the mains at a multiple of the motion's frequency (p = {p:.2g})",
         reason_untested="the model's columns explain it",
-        unit=lambda _: "N",
+        unit="N",
         paired=True,
-    )
+    ),
+)
+"""Families with the finders of their candidates, without that of the parameters.
+
+Rare effects have a smaller weight. A common gain of all forces is not among the candidates: it is
+not observable.
+"""

@@ -47,16 +47,14 @@ POWER = 0.8
 """Power of the test at the smallest detectable values."""
 
 
-@dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """Family of candidate effects that are tested and described alike."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Family:
+    """Declaration of candidate effects that are tested and described alike."""
 
     kind: str
     """Kind of the effects."""
-    labels: tuple[Label, ...]
-    """Labels of the candidates. Candidates with equal labels differ in a constant (a speed)."""
-    columns: Signature
-    """Columns of all candidates, per SI unit of the effect."""
+    weight: float = 1.0
+    """Share of the level of all families, relative to the others."""
     assumption: Assumption
     """Assumption that there is no such effect."""
     noun: str
@@ -66,22 +64,14 @@ class Hypothesis:
     candidate."""
     reason_untested: str = MODELLED
     """Reason for an omitted test, if no column remains."""
-    level: float = HYPOTHESES
-    """Level of all candidates together."""
-    places: tuple[tuple[int, ...], ...] = ()
-    """Indices of every candidate's columns; by default one each, in their order."""
-    constants: tuple[float, ...] = ()
-    """Constant of every candidate, SI; by default none."""
-    at: Callable[[Label, float], Signature] | None = None
-    """Function for the columns of a candidate with another constant, to find the best one."""
     sized_by_constant: bool = False
     """Whether the best constant is the size of the effect, such as the delay of its secant."""
     scale: float = 1.0
     """Factor from SI to the displayed unit."""
     number: str = "+.3g"
     """Format of a displayed value."""
-    unit: Callable[[str], str] = parameter_unit
-    """Function from the parameter to the displayed unit."""
+    unit: str = ""
+    """Displayed unit; empty: that of the candidate's parameter."""
     values_shown: int | None = None
     """Number of a candidate's values that are displayed; None: all."""
     paired: bool = False
@@ -90,6 +80,34 @@ class Hypothesis:
     """Format of the noun and the place of an effect."""
     contains: str = ""
     """Kind of the effects that are special cases of this one, and therefore no rivals."""
+
+    def unit_of(self, label: str) -> str:
+        """Return the displayed unit of a candidate, whose label may list several parameters."""
+        return self.unit or parameter_unit(label.split(",", maxsplit=1)[0])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Candidates:
+    """Candidate effects of one family in one experiment."""
+
+    labels: tuple[Label, ...]
+    """Labels of the candidates. Candidates with equal labels differ in a constant (a speed)."""
+    columns: Signature
+    """Columns of all candidates, per SI unit of the effect."""
+    places: tuple[tuple[int, ...], ...] = ()
+    """Indices of every candidate's columns; by default one each, in their order."""
+    constants: tuple[float, ...] = ()
+    """Constant of every candidate, SI; by default none."""
+    at: Callable[[Label, float], Signature] | None = None
+    """Function for the columns of a candidate with another constant, to find the best one."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Hypothesis(Family, Candidates):
+    """Family of candidate effects with its candidates and their level."""
+
+    level: float = HYPOTHESES
+    """Level of all candidates together."""
     modelled: bool = False
     """Whether the model has a term for it: then there is no assumption to test."""
 

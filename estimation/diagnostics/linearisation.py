@@ -41,6 +41,7 @@ from estimation.processing import NoiseEstimate, NoiseModel
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import parameters_of
 from expdesign.mechanism.terms import term_definitions
+from expdesign.mechanism.terms.rigid_platform import GENERAL, SYMMETRIC
 from expdesign.robot import Robot
 from expdesign.robot.deviation import (
     Deviation,
@@ -284,7 +285,20 @@ class Signature:
         return Signature(self.forces[:, :, chosen], self.lengths[:, :, chosen])
 
 
-CANDIDATE_TERMS = ("load_friction", "drive_inertia", "stribeck", "force_offset", "cable")
+CANDIDATE_TERMS = (
+    "load_friction",
+    "drive_inertia",
+    "passive_viscous_friction",
+    "asymmetric_friction",
+    "quadratic_friction",
+    "stribeck",
+    "position_friction",
+    "force_offset",
+    "cable",
+    "platform_wrench",
+    "platform_spring",
+    "platform_drag",
+)
 """Terms of the catalogue that a robot may lack; the load-dependent one comes first, so that the
 load is that of the robot's own terms."""
 _GEOMETRIC = ("base_joints", "platform_joints", "gravity", "strut_length")
@@ -302,39 +316,45 @@ class CandidateEffects:
     """(m,), estimated parameters, SI."""
     part: Linearisation
 
-    def gains(self) -> Signature:
-        """Return the columns of the six gains: predicted force of one actuator each, N."""
+    def gains(self, power: int = 1) -> Signature:
+        """Return the columns of six gains, N: predicted force of one actuator each.
+
+        With a power of three they are those of force constants that saturate, in shares at the
+        largest predicted force.
+        """
         forces = self.part.regressors @ self.values
-        return self._of_forces(forces[:, :, None] * np.eye(ACTUATORS))
+        shares = forces / np.max(np.abs(forces))
+        return self.of_forces((forces * shares ** (power - 1))[:, :, None] * np.eye(ACTUATORS))
 
     def lacks(self, name: str) -> bool:
         """Return whether the robot does not have a term of the catalogue."""
         return name not in {term.name for term in self.robot.terms}
 
     def term(self, name: str, **constants: float) -> Signature:
-        """Return the columns of a term that the robot lacks, with its constants, SI."""
-        if tuple(constants) != tuple(
-            constant.name for constant in term_definitions()[name].constants
-        ):
-            raise ValueError(f"{name} has other constants than {', '.join(constants)}")
+        """Return the columns of a term in its general form, with its constants, SI.
+
+        Without constants those of `_extended`.
+        """
         robot, signs = self._extended
-        first = 0
-        held: list[float] = []
-        for term in robot.terms:
-            own = len(term.constants)
-            known = robot.description.constants[first : first + own]
-            held += constants.values() if term.name == name else known
-            first += own
-        changed = Robot(replace(robot.description, constants=tuple(held)), robot.load_parameters)
-        regressors = self._regressors(changed, signs)
+        regressors = self._regressors if not constants else None
+        if regressors is None:
+            held = robot.description.constants
+            known = [(term.name, one.name) for term in robot.terms for one in term.constants]
+            given = {(name, constant): value for constant, value in constants.items()}
+            if not given.keys() <= set(known):
+                raise ValueError(f"{name} has other constants than {', '.join(constants)}")
+            held = tuple(given.get(one, value) for one, value in zip(known, held, strict=True))
+            changed = Robot(replace(robot.description, constants=held), robot.load_parameters)
+            regressors = self._regressors_of(changed, signs)
         place = [term.name for term in robot.terms].index(name)
         first = len(parameters_of(robot.terms[:place]))
-        columns = slice(first, first + len(robot.terms[place].parameters))
-        return self._of_forces(self.part.cells.mean(regressors[:, :, columns]))
+        count = len(robot.terms[place].parameters)
+        return self.of_forces(regressors[:, :, first : first + count])
 
-    def missing_term(self, name: str) -> Signature:
-        """Return the columns of a term without constants, if the robot lacks it; otherwise none."""
-        return self.term(name) if self.lacks(name) else Signature.none(self.part)
+    @cached_property
+    def _regressors(self) -> Array:
+        """(R, 6, m), of the robot with all candidate terms."""
+        return self._regressors_of(*self._extended)
 
     def deviations(self, names: Sequence[str]) -> Signature:
         """Return the columns of `expdesign.robot.deviation` with these names."""
@@ -367,7 +387,17 @@ class CandidateEffects:
         if self.motion is None:
             raise ValueError("pointwise kinematics cannot be shifted in time")
         change = (self._forces(self.motion.delay_by(seconds)) - self._forces_in_time) / seconds
-        return self._of_forces(self.part.cells.mean(change)[:, :, None])
+        return self.of_forces(self.part.cells.mean(change)[:, :, None])
+
+    def length_lags(self) -> Signature:
+        """Return the columns of six delays of a measured length, m per second of delay."""
+        recording, part = self.experiment.recording, self.part
+        if self.motion is None:
+            raise ValueError("pointwise kinematics cannot be shifted in time")
+        state = self.motion.at(recording.lengths.times).state()
+        speed = self.robot.strut_motion(*np.split(state, 3, axis=1)).length_rate
+        lengths = part.length_cells.mean(-speed[:, :, None] * np.eye(ACTUATORS))
+        return Signature(np.zeros((*part.forces.shape, ACTUATORS)), lengths)
 
     @cached_property
     def _forces_in_time(self) -> Array:
@@ -399,20 +429,26 @@ class CandidateEffects:
         columns = Signature(part.cells.mean(forces), part.length_cells.mean(lengths))
         return columns, tuple(each.name for each in wanted)
 
-    def _of_forces(self, columns: Array) -> Signature:
+    def of_forces(self, columns: Array) -> Signature:
+        """Return the signature of effects on the forces alone, (R, 6, q)."""
         return Signature.of_forces(self.part, columns)
 
     @cached_property
     def _extended(self) -> tuple[Robot, Array | None]:
         """Robot with its frictionless terms and all candidate terms, and the signs of friction.
 
-        Its load is that of the estimate. The expected signs are (T, s); None after pointwise
-        kinematics, which use the exact ones.
+        Its platform is the general one, its load that of the estimate. Lengths among the constants
+        of the candidates are the mean length of the struts. The expected signs are (T, s); None
+        after pointwise kinematics, which use the exact ones.
         """
         about, experiment, motion = self.robot.description, self.experiment, self.motion
         own = iter(about.constants)
         constants = {term: [next(own) for _ in term.constants] for term in about.terms}
+        mean = float(np.mean(self.part.position))
+        typical = {"cable": [mean], "position_friction": [mean]}
         held = tuple(term for term in about.terms if not term.rates)
+        held = tuple(GENERAL if term is SYMMETRIC else term for term in held)
+        constants[GENERAL] = []
         terms = (*held, *(term_definitions()[name] for name in CANDIDATE_TERMS if self.lacks(name)))
         values = dict(zip(self.robot.parameter_names, self.values.tolist(), strict=True))
         parameters = {p.name: values.get(p.name, 0.0) for p in parameters_of(terms)}
@@ -423,7 +459,13 @@ class CandidateEffects:
                 constants=tuple(
                     value
                     for term in terms
-                    for value in constants.get(term, [1.0] * len(term.constants))
+                    for value in constants.get(
+                        term,
+                        typical.get(
+                            term.name,
+                            [1.0 if one.default is None else one.default for one in term.constants],
+                        ),
+                    )
                 ),
                 parameters=parameters,
             )
@@ -435,12 +477,11 @@ class CandidateEffects:
             return robot, np.zeros((len(times), 0))
         return robot, experiment.signs_for_robot(robot, motion)
 
-    def _regressors(self, robot: Robot, signs: Array | None) -> Array:
-        """Return the regressors of another robot at the samples, (T, 6, m)."""
+    def _regressors_of(self, robot: Robot, signs: Array | None) -> Array:
+        """Return the regressors of another robot, (R, 6, m)."""
         if self.motion is not None and signs is not None:
-            return regressors_along(
-                robot, self.motion, self.experiment.recording.forces.times, signs
-            )
+            times = self.experiment.recording.forces.times
+            return self.part.cells.mean(regressors_along(robot, self.motion, times, signs))
         if self.experiment.pointwise is None:
             raise ValueError("an experiment has a fitted or a pointwise motion")
-        return regressors_at(robot, self.experiment.pointwise)
+        return self.part.cells.mean(regressors_at(robot, self.experiment.pointwise))

@@ -97,6 +97,7 @@ class HexapodGraph:
                 "position": self.pose[:3],
                 "rotation_angles": angles,
                 "rotation_matrix": rotation,
+                "platform_rate": ca.vertcat(self.rate[:3], omega),
                 "strut_length": coordinates[0],
                 "strut_speed": coordinates[1],
                 "strut_acceleration": coordinates[2],
@@ -306,8 +307,9 @@ class HexapodGraph:
     def quantities(self, friction: Friction) -> Mapping[str, ca.SX]:
         """Return all named quantities that limits may bound.
 
-        ``position`` (3), ``rotation_angles`` (3), ``rotation_matrix`` (3, 3), ``strut_length``
-        (the actuator's coordinate: the distance of the joints, but on a thread),
+        ``position`` (3), ``rotation_angles`` (3), ``rotation_matrix`` (3, 3), ``platform_rate`` (6:
+        velocity of the TCP and angular velocity), ``strut_length`` (the actuator's coordinate: the
+        distance of the joints, but on a thread),
         ``strut_speed``, ``strut_acceleration``, ``alpha``, ``beta``, ``sin_beta``,
         ``alpha_rate``, ``beta_rate`` (6 each), ``strut_direction`` (3, 6), ``base_joints``,
         ``platform_joints`` (3, 6, base frame), ``platform_joint_axes`` (3, 6, base frame),

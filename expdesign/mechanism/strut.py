@@ -142,6 +142,8 @@ class StrutKinematics:
         per_cosine = ca.sqrt(1 / (uy * uy + uz * uz))
         self.alpha, self.beta = ca.atan2(-uy, uz), ca.asin(sin_beta)
         sin_alpha, cos_alpha = -uy * per_cosine, uz * per_cosine
+        # First cardan axis; the second one is across it and u
+        self.alpha_axis = frame[:, 0]
         # e₁ and e₂: directions in which B moves when α and β grow
         self.along_alpha = along_alpha = -cos_alpha * frame[:, 1] - sin_alpha * frame[:, 2]
         self.along_beta = along_beta = cos_beta * frame[:, 0] + sin_beta * (

@@ -123,6 +123,7 @@ class SlidingRate:
 STRUT_SPEED = SlidingRate("strut_speed")
 ALPHA_RATE = SlidingRate("alpha_rate", arm="strut_length")
 BETA_RATE = SlidingRate("beta_rate", arm="strut_length")
+PLATFORM_RATE = SlidingRate("platform_rate")
 
 
 @dataclass(frozen=True)

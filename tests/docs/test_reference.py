@@ -50,7 +50,13 @@ from expdesign.export.formats import table_formats
 from expdesign.information.criteria import criteria
 from expdesign.library import robot_files, run_files
 from expdesign.mechanism.graph import HexapodGraph
-from expdesign.mechanism.term import ALPHA_RATE, BETA_RATE, STRUT_SPEED, parameters_of
+from expdesign.mechanism.term import (
+    ALPHA_RATE,
+    BETA_RATE,
+    PLATFORM_RATE,
+    STRUT_SPEED,
+    parameters_of,
+)
 from expdesign.mechanism.terms import DEFAULT, term_definitions, terms_named
 from expdesign.recheck.limit_check import TOLERANCE, grid_points
 from expdesign.runfolder.documentation import all_results, documented_page
@@ -213,6 +219,7 @@ def parameter_rows():
 
 def term_rows():
     rates = {STRUT_SPEED: "$\\dot l$", ALPHA_RATE: "$\\dot\\alpha$", BETA_RATE: "$\\dot\\beta$"}
+    rates[PLATFORM_RATE] = "$v$, $\\omega$"
     ends = {
         name: dict.fromkeys((t.parameters[0].name, t.parameters[-1].name))
         for name, t in term_definitions().items()

@@ -118,9 +118,11 @@ class Machine:
             for name, value in zip(robot.parameter_names, robot.parameters, strict=True)
         }
         self.constants = {
-            constant.name: mpf(float(value))
-            for constant, value in zip(
-                (c for term in robot.terms for c in term.constants), about.constants, strict=True
+            name: mpf(float(value))
+            for name, value in zip(
+                (f"{term.name}.{one.name}" for term in robot.terms for one in term.constants),
+                about.constants,
+                strict=True,
             )
         }
         self.trajectory = trajectory
@@ -188,14 +190,56 @@ class Machine:
         for j in STRUTS:
             energy -= (p("p4") + p("p5")) * dot(self.gravity, at.directions[j])
         energy -= p("m_payload") * dot(self.gravity, at.payload)
-        if "length" in self.constants:
-            stretched = at.compensated - self.constants["length"]
+        if (length := self.constants.get("gravity_compensation.length")) is not None:
+            stretched = at.compensated - length
             energy -= p("b_force") * stretched + p("b_stiffness") * stretched**2 / 2
+        stretched = plus(pose[:3], self.point("platform_spring", *"xyz"), -1)
+        for axis, angle in enumerate(("phi", "theta", "psi")):
+            energy -= p(f"f_{'xyz'[axis]}") * pose[axis]
+            energy += p(f"k_{'xyz'[axis]}") * stretched[axis] ** 2 / 2
+            shares = [(1 - at.rotation[k][k]) * (-1) ** (k == axis) for k in range(3)]
+            energy += p(f"k_{angle}") * sum(shares) / 2
         return energy
 
-    def point(self, *names):
+    def point(self, term, *names):
         """Return a point whose coordinates are constants, the origin where a robot has none."""
-        return [self.constants.get(name, mpf(0)) for name in names]
+        return [self.constants.get(f"{term}.{name}", mpf(0)) for name in names]
+
+    def turns(self, pose):
+        """Return the slope of the platform's turn about the axes of the base, 3 × 6."""
+        R, columns = rotation(pose), []
+        for i in range(6):
+            unit = [mpf(k == i) for k in range(6)]
+            flat = difference(
+                lambda s, u=unit: [v for row in rotation(plus(pose, u, s)) for v in row], mpf(0)
+            )
+            dR = [flat[3 * k : 3 * k + 3] for k in range(3)]
+            columns.append([dot(dR[row], R[column]) for row, column in ((2, 1), (0, 2), (1, 0))])
+        return mpmath.matrix(columns).T
+
+    def rubbing(self, time):
+        """Return what the friction of joints and hoses asks of the pose's six numbers."""
+        pose, rate = self.pose(time), mpmath.matrix(difference(self.pose, time))
+        p, at, turns = self.parameter, self.at(pose), self.turns(pose)
+        slopes = [self.jacobian(of, pose) for of in (lambda at: at.alpha, lambda at: at.beta)]
+        wrench = mpmath.zeros(6, 1)
+        for slope, name in zip(slopes, ("r_alpha", "r_beta"), strict=True):
+            rates = slope * rate
+            wrench += p(name) * (slope.T * rates.apply(mpmath.sign))
+            wrench += p("v_base") * (slope.T * rates)
+        for j in STRUTS:
+            first, y, z = self.frames[j]
+            c, s = mpmath.cos(at.alpha[j]), mpmath.sin(at.alpha[j])
+            second = plus([c * v for v in y], z, s)
+            relative = turns.copy()
+            for axis, slope in ((first, slopes[0]), (second, slopes[1])):
+                relative -= mpmath.matrix(axis) * slope[j, :]
+            wrench += p("v_platform") * (relative.T * (relative * rate))
+        against = (turns * rate).apply(mpmath.sign)
+        for k, name in enumerate(("phi", "theta", "psi")):
+            wrench[k] += p(f"d_{'xyz'[k]}") * mpmath.sign(rate[k])
+            against[k] *= p(f"d_{name}")
+        return wrench + turns.T * against
 
     def jacobian(self, of, pose):
         """Return the derivatives of six numbers of a pose to the pose, (6, 6)."""
@@ -207,19 +251,8 @@ class Machine:
 
     def condition(self, pose):
         """Return the condition number of G, rotations divided by the characteristic length."""
-        slopes, twist = self.jacobian(lambda at: at.lengths, pose), mpmath.zeros(6)
-        R = rotation(pose)
-        for i in range(6):
-            unit = [mpf(k == i) for k in range(6)]
-            flat = difference(
-                lambda s, u=unit: [v for row in rotation(plus(pose, u, s)) for v in row], mpf(0)
-            )
-            dR = [flat[3 * k : 3 * k + 3] for k in range(3)]
-            for k in range(3):
-                twist[k, i] = unit[k]
-            for k, (row, column) in enumerate(((2, 1), (0, 2), (1, 0))):
-                spin = sum(dR[row][m] * R[column][m] for m in range(3))
-                twist[3 + k, i] = spin * self.length
+        slopes, twist = self.jacobian(lambda at: at.lengths, pose), mpmath.eye(6)
+        twist[3:, :] = self.length * self.turns(pose)
         singular = mpmath.svd_r(slopes * twist**-1, compute_uv=False)
         return max(singular) / min(singular)
 
@@ -240,21 +273,18 @@ class Machine:
         speeds = difference(lambda t: self.at(self.pose(t)).lengths, time)
         accelerations = difference(lambda t: self.at(self.pose(t)).lengths, time, 2)
         lengths, p = self.at(pose).lengths, self.parameter
-        load = carried * mpmath.matrix(wrench)
+        moments = mpmath.matrix([p(f"m_{axis}") for axis in "xyz"])
+        load = carried * (mpmath.matrix(wrench) - self.turns(pose).T * moments)
         for j in STRUTS:
             load[j] += p("m_drive") * accelerations[j] + p(f"o{j + 1}")
-            if "rest_length" in self.constants:
-                load[j] += p(f"k{j + 1}") * (lengths[j] - self.constants["rest_length"])
-            for order, letter in ((1, "c"), (2, "d")) if "pitch" in self.constants else ():
-                angle = 2 * mpmath.pi * order * lengths[j] / self.constants["pitch"]
+            (rest,) = self.point("cable", "rest_length")
+            load[j] += p(f"k{j + 1}") * (lengths[j] - rest)
+            pitch = self.constants.get("cogging.pitch")
+            for order, letter in ((1, "c"), (2, "d")) if pitch is not None else ():
+                angle = 2 * mpmath.pi * order * lengths[j] / pitch
                 load[j] += p(f"{letter}s{j + 1}") * mpmath.sin(angle)
                 load[j] += p(f"{letter}c{j + 1}") * mpmath.cos(angle)
-        rubbing = mpmath.zeros(6, 1)
-        for of, name in ((lambda at: at.alpha, "r_alpha"), (lambda at: at.beta, "r_beta")):
-            rates = difference(lambda t, of=of: of(self.at(self.pose(t))), time)
-            signs = mpmath.matrix([mpmath.sign(one) for one in rates])
-            rubbing += p(name) * (self.jacobian(of, pose).T * signs)
-        found = load + carried * rubbing
+        found = load + carried * self.rubbing(time)
         for j in STRUTS:
             sign, k = mpmath.sign(speeds[j]), j + 1
             found[j] += (
@@ -262,8 +292,11 @@ class Machine:
             )
             size = abs(speeds[j])
             found[j] += p(f"a{k}") * size + (p(f"w{k}") + p(f"c{k}") * size) * size * speeds[j]
-            if "velocity" in self.constants:
-                ratio = speeds[j] / self.constants["velocity"]
+            (middle,) = self.point("position_friction", "length")
+            along = p(f"rl{k}") * sign + p(f"vl{k}") * speeds[j]
+            found[j] += (lengths[j] - middle) * along
+            if "stribeck.velocity" in self.constants:
+                ratio = speeds[j] / self.constants["stribeck.velocity"]
                 found[j] += p(f"s{k}") * mpmath.exp(-(ratio**2)) * sign
         return list(found)
 
@@ -319,14 +352,14 @@ class Pose:
 
     @cached_property
     def payload(self):
-        own = turned(self.rotation, self._machine.point("x", "y", "z"))
+        own = turned(self.rotation, self._machine.point("payload", "x", "y", "z"))
         return plus(self.origin, own)
 
     @cached_property
     def compensated(self):
         """The distance of the points of a gravity compensation."""
         names = (tuple(f"{end}_{axis}" for axis in "xyz") for end in ("base", "platform"))
-        base, own = (self._machine.point(*each) for each in names)
+        base, own = (self._machine.point("gravity_compensation", *each) for each in names)
         return norm(plus(plus(self.origin, turned(self.rotation, own)), base, -1))
 
     @cached_property

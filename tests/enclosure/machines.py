@@ -39,10 +39,12 @@ def robot(name):
                 *({"cogging": {"pitch": 0.024}}, "cogging_second"),
                 {"gravity_compensation": _COMPENSATION},
                 {"payload": {"x": 0.05, "y": -0.02, "z": 0.11}},
+                *("platform_wrench", {"platform_spring": {"z": -0.6}}, "platform_drag"),
+                "passive_viscous_friction",
                 *("passive_friction", "actuator_friction"),
                 *("asymmetric_friction", "quadratic_friction", "cubic_friction"),
                 {"stribeck": {"velocity": 0.05}},
-                "load_friction",
+                *("load_friction", {"position_friction": {"length": 0.6}}),
             ],
             "drive": {"screw": {"lead": 0.02, "inertia": 2e-5}},
             "platform_cardan_axes": axes.tolist(),
@@ -63,8 +65,17 @@ _MORE = {
     "a": 4.0,
     "w": -3.0,
     "c": 5.0,
+    "rl": 2.0,
+    "vl": -8.0,
 }
-_ONCE = {"b_force": 60.0, "b_stiffness": -40.0, "m_payload": 1.5}
+_ONCE = {
+    "b_force": 60.0,
+    "b_stiffness": -40.0,
+    "m_payload": 1.5,
+    "v_base": 0.07,
+    "v_platform": 0.04,
+}
+_ONCE |= {"f_x": 3.0, "f_z": -2.0, "m_y": 0.4, "k_y": 25.0, "k_psi": 1.5, "d_x": 0.6, "d_phi": 0.1}
 _COMPENSATION = {
     "base_x": 0.1,
     "base_y": -0.05,

@@ -28,6 +28,7 @@ def loaded():
         *(*DEFAULT, "force_offset", {"cogging": {"pitch": 0.024}}, "cogging_second"),
         *({"gravity_compensation": compensation}, {"payload": {"x": 0.05}}, "load_friction"),
         *("asymmetric_friction", "quadratic_friction", "cubic_friction"),
+        *("passive_viscous_friction", "platform_wrench", "platform_spring", "platform_drag"),
     ]
     return robot_from(load_run({"name": "n", "robot": palida | {"terms": terms}}).robot)
 

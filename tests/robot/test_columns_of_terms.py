@@ -150,7 +150,90 @@ def test_smoothed_asymmetric_friction_is_flat_at_rest():
     np.testing.assert_allclose(force.full()[:, 0], np.abs(_speed(PALIDA.home, np.ones(6))))
 
 
+@given(SEEDS)
+def test_friction_along_the_stroke(seed):
+    pose, rate, _ = _state(seed)
+    speed, offset = _speed(pose, rate), _lengths(pose) - 0.6
+    expected = np.hstack([np.diag(offset * np.sign(speed)), np.diag(offset * speed)])
+    found = _columns("position_friction", seed, length=0.6)
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-8)
+
+
+# --- joints ---------------------------------------------------------------------------------------
+
+
+def _strut_angles(pose):
+    """Return α and β, (6, 2), of the struts' directions in the frames of their cardan joints."""
+    turned = Rotation.from_euler("XYZ", pose[3:]).as_matrix()
+    tips = pose[:3] + PALIDA.description.platform_joints @ turned.T
+    along = tips - PALIDA.description.base_joints
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    x, y, z = np.einsum("jka,jk->aj", PALIDA.cardan_frames, along)
+    return np.stack([np.arctan2(-y, z), np.arcsin(x)], axis=1)
+
+
+def _relative_rotations(pose):
+    """Return the rotations of the platform in the struts' halves, (6, 3, 3)."""
+    turn = Rotation.from_euler("XY", _strut_angles(pose))
+    halves = PALIDA.cardan_frames @ turn.as_matrix()
+    return np.swapaxes(halves, 1, 2) @ Rotation.from_euler("XYZ", pose[3:]).as_matrix()
+
+
+def _turns(rotations, pose):
+    """Return the slopes of the turns of rotations, (…, 3, 6), in the rotated frame."""
+    slope = _slope(rotations, pose)
+    skew = np.einsum("...ki,...kjc->...ijc", rotations(pose), slope)
+    return np.stack([skew[..., 2, 1, :], skew[..., 0, 2, :], skew[..., 1, 0, :]], axis=-2)
+
+
+def _to_actuators(pose, forces):
+    """Return the forces of the actuators, (6, …), by virtual work of the pose's six numbers."""
+    return np.linalg.solve(_slope(_lengths, pose).T, forces)
+
+
+@given(SEEDS)
+def test_viscous_joints_by_their_dissipation(seed):
+    pose, rate, _ = _state(seed)
+    base = _slope(_strut_angles, pose).reshape(12, 6)
+    platform = _turns(_relative_rotations, pose).reshape(18, 6)
+    expected = _to_actuators(pose, np.stack([b.T @ b @ rate for b in (base, platform)], axis=1))
+    found = _columns("passive_viscous_friction", seed)
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
+
+
 # --- the platform ---------------------------------------------------------------------------------
+
+
+def _turns_of_platform(pose):
+    """Return the slope of the platform's turn to the pose, (3, 6), base frame."""
+    rotation = Rotation.from_euler("XYZ", pose[3:]).as_matrix()
+    return rotation @ _turns(lambda at: Rotation.from_euler("XYZ", at[3:]).as_matrix(), pose)
+
+
+@given(SEEDS)
+def test_wrench_and_drag_by_virtual_work(seed):
+    pose, rate, _ = _state(seed)
+    moving = np.vstack([np.eye(3, 6), _turns_of_platform(pose)])
+    expected = _to_actuators(pose, moving.T)
+    size = 1e-7 * np.abs(expected).max()
+    np.testing.assert_allclose(_columns("platform_wrench", seed), -expected, atol=size)
+    against = expected * np.sign(moving @ rate)
+    np.testing.assert_allclose(_columns("platform_drag", seed), against, atol=size)
+
+
+@given(SEEDS)
+def test_a_spring_of_the_platform_by_its_energy(seed):
+    rest = np.array([0.03, -0.02, -0.6])
+
+    def energies(pose):
+        rotation = Rotation.from_euler("XYZ", pose[3:]).as_matrix()
+        moved = 1 - np.diag(rotation)
+        return np.concatenate([(pose[:3] - rest) ** 2, [moved @ k for k in 1 - 2 * np.eye(3)]]) / 2
+
+    pose = _state(seed)[0]
+    expected = _to_actuators(pose, _slope(energies, pose).T)
+    found = _columns("platform_spring", seed, **dict(zip("xyz", rest, strict=True)))
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
 
 
 @given(SEEDS)

@@ -22,6 +22,11 @@ MORE = [
     "quadratic_friction",
     "cubic_friction",
     {"stribeck": {"velocity": 0.05}},
+    {"position_friction": {"length": 0.6}},
+    "passive_viscous_friction",
+    "platform_wrench",
+    "platform_spring",
+    "platform_drag",
 ]
 
 

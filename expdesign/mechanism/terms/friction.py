@@ -1,4 +1,4 @@
-"""Friction of the actuators and of the cardan axes."""
+"""Friction of the actuators and of the joints at their ends."""
 
 from __future__ import annotations
 
@@ -38,6 +38,46 @@ PASSIVE = Term(
     columns=_passive,
     rates=(ALPHA_RATE, BETA_RATE),
 )
+
+
+def _viscous_joints(instant: Instant) -> Columns:
+    """Return the columns of base and platform: torques by the relative angular velocities."""
+    torques, moment = [], ca.SX.zeros(3)
+    for strut in instant.struts:
+        beta_axis = ca.cross(strut.direction, strut.along_beta)
+        axes = ca.horzcat(strut.alpha_axis, beta_axis)
+        rates = ca.vertcat(strut.alpha_rate, strut.beta_rate)
+        relative = instant.angular_velocity - axes @ rates
+        torques.append(ca.horzcat(rates, -axes.T @ relative))
+        moment += relative
+    wrench = ca.horzcat(ca.SX.zeros(6), ca.vertcat(ca.SX.zeros(3), moment))
+    return Columns(wrench=wrench, torques=ca.vertcat(*torques))
+
+
+VISCOUS_JOINTS = Term(
+    name="passive_viscous_friction",
+    place=45,
+    meaning="viscous friction of the joints at base and platform",
+    parameters=tuple(
+        Parameter(
+            f"v_{end}",
+            "N m s",
+            "viscous friction of one joint at the base or at the platform, the same in all",
+            Scale("p10 √(g L³)", mass=1, length=1.5, gravity=0.5),
+            lower=0,
+            default=0.0,
+        )
+        for end in ("base", "platform")
+    ),
+    columns=_viscous_joints,
+    # Without any sign in its columns: they mark the term as friction.
+    rates=(ALPHA_RATE, BETA_RATE),
+)
+"""Grease and seals of the joints: torques in proportion to their relative angular velocity.
+
+A cardan joint at the base turns by α̇ about its first and by β̇ about its second axis, a ball joint
+at the platform by ω − ω_strut about all three; the struts do not spin about themselves.
+"""
 
 
 def _actuators(instant: Instant) -> Columns:
@@ -178,4 +218,56 @@ The load is the frictionless force of the terms listed before this one at the pa
 `HexapodGraph.nominal`. The forces are not linear in all parameters together: an estimate repeats
 the computation with the load of its result.
 """
-TERMS = (PASSIVE, ACTUATOR, ASYMMETRIC, QUADRATIC, CUBIC, STRIBECK, LOAD)
+
+
+def _by_position(instant: Instant) -> Columns:
+    offset = instant.kinematic["strut_length"] - instant.constants["length"]
+    dry, viscous = instant.signs[STRUT_SPEED], instant.kinematic["strut_speed"]
+    return Columns(along=ca.horzcat(ca.diag(offset * dry), ca.diag(offset * viscous)))
+
+
+POSITION = Term(
+    name="position_friction",
+    place=115,
+    meaning="change of the actuators' friction along their stroke",
+    parameters=(
+        *per_actuator(
+            Parameter(
+                "rl",
+                "N/m",
+                "change of the actuators' dry friction with their length",
+                Scale("p10 g / (6 L)", mass=1, gravity=1, length=-1, share=1 / 6),
+                default=0.0,
+            )
+        ),
+        *per_actuator(
+            Parameter(
+                "vl",
+                "N s/m^2",
+                "change of the actuators' viscous friction with their length",
+                Scale("p10 √g / (6 √(L³))", mass=1, length=-1.5, gravity=0.5, share=1 / 6),
+                default=0.0,
+            )
+        ),
+    ),
+    columns=_by_position,
+    rates=(STRUT_SPEED,),
+    constants=(
+        Constant("length", "m", "length of a strut at which r1 … v6 are its whole friction"),
+    ),
+)
+"""Guides, seals and screws that run harder at one end of the stroke.
+
+(l − l₀) (rl sign l̇ + vl l̇): another l₀ only changes the parameters of `actuator_friction`.
+"""
+TERMS = (
+    PASSIVE,
+    VISCOUS_JOINTS,
+    ACTUATOR,
+    ASYMMETRIC,
+    QUADRATIC,
+    CUBIC,
+    STRIBECK,
+    LOAD,
+    POSITION,
+)

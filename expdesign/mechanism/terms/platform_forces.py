@@ -1,10 +1,22 @@
-"""Loads of the platform: a payload, and the compensation of its weight."""
+"""Loads of the platform: a payload, the compensation of its weight, and hoses and cables."""
 
 from __future__ import annotations
 
-import casadi as ca
+from collections.abc import Sequence
 
-from expdesign.mechanism.term import Columns, Constant, Instant, Parameter, Scale, Term
+import casadi as ca
+import numpy as np
+
+from expdesign.mechanism.hexapod import COORDINATE_NAMES, COORDINATES
+from expdesign.mechanism.term import (
+    PLATFORM_RATE,
+    Columns,
+    Constant,
+    Instant,
+    Parameter,
+    Scale,
+    Term,
+)
 
 
 def _payload(instant: Instant) -> Columns:
@@ -114,4 +126,92 @@ changes by less than 1 mrad.
 
 Left out is the inertia of what moves along, such as the counterweight's.
 """
-TERMS = (PAYLOAD, COMPENSATION)
+
+
+def _components(
+    names: Sequence[str],
+    force: str,
+    moment: str,
+    meaning: str,
+    power: int = 0,
+    lower: float = -np.inf,
+) -> tuple[Parameter, ...]:
+    """Return the parameters of three forces and three moments, per length to a power."""
+    scales = {
+        force: Scale(f"p10 g{' / L' * power}", mass=1, gravity=1, length=-power),
+        moment: Scale("p10 g L", mass=1, gravity=1, length=1),
+    }
+    units = (force,) * 3 + (moment,) * 3
+    return tuple(
+        Parameter(name, unit, meaning, scales[unit], default=0.0, lower=lower)
+        for name, unit in zip(names, units, strict=True)
+    )
+
+
+WRENCH = Term(
+    name="platform_wrench",
+    place=170,
+    meaning="constant force and moment on the platform, in directions of the base",
+    parameters=_components(
+        [f"{letter}_{axis}" for letter in "fm" for axis in "xyz"],
+        "N",
+        "N m",
+        "constant force, or moment about the TCP, that acts on the platform along a base axis",
+    ),
+    # What it bears the actuators need not.
+    columns=lambda _: Columns(wrench=-ca.SX.eye(COORDINATES)),
+)
+"""The mean pull of hoses, cables and weights on ropes."""
+
+
+def _spring(instant: Instant) -> Columns:
+    rotation = instant.kinematic["rotation_matrix"]
+    rest = ca.vertcat(*(instant.constants[axis] for axis in "xyz"))
+    moments = []
+    for axis in range(3):
+        # Of the energy tr(K (1 − R)), whose slope to a turn is the axial vector of R K − K Rᵀ.
+        turned = rotation @ ca.diag([-0.5 if k == axis else 0.5 for k in range(3)])
+        moments.append(ca.inv_skew(turned - turned.T))
+    forces = ca.diag(instant.kinematic["position"] - rest)
+    return Columns(wrench=ca.diagcat(forces, ca.horzcat(*moments)))
+
+
+SPRING = Term(
+    name="platform_spring",
+    place=180,
+    meaning="stiffness between base and platform, such as that of hoses",
+    parameters=_components(
+        [f"k_{name}" for name in COORDINATE_NAMES],
+        "N/m",
+        "N m",
+        "stiffness of the platform along or about a base axis",
+        power=1,
+        lower=0.0,
+    ),
+    columns=_spring,
+    constants=tuple(
+        Constant(axis, "m", f"{axis} of the TCP without such a force, base frame", default=0.0)
+        for axis in "xyz"
+    ),
+)
+"""A spring between base and platform, without a moment at the orientation of the base.
+
+Its energy is ½ Σ k_i (x_i − x_i0)² for the position and Σ κ_i (1 − cos φ) for a turn by φ about one
+of the axes. Together with `platform_wrench` any rest position gives the same stiffness.
+"""
+DRAG = Term(
+    name="platform_drag",
+    place=190,
+    meaning="constant force and moment against the platform's motion, such as of dragged hoses",
+    parameters=_components(
+        [f"d_{name}" for name in COORDINATE_NAMES],
+        "N",
+        "N m",
+        "force or moment against the platform's velocity along or about a base axis",
+        lower=0.0,
+    ),
+    columns=lambda instant: Columns(wrench=ca.diag(instant.signs[PLATFORM_RATE])),
+    rates=(PLATFORM_RATE,),
+)
+"""The hysteresis of hoses and cable carriers: d sign of the velocity, component by component."""
+TERMS = (PAYLOAD, COMPENSATION, WRENCH, SPRING, DRAG)
