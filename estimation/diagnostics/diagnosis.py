@@ -43,7 +43,6 @@ from estimation.diagnostics.residual_covariance import (
     held_out_residual_covariance,
     joint_residual_covariance,
     length_residual_covariance,
-    linear_residual_covariances,
     refit_lengths,
     with_empirical_colour,
 )
@@ -129,7 +128,6 @@ class _Case:
     search_system: JointSystem
     """With the empirical noise: effects are searched for with this one. A given covariance that is
     too small has a test for itself and must not appear as an effect."""
-    covariance: ResidualCovariance
 
 
 def _linearise_all(
@@ -163,18 +161,6 @@ def _linearise_all(
         joint_systems(parts, empirical, prior, held_out=held_out) if changed else systems
     )
     white = [part.apply_filters(e.noise) for part, e in zip(parts, coloured, strict=True)]
-    if held_out:
-        covariances = [
-            held_out_residual_covariance(p, e, estimate)
-            for p, e in zip(white, coloured, strict=True)
-        ]
-    elif own_motion:
-        covariances = [
-            joint_residual_covariance(part, experiment, system.solution)
-            for part, experiment, system in zip(white, coloured, systems, strict=True)
-        ]
-    else:
-        covariances = linear_residual_covariances(parts, white, coloured, estimate, priors)
     return [
         _Case(
             experiment=experiment,
@@ -185,7 +171,6 @@ def _linearise_all(
             filtered=white[number],
             system=systems[number],
             search_system=search_systems[number],
-            covariance=covariances[number],
         )
         for number, experiment in enumerate(coloured)
     ]
@@ -245,14 +230,14 @@ def _diagnose_experiment(
     explained = attribution.last.solution
     if case.search_system is not case.system:
         explained = tolerant.with_effects(attribution.columns).solution
-    forces = case.filtered.forces, case.covariance
-    if tolerated[0].count or case.recoloured:
+    if held_out and not tolerated[0].count and not case.recoloured:
+        own = held_out_residual_covariance(case.filtered, experiment, estimate)
+        forces = case.filtered.forces, own
+    else:
         # Neither effects of tolerances nor those of other weights are a bias.
         solved = tolerant.solution
-        forces = (
-            solved.force_residuals(),
-            joint_residual_covariance(case.filtered, experiment, solved),
-        )
+        own = joint_residual_covariance(case.filtered, experiment, solved)
+        forces = solved.force_residuals(), own
     lengths = _length_residuals(case, explained, tolerated[1], attribution.columns)
     noises = _noise_tests(case, priors, None if held_out else estimate, NOISE / shares)
     tests = _tests(
@@ -280,8 +265,11 @@ def _length_residuals(
     experiment = case.experiment
     if experiment.fit is None or case.filtered.lengths is None:
         return None
-    k = int(np.count_nonzero(case.part.free))
-    own = case.system.solution.inverse[k:, k:] if case.own_motion else experiment.fit.covariance
+    own = experiment.fit.covariance
+    if case.own_motion:
+        first = int(np.count_nonzero(case.part.free))
+        motion = slice(first, first + case.part.motion_columns.shape[2])
+        own = case.system.solution.inverse[motion, motion]
     refitted = refit_lengths(
         case.part, experiment, explained, tolerated, found, force=case.recoloured
     )

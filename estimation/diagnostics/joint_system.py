@@ -56,7 +56,7 @@ class JointSystem:
     forces: Array
     columns: Array
     """(R, 6) and (R, 6, u), whitened: residuals before the step; columns of the unknowns (free
-    parameters, motion, included effects)."""
+    parameters, motion, signs of friction, included effects)."""
     information: Array
     gradient: Array
     """(u, u) and (u,), information on the unknowns from lengths, other experiments and priors."""
@@ -189,10 +189,8 @@ def joint_systems(
         RowWhitening.of(noise.lengths, part.length_counts)
         for part, noise in zip(parts, noises, strict=True)
     ]
-    nothing = NormalEquations(0.0, np.zeros((0, 0)), np.zeros(0))
     measured = [
-        nothing if part.lengths is None else rows.equations(part.lengths, part.length_columns)
-        for part, rows in zip(parts, length_rows, strict=True)
+        _length_equations(part, rows) for part, rows in zip(parts, length_rows, strict=True)
     ]
     own = [
         rows.equations(part.forces, part.columns).with_motion(motion).eliminate(count)
@@ -209,7 +207,7 @@ def joint_systems(
         unknowns = part.columns.shape[2]
         lengths = np.zeros((0, ACTUATORS)) if part.lengths is None else part.lengths
         length_columns = np.zeros((len(lengths), ACTUATORS, unknowns))
-        length_columns[:, :, count:] = part.length_columns
+        length_columns[:, :, count : count + part.length_columns.shape[2]] = part.length_columns
         systems.append(
             JointSystem(
                 force_rows=of_forces,
@@ -224,6 +222,17 @@ def joint_systems(
             )
         )
     return systems
+
+
+def _length_equations(part: Linearisation, rows: RowWhitening) -> NormalEquations:
+    """Return the equations of motion and signs from the lengths and the variance of the signs."""
+    signs = part.sign_errors.shape[2]
+    if part.lengths is None:
+        return NormalEquations(0.0, np.eye(signs), np.zeros(signs))
+    columns = np.pad(part.length_columns, ((0, 0), (0, 0), (0, signs)))
+    found = rows.equations(part.lengths, columns)
+    prior = np.arange(len(found.gradient)) >= part.length_columns.shape[2]
+    return replace(found, matrix=found.matrix + np.diag(prior.astype(float)))
 
 
 @dataclass(frozen=True, eq=False)

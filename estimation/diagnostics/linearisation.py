@@ -116,8 +116,9 @@ class Linearisation:
     """(R, 6, x), G; x = 0 after pointwise kinematics."""
     free: NDArray[np.bool_]
     """(m,), parameters that were estimated."""
-    sign_variance: Array
-    """(R, 6), variance of the predicted force due to unknown signs of dry friction, N²."""
+    sign_errors: Array
+    """(R, 6, s), errors of the predicted forces due to unknown signs of dry friction, N: each
+    column has an unknown factor of unit variance."""
     lengths: Array | None
     """(R', 6), measured minus predicted, m; None after pointwise kinematics."""
     length_counts: Array
@@ -139,14 +140,20 @@ class Linearisation:
 
     @property
     def columns(self) -> Array:
-        """(R, 6, k + x), columns of the free parameters and of the motion."""
-        return np.concatenate([self.regressors[:, :, self.free], self.motion_columns], axis=2)
+        """(R, 6, k + x + s), columns of the free parameters, the motion, and unknown signs."""
+        known = self.regressors[:, :, self.free], self.motion_columns, self.sign_errors
+        return np.concatenate(known, axis=2)
+
+    @property
+    def sign_variance(self) -> Array:
+        """(R, 6), variance of the predicted force due to unknown signs of dry friction, N²."""
+        return np.sum(self.sign_errors**2, axis=2)
 
     def apply_filters(self, noise: NoiseModel) -> Linearisation:
         """Apply the filters that whiten coloured noise."""
         changes: dict[str, Any] = {}
         if noise.forces.filter is not None:
-            names = ("forces", "regressors", "motion_columns")
+            names = ("forces", "regressors", "motion_columns", "sign_errors")
             changes |= {name: noise.forces.filter(getattr(self, name)) for name in names}
         if noise.lengths.filter is not None and self.lengths is not None:
             changes["lengths"] = noise.lengths.filter(self.lengths)
@@ -179,7 +186,7 @@ def linearise(
             raise ValueError("an experiment has a fitted or a pointwise motion")
         state, regressors = experiment.pointwise.state, experiment.fitted_regressors
         slope = np.zeros((len(times), ACTUATORS, 0))
-        sign_variance = np.zeros((len(times), ACTUATORS))
+        sign_errors = np.zeros((len(times), ACTUATORS, 0))
     else:
         state = motion.at(times).state()
         signs = experiment.signs(robot, motion)
@@ -188,7 +195,7 @@ def linearise(
             for part in chunks(len(times))
         ]
         regressors, slope = map(np.concatenate, zip(*parts, strict=True))
-        sign_variance = _sign_variance(robot, state, signs, values)
+        sign_errors = _sign_errors(robot, cells, state, signs, values)
         length_times = recording.lengths.times
         length_cells = _cells(experiment, length_times, recording.lengths.counts)
         lengths = length_residuals(robot, recording, motion)
@@ -206,7 +213,7 @@ def linearise(
         regressors=cells.mean(regressors),
         motion_columns=cells.mean(slope),
         free=free,
-        sign_variance=cells.mean(sign_variance),
+        sign_errors=sign_errors,
         lengths=None if lengths is None else length_cells.mean(lengths),
         length_counts=length_cells.totals,
         length_columns=length_columns,
@@ -227,23 +234,40 @@ def _cells(experiment: Experiment, times: Array, counts: Array) -> PhaseCells:
     return PhaseCells.of(times, counts, recording.period, recording.step)
 
 
-def _sign_variance(robot: Robot, state: Array, signs: Array, values: Array) -> Array:
-    """Return Σ_i (∂Q/∂sign_i)² Var(sign_i), (S, 6); only few samples have an uncertain sign."""
-    result = np.zeros((len(state), ACTUATORS))
+def _sign_errors(
+    robot: Robot, cells: PhaseCells, state: Array, signs: Array, values: Array
+) -> Array:
+    """Return the columns of unknown signs in the means over the cells, (R, 6, s), N.
+
+    A rate has the same error δ at all rows of one reversal. With P = P(rate + δ > 0) the signs of
+    two rows then have the covariance 4 (min(P, P') − P P'), a Brownian bridge over P.
+    """
     kernel = force_kernel(robot.terms)
-    variance = 1 - signs**2
-    for column in range(signs.shape[1]):
-        rows = np.flatnonzero(variance[:, column] > _UNSURE)
-        if not len(rows):
-            continue
-        ends = []
-        for end in (-1.0, 1.0):
-            changed = signs[rows].copy()
-            changed[:, column] = end
-            regressors, _ = kernel(state[rows], changed, robot.machine, values)
-            ends.append(regressors @ values)
-        result[rows] += ((ends[1] - ends[0]) / 2) ** 2 * variance[rows, column][:, None]
-    return result
+    above = (1 + cells.mean(signs)) / 2
+    first = np.arange(len(above))
+    if cells.index is not None:
+        _, first = np.unique(cells.index, return_index=True)
+    columns = [np.zeros((len(above), ACTUATORS, 0))]
+    for rate, share in enumerate(above.T):
+        unsure = np.flatnonzero(4 * share * (1 - share) > _UNSURE)
+        for rows in np.split(unsure, np.flatnonzero(np.diff(unsure) > 1) + 1):
+            if not len(rows):
+                continue
+            ends = []
+            for end in (-1.0, 1.0):
+                changed = signs[first[rows]].copy()
+                changed[:, rate] = end
+                regressors, _ = kernel(state[first[rows]], changed, robot.machine, values)
+                ends.append(regressors @ values)
+            inside = share[rows]
+            bridge = np.minimum.outer(inside, inside) - np.multiply.outer(inside, inside)
+            variances, modes = np.linalg.eigh(4 * bridge)
+            kept = variances > _UNSURE
+            found = np.zeros((len(above), ACTUATORS, int(np.count_nonzero(kept))))
+            factors = modes[:, kept] * np.sqrt(variances[kept])
+            found[rows] = (ends[1] - ends[0])[:, :, None] / 2 * factors[:, None]
+            columns.append(found)
+    return np.concatenate(columns, axis=2)
 
 
 @dataclass(frozen=True, eq=False)

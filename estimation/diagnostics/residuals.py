@@ -110,13 +110,9 @@ def chi_square(residuals: Array, counts: Array, expected: ResidualCovariance) ->
 def _expectation(expected: ResidualCovariance, inverse: Array) -> float:
     """Return E Σ eᵀ Σ⁻¹ e: 6 R minus the fitted degrees of freedom."""
     rows = expected.columns.shape[0] * expected.columns.shape[1]
-    weighted = np.matmul(inverse, expected.columns).reshape(rows, -1)
     own = expected.columns.reshape(rows, -1)
-    partner = expected.partner.reshape(rows, -1)
-    fitted = 2 * np.sum((partner.T @ weighted) * expected.cross.T)
-    spread = np.sum((own.T @ weighted) * expected.covariance)
-    extra = np.sum(expected.extra @ np.diag(inverse))
-    return float(rows - fitted + spread + extra)
+    weighted = np.matmul(inverse, expected.columns).reshape(rows, -1)
+    return float(rows + np.sum((own.T @ weighted) * expected.kernel))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -131,8 +127,8 @@ class LackOfFit(ChannelTest):
         OfEach,
         described(
             "1",
-            "expected variance in addition to the noise, relative to it: of unknown friction "
-            "signs, and for held-out data of the parameters and the motion",
+            "expected variance in addition to the noise, relative to it: for held-out data of the "
+            "parameters, the motion and unknown signs of friction",
         ),
     ] = field(default_factory=no_numbers)
     mean_square: Annotated[OfEach, Field(alias="ms_lof"), described("N^2", "MS_lof")] = field(
@@ -168,7 +164,7 @@ def lack_of_fit(
     Parameters
     ----------
     expected : ResidualCovariance
-        Covariance of the residuals; its cross part is zero for held-out data.
+        Covariance of the residuals.
     residuals : (R, 6), optional
         Residuals, N; by default those of the estimate.
     """
@@ -189,8 +185,7 @@ def lack_of_fit(
     square = np.array([np.sum(w**2) for w in weights])
     squares = np.sum(part.counts[:, None] * rest**2, axis=0)
     samples = len(rest)
-    signs = np.sum(expected.extra, axis=0) / np.diag(expected.noise.covariance)
-    fitted = samples - trace + signs if np.any(expected.cross) else np.zeros_like(trace)
+    fitted = samples - trace if expected.fitted else np.zeros_like(trace)
     mean_square = squares / (samples - fitted)
     added = trace / (samples - fitted) - 1
     pure = np.diag(scatter.covariance).copy()

@@ -14,7 +14,6 @@ from estimation.diagnostics.linearisation import CandidateEffects, linearise
 from estimation.diagnostics.residual_covariance import (
     held_out_residual_covariance,
     joint_residual_covariance,
-    linear_residual_covariances,
 )
 from estimation.estimators import Experiment, ParameterPriors, linear_estimate, maximum_likelihood
 from estimation.kinematics import fit_motion, pointwise_motion
@@ -127,8 +126,8 @@ class LinearTwin:
             self.experiment.fit.motion,
         )
         # The linear law is what is tested: unknown signs of friction are no part of the draws.
-        self.part = replace(self.part, sign_variance=np.zeros_like(self.part.sign_variance))
-        self.estimates = {n: laboratory.estimate([self.experiment], n) for n in ("ls", "gm", "ml")}
+        self.part = replace(self.part, sign_errors=self.part.sign_errors[:, :, :0])
+        self.estimates = {"gm": laboratory.estimate([self.experiment], "gm")}
         self.freedom = float((laboratory.periods - 1) * laboratory.samples)
 
     def system(self, part, *, known=None, held_out=False):
@@ -146,19 +145,17 @@ class LinearTwin:
         return list_hypotheses(suspects, lab.knowledge.names, held_out=held_out)
 
     def law(self, kind):
-        if kind == "ml":
-            return joint_residual_covariance(
-                self.part, self.experiment, self.system(self.part).solution
-            )
         if kind == "held out":
             return held_out_residual_covariance(self.part, self.experiment, self.estimates["gm"])
-        estimate = self.estimates[kind]
-        return linear_residual_covariances(
-            [self.part], [self.part], [self.experiment], estimate, self.lab.knowledge
-        )[0]
+        return joint_residual_covariance(
+            self.part, self.experiment, self.system(self.part).solution
+        )
 
     def draw(self, rng, kind):
-        """Return the linearisation with residuals that this kind of estimator leaves."""
+        """Return the linearisation with the residuals that are tested.
+
+        The joint fit takes those of every estimator to the same place.
+        """
         lab, part, noise = self.lab, self.part, self.lab.noise
         scale = np.sqrt(lab.periods)
         forces = _normal(rng, noise.forces.covariance, lab.samples) / scale
@@ -187,12 +184,21 @@ class LinearTwin:
             weighted = np.einsum("ij,rjk->rik", inner, part.regressors)
             normal = np.einsum("rik,ril->kl", weighted, part.regressors)
             wrong = np.linalg.solve(normal, np.einsum("rik,ri->k", weighted, rest))
-        return replace(drawn, forces=rest - part.regressors @ wrong, lengths=lengths)
+        drawn = replace(drawn, forces=rest - part.regressors @ wrong, lengths=lengths)
+        if kind == "held out":
+            return drawn
+        return replace(drawn, forces=self.system(drawn).solution.force_residuals())
 
 
 @pytest.fixture(scope="session")
 def laboratory():
     return Laboratory(samples=200, periods=4)
+
+
+@pytest.fixture(scope="session")
+def sharp():
+    """Return a laboratory whose lengths show the sign of every friction force."""
+    return Laboratory(samples=200, periods=4, length_scale=0.01)
 
 
 @pytest.fixture(scope="session")

@@ -41,9 +41,9 @@ def test_estimators_agree_on_what_the_model_lacks(laboratory, sound):
     np.testing.assert_allclose(scores[2], scores[0], rtol=0.03)
 
 
-def test_the_step_is_nothing_at_the_maximum_of_likelihood(laboratory, sound):
-    experiment, estimate = sound
-    diagnosis = _diagnose(laboratory, [experiment], estimate).recordings[0]
+def test_the_step_is_nothing_at_the_maximum_of_likelihood(sharp):
+    experiment = sharp.experiment(sharp.measure(1))
+    diagnosis = _diagnose(sharp, [experiment], sharp.estimate([experiment], "ml")).recordings[0]
     left = diagnosis.attribution.last.solution.force_residuals()
     np.testing.assert_allclose(left, diagnosis.residuals.forces, atol=0.02)
 
@@ -106,15 +106,15 @@ def test_a_prediction_of_sound_data_is_accepted(laboratory, sound):
 
 
 @pytest.mark.parametrize("estimator", ["gm", "ml"])
-def test_two_experiments_share_the_levels_and_the_parameters(laboratory, estimator):
-    experiments = [laboratory.experiment(laboratory.measure(seed)) for seed in (31, 32)]
-    estimate = laboratory.estimate(experiments, estimator)
-    result = _diagnose(laboratory, experiments, estimate)
+def test_two_experiments_share_the_levels_and_the_parameters(sharp, estimator):
+    experiments = [sharp.experiment(sharp.measure(seed)) for seed in (31, 32)]
+    estimate = sharp.estimate(experiments, estimator)
+    result = _diagnose(sharp, experiments, estimate)
     first, second = (d.tests.lack_of_fit for d in result.recordings)
     assert first.level == pytest.approx(0.005)
     # Half of the parameters' share each.
     alone = _diagnose(
-        laboratory, experiments[:1], laboratory.estimate(experiments[:1], estimator)
+        sharp, experiments[:1], sharp.estimate(experiments[:1], estimator)
     ).recordings[0]
     fitted = alone.tests.lack_of_fit.fitted_freedom
     np.testing.assert_allclose(first.fitted_freedom + second.fitted_freedom, fitted, atol=0.15)

@@ -12,24 +12,24 @@ KINDS = ("ls", "gm", "ml", "held out")
 DRAWS = 250
 
 
-def test_gauss_markov_shares_are_the_trace_of_the_hat_matrix(twin):
-    """ν_j without noise in the motion: trace of actuator j's part of A F⁻¹ Aᵀ Σ⁻¹ Σ."""
-    law = twin.law("gm")
+def test_shares_are_the_trace_of_the_hat_matrix(twin):
+    """ν_j: trace of actuator j's part of U J⁻¹ Uᵀ W over parameters and motion."""
+    drawn = twin.draw(np.random.default_rng(0), "ml")
+    test = lack_of_fit(drawn, twin.law("ml"))
+    sigma, delta = twin.lab.noise.forces.covariance, twin.lab.noise.lengths.covariance
+    white = twin.system(drawn).force_rows.white  # Σ with the loss due to its estimation
+    forces, lengths = 2.0 * twin.part.columns, 2.0 * twin.part.length_columns  # of four periods
     k = twin.part.regressors.shape[2]
-    covariance = law.covariance.copy()
-    covariance[k:] = covariance[:, k:] = 0.0
-    covariance[:k, :k] = law.cross[:k, :k]
-    still = replace(law, covariance=covariance)
-    test = lack_of_fit(twin.draw(np.random.default_rng(0), "gm"), still)
-    sigma = twin.lab.noise.forces.covariance
-    columns = twin.part.regressors * 2.0  # the root of four periods
-    rows = columns.reshape(-1, k)
-    weights = np.kron(np.eye(len(columns)), np.linalg.inv(sigma))
-    hat = rows @ np.linalg.solve(rows.T @ weights @ rows, rows.T)
+    lengths = np.pad(lengths, ((0, 0), (0, 0), (k, 0)))
+    rows = [part.reshape(-1, part.shape[2]) for part in (forces, lengths)]
+    weights = [
+        np.kron(np.eye(len(part)), inverse)
+        for part, inverse in ((forces, white.T @ white), (lengths, np.linalg.inv(delta)))
+    ]
+    information = sum(u.T @ w @ u for u, w in zip(rows, weights, strict=True))
+    hat = rows[0] @ np.linalg.solve(information, rows[0].T)
     shares = [np.trace(hat[j::6, j::6]) / sigma[j, j] for j in range(6)]
     np.testing.assert_allclose(test.fitted_freedom, shares, rtol=1e-6)
-    # Weighted as the estimator weights, every parameter takes exactly one degree of freedom.
-    assert np.trace(hat @ weights) == pytest.approx(24, rel=1e-6)
 
 
 def test_statistic_is_the_formula(twin):

@@ -170,7 +170,7 @@ def test_level_of_chi_square(known):
         cross = np.linalg.inv(flat.T @ weighted)
         rest = noise - columns @ (cross @ (weighted.T @ noise.ravel()))
         sample = NoiseEstimate(scatter, freedom)
-        law = ResidualCovariance(sample, columns, columns, cross, cross, np.zeros((60, 6)))
+        law = ResidualCovariance(sample, columns, -cross, fitted=True)
         test = chi_square(rest / np.sqrt(3), counts, law)
         assert test.freedom == pytest.approx(355)
         p_values.append(test.p_value)
@@ -179,7 +179,7 @@ def test_level_of_chi_square(known):
 
 def test_chi_square_of_the_fits_own_noise_is_refused():
     noise, columns = NoiseEstimate(np.eye(6), 30.0, "residuals"), np.zeros((9, 6, 1))
-    law = ResidualCovariance(noise, columns, columns, np.eye(1), np.eye(1), np.zeros((9, 6)))
+    law = ResidualCovariance(noise, columns, -np.eye(1), fitted=True)
     test = chi_square(np.ones((9, 6)), np.ones(9), law)
     assert test.refused
     assert np.isnan(test.p_value)
