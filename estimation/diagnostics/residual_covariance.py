@@ -114,9 +114,7 @@ def refit_lengths(
     alone = solved.system.restrict_to_lengths(first, known).solution
     system, scale = alone.system, np.sqrt(part.length_counts)[:, None, None]
     columns = system.force_rows.unscale(system.columns) * scale
-    covariance = ResidualCovariance(
-        experiment.noise.lengths, columns, -alone.inverse, fitted=True
-    )
+    covariance = ResidualCovariance(experiment.noise.lengths, columns, -alone.inverse, fitted=True)
     return alone.force_residuals(), covariance
 
 
