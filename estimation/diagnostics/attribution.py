@@ -6,8 +6,11 @@ and all others are tested again, until none is significant. Then every selected 
 given the others, and insignificant ones are dropped; an effect is replaced by a candidate that
 explains more in its place. Without effects, the rate of false alarms follows the families' levels.
 
-An effect is certain if it has no rival. A rival is another candidate that, in its place, leaves the
-effect itself insignificant; rivals are reported with the effect.
+An effect is certain if it has no rival and the effects found explain the residuals. A rival is
+another candidate that, in its place, leaves the effect itself insignificant; rivals are reported
+with the effect. If a lack of fit remains, if more than three causes are needed, or if an effect has
+an impossible sign or size, something that is not in the list acts on the forces, and the effects
+only imitate it.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ from estimation.diagnostics.hypothesis import (
 )
 from estimation.diagnostics.joint_system import JointSystem, SolvedSystem
 from estimation.diagnostics.linearisation import Linearisation, Signature
+from estimation.diagnostics.residuals import HarmonicLackOfFit, LackOfFit
 from estimation.diagnostics.search import (
     PERIODIC,
     EffectCandidate,
@@ -44,6 +48,8 @@ REMAINDER = 0.02
 """Share of the strongest effect's statistic below which another may be its remainder."""
 _MOST = 12
 """Largest number of effects: with more, the model needs a revision."""
+_MOST_CAUSES = 3
+"""Largest number of causes that are believed together; in several struts each counts once."""
 
 _NOT_PERIODIC = Assumption(
     "no position-periodic force",
@@ -52,6 +58,7 @@ _NOT_PERIODIC = Assumption(
     "`cogging_second` for half of it): it biases the parameters by more than their intervals show",
 )
 _PERIODIC_FORCE = "a position-periodic force"
+_IMITATED = "do not add it to the model: look for the cause of the unexplained residuals first"
 
 
 @dataclass(frozen=True)
@@ -92,10 +99,19 @@ class Effect:
         bool, described("", "weak enough to be a linearisation error of another effect")
     ] = False
 
+    doubt: Annotated[
+        str,
+        described(
+            "",
+            "reason to believe that it only imitates an effect that is not in the list; otherwise "
+            "empty",
+        ),
+    ] = ""
+
     @property
     def certain(self) -> bool:
         """Whether the effect has no alternative explanation."""
-        return not self.rivals and not self.remainder
+        return not (self.rivals or self.remainder or self.doubt)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +131,8 @@ class Attribution:
     """The best-fitting position-periodic force of every strut, significant or not."""
     periodic_level: float
     """Level of all pitch scans together."""
+    unlisted: bool = False
+    """Something that is not in the list acts on the forces; the effects may only imitate it."""
 
 
 def attribute(
@@ -165,6 +183,38 @@ def attribute(
     return Attribution(families, effects, first, last, columns, best_forces, search.level)
 
 
+def doubt_effects(
+    attribution: Attribution,
+    without: HarmonicLackOfFit,
+    given: HarmonicLackOfFit,
+    lack_given: LackOfFit,
+) -> Attribution:
+    """Doubt the effects if they do not explain the residuals.
+
+    Parameters
+    ----------
+    without, given : HarmonicLackOfFit
+        Tests without the effects, and given them.
+    lack_given : LackOfFit
+        Test of every actuator, given the effects.
+    """
+    effects = attribution.effects
+    remains = given.failed or bool(np.any(lack_given.failed))
+    causes = {(effect.kind, effect.parameter) for effect in effects if not effect.remainder}
+    impossible = any(effect.doubt for effect in effects)
+    many = len(causes) > _MOST_CAUSES
+    if not (remains or impossible or many):
+        return attribution
+    reason = "a lack of fit remains"
+    if not remains:
+        reason = f"more than {_MOST_CAUSES} causes are needed" * many
+        reason = reason or "another effect has an impossible sign or size"
+    # Large effects leave an error of linearisation.
+    linear = given.excess < REMAINDER * without.excess and not (impossible or many)
+    doubted = tuple(replace(each, doubt=each.doubt or reason) for each in effects)
+    return replace(attribution, effects=doubted, unlisted=not linear)
+
+
 def _effects(
     search: Search,
     found: Sequence[EffectCandidate],
@@ -181,10 +231,14 @@ def _effects(
         stds = np.sqrt(np.diag(covariance))
         if item.sized_by_constant:
             values = np.array([item.constant])
-        force, value, std = None, float(values[0]), float(stds[0])
+        force, value, std, doubt = None, float(values[0]), float(stds[0]), ""
         if item.kind == PERIODIC and item.strut is not None:
             force = periodic_force(search.part, item.strut, item.pitch, values, covariance)
             value, std = force.amplitude, force.amplitude_std
+            if force.pitch > np.ptp(search.part.position[:, item.strut]):
+                doubt = "the pitch is longer than the stroke"
+        elif not item.is_possible(value):
+            doubt = "its sign or size is impossible"
         log_p = search.conditional_log_p(item, exclude(found, item)) - item.limit
         level = _level(search, item.kind)
         effects.append(
@@ -201,6 +255,7 @@ def _effects(
                 constant=item.constant,
                 remainder=size < REMAINDER * max(sizes),
                 rivals=tuple(Rival(*rival.name, p) for rival, p in others),
+                doubt=doubt,
             )
         )
     return tuple(effects)
@@ -241,7 +296,7 @@ def position_periodic_finding(attribution: Attribution) -> Finding:
         for strut, force in effects
     ]
     own = [effect for effect in attribution.effects if effect.kind == PERIODIC]
-    return _add_rivals(
+    return _add_doubts(
         attribution,
         own,
         _NOT_PERIODIC.fails(
@@ -276,7 +331,7 @@ def hypothesis_finding(attribution: Attribution, hypothesis: Hypothesis) -> Find
         hypothesis.level,
         where=", ".join(dict.fromkeys(_place(effect) for effect in effects if _place(effect))),
     )
-    return _add_rivals(attribution, effects, found)
+    return _add_doubts(attribution, effects, found)
 
 
 def _describe(hypothesis: Hypothesis, effect: Effect) -> str:
@@ -312,8 +367,12 @@ def _place(effect: Effect | Rival) -> str:
     return f"{effect.parameter} {number}".strip()
 
 
-def _add_rivals(attribution: Attribution, effects: Sequence[Effect], found: Finding) -> Finding:
-    """Add the rivals of effects to the sentence and the verdict of a finding."""
+def _add_doubts(attribution: Attribution, effects: Sequence[Effect], found: Finding) -> Finding:
+    """Add the doubts about effects, and their rivals, to a finding."""
+    if attribution.unlisted:
+        doubts = join_words(dict.fromkeys(effect.doubt for effect in effects))
+        sentence = f"the residuals resemble {found.sentence}, which may only imitate another effect"
+        return replace(found, sentence=f"{sentence}: {doubts}", advice=_IMITATED, serious=False)
     several = len(effects) > 1
     hypotheses = {hypothesis.kind: hypothesis for hypothesis in attribution.hypotheses}
     alternatives = []
@@ -329,7 +388,7 @@ def _add_rivals(attribution: Attribution, effects: Sequence[Effect], found: Find
                 f"instead of {_name_effects(effect.kind, [_place(effect)], hypotheses)} " * several
             )
             alternatives.append(f"{place}it may also be {others}")
-    if not alternatives:
+    if not alternatives and not any(effect.doubt for effect in effects):
         return found
     return replace(
         found,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
-from estimation.diagnostics.attribution import Attribution, attribute
+from estimation.diagnostics.attribution import Attribution, attribute, doubt_effects
 from estimation.diagnostics.channel_assignment import assignment_findings
 from estimation.diagnostics.diagnosis_result import (
     AttributedDiagnosis,
@@ -20,6 +20,7 @@ from estimation.diagnostics.diagnosis_result import (
     ResidualDiagnosis,
 )
 from estimation.diagnostics.finding import DiagnosisVerdict, Status
+from estimation.diagnostics.gain_drift import gain_drift
 from estimation.diagnostics.hypotheses import list_hypotheses
 from estimation.diagnostics.hypothesis import DelayTest, HypothesisResult
 from estimation.diagnostics.joint_system import JointSystem, SolvedSystem, joint_systems
@@ -47,14 +48,20 @@ from estimation.diagnostics.residual_covariance import (
     with_empirical_colour,
 )
 from estimation.diagnostics.residuals import (
+    HarmonicLackOfFit,
     chi_square,
     dependence,
     force_residuals,
-    gain_drift,
+    harmonic_lack_of_fit,
     lack_of_fit,
     variance_comparison,
 )
-from estimation.diagnostics.significance import GAIN_DRIFT, LACK_OF_FIT, NOISE
+from estimation.diagnostics.significance import (
+    GAIN_DRIFT,
+    HARMONIC_LACK_OF_FIT,
+    LACK_OF_FIT,
+    NOISE,
+)
 from estimation.diagnostics.verdict import check_motion_onset, verdict
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.prior_estimate import invert_covariance
@@ -243,6 +250,13 @@ def _diagnose_experiment(
     tests = _tests(
         case, attribution, explained, (forces, lengths), noises, shares=shares, held_out=held_out
     )
+    attribution = doubt_effects(
+        attribution,
+        tests.harmonic_lack_of_fit,
+        tests.harmonic_lack_of_fit_with_effects,
+        tests.lack_of_fit_with_effects,
+    )
+    tests = replace(tests, effects=attribution.effects)
     if not case.own_motion and not held_out:
         tests = replace(tests, harmonics_left_out=experiment.harmonics_left_out)
     return AttributedDiagnosis(
@@ -320,6 +334,9 @@ def _tests(
     lack = [
         lack_of_fit(part, own, residuals=values, level=LACK_OF_FIT / shares) for values, own in both
     ]
+    harmonic = [
+        _harmonic_test(case, tests.solution, lack[0].refused, shares) for tests in (first, last)
+    ]
     sizes = [chi_square(values, part.counts, own) for values, own in both]
     length_size, length_whiteness = None, None
     if lengths is not None:
@@ -342,6 +359,8 @@ def _tests(
         chi_square=ChiSquares(sizes[0], sizes[1], length_size),
         lack_of_fit=lack[0],
         lack_of_fit_with_effects=lack[1],
+        harmonic_lack_of_fit=harmonic[0],
+        harmonic_lack_of_fit_with_effects=harmonic[1],
         variance_comparison=variance_comparison(experiment, part),
         effects=attribution.effects,
         position_periodic=tuple(
@@ -360,6 +379,23 @@ def _tests(
             force_residuals=_whiteness(rest, part.counts, rest_covariance, level),
             length_residuals=length_whiteness,
         ),
+    )
+
+
+def _harmonic_test(
+    case: _Case, solved: SolvedSystem, refused: str, shares: int
+) -> HarmonicLackOfFit:
+    """Test the low harmonics; `refused` is the reason against every lack-of-fit test."""
+    if case.motion is None:
+        refused = refused or "pointwise kinematics have no harmonics of the motion"
+    if case.motion is None or refused:
+        return HarmonicLackOfFit(refused=refused)
+    return harmonic_lack_of_fit(
+        case.experiment,
+        case.part,
+        solved,
+        case.motion.harmonics,
+        level=HARMONIC_LACK_OF_FIT / shares,
     )
 
 

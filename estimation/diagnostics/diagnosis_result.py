@@ -7,6 +7,7 @@ from typing import Annotated
 
 from estimation.diagnostics.attribution import Attribution, Effect
 from estimation.diagnostics.finding import DiagnosisVerdict
+from estimation.diagnostics.gain_drift import GainDriftTest
 from estimation.diagnostics.hypothesis import DelayTest, HypothesisResult, PeriodicForce
 from estimation.diagnostics.noise_result import Histogram, NoiseCovariances, Quantiles
 from estimation.diagnostics.noise_tests import Drifts, Normalities, Normality, Whitenesses
@@ -14,7 +15,7 @@ from estimation.diagnostics.residuals import (
     BinRow,
     ChiSquare,
     ForceResiduals,
-    GainDriftTest,
+    HarmonicLackOfFit,
     LackOfFit,
     VarianceComparison,
 )
@@ -61,6 +62,12 @@ class RecordingTests:
     lack_of_fit: Annotated[LackOfFit, described("", "bias of each actuator")]
     lack_of_fit_with_effects: Annotated[
         LackOfFit, described("", "bias of each actuator, given the effects found")
+    ]
+    harmonic_lack_of_fit: Annotated[
+        HarmonicLackOfFit, described("", "bias of all actuators in the low harmonics of the motion")
+    ]
+    harmonic_lack_of_fit_with_effects: Annotated[
+        HarmonicLackOfFit, described("", "the same, given the effects found")
     ]
     variance_comparison: Annotated[VarianceComparison, described("", "the paper's comparison")]
     effects: Annotated[

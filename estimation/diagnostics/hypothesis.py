@@ -36,7 +36,7 @@ from estimation.diagnostics.significance import (
     log_tail,
 )
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.mechanism.terms import parameter_unit
+from expdesign.mechanism.terms import parameter_unit, term_definitions
 from expdesign.runfolder import OpenNumber, OpenNumbers, described
 
 Label = tuple[str, int | None]
@@ -110,6 +110,12 @@ class Hypothesis(Family, Candidates):
     """Level of all candidates together."""
     modelled: bool = False
     """Whether the model has a term for it: then there is no assumption to test."""
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Bounds of a candidate's first value, SI: those of the first parameter of its term."""
+        term = term_definitions().get(self.kind)
+        return (-np.inf, np.inf) if term is None else (term.parameters[0].lower, term.parameters[0].upper)
 
     @property
     def candidates(self) -> int:

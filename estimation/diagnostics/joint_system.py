@@ -367,10 +367,13 @@ class ConditionalScores:
             self.freedom,
         )
 
-    def fit(self, places: Sequence[int] | Places) -> EffectFit:
-        """Fit the effects at some indices jointly."""
+    def fit(self, places: Sequence[int] | Places, seen: float = SEEN) -> EffectFit:
+        """Fit the effects at some indices jointly.
+
+        Combinations of which less than the share `seen` remains are left out.
+        """
         chosen = np.asarray(places, dtype=np.intp)
-        root, rank = _root(self.information[np.ix_(chosen, chosen)], self.whole[chosen])
+        root, rank = _root(self.information[np.ix_(chosen, chosen)], self.whole[chosen], seen)
         part = root.T @ self.score[chosen]
         return EffectFit(float(part @ part), rank, root @ part, root @ root.T)
 
@@ -388,9 +391,9 @@ class EffectFit:
     """(k,) and (k, k), in the units of the effects."""
 
 
-def _root(information: Array, whole: Array) -> tuple[Array, int]:
+def _root(information: Array, whole: Array, seen: float = SEEN) -> tuple[Array, int]:
     """Return R with R Rᵀ = I⁺ on the identifiable combinations, and their number."""
     scales = np.sqrt(np.where(whole > 0, whole, 1.0))
     values, vectors = np.linalg.eigh(information / np.multiply.outer(scales, scales))
-    kept = values > SEEN
+    kept = values > seen
     return vectors[:, kept] / np.sqrt(values[kept]) / scales[:, None], int(np.count_nonzero(kept))

@@ -129,7 +129,8 @@ class Linearisation:
     """Covariance of one sample about the means, from repetition alone."""
     position: Array
     speed: Array
-    """(R, 6), strut lengths and rates along the motion, m and m/s."""
+    acceleration: Array
+    """(R, 6), strut lengths and their derivatives along the motion, m, m/s and m/s²."""
     force_rows: Array
     """(T, 6), residuals of the recording's single rows, N."""
     length_rows: Array | None
@@ -220,6 +221,7 @@ def linearise(
         force_scatter=recording.forces.scatter if cells.index is None else cells.scatter(rows),
         position=cells.mean(struts.length),
         speed=cells.mean(struts.length_rate),
+        acceleration=cells.mean(struts.length_acceleration),
         force_rows=rows,
         length_rows=lengths,
         cells=cells,

@@ -1,4 +1,4 @@
-"""Residuals of an estimate: χ², lack of fit, drift of the gains, and their display.
+"""Residuals of an estimate: χ², lack of fit, and their display.
 
 `chi_square` uses the full covariance of the noise. `lack_of_fit` tests every actuator for a bias,
 comparing the means over the periods with the scatter between them:
@@ -11,13 +11,9 @@ of Cov(e_j) in units of the noise, so that E[MS_lof] = σ_j² for a correct mode
 ν_j = 0, and A Cov(p̂) Aᵀ adds to the expected variance. The p-value belongs to the sum of squares
 with all eigenvalues of Cov(e_j); it is that of F if Cov(e_j) is a projection.
 
-`gain_drift` tests for a drift of the force gains, such as a motor constant that falls as the motor
-warms up. Differences between periods show it independently of errors of the model, which are the
-same in every period. In each period the residuals of all actuators are regressed on the predicted
-force and on a constant of each actuator, weighted with Σ⁻¹; the twelve coefficients are regressed
-on the number of the period. Their scatter about these lines, over all actuators together, scales
-the variance according to Σ, so that coloured noise, or a given Σ that is too small, does not appear
-as a drift.
+This test spreads over N samples, and a small bias hides in the noise of all of them. Forces of a
+machine depend on its state, and so does their error: it is in the low harmonics of the motion.
+`harmonic_lack_of_fit` tests only these, in all actuators together.
 """
 
 from __future__ import annotations
@@ -31,23 +27,19 @@ import scipy
 from pydantic import Field, model_serializer
 
 from constraints.arrays import Array
-from estimation.diagnostics.joint_system import ConditionalScores
-from estimation.diagnostics.linearisation import Linearisation
-from estimation.diagnostics.noise_tests import why_not_compared
+from estimation.diagnostics.joint_system import ConditionalScores, SolvedSystem
+from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.residual_covariance import ResidualCovariance
 from estimation.diagnostics.significance import (
-    GAIN_DRIFT,
+    HARMONIC_LACK_OF_FIT,
     LACK_OF_FIT,
     ChannelTest,
     OfEach,
-    Strut,
-    log_two_sided,
+    log_tail,
     no_numbers,
     ratio_tail,
 )
 from estimation.estimators.experiment import Experiment
-from estimation.measurement_model.motion import whiten_rows
-from expdesign.information.fisher import whitening
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import Column, Numbers, OpenNumber, described, sized, strutwise
 
@@ -208,6 +200,128 @@ def lack_of_fit(
     )
 
 
+_LINES_PER_HARMONIC, _MOST_LINES = 3, 30
+_KNOTS = 7
+_REMAINING = 0.01
+"""Smallest share of a combination of waves that must remain given the unknowns."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HarmonicLackOfFit:
+    """Test of all actuators together for a bias in the low harmonics of the motion."""
+
+    refused: Annotated[str, described("", "reason for an omitted test; otherwise empty")] = ""
+    level: Annotated[float, Field(alias="family_level"), described("1", "level of the test")] = (
+        HARMONIC_LACK_OF_FIT
+    )
+    lines: Annotated[
+        int, described("1", "largest tested multiple of the motion's base frequency")
+    ] = 0
+    statistic: Annotated[OpenNumber, described("1", "χ² of the residuals in these lines")] = np.nan
+    freedom: Annotated[
+        float, Field(alias="degrees_of_freedom"), described("1", "its degrees of freedom")
+    ] = 0.0
+    log_p: Annotated[OpenNumber, described("1", "logarithm of p")] = np.nan
+    ratios: Annotated[OfEach, described("1", "χ² / degrees of freedom of each actuator alone")] = (
+        field(default_factory=no_numbers)
+    )
+    shares: Annotated[
+        dict[str, float],
+        described(
+            "1",
+            "share of the excess that smooth functions of each strut's length, speed, "
+            "acceleration or load, or of the time explain; empty unless the test fails",
+        ),
+    ] = field(default_factory=dict)
+
+    @property
+    def failed(self) -> bool:
+        """Whether the residuals contain more than noise."""
+        return bool(self.log_p < np.log(self.level))
+
+    @property
+    def excess(self) -> float:
+        """χ² beyond its expectation."""
+        return max(self.statistic - self.freedom, 0.0)
+
+    @model_serializer(mode="wrap")
+    def _in_a_file(self, fields: Any) -> dict[str, Any]:
+        return {"refused": self.refused} if self.refused else fields(self)
+
+
+def harmonic_lack_of_fit(
+    experiment: Experiment,
+    part: Linearisation,
+    solved: SolvedSystem,
+    harmonics: int,
+    *,
+    level: float = HARMONIC_LACK_OF_FIT,
+) -> HarmonicLackOfFit:
+    """Test the lines up to three times the harmonics of the motion.
+
+    The score test of sines and cosines in every actuator accounts for the unknowns of the fit, and
+    for the noise's covariance and spectrum.
+    """
+    lines = min(_LINES_PER_HARMONIC * harmonics, _MOST_LINES, (len(part.times) - 1) // 2)
+    angle = 2 * np.pi / experiment.recording.period * np.outer(part.times, np.arange(lines + 1))
+    waves = np.concatenate([np.cos(angle), np.sin(angle[:, 1:])], axis=1)
+    scores = _fit_each_actuator(part, solved, [waves] * ACTUATORS)
+    whole = scores.fit(range(waves.shape[1] * ACTUATORS), _REMAINING)
+    alone = [
+        scores.fit(range(j * waves.shape[1], (j + 1) * waves.shape[1]), _REMAINING)
+        for j in range(ACTUATORS)
+    ]
+    log_p = log_tail(np.array(whole.statistic), np.array(whole.rank), scores.freedom)
+    test = HarmonicLackOfFit(
+        level=level,
+        lines=lines,
+        statistic=whole.statistic,
+        freedom=float(whole.rank),
+        log_p=float(log_p),
+        ratios=np.array([fit.statistic / max(fit.rank, 1) for fit in alone]),
+    )
+    if not test.failed:
+        return test
+    shares = {}
+    for name, values in _states(experiment, part).items():
+        columns = [_hats(each) for each in values.T]
+        fits = _fit_each_actuator(part, solved, columns)
+        smooth = fits.fit(range(len(fits.score)), _REMAINING)
+        # By chance, k functions explain k of the lines.
+        chance = smooth.rank / whole.rank
+        share = (smooth.statistic - smooth.rank) / test.excess
+        shares[name] = float(np.clip((share - chance) / max(1 - chance, chance), 0.0, 1.0))
+    return replace(test, shares=shares)
+
+
+def _fit_each_actuator(
+    part: Linearisation, solved: SolvedSystem, functions: Sequence[Array]
+) -> ConditionalScores:
+    """Return the scores of functions, (R, k) for each actuator, one after the other."""
+    places = np.cumsum([0, *(each.shape[1] for each in functions)])
+    columns = np.zeros((*part.forces.shape, places[-1]))
+    for j, each in enumerate(functions):
+        columns[:, j, places[j] : places[j + 1]] = each
+    return solved.project(Signature.of_forces(part, columns)).conditional_on(())
+
+
+def _states(experiment: Experiment, part: Linearisation) -> dict[str, Array]:
+    """Return the state of the struts at every row, (R, 6) each; load: the predicted force."""
+    return {
+        "length": part.position,
+        "speed": part.speed,
+        "acceleration": part.acceleration,
+        "load": part.cells.mean(experiment.forces) - part.forces,
+        "time": np.repeat(part.times[:, None], ACTUATORS, axis=1),
+    }
+
+
+def _hats(values: Array) -> Array:
+    """Return piecewise linear functions of a variable, (R, k), with knots at its quantiles."""
+    knots = np.unique(np.quantile(values, np.linspace(0, 1, _KNOTS)))
+    return np.stack([np.interp(values, knots, unit) for unit in np.eye(len(knots))], axis=1)
+
+
 @dataclass(frozen=True, eq=False)
 class ForceResiduals:
     """Force residuals along the motion, measured minus predicted, in the order of time."""
@@ -264,19 +378,21 @@ def variance_comparison(experiment: Experiment, part: Linearisation) -> Variance
 
 @dataclass(frozen=True)
 class BinRow:
-    """Mean residual of one actuator in one bin of its strut's length or speed."""
+    """Mean residual of one actuator in one bin of its strut's state."""
 
     strut: Annotated[int, described("1", "number of the strut")]
-    over: Annotated[str, described("", "length or speed")]
-    centre: Annotated[float, described("m or m/s", "mean length or speed in the bin")]
+    over: Annotated[str, described("", "length, speed, acceleration or load")]
+    centre: Annotated[float, described("m, m/s, m/s^2 or N", "mean in the bin")]
     mean: Annotated[float, described("N", "weighted mean residual force")]
     half_width: Annotated[float, described("N", "half width of its 95 % interval, due to noise")]
 
 
 def dependence(experiment: Experiment, part: Linearisation) -> Iterator[BinRow]:
-    """Yield the mean residuals in bins of every strut's length and speed."""
+    """Yield the mean residuals in bins of every strut's length, speed, acceleration and load."""
     weights = 1 / _force_std(experiment, part) ** 2
-    for name, values in (("length", part.position), ("speed", part.speed)):
+    for name, values in _states(experiment, part).items():
+        if name == "time":
+            continue
         for j, (over, forces, weight) in enumerate(
             zip(values.T, part.forces.T, weights.T, strict=True), start=1
         ):
@@ -294,151 +410,3 @@ def _bin_means(over: Array, forces: Array, weights: Array) -> Array:
     centres = np.bincount(bins, weights * over, count)[used] / total
     means = np.bincount(bins, weights * forces, count)[used] / total
     return np.stack([centres, means, scipy.stats.norm.ppf(0.975) / np.sqrt(total)], axis=1)
-
-
-_FEWEST_PERIODS = 4
-"""Smallest number of periods that leaves a scatter about lines."""
-_EXACT = 1e-9
-"""Share of an information that counts as rounding."""
-
-
-@dataclass(frozen=True)
-class GainDrift:
-    """Drift of one force's gain, or of all gains alike."""
-
-    actuator: Annotated[Strut, described("1", "number of the actuator; null: all alike")]
-    change: Annotated[OpenNumber, described("1", "change from the first period to the last")]
-    std: Annotated[OpenNumber, described("1", "standard deviation of the change")]
-    log_p: Annotated[OpenNumber, described("1", "logarithm of p, corrected for their number")]
-
-
-@dataclass(frozen=True)
-class GainDriftTest:
-    """Test of all gains for a drift."""
-
-    refused: Annotated[str, described("", "reason for an omitted test; otherwise empty")]
-    level: Annotated[
-        float, Field(alias="family_level"), described("1", "level of all candidates together")
-    ] = GAIN_DRIFT
-    scale: Annotated[
-        OpenNumber,
-        described("1", "variance of the coefficients between periods, relative to Σ"),
-    ] = np.nan
-    log_p: Annotated[
-        OpenNumber, described("1", "logarithm of p of the most significant, corrected")
-    ] = np.nan
-    found: Annotated[
-        tuple[GainDrift, ...], described("", "drifting gains, most significant first")
-    ] = ()
-
-    @model_serializer(mode="wrap")
-    def _in_a_file(self, fields: Any) -> dict[str, Any]:
-        return {"refused": self.refused} if self.refused else fields(self)
-
-
-def gain_drift(experiment: Experiment, part: Linearisation, level: float) -> GainDriftTest:
-    """Test the recording of one experiment, linearised at its estimate, for drifting gains."""
-    if experiment.recording.averaged and experiment.recording.forces.periods is None:
-        return GainDriftTest(why_not_compared(experiment.recording), level)
-    blocks, predicted = _split_periods(experiment, part)
-    periods = len(blocks)
-    if periods < _FEWEST_PERIODS:
-        return GainDriftTest(
-            f"fewer than {_FEWEST_PERIODS} periods leave no scatter about lines", level
-        )
-    white = whitening(experiment.noise.forces.covariance)
-    coefficients, inverses = zip(
-        *(_fit_period(rest, force, white) for rest, force in zip(blocks, predicted, strict=True)),
-        strict=True,
-    )
-    values, covariance = np.array(coefficients), np.array(inverses)
-    time = np.arange(periods) - (periods - 1) / 2
-    slope = time @ values / (time @ time)
-    of_slope = np.einsum("m,mij->ij", time**2, covariance) / (time @ time) ** 2
-    rest = values - np.mean(values, axis=0) - np.multiply.outer(time, slope)
-    freedom = float(rest.shape[1] * (periods - 2))
-    scale = float(np.einsum("mi,mij,mj->", rest, np.linalg.inv(covariance), rest)) / freedom
-    # Gains, with drifting constants fitted as well.
-    own = of_slope[:ACTUATORS, :ACTUATORS] * scale
-    return _select_drifts(slope[:ACTUATORS], own, freedom, periods, GainDriftTest("", level, scale))
-
-
-def _select_drifts(
-    slope: Array, covariance: Array, freedom: float, periods: int, test: GainDriftTest
-) -> GainDriftTest:
-    """Select drifts one by one, of all gains alike or of single ones."""
-    design = np.concatenate([np.ones((ACTUATORS, 1)), np.eye(ACTUATORS)], axis=1)
-    inverse = np.linalg.inv(covariance)
-    information, score = design.T @ inverse @ design, design.T @ inverse @ slope
-    level = np.log(test.level / len(score))
-    chosen: list[int] = []
-    log_ps: list[float] = []
-    strongest = np.nan
-    while len(chosen) < ACTUATORS:
-        conditional = _conditional_scores(information, score, chosen, freedom)
-        diagonal = np.diag(conditional.information)
-        seen = diagonal > _EXACT * conditional.whole
-        statistic = np.where(seen, conditional.score / np.sqrt(np.where(seen, diagonal, 1.0)), 0.0)
-        log_p = log_two_sided(statistic, freedom)
-        best = int(np.argmin(log_p))
-        corrected = min(0.0, float(log_p[best] + np.log(len(score))))
-        strongest = corrected if np.isnan(strongest) else strongest
-        if log_p[best] >= level:
-            break
-        chosen.append(best)
-        log_ps.append(corrected)
-    found = []
-    if chosen:
-        fit = ConditionalScores(score, information, np.diag(information), freedom).fit(chosen)
-        length = periods - 1
-        for k, (place, tail) in enumerate(zip(chosen, log_ps, strict=True)):
-            found.append(
-                GainDrift(
-                    actuator=place - 1 if place else None,
-                    change=float(fit.values[k]) * length,
-                    std=float(np.sqrt(fit.covariance[k, k])) * length,
-                    log_p=tail,
-                )
-            )
-    return replace(test, log_p=strongest, found=tuple(found))
-
-
-def _conditional_scores(
-    information: Array, score: Array, chosen: Sequence[int], freedom: float
-) -> ConditionalScores:
-    whole = np.diag(information)
-    if not chosen:
-        return ConditionalScores(score, information, whole, freedom)
-    cross = information[:, chosen] @ np.linalg.inv(information[np.ix_(chosen, chosen)])
-    return ConditionalScores(
-        score - cross @ score[chosen], information - cross @ information[chosen], whole, freedom
-    )
-
-
-def _split_periods(experiment: Experiment, part: Linearisation) -> tuple[list[Array], list[Array]]:
-    """Return residuals and predicted forces, (n, 6) each, of every whole period."""
-    predicted = experiment.forces - part.force_rows
-    whitening_filter = experiment.noise.forces.filter
-    periods = experiment.recording.forces.periods
-    if periods is not None:
-        if experiment.pointwise is not None:
-            periods = periods[:, experiment.pointwise.rows]
-        elif whitening_filter is not None:
-            predicted = whitening_filter(predicted)
-            periods = np.stack([whitening_filter(period) for period in periods])
-        return [period - predicted for period in periods], [predicted] * len(periods)
-    recording = experiment.recording
-    times = experiment.times - experiment.times[0]
-    number = np.floor(times / recording.period * (1 + 1e-12)).astype(int)
-    rows = [np.flatnonzero(number == k) for k in range(int(recording.periods))]
-    return [part.force_rows[each] for each in rows], [predicted[each] for each in rows]
-
-
-def _fit_period(rest: Array, predicted: Array, white: Array) -> tuple[Array, Array]:
-    """Fit gains and constants in one period: coefficients, (12,), and their covariance."""
-    unit = np.broadcast_to(np.eye(ACTUATORS), (len(rest), ACTUATORS, ACTUATORS))
-    columns = np.concatenate([predicted[:, :, None] * unit, unit], axis=2)
-    ones = np.ones(len(rest))
-    rows = whiten_rows(columns, white, ones).reshape(rest.size, -1)
-    inverse: Array = np.asarray(np.linalg.inv(rows.T @ rows), dtype=np.float64)
-    return inverse @ (rows.T @ whiten_rows(rest, white, ones).ravel()), inverse

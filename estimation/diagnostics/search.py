@@ -75,6 +75,8 @@ class EffectCandidate:
     constant: float = np.nan
     contains: str = ""
     sized_by_constant: bool = False
+    bounds: tuple[float, float] = (-np.inf, np.inf)
+    """Bounds of its first value, SI."""
     pitch: float = np.nan
     reach: float = 0.0
     """Reach of the scan that found a position-periodic force."""
@@ -83,6 +85,11 @@ class EffectCandidate:
     def name(self) -> tuple[str, int | None, str]:
         """Identity of the candidate; candidates that differ only in a constant are the same."""
         return self.kind, self.strut, self.parameter
+
+    def is_possible(self, value: float) -> bool:
+        """Return whether its first value is within the bounds."""
+        lower, upper = self.bounds
+        return lower <= value <= upper
 
     def log_p(self, fit: EffectFit, freedom: float) -> float:
         """Return the logarithm of p of its fit, uncorrected for its family."""
@@ -168,6 +175,7 @@ class Search:
                     hypothesis.constant_of(number),
                     hypothesis.contains,
                     hypothesis.sized_by_constant,
+                    hypothesis.bounds,
                 )
                 yield item, float(test.log_p[number])
 
@@ -247,9 +255,12 @@ class Search:
             for number, item in enumerate(found):
                 others = exclude(found, item)
                 rivals = self.find_rivals(item, others)
-                if rivals and rivals[0][1] - rivals[0][0].limit < (
-                    self.conditional_log_p(item, others) - item.limit
-                ):
+                conditional = self.projection.conditional_on(column_indices(others))
+                own = self._fit(item, conditional)
+                least = item.log_p(own, self.projection.freedom) - item.limit
+                if not item.is_possible(own.values[0]):
+                    least = 0.0  # any significant candidate within its bounds is better
+                if rivals and rivals[0][1] - rivals[0][0].limit < least:
                     found, changed = [*found[:number], rivals[0][0], *found[number + 1 :]], True
             found = self.drop_insignificant(found)
             if not changed:
@@ -277,6 +288,8 @@ class Search:
             if rival.name in taken or log_p > np.log(RIVAL_LEVEL):
                 continue
             if rival.contains == item.kind and rival.strut == item.strut:
+                continue
+            if not rival.is_possible(self._fit(rival, conditional).values[0]):
                 continue
             # Given a rival, the item's statistic is at least the difference of both statistics.
             least = own.statistic - self._fit(rival, conditional).statistic

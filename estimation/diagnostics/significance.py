@@ -28,6 +28,8 @@ from expdesign.runfolder import OpenNumbers, described, sized
 
 LACK_OF_FIT = 0.01
 """Level over the six actuators."""
+HARMONIC_LACK_OF_FIT = 0.001
+"""Level of the test of all actuators together."""
 HYPOTHESES = 0.02
 """Level over all families of hypotheses together."""
 POSITION_PERIODIC = 0.001

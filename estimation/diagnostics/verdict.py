@@ -34,8 +34,13 @@ _OfNoise = NoiseTests | RecordingTests
 _EXPLAINED = Assumption(
     "the model explains the forces",
     "the model does not explain the forces",
-    "look at the residuals over position and speed for unmodelled effects",
+    "look at the residuals over the state of the struts for unmodelled effects",
 )
+_UNLISTED = replace(
+    _EXPLAINED, contradiction="something that is not in the list acts on the forces"
+)
+_MOSTLY = 0.3
+"""Share of the unexplained forces from which a state of the struts is named."""
 _RESIDUALS_WHITE = Assumption(
     "the residuals of the forces are white",
     "the mean force residuals are correlated in time",
@@ -169,37 +174,71 @@ def noise_findings(tests: _OfNoise) -> tuple[Finding, ...]:
 
 
 def _bias(diagnosis: AttributedDiagnosis) -> Finding:
-    """Report the actuators with a bias, and the effects that explain it."""
-    test, left = diagnosis.tests.lack_of_fit, diagnosis.tests.lack_of_fit_with_effects
-    if test.refused:
-        return _EXPLAINED.skip(test.refused)
-    p = _family_p(test.p_values)
-    worst = int(np.nanargmin(test.p_values))
-    if not np.any(test.failed):
-        sentence = (
-            f"the force residuals are noise (F = 1 is noise; largest F = "
-            f"{test.statistic[worst]:.3f} in actuator {worst + 1}, p = {test.p_values[worst]:.2g})"
+    """Report a bias, the effects that explain it, and the states on which the rest depends."""
+    tests = diagnosis.tests
+    single, low = tests.lack_of_fit, tests.harmonic_lack_of_fit
+    if single.refused:
+        return _EXPLAINED.skip(single.refused)
+    p, level = _family_p(single.p_values), single.level
+    if low.failed and p >= level:
+        p, level = float(np.exp(low.log_p)), low.level
+    together = ""
+    if not low.refused:
+        together = (
+            f"in all actuators together, up to line {low.lines} of the period, χ² / degrees of "
+            f"freedom = {low.statistic / low.freedom:.3f}, p = {np.exp(low.log_p):.2g}"
         )
-        return _EXPLAINED.holds(sentence, p, test.level)
-    where = name_channels("actuator", test.failed)
-    values = ", ".join(f"{value:.3f}" for value in test.statistic[test.failed])
+    effects = diagnosis.attribution.effects
+    unlisted = diagnosis.attribution.unlisted and not diagnosis.pointwise
+    if not (np.any(single.failed) or low.failed or unlisted):
+        worst = int(np.nanargmin(single.p_values))
+        numbers = [
+            f"F = 1 is noise; largest F = {single.statistic[worst]:.3f} in actuator {worst + 1}, "
+            f"p = {single.p_values[worst]:.2g}",
+            together,
+        ]
+        sentence = f"the force residuals are noise ({'; '.join(filter(None, numbers))})"
+        return _EXPLAINED.holds(sentence, p, level)
+    where = name_channels("actuator", single.failed)
+    parts = []
+    if where:
+        values = ", ".join(f"{value:.3f}" for value in single.statistic[single.failed])
+        parts.append(f"the force residuals of {where} exceed the noise (F = {values}; 1 is noise)")
+    if low.failed:
+        parts.append(f"the mean force residuals exceed the noise {together}")
     words = effect_nouns(diagnosis.attribution)
-    effects = tuple(dict.fromkeys(words[e.kind] for e in diagnosis.attribution.effects))
-    found, verb = join_words(effects), "explains" if len(effects) == 1 else "explain"
-    if diagnosis.pointwise:
-        advice = (
-            "the residuals contain the noise of pointwise differentiation: use "
-            "`differentiation: fourier` first"
-        )
-    elif not found:
-        advice = f"no tested effect explains it: {_EXPLAINED.advice}"
-    elif np.any(left.failed):
-        rest = name_channels("actuator", left.failed)
-        advice = f"{found} {verb} a part; a remainder is in {rest}: {_EXPLAINED.advice}"
-    else:
-        advice = f"{found} {verb} it"
-    sentence = f"the force residuals of {where} exceed the noise (F = {values}; 1 is noise)"
-    return _EXPLAINED.fails(sentence, p, test.level, where, advice)
+    found = join_words(dict.fromkeys(words[effect.kind] for effect in effects))
+    if not unlisted:
+        advice = f"{found} {'explains' if len(effects) == 1 else 'explain'} it"
+        if diagnosis.pointwise:
+            advice = (
+                "the residuals contain the noise of pointwise differentiation: use "
+                "`differentiation: fourier` first"
+            )
+        return _EXPLAINED.fails("; ".join(parts), p, level, where, advice)
+    if effects:
+        doubts = join_words(dict.fromkeys(effect.doubt for effect in effects))
+        parts.append(f"the residuals resemble {found}, but {doubts}")
+    return _UNLISTED.fails("; ".join(parts), p, level, _unexplained_where(tests))
+
+
+def _unexplained_where(tests: RecordingTests) -> str:
+    """Name the actuators with unexplained forces, and the states on which these depend."""
+    single, low = tests.lack_of_fit_with_effects, tests.harmonic_lack_of_fit_with_effects
+    if not (np.any(single.failed) or low.failed):
+        single, low = tests.lack_of_fit, tests.harmonic_lack_of_fit
+    struts = np.asarray(single.failed)
+    if not (np.any(struts) or low.failed):
+        places = {effect.strut for effect in tests.effects}
+        return name_channels("actuator", np.array([j in places for j in range(len(struts))]))
+    if low.failed:
+        struts = struts | (low.ratios > 1 + 0.5 * (np.nanmax(low.ratios) - 1))
+    states = [
+        f"{100 * share:.0f} % depend on the {name}"
+        for name, share in sorted(low.shares.items(), key=lambda each: -each[1])
+        if share > _MOSTLY
+    ]
+    return ", ".join(filter(None, [name_channels("actuator", struts), *states]))
 
 
 def _gain_drift(tests: RecordingTests) -> Finding:

@@ -5,8 +5,8 @@ import pytest
 from scipy import signal, stats
 
 from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.gain_drift import gain_drift
 from estimation.diagnostics.linearisation import linearise
-from estimation.diagnostics.residuals import gain_drift
 from estimation.diagnostics.significance import GAIN_DRIFT
 from tests.diagnostics.conftest import Laboratory
 

@@ -1,0 +1,176 @@
+"""Test of the forces' gains for a drift, such as a motor constant that falls as the motor warms up.
+
+Differences between periods show it independently of errors of the model, which are the same in
+every period. In each period the residuals of all actuators are regressed on the predicted force and
+on a constant of each actuator, weighted with Σ⁻¹; the twelve coefficients are regressed on the
+number of the period. Their scatter about these lines, over all actuators together, scales the
+variance according to Σ, so that coloured noise, or a given Σ that is too small, does not appear as
+a drift.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, model_serializer
+
+from constraints.arrays import Array
+from estimation.diagnostics.joint_system import ConditionalScores
+from estimation.diagnostics.linearisation import Linearisation
+from estimation.diagnostics.noise_tests import why_not_compared
+from estimation.diagnostics.significance import GAIN_DRIFT, Strut, log_two_sided
+from estimation.estimators.experiment import Experiment
+from estimation.measurement_model.motion import whiten_rows
+from expdesign.information.fisher import whitening
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.runfolder import OpenNumber, described
+
+_FEWEST_PERIODS = 4
+"""Smallest number of periods that leaves a scatter about lines."""
+_EXACT = 1e-9
+"""Share of an information that counts as rounding."""
+
+
+@dataclass(frozen=True)
+class GainDrift:
+    """Drift of one force's gain, or of all gains alike."""
+
+    actuator: Annotated[Strut, described("1", "number of the actuator; null: all alike")]
+    change: Annotated[OpenNumber, described("1", "change from the first period to the last")]
+    std: Annotated[OpenNumber, described("1", "standard deviation of the change")]
+    log_p: Annotated[OpenNumber, described("1", "logarithm of p, corrected for their number")]
+
+
+@dataclass(frozen=True)
+class GainDriftTest:
+    """Test of all gains for a drift."""
+
+    refused: Annotated[str, described("", "reason for an omitted test; otherwise empty")]
+    level: Annotated[
+        float, Field(alias="family_level"), described("1", "level of all candidates together")
+    ] = GAIN_DRIFT
+    scale: Annotated[
+        OpenNumber,
+        described("1", "variance of the coefficients between periods, relative to Σ"),
+    ] = np.nan
+    log_p: Annotated[
+        OpenNumber, described("1", "logarithm of p of the most significant, corrected")
+    ] = np.nan
+    found: Annotated[
+        tuple[GainDrift, ...], described("", "drifting gains, most significant first")
+    ] = ()
+
+    @model_serializer(mode="wrap")
+    def _in_a_file(self, fields: Any) -> dict[str, Any]:
+        return {"refused": self.refused} if self.refused else fields(self)
+
+
+def gain_drift(experiment: Experiment, part: Linearisation, level: float) -> GainDriftTest:
+    """Test the recording of one experiment, linearised at its estimate, for drifting gains."""
+    if experiment.recording.averaged and experiment.recording.forces.periods is None:
+        return GainDriftTest(why_not_compared(experiment.recording), level)
+    blocks, predicted = _split_periods(experiment, part)
+    periods = len(blocks)
+    if periods < _FEWEST_PERIODS:
+        return GainDriftTest(
+            f"fewer than {_FEWEST_PERIODS} periods leave no scatter about lines", level
+        )
+    white = whitening(experiment.noise.forces.covariance)
+    coefficients, inverses = zip(
+        *(_fit_period(rest, force, white) for rest, force in zip(blocks, predicted, strict=True)),
+        strict=True,
+    )
+    values, covariance = np.array(coefficients), np.array(inverses)
+    time = np.arange(periods) - (periods - 1) / 2
+    slope = time @ values / (time @ time)
+    of_slope = np.einsum("m,mij->ij", time**2, covariance) / (time @ time) ** 2
+    rest = values - np.mean(values, axis=0) - np.multiply.outer(time, slope)
+    freedom = float(rest.shape[1] * (periods - 2))
+    scale = float(np.einsum("mi,mij,mj->", rest, np.linalg.inv(covariance), rest)) / freedom
+    # Gains, with drifting constants fitted as well.
+    own = of_slope[:ACTUATORS, :ACTUATORS] * scale
+    return _select_drifts(slope[:ACTUATORS], own, freedom, periods, GainDriftTest("", level, scale))
+
+
+def _select_drifts(
+    slope: Array, covariance: Array, freedom: float, periods: int, test: GainDriftTest
+) -> GainDriftTest:
+    """Select drifts one by one, of all gains alike or of single ones."""
+    design = np.concatenate([np.ones((ACTUATORS, 1)), np.eye(ACTUATORS)], axis=1)
+    inverse = np.linalg.inv(covariance)
+    information, score = design.T @ inverse @ design, design.T @ inverse @ slope
+    level = np.log(test.level / len(score))
+    chosen: list[int] = []
+    log_ps: list[float] = []
+    strongest = np.nan
+    while len(chosen) < ACTUATORS:
+        conditional = _conditional_scores(information, score, chosen, freedom)
+        diagonal = np.diag(conditional.information)
+        seen = diagonal > _EXACT * conditional.whole
+        statistic = np.where(seen, conditional.score / np.sqrt(np.where(seen, diagonal, 1.0)), 0.0)
+        log_p = log_two_sided(statistic, freedom)
+        best = int(np.argmin(log_p))
+        corrected = min(0.0, float(log_p[best] + np.log(len(score))))
+        strongest = corrected if np.isnan(strongest) else strongest
+        if log_p[best] >= level:
+            break
+        chosen.append(best)
+        log_ps.append(corrected)
+    found = []
+    if chosen:
+        fit = ConditionalScores(score, information, np.diag(information), freedom).fit(chosen)
+        length = periods - 1
+        for k, (place, tail) in enumerate(zip(chosen, log_ps, strict=True)):
+            found.append(
+                GainDrift(
+                    actuator=place - 1 if place else None,
+                    change=float(fit.values[k]) * length,
+                    std=float(np.sqrt(fit.covariance[k, k])) * length,
+                    log_p=tail,
+                )
+            )
+    return replace(test, log_p=strongest, found=tuple(found))
+
+
+def _conditional_scores(
+    information: Array, score: Array, chosen: Sequence[int], freedom: float
+) -> ConditionalScores:
+    whole = np.diag(information)
+    if not chosen:
+        return ConditionalScores(score, information, whole, freedom)
+    cross = information[:, chosen] @ np.linalg.inv(information[np.ix_(chosen, chosen)])
+    return ConditionalScores(
+        score - cross @ score[chosen], information - cross @ information[chosen], whole, freedom
+    )
+
+
+def _split_periods(experiment: Experiment, part: Linearisation) -> tuple[list[Array], list[Array]]:
+    """Return residuals and predicted forces, (n, 6) each, of every whole period."""
+    predicted = experiment.forces - part.force_rows
+    whitening_filter = experiment.noise.forces.filter
+    periods = experiment.recording.forces.periods
+    if periods is not None:
+        if experiment.pointwise is not None:
+            periods = periods[:, experiment.pointwise.rows]
+        elif whitening_filter is not None:
+            predicted = whitening_filter(predicted)
+            periods = np.stack([whitening_filter(period) for period in periods])
+        return [period - predicted for period in periods], [predicted] * len(periods)
+    recording = experiment.recording
+    times = experiment.times - experiment.times[0]
+    number = np.floor(times / recording.period * (1 + 1e-12)).astype(int)
+    rows = [np.flatnonzero(number == k) for k in range(int(recording.periods))]
+    return [part.force_rows[each] for each in rows], [predicted[each] for each in rows]
+
+
+def _fit_period(rest: Array, predicted: Array, white: Array) -> tuple[Array, Array]:
+    """Fit gains and constants in one period: coefficients, (12,), and their covariance."""
+    unit = np.broadcast_to(np.eye(ACTUATORS), (len(rest), ACTUATORS, ACTUATORS))
+    columns = np.concatenate([predicted[:, :, None] * unit, unit], axis=2)
+    ones = np.ones(len(rest))
+    rows = whiten_rows(columns, white, ones).reshape(rest.size, -1)
+    inverse: Array = np.asarray(np.linalg.inv(rows.T @ rows), dtype=np.float64)
+    return inverse @ (rows.T @ whiten_rows(rest, white, ones).ravel()), inverse
