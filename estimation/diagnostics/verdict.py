@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -40,7 +40,8 @@ _UNLISTED = replace(
     _EXPLAINED, contradiction="something that is not in the list acts on the forces"
 )
 _MOSTLY = 0.3
-"""Share of the unexplained forces from which a state of the struts is named."""
+"""Share of the unexplained forces from which an actuator, or a state of the struts, is named."""
+_STATES_SHOWN = 2
 _RESIDUALS_WHITE = Assumption(
     "the residuals of the forces are white",
     "the mean force residuals are correlated in time",
@@ -199,11 +200,12 @@ def _bias(diagnosis: AttributedDiagnosis) -> Finding:
         ]
         sentence = f"the force residuals are noise ({'; '.join(filter(None, numbers))})"
         return _EXPLAINED.holds(sentence, p, level)
-    where = name_channels("actuator", single.failed)
     parts = []
-    if where:
+    if np.any(single.failed):
         values = ", ".join(f"{value:.3f}" for value in single.statistic[single.failed])
+        where = name_channels("actuator", single.failed)
         parts.append(f"the force residuals of {where} exceed the noise (F = {values}; 1 is noise)")
+    where = _biased_actuators(tests)
     if low.failed:
         parts.append(f"the mean force residuals exceed the noise {together}")
     words = effect_nouns(diagnosis.attribution)
@@ -219,26 +221,31 @@ def _bias(diagnosis: AttributedDiagnosis) -> Finding:
     if effects:
         doubts = join_words(dict.fromkeys(effect.doubt for effect in effects))
         parts.append(f"the residuals resemble {found}, but {doubts}")
-    return _UNLISTED.fails("; ".join(parts), p, level, _unexplained_where(tests))
+    where = ", ".join(filter(None, [where, *_name_states(low.shares)]))
+    return _UNLISTED.fails("; ".join(parts), p, level, where)
 
 
-def _unexplained_where(tests: RecordingTests) -> str:
-    """Name the actuators with unexplained forces, and the states on which these depend."""
-    single, low = tests.lack_of_fit_with_effects, tests.harmonic_lack_of_fit_with_effects
-    if not (np.any(single.failed) or low.failed):
-        single, low = tests.lack_of_fit, tests.harmonic_lack_of_fit
-    struts = np.asarray(single.failed)
-    if not (np.any(struts) or low.failed):
-        places = {effect.strut for effect in tests.effects}
-        return name_channels("actuator", np.array([j in places for j in range(len(struts))]))
+def _biased_actuators(tests: RecordingTests) -> str:
+    """Name the actuators with the largest bias."""
+    low, struts = tests.harmonic_lack_of_fit, np.asarray(tests.lack_of_fit.failed)
     if low.failed:
-        struts = struts | (low.ratios > 1 + 0.5 * (np.nanmax(low.ratios) - 1))
-    states = [
-        f"{100 * share:.0f} % depend on the {name}"
-        for name, share in sorted(low.shares.items(), key=lambda each: -each[1])
-        if share > _MOSTLY
-    ]
-    return ", ".join(filter(None, [name_channels("actuator", struts), *states]))
+        # Parameters spread a bias over all actuators.
+        struts = low.ratios - 1 > _MOSTLY * (np.nanmax(low.ratios) - 1)
+    if not np.any(struts):
+        places = {effect.strut for effect in tests.effects}
+        struts = np.array([j in places for j in range(len(struts))])
+    return name_channels("actuator", struts)
+
+
+def _name_states(shares: Mapping[str, float]) -> Iterator[str]:
+    """Name the states of the struts on which unexplained forces depend most."""
+    shown = sorted(shares.items(), key=lambda each: -each[1])
+    # Every force is a function of time: it counts if no state explains as much.
+    if shown and shown[0][0] != "time":
+        shown = [each for each in shown if each[0] != "time"]
+    for name, share in shown[:_STATES_SHOWN]:
+        if share > _MOSTLY:
+            yield f"{100 * share:.0f} % depend on the {name}"
 
 
 def _gain_drift(tests: RecordingTests) -> Finding:

@@ -96,14 +96,16 @@ def _residual_panels(
 
 @figure_definition(
     "residual_dependence",
-    "Residual force of each actuator, averaged in bins of its strut's length (left) and "
-    "speed (right), with 95 % intervals from the noise.",
+    "Residual force of each actuator, averaged in bins of its strut's length, speed, acceleration "
+    "and load (the predicted force), with 95 % intervals from the noise. Above: share of the "
+    "unexplained force that smooth functions of it explain, where the test of all actuators fails.",
     height=7.8,
 )
 def residual_dependence_figure(figure: Figure, result: RecordingDiagnosis) -> None:
     """Draw one row per strut: means in bins with their 95 % intervals."""
-    panels = figure.subplots(ACTUATORS, 2, sharex="col", sharey=True)
-    columns = (("length", "m"), ("speed", "m/s"))
+    columns = (("length", "m"), ("speed", "m/s"), ("acceleration", "m/s^2"), ("load", "N"))
+    panels = figure.subplots(ACTUATORS, len(columns), sharex="col", sharey=True)
+    shares = result.tests.harmonic_lack_of_fit.shares
     for column, (over, si) in enumerate(columns):
         rows = [row for row in result.dependence if row.over == over]
         unit = handy_unit(si, [row.centre for row in rows])
@@ -118,15 +120,16 @@ def residual_dependence_figure(figure: Figure, result: RecordingDiagnosis) -> No
                 bins[:, 1],
                 yerr=bins[:, 2],
                 fmt="o",
-                markersize=2.2,
+                markersize=1.6,
                 color=STRUT_COLOURS[j],
                 elinewidth=0.8,
                 zorder=2,
             )
             if column == 0:
                 axes.set_ylabel(f"{j + 1}", rotation=0, labelpad=10, va="center", weight="bold")
-        panels[-1, column].set_xlabel(unit.label(f"Strut {over}"))
-        panels[0, column].set_title(f"Over the {over}")
+        panels[-1, column].set_xlabel(unit.label(over.capitalize()))
+        share = f": {100 * shares[over]:.0f} %" if over in shares else ""
+        panels[0, column].set_title(f"{over.capitalize()}{share}", fontsize="medium")
     figure.supylabel("Strut: mean residual force (N)", fontsize="medium")
 
 

@@ -89,7 +89,7 @@ def test_histogram_is_a_density(figures):
 
 
 def test_dependence_has_a_row_for_each_strut(figures):
-    assert len(figures["residual_dependence"].axes) == 12
+    assert len(figures["residual_dependence"].axes) == 24
 
 
 def test_given_noise_and_pointwise_kinematics_can_be_drawn():

@@ -1,0 +1,117 @@
+"""Effects that are in no list: whether they are found, and not taken for others."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.finding import Status
+from estimation.diagnostics.residuals import harmonic_lack_of_fit
+from tests.diagnostics.conftest import HARMONICS, Laboratory
+
+
+def _low_harmonics(twin, drawn):
+    solved = twin.system(drawn).solution
+    return harmonic_lack_of_fit(twin.experiment, drawn, solved, HARMONICS)
+
+
+@pytest.mark.parametrize("kind", ["ls", "gm", "ml"])
+def test_size_of_the_statistic_in_noise(twin, kind):
+    """After any estimator χ² and its p have their distribution."""
+    rng = np.random.default_rng(1)
+    tests = [_low_harmonics(twin, twin.draw(rng, kind)) for _ in range(100)]
+    p_values = np.exp([test.log_p for test in tests])
+    assert stats.kstest(p_values, "uniform").pvalue > 1e-3
+    ratio = np.mean([test.statistic / test.freedom for test in tests])
+    assert ratio == pytest.approx(1, abs=5 * np.sqrt(2 / tests[0].freedom / len(tests)))
+    # Six actuators, nine lines and the mean, less the parameters.
+    assert 6 * 19 - 24 - 6 <= tests[0].freedom <= 6 * 19
+    assert tests[0].lines == 3 * HARMONICS
+
+
+def test_a_bias_in_low_harmonics_is_not_diluted(twin):
+    """It is found where the test of single actuators hardly sees it."""
+    rng = np.random.default_rng(2)
+    sigma = np.sqrt(np.diag(twin.lab.noise.forces.covariance) / twin.lab.periods)
+    phase = 2 * np.pi * twin.part.times / twin.experiment.recording.period
+    lines = np.arange(2, 9)
+    wave = np.sum(np.cos(np.outer(phase, lines) + 2.0 * lines**2), axis=1)[:, None]
+    wave = wave / np.sqrt(np.mean(wave**2)) * np.cos(np.arange(6)) * sigma
+    found = []
+    for _ in range(20):
+        drawn = twin.draw(rng, "ml")
+        biased = replace(drawn, forces=drawn.forces + 0.6 * wave)
+        found.append(_low_harmonics(twin, biased).failed)
+    assert sum(found) >= 18
+
+
+def _diagnosed(lab, seed, force):
+    """Return the diagnosis of a machine with another force, of the motion at the samples."""
+    data = lab.measure(seed)
+    motion = lab.trajectory.sample(data.time)
+    struts = lab.robot.strut_motion(motion.pose, motion.rate, motion.acceleration)
+    data = replace(data, forces=data.forces + force(struts))
+    experiment = lab.experiment(data)
+    estimate = lab.estimate([experiment], "gm")
+    return diagnose(lab.robot, [experiment], lab.knowledge, estimate)
+
+
+def _explanation(result):
+    (finding,) = (f for f in result.verdict.findings if f.assumption.startswith("the model expl"))
+    return finding
+
+
+def test_an_effect_outside_the_list_is_not_named():
+    """Force by the product of length and squared speed: no cause is certain."""
+    lab = Laboratory(samples=300, periods=6)
+    strength = np.array([0, 0, 900.0, 0, 0, -2700.0])
+    result = _diagnosed(lab, 3, lambda s: strength * (s.length - 0.7) * s.length_rate**2)
+    assert result.verdict.status is Status.DOUBTFUL
+    assert "something that is not in the list" in result.verdict.summary
+    finding = _explanation(result)
+    assert finding.failed
+    assert "actuators 3 and 6" in finding.contradiction
+    recording = result.recordings[0]
+    assert recording.attribution.unlisted
+    assert not any(effect.certain for effect in recording.tests.effects)
+    assert all(effect.doubt for effect in recording.tests.effects)
+    imitations = [f for f in result.verdict.failed if "may only imitate" in f.sentence]
+    assert not any(f.serious for f in imitations)
+    assert not any("add `" in f.advice for f in imitations)
+
+
+def test_the_state_of_an_unlisted_force_is_named():
+    """A force by speed alone, with steps that no term has."""
+    lab = Laboratory(samples=300, periods=6)
+    result = _diagnosed(lab, 4, lambda s: 8.0 * np.sign(np.sin(9 * np.abs(s.length_rate))))
+    shares = result.recordings[0].tests.harmonic_lack_of_fit.shares
+    assert max(shares, key=shares.get) == "speed"
+    assert shares["speed"] > 0.5
+    assert "depend on the speed" in _explanation(result).contradiction
+
+
+def test_an_impossible_sign_is_no_cause():
+    """Friction that falls with the load: found, and not named as friction by load."""
+    lab = Laboratory(samples=300, periods=6)
+
+    motion = lab.trajectory.sample(lab.measure(5).time)
+    load = lab.robot.actuator_forces(motion.pose, motion.rate, motion.acceleration)
+    result = _diagnosed(lab, 5, lambda s: -0.04 * np.abs(load) * np.sign(s.length_rate))
+    assert result.verdict.status is Status.DOUBTFUL
+    effects = result.recordings[0].tests.effects
+    assert not any(e.certain for e in effects if e.kind == "load_friction")
+    negative = [e for e in effects if e.kind == "load_friction" and e.value < 0]
+    assert all(e.doubt for e in negative)
+    assert "friction grows with the load" not in result.verdict.summary
+
+
+def test_a_listed_effect_that_explains_everything_stays_certain():
+    lab = Laboratory(samples=300, periods=6)
+    result = _diagnosed(lab, 6, lambda s: 0.6 * s.length_acceleration)
+    effects = result.recordings[0].tests.effects
+    assert [(e.kind, e.strut) for e in effects] == [("drive_inertia", None)]
+    assert effects[0].certain
+    assert not result.recordings[0].attribution.unlisted
+    assert "something that is not in the list" not in result.verdict.summary
