@@ -115,7 +115,9 @@ class Hypothesis(Family, Candidates):
     def bounds(self) -> tuple[float, float]:
         """Bounds of a candidate's first value, SI: those of the first parameter of its term."""
         term = term_definitions().get(self.kind)
-        return (-np.inf, np.inf) if term is None else (term.parameters[0].lower, term.parameters[0].upper)
+        if term is None:
+            return -np.inf, np.inf
+        return term.parameters[0].lower, term.parameters[0].upper
 
     @property
     def candidates(self) -> int:
