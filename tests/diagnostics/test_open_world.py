@@ -109,7 +109,7 @@ def test_an_impossible_sign_is_no_cause():
 
 def test_a_listed_effect_that_explains_everything_stays_certain():
     lab = Laboratory(samples=300, periods=6)
-    result = _diagnosed(lab, 6, lambda s: 0.6 * s.length_acceleration)
+    result = _diagnosed(lab, 6, lambda s: 1.2 * s.length_acceleration)
     effects = result.recordings[0].tests.effects
     assert [(e.kind, e.strut) for e in effects] == [("drive_inertia", None)]
     assert effects[0].certain
