@@ -11,11 +11,12 @@ a part of the table.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import subprocess
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -30,7 +31,7 @@ from estimation.identification.estimate import estimate
 from estimation.identification.result import EstimationResult
 from expdesign.configuration import RunConfiguration, load_run
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
-from tests.unknowns.simulator import Machine, Motion, draw_noise, read_noise, simulate
+from tests.unknowns.simulator import Machine, Motion, deviate, draw_noise, read_noise, simulate
 
 TITLE = "Effects that the model lacks"
 
@@ -38,8 +39,9 @@ _ROOT = Path(__file__).resolve().parents[1]
 _ROBOTS = {
     "palida": _ROOT / "expdesign" / "library" / "robots" / "palida.yaml",
     "irregular": _ROOT / "tests" / "unknowns" / "irregular.yaml",
+    "mathworks": _ROOT / "expdesign" / "library" / "robots" / "mathworks.yaml",
 }
-_DESIGNS = {"palida": "palida", "irregular": "irregular"}
+"""Each has a design of its name."""
 _AT_1_KHZ = 1e-3
 _OFF = {"p2": 0.97, "p3": 0.98, "p5": 0.99, "p6": 1.06, "p7": 1.04, "p8": 1.05}
 """Parameters of the machines over those of the robot files; all bodies are possible ones."""
@@ -95,13 +97,13 @@ CASES = {
     "power_law": _case(
         "exponent", 1, (0.95, 0.91, 0.85, 0.7), "quadratic_friction", "cubic_friction"
     ),
-    "viscous_joints": _case("N m s", 1, (0.05, 0.1, 0.2, 0.4), "joint_viscosity"),
+    "viscous_joints": _case("N m s", 1, (0.05, 0.1, 0.2, 0.4), "passive_viscous_friction"),
     "saturation": _case("% at 200 N", 100, (0.5, 1, 2, 4), "saturation"),
     "slow_stribeck": _case("% of dry", 100, (7, 14, 28), "stribeck"),
-    "cable_drag": _case("N", 1, (0.6, 1.2, 2.4), "drag"),
+    "cable_drag": _case("N", 1, (0.6, 1.2, 2.4), "platform_drag", "platform_spring"),
     "base_on_springs": _case("Hz", 1, (20, 15, 11)),
     "products_of_inertia": _case("g m^2", 1e3, (1, 2, 4, 8), "rigid_platform"),
-    "low_pass": _case("ms", 1e3, (0.25, 0.5, 1), "delay", "force_lag"),
+    "low_pass": _case("ms", 1e3, (0.25, 0.5, 1), "delay", "lag"),
     "position_friction": _case("%", 100, (10, 20, 40), "position_friction"),
     "direction_friction": _case("%", 100, (2, 4, 8), "asymmetric_friction", "force_offset"),
     "liquid": _case("kg", 1, (0.1, 0.2, 0.4)),
@@ -110,7 +112,7 @@ CASES = {
     "speed_ripple": _case("N s/m", 1, (2, 4, 8), "position-periodic"),
     "presliding": _case("mm", 1e3, (0.5, 1, 2, 5)),
     "clock_jitter": _case("ms", 1e3, (0.3, 1, 2)),
-    "common_offset": _case("N", 1, (0.5, 0.9, 2), "force_offset"),
+    "force_offset": _case("N", 1, (0.5, 0.9, 2), "force_offset"),
     "off_centre": _case("mm", 1e3, (0.1, 0.3, 2), "rigid_platform"),
 }
 """Effects of the simulator."""
@@ -180,21 +182,32 @@ def measure(
     recording: Recording, effect: str, size: float, numbers: Iterable[int]
 ) -> list[Outcome]:
     """Return the outcomes of recordings with an effect of a size, SI."""
-    path = _ROOT / "build" / "unknowns" / f"{_commit()}.jsonl"
+    return [
+        Outcome(**_keep([asdict(recording), effect, size, k], _outcome, recording, effect, size, k))
+        for k in numbers
+    ]
+
+
+def _keep(key: Any, compute: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
+    """Return the kept result of a key, or compute and keep it, a dataclass."""
+    kept, text = _kept(), json.dumps(key)
+    if text not in kept:
+        kept[text] = asdict(compute(*arguments))
+        if not _commit().endswith(_CHANGED):
+            with _results().open("a") as file:
+                file.write(json.dumps([text, kept[text]]) + "\n")
+    return kept[text]
+
+
+def _results() -> Path:
+    return _ROOT / "build" / "unknowns" / f"{_commit()}.jsonl"
+
+
+@cache
+def _kept() -> dict[str, dict[str, Any]]:
+    path = _results()
     path.parent.mkdir(parents=True, exist_ok=True)
-    kept = {}
-    if path.exists():
-        kept = {row["key"]: row for row in map(json.loads, path.read_text().splitlines())}
-    outcomes = []
-    for number in numbers:
-        key = json.dumps([asdict(recording), effect, size, number])
-        if (row := kept.get(key)) is None:
-            row = {"key": key, **asdict(_outcome(recording, effect, size, number))}
-            if not _commit().endswith(_CHANGED):
-                with path.open("a") as file:
-                    file.write(json.dumps(row) + "\n")
-        outcomes.append(Outcome(**{name: value for name, value in row.items() if name != "key"}))
-    return outcomes
+    return dict(map(json.loads, path.read_text().splitlines())) if path.exists() else {}
 
 
 @cache
@@ -205,7 +218,8 @@ def _commit() -> str:
 
 def _outcome(recording: Recording, effect: str, size: float, number: int) -> Outcome:
     truth = _draw_truth(_machine(recording.robot), np.random.default_rng([1, number]))
-    data = _record(recording, truth, effect, size, np.random.default_rng([2, number]))
+    effects = {effect: size} if effect else {}
+    data = _record(recording, truth, effects, np.random.default_rng([2, number]))
     began = time.process_time()
     result = estimate(_run(recording), data, _design(recording.design))
     return _judge(result, truth.parameters, time.process_time() - began)
@@ -262,25 +276,25 @@ def _motion(name: str) -> Any:
 
 
 @cache
-def _run(recording: Recording, **sections: Any) -> RunConfiguration:
-    """Return the run of a user who knows of no effect."""
+def _run(recording: Recording, systematic: str = "", scale: float = 0.0) -> RunConfiguration:
+    """Return the run of a user who knows of no effect, or of tolerances times a scale."""
     sampling = recording.samples / _motion(recording.design).period
+    options = {"systematic": systematic} if systematic else {}
     return load_run(
         {
             "name": "unknowns",
             "robot": str(_ROBOTS[recording.robot]),
             "experiment": {"periods": recording.periods, "sampling": sampling},
-            "estimate": {"estimators": ["gm", "ml"]},
+            "estimate": {"estimators": ["gm", "ml"], **options},
         }
-        | sections
+        | ({"tolerances": _tolerances(recording.robot, scale)} if scale else {})
     )
 
 
 def _record(
     recording: Recording,
     machine: Any,
-    effect: str,
-    size: float,
+    effects: Mapping[str, Any],
     rng: np.random.Generator,
     sensors: Any = None,
 ) -> Measurement:
@@ -290,17 +304,121 @@ def _record(
     step = motion.period / recording.samples
     stamps = step * np.arange(int(recording.periods * recording.samples))
     # Of periods that are alike, one is enough.
-    alike = recording.samples == int(recording.samples) and effect != "clock_jitter"
+    alike = recording.samples == int(recording.samples) and "clock_jitter" not in effects
     times = stamps[: int(recording.samples)] if alike else stamps
     lengths, forces = (
         np.tile(part, (len(stamps) // len(times), 1))
-        for part in simulate(machine, motion, times, effect, size, sensors=sensors, rng=rng)
+        for part in simulate(machine, motion, times, effects, sensors=sensors, rng=rng)
     )
     less = _AT_1_KHZ / step
     of_forces, of_lengths = read_noise(_ROBOTS[recording.robot])
     forces += draw_noise(len(stamps), less * recording.forces**2 * of_forces, rng, recording.memory)
     lengths += draw_noise(len(stamps), less * recording.lengths**2 * of_lengths, rng)
     return Measurement(stamps, lengths, forces)
+
+
+# --- tolerances -----------------------------------------------------------------------------------
+
+_TOLERANCES: dict[str, Any] = {
+    "base_joints": 1e-4,
+    "platform_joints": 1e-4,
+    "strut_length": 1e-4,
+    "force_constant": {"common": 0.005, "each": 0.005},
+    "gravity": float(np.deg2rad(0.1)),
+    "delay": 2e-4,
+}
+"""Of `palida` and `irregular`, SI."""
+_SIZE = {"mathworks": 5.0}
+"""Geometry over that of `palida`."""
+
+
+def _tolerances(robot: str, scale: float) -> dict[str, Any]:
+    """Return the tolerances of a robot, in SI units, times a scale."""
+
+    def scaled(key: str, value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: scaled(name, one) for name, one in value.items()}
+        geometric = key in ("base_joints", "platform_joints", "strut_length")
+        return scale * value * (_SIZE.get(robot, 1.0) if geometric else 1.0)
+
+    return {key: scaled(key, value) for key, value in _TOLERANCES.items()}
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Estimates of a machine that was drawn from its tolerances."""
+
+    errors: dict[str, dict[str, float]]
+    """Estimate less truth over the truth, by estimator and parameter."""
+    covered: dict[str, dict[str, bool]]
+    """Whether the 95 % interval holds the truth."""
+    accepted: bool
+    seconds: float
+    """Time of GM, ML and diagnosis."""
+
+
+def _drawn(recording: Recording, scale: float, systematic: str, number: int) -> Drawn:
+    truth = _draw_truth(_machine(recording.robot), np.random.default_rng([1, number]))
+    rng = np.random.default_rng([2, number])
+    machine, sensors = deviate(truth, _tolerances(recording.robot, scale), rng)
+    data = _record(recording, machine, {}, rng, sensors)
+    began = time.process_time()
+    result = estimate(_run(recording, systematic, scale), data, _design(recording.design))
+    seconds = time.process_time() - began
+    if result.diagnostics is None:
+        raise RuntimeError("the estimate was not diagnosed")
+    found: Drawn = Drawn({}, {}, result.diagnostics.verdict.status == "accepted", seconds)
+    for name, rows_ in result.by_estimator().items():
+        true = [truth.parameters[row.parameter] for row in rows_]
+        found.errors[name] = {
+            row.parameter: (row.value - value) / value
+            for row, value in zip(rows_, true, strict=True)
+            if value
+        }
+        found.covered[name] = {
+            row.parameter: bool(row.ci_low <= value <= row.ci_high)
+            for row, value in zip(rows_, true, strict=True)
+        }
+    return found
+
+
+def tolerance_rows(
+    recording: Recording, scales: Iterable[float], settings: Iterable[str], count: int
+) -> Iterator[Row]:
+    """Yield a row for each estimator and setting of `estimate.systematic`."""
+    for scale, systematic in itertools.product(scales, settings):
+        found = []
+        for number in range(count):
+            key = [asdict(recording), _tolerances(recording.robot, scale), systematic, number]
+            found.append(Drawn(**_keep(key, _drawn, recording, scale, systematic, number)))
+        for estimator in found[0].errors:
+            yield {
+                "robot": recording.robot,
+                "tolerances": f"times {scale:g}",
+                "estimator": f"{estimator}, {systematic}",
+                "runs": count,
+            } | _drawn_row(found, estimator)
+
+
+def _drawn_row(found: Sequence[Drawn], estimator: str) -> Row:
+    errors = np.array([list(each.errors[estimator].values()) for each in found])
+    covered = [each.covered[estimator] for each in found]
+    shares = np.array([list(each.values()) for each in covered])
+    std_error = float(np.std(np.mean(shares, axis=1)) / np.sqrt(len(found)))
+    rms = np.sqrt(np.mean(errors**2, axis=0))
+    of_kind = (
+        _percent(
+            value for each in covered for name, value in each.items() if kind == _is_rigid(name)
+        )
+        for kind in (True, False)
+    )
+    return {
+        "rms error": f"{100 * np.exp(np.mean(np.log(rms))):.2f} %",
+        "covers": f"{100 * np.mean(shares):.1f} ± {100 * std_error:.1f} %",
+        **dict(zip(("rigid", "friction"), of_kind, strict=True)),
+        "accepted": _percent(each.accepted for each in found),
+        "seconds": f"{np.mean([each.seconds for each in found]):.2f}",
+    }
 
 
 # --- tables ---------------------------------------------------------------------------------------
@@ -362,7 +480,9 @@ _TABLES = {
     "irregular-300": Recording("irregular", "irregular"),
     "irregular-1667": Recording("irregular", "irregular", samples=1667),
 }
-SECTIONS = (*_TABLES, "clean")
+SECTIONS = (*_TABLES, "clean", "tolerances")
+_SCALES = (1.0, 4.0)
+_SETTINGS = ("auto", "budget")
 
 
 def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
@@ -370,6 +490,10 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
     with threadpool_limits(limits=1):
         if section == "clean":
             yield from clean_rows(repetitions or 47)
+        elif section == "tolerances":
+            for robot in _ROBOTS:
+                recording = Recording(robot, robot)
+                yield from tolerance_rows(recording, _SCALES, _SETTINGS, repetitions or 200)
         else:
             yield from effect_rows(_TABLES[section], CASES, repetitions or 20)
 
@@ -388,14 +512,22 @@ def main() -> None:
     parser.add_argument("--samples", type=float, default=300, help="of a period")
     parser.add_argument("--robot", choices=_ROBOTS, default="palida")
     parser.add_argument("--clean", action="store_true", help="recordings without an effect")
-    options = parser.parse_args()
-    recording = Recording(options.robot, _DESIGNS[options.robot], samples=options.samples)
-    sizes = [float(size) for size in options.sizes.split(",") if size]
-    found = (
-        clean_rows(options.count)
-        if options.clean
-        else effect_rows(recording, options.effects.split(","), options.count, sizes)
+    parser.add_argument(
+        "--tolerances", action="store_true", help="truths drawn from tolerances; --sizes: factors"
     )
+    parser.add_argument(
+        "--systematic", default=",".join(_SETTINGS), help="values of `estimate.systematic`"
+    )
+    options = parser.parse_args()
+    recording = Recording(options.robot, options.robot, samples=options.samples)
+    sizes = [float(size) for size in options.sizes.split(",") if size]
+    if options.clean:
+        found = clean_rows(options.count)
+    elif options.tolerances:
+        settings = options.systematic.split(",")
+        found = tolerance_rows(recording, sizes or _SCALES, settings, options.count)
+    else:
+        found = effect_rows(recording, options.effects.split(","), options.count, sizes)
     with threadpool_limits(limits=1):
         for k, row in enumerate(found):
             if not k:

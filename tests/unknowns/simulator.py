@@ -106,6 +106,12 @@ class Extra:
     field: np.ndarray | float = 0.0
     """(T, 3), addition to gravity in the base frame [m/s²]."""
 
+    def __add__(self, other):
+        """Return both loads together."""
+        pairs = (("about", self.about, other.about), ("wrench", self.wrench, other.wrench))
+        both = {name: tuple(map(np.add, one, two)) for name, one, two in pairs}
+        return Extra(along=self.along + other.along, field=self.field + other.field, **both)
+
 
 @dataclass(frozen=True)
 class Machine:
@@ -405,6 +411,14 @@ def _ripple(machine, now, size):
     return Extra(along=size * np.abs(now.length_rates) * wave)
 
 
+def _load_friction(machine, now, size):
+    frictionless = {
+        name: 0.0 if name[0] in "rv" else value for name, value in machine.parameters.items()
+    }
+    load = replace(machine, parameters=frictionless).forces(now)
+    return Extra(along=size * np.abs(load) * np.sign(now.length_rates))
+
+
 _LOADS: dict[str, Callable] = {
     "drive_inertia": _drive_inertia,
     "quadratic_friction": _quadratic,
@@ -419,13 +433,14 @@ _LOADS: dict[str, Callable] = {
     "liquid": _liquid,
     "ball_friction": _ball_friction,
     "speed_ripple": _ripple,
+    "load_friction": _load_friction,
 }
 _PLATFORM = {
     "products_of_inertia": {"Ixy": 1.0, "Ixz": -0.7, "Iyz": 0.5},
     "off_centre": {"sx": 0.8, "sy": 0.6},
 }
 """Parameters of the platform per size [kg m²], and per size [m] and mass."""
-_MEASURED = ("saturation", "low_pass", "length_delays", "clock_jitter", "common_offset")
+_MEASURED = ("saturation", "low_pass", "length_delays", "clock_jitter", "force_offset")
 EFFECTS = (*_LOADS, *_PLATFORM, *_MEASURED)
 
 _FULL = 200.0
@@ -445,44 +460,67 @@ class Sensors:
     """Time by which the forces lag behind the lengths [s]."""
 
 
-def simulate(machine, motion, times, effect="", size=0.0, *, sensors=None, rng=None):
-    """Return lengths and forces without noise, (T, 6) each, of a machine with one effect.
+def simulate(machine, motion, times, effects=None, *, sensors=None, rng=None):
+    """Return lengths and forces without noise, (T, 6) each, of a machine with effects.
 
     Effects with a memory need the uniform instants of exactly one period, the jitter of the clock
-    a generator of random numbers.
+    a generator of random numbers. Sizes of effects are numbers, those of effects of the actuators
+    may be (6,).
     """
-    if effect not in ("", *EFFECTS):
-        raise ValueError(f"unknown effect {effect}")
-    sensors = Sensors() if sensors is None else sensors
-    if effect in _PLATFORM:
-        unit = machine.parameters["p10"] if effect == "off_centre" else 1.0
-        parameters = dict(machine.parameters)
+    effects, sensors = effects or {}, Sensors() if sensors is None else sensors
+    if unknown := set(effects) - set(EFFECTS):
+        raise ValueError(f"unknown effects {unknown}")
+    parameters = dict(machine.parameters)
+    for effect in set(effects) & set(_PLATFORM):
+        unit = parameters["p10"] if effect == "off_centre" else 1.0
         for name, share in _PLATFORM[effect].items():
-            parameters[name] = parameters.get(name, 0.0) + share * unit * size
-        machine = replace(machine, parameters=parameters)
-    if effect == "clock_jitter":
-        times = times + size * rng.standard_normal(len(times))
+            parameters[name] = parameters.get(name, 0.0) + share * unit * effects[effect]
+    machine = replace(machine, parameters=parameters)
+    loads = [(load, effects[effect]) for effect, load in _LOADS.items() if effect in effects]
+    if "clock_jitter" in effects:
+        times = times + effects["clock_jitter"] * rng.standard_normal(len(times))
 
     def forces_at(instants):
         now = machine.move(motion, instants - sensors.delay)
-        load = _LOADS.get(effect)
-        return machine.forces(now, None if load is None else load(machine, now, size))
+        return machine.forces(now, sum((load(machine, now, size) for load, size in loads), Extra()))
 
     lengths, forces = machine.move(motion, times).lengths, forces_at(times)
-    if effect == "saturation":
-        forces = forces * (1 + size * (forces / _FULL) ** 2)
-    elif effect == "low_pass":
+    forces = forces * (1 + effects.get("saturation", 0.0) * (forces / _FULL) ** 2)
+    if "low_pass" in effects:
         late = sum(
-            weight * forces_at(times - size * node)
+            weight * forces_at(times - effects["low_pass"] * node)
             for node, weight in zip(_NODES, _WEIGHTS, strict=True)
         )
         forces = np.where(np.arange(STRUTS) % 2 == 1, late, forces)
-    elif effect == "length_delays":
-        columns = [machine.move(motion, times - j * size).lengths[:, j] for j in range(STRUTS)]
+    if "length_delays" in effects:
+        delays = effects["length_delays"] * np.arange(STRUTS)
+        columns = [machine.move(motion, times - d).lengths[:, j] for j, d in enumerate(delays)]
         lengths = np.stack(columns, axis=1)
-    elif effect == "common_offset":
-        forces = forces + size
-    return lengths + sensors.zeros, forces * (1 + sensors.gains)
+    forces = (forces + effects.get("force_offset", 0.0)) * (1 + sensors.gains)
+    return lengths + sensors.zeros, forces
+
+
+def deviate(machine, tolerances, rng):
+    """Draw a machine and its sensors from the `tolerances` of a robot file, in SI units."""
+
+    def draw(key, shape):
+        return tolerances.get(key, 0.0) * rng.standard_normal(shape)
+
+    tilt = np.array([*draw("gravity", 2), 0.0])
+    gravity = machine.gravity + np.cross(tilt, machine.gravity)
+    constant = tolerances.get("force_constant", {})
+    shares = rng.standard_normal(1 + STRUTS)
+    moved = replace(
+        machine,
+        base_joints=machine.base_joints + draw("base_joints", (STRUTS, 3)),
+        platform_joints=machine.platform_joints + draw("platform_joints", (STRUTS, 3)),
+        gravity=gravity * np.linalg.norm(machine.gravity) / np.linalg.norm(gravity),
+    )
+    return moved, Sensors(
+        zeros=draw("strut_length", STRUTS),
+        gains=constant.get("common", 0.0) * shares[0] + constant.get("each", 0.0) * shares[1:],
+        delay=float(draw("delay", ())),
+    )
 
 
 def read_noise(path):

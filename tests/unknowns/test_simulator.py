@@ -35,7 +35,7 @@ def motion(name):
     return Motion(3.7, home, *(scale * np.random.default_rng(1).standard_normal((2, 6, 3))))
 
 
-def recorded(name, effect="", size=0.0, count=400, **options):
+def recorded(name, effects=None, count=400, **options):
     moving = motion(name)
     times = np.linspace(0, moving.period, count, endpoint=False)
     rng = np.random.default_rng(2)
@@ -44,7 +44,7 @@ def recorded(name, effect="", size=0.0, count=400, **options):
         machine,
         moving,
         times,
-        simulate(machine, moving, times, effect, size, rng=rng, **options),
+        simulate(machine, moving, times, effects, rng=rng, **options),
     )
 
 
@@ -60,7 +60,7 @@ def test_without_effects_it_is_the_model(name):
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_an_effect_of_no_size_changes_nothing(effect):
     *_, plain = recorded("palida")
-    *_, found = recorded("palida", effect, NEUTRAL.get(effect, 0.0))
+    *_, found = recorded("palida", {effect: NEUTRAL.get(effect, 0.0)})
     for one, other in zip(found, plain, strict=True):
         # Presliding on a grid has another sign close to a reversal.
         share = np.mean(np.abs(one - other) > 1e-6)
@@ -70,7 +70,7 @@ def test_an_effect_of_no_size_changes_nothing(effect):
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_an_effect_changes_forces_or_lengths_but_not_both(effect):
     *_, plain = recorded("irregular")
-    *_, found = recorded("irregular", effect, SIZES.get(effect, 0.01))
+    *_, found = recorded("irregular", {effect: SIZES.get(effect, 0.01)})
     lengths, forces = (np.max(np.abs(a - b)) for a, b in zip(found, plain, strict=True))
     if effect == "clock_jitter":
         assert lengths > 1e-5
@@ -87,7 +87,7 @@ def test_an_effect_changes_forces_or_lengths_but_not_both(effect):
 def test_dissipation_takes_power_from_the_actuators(effect):
     size = DISSIPATING[effect]
     machine, moving, times, (_, plain) = recorded("palida", count=2000)
-    *_, (_, found) = recorded("palida", effect, size, count=2000)
+    *_, (_, found) = recorded("palida", {effect: size}, count=2000)
     now = machine.move(moving, times)
     power = np.mean(np.sum((found - plain) * now.length_rates, axis=1))
     assert power > 0
@@ -101,7 +101,7 @@ def test_stated_sizes():
     now = machine.move(moving, times)
 
     def change(effect, size):
-        return recorded("palida", effect, size)[-1][1] - forces
+        return recorded("palida", {effect: size})[-1][1] - forces
 
     np.testing.assert_allclose(
         change("drive_inertia", 0.03), 0.03 * now.length_accelerations, atol=1e-9
