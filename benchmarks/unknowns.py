@@ -90,30 +90,30 @@ def _case(unit: str, scale: float, sizes: Sequence[float], *kinds: str) -> Case:
 
 
 CASES = {
-    "drive_inertia": _case("g", 1e3, (25, 50, 100), "drive_inertia"),
+    "drive_inertia": _case("g", 1e3, (15, 25, 40, 100), "drive_inertia"),
     "quadratic_friction": _case(
-        "% of viscous", 100, (2.5, 5, 10, 20), "quadratic_friction", "cubic_friction"
+        "% of viscous", 100, (2.5, 5, 7, 20), "quadratic_friction", "cubic_friction"
     ),
     "power_law": _case(
-        "exponent", 1, (0.95, 0.91, 0.85, 0.7), "quadratic_friction", "cubic_friction"
+        "exponent", 1, (0.97, 0.95, 0.92, 0.7), "quadratic_friction", "cubic_friction"
     ),
-    "viscous_joints": _case("N m s", 1, (0.05, 0.1, 0.2, 0.4), "passive_viscous_friction"),
-    "saturation": _case("% at 200 N", 100, (0.5, 1, 2, 4), "saturation"),
+    "viscous_joints": _case("N m s", 1, (0.03, 0.05, 0.08, 0.4), "passive_viscous_friction"),
+    "saturation": _case("% at 200 N", 100, (0.5, 0.8, 1.2, 4), "saturation"),
     "slow_stribeck": _case("% of dry", 100, (7, 14, 28), "stribeck"),
-    "cable_drag": _case("N", 1, (0.6, 1.2, 2.4), "platform_drag", "platform_spring"),
-    "base_on_springs": _case("Hz", 1, (20, 15, 11)),
-    "products_of_inertia": _case("g m^2", 1e3, (1, 2, 4, 8), "rigid_platform"),
-    "low_pass": _case("ms", 1e3, (0.25, 0.5, 1), "delay", "lag"),
-    "position_friction": _case("%", 100, (10, 20, 40), "position_friction"),
-    "direction_friction": _case("%", 100, (2, 4, 8), "asymmetric_friction", "force_offset"),
-    "liquid": _case("kg", 1, (0.1, 0.2, 0.4)),
-    "length_delays": _case("ms", 1e3, (0.03, 0.06, 0.15), "delay", "length_lag"),
-    "ball_friction": _case("N m", 1, (0.1, 0.2, 0.4)),
-    "speed_ripple": _case("N s/m", 1, (2, 4, 8), "position-periodic"),
+    "cable_drag": _case("N", 1, (0.3, 0.6, 0.9, 2.4), "platform_drag", "platform_spring"),
+    "base_on_springs": _case("Hz", 1, (15, 11, 8)),
+    "products_of_inertia": _case("g m^2", 1e3, (0.25, 0.5, 0.75, 8), "general_platform"),
+    "low_pass": _case("ms", 1e3, (0.25, 0.35, 0.5), "delay", "lag"),
+    "position_friction": _case("%", 100, (10, 15, 20, 40), "position_friction"),
+    "direction_friction": _case("%", 100, (1, 2, 4), "asymmetric_friction", "force_offset"),
+    "liquid": _case("kg", 1, (0.02, 0.04, 0.06, 0.2)),
+    "length_delays": _case("ms", 1e3, (0.03, 0.045, 0.06, 0.15), "delay", "lag"),
+    "ball_friction": _case("N m", 1, (0.02, 0.04, 0.06, 0.4), "passive_viscous_friction"),
+    "speed_ripple": _case("N s/m", 1, (0.5, 1, 1.5, 4), "position-periodic"),
     "presliding": _case("mm", 1e3, (0.5, 1, 2, 5)),
     "clock_jitter": _case("ms", 1e3, (0.3, 1, 2)),
     "force_offset": _case("N", 1, (0.5, 0.9, 2), "force_offset"),
-    "off_centre": _case("mm", 1e3, (0.1, 0.3, 2), "rigid_platform"),
+    "off_centre": _case("mm", 1e3, (0.1, 0.3, 2), "general_platform"),
 }
 """Effects of the simulator."""
 
