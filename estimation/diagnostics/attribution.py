@@ -412,6 +412,16 @@ def _name_effects(kind: str, places: Sequence[str], hypotheses: Mapping[str, Hyp
     )
 
 
+def describe_candidate(
+    hypothesis: Hypothesis, parameter: str, strut: int | None, size: float
+) -> str:
+    """Describe a candidate and its size, SI: ``an inertia of the drives (0.045 kg)``."""
+    place = _place(Rival(hypothesis.kind, strut, parameter, 0.0))
+    name = _name_effects(hypothesis.kind, [place], {hypothesis.kind: hypothesis})
+    number = f"{hypothesis.scale * size:{hypothesis.number.removeprefix('+')}}"
+    return f"{name} ({number} {hypothesis.unit(parameter)})"
+
+
 def effect_nouns(attribution: Attribution) -> dict[str, str]:
     """Return the nouns of effects, by their kind."""
     nouns = {PERIODIC: _PERIODIC_FORCE}

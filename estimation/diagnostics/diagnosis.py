@@ -38,6 +38,11 @@ from estimation.diagnostics.noise_result import (
 )
 from estimation.diagnostics.noise_tests import NoiseTests, Whiteness, noise_tests, whiteness
 from estimation.diagnostics.plausibility import plausibility
+from estimation.diagnostics.reliability import (
+    UndetectedEffect,
+    candidate_reliability,
+    undetected_effects,
+)
 from estimation.diagnostics.residual_covariance import (
     ResidualCovariance,
     empirical_noise,
@@ -107,15 +112,22 @@ def diagnose(
     if held_out:
         return _result(estimate, results, verdict(results))
     used = [case.experiment for case in cases]
-    judgement = _judge_estimate(robot, used, priors, estimate, results)
-    return _result(estimate, results, judgement)
+    names = np.array(priors.names)[priors.free].tolist()
+    undetected = undetected_effects(
+        [result.reliability for result in results], names, estimate.std[priors.free]
+    )
+    judgement = _judge_estimate(robot, used, priors, estimate, results, undetected)
+    return _result(estimate, results, judgement, undetected)
 
 
 def _result(
-    estimate: ParameterEstimate, results: Sequence[AttributedDiagnosis], judgement: DiagnosisVerdict
+    estimate: ParameterEstimate,
+    results: Sequence[AttributedDiagnosis],
+    judgement: DiagnosisVerdict,
+    undetected: tuple[UndetectedEffect, ...] = (),
 ) -> ResidualDiagnosis:
     tests = tuple(result.tests for result in results)
-    return ResidualDiagnosis(estimate.estimator, judgement, tests, tuple(results))
+    return ResidualDiagnosis(estimate.estimator, judgement, tests, undetected, tuple(results))
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,10 +212,11 @@ def _judge_estimate(
     priors: ParameterPriors,
     estimate: ParameterEstimate,
     results: Sequence[AttributedDiagnosis],
+    undetected: Sequence[UndetectedEffect],
 ) -> DiagnosisVerdict:
     """Judge also the parameters and, if any test fails, the assignment of the channels."""
     own = *check_motion_onset(experiments), plausibility(robot, priors, estimate)
-    judgement = verdict(results, *own)
+    judgement = verdict(results, *own, undetected=undetected)
     if judgement.status is Status.ACCEPTED:
         return judgement
     attributions = [result.attribution for result in results]
@@ -269,6 +282,15 @@ def _diagnose_experiment(
         noise=NoiseCovariances(**covariance_fields(experiment.noise)),
         pointwise=experiment.fit is None,
         attribution=attribution,
+        reliability=()
+        if held_out
+        else candidate_reliability(
+            attribution,
+            case.search_system,
+            part,
+            tolerated[0],
+            tolerances_estimated=estimate.systematic is not None and estimate.systematic.estimated,
+        ),
     )
 
 

@@ -11,6 +11,7 @@ from estimation.diagnostics.gain_drift import GainDriftTest
 from estimation.diagnostics.hypothesis import DelayTest, HypothesisResult, PeriodicForce
 from estimation.diagnostics.noise_result import Histogram, NoiseCovariances, Quantiles
 from estimation.diagnostics.noise_tests import Drifts, Normalities, Normality, Whitenesses
+from estimation.diagnostics.reliability import CandidateReliability, UndetectedEffect
 from estimation.diagnostics.residuals import (
     BinRow,
     ChiSquare,
@@ -132,6 +133,8 @@ class AttributedDiagnosis(RecordingDiagnosis):
     pointwise: bool
     """The motion was differentiated sample by sample: its error is in the residuals."""
     attribution: Attribution
+    reliability: tuple[CandidateReliability, ...]
+    """What each candidate may do undetected; empty for held-out data."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +144,14 @@ class Diagnosis:
     estimator: Annotated[str, described("", "ls, gm or ml")]
     verdict: Annotated[DiagnosisVerdict, described("", "verdict with all findings")]
     experiments: Annotated[tuple[RecordingTests, ...], described("", "recording by recording")]
+    undetected: Annotated[
+        tuple[UndetectedEffect, ...],
+        described(
+            "",
+            "effects of the size that the tests detect with a probability of 80 %, and the "
+            "errors that they would cause, the largest first; empty for a prediction",
+        ),
+    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ from estimation.diagnostics.finding import (
     name_channels,
 )
 from estimation.diagnostics.noise_tests import NoiseTests, Whiteness
+from estimation.diagnostics.reliability import UndetectedEffect
 from estimation.diagnostics.residuals import ChiSquare
 from estimation.diagnostics.significance import CHI_SQUARE
 from estimation.estimators.experiment import Experiment
@@ -110,6 +111,8 @@ _GAINS_STAY = Assumption(
     "recording; state the uncertainty of the mean gain as `tolerances.force_constant`",
 )
 
+_RELEVANT = 1.0
+"""Smallest relevant error of a parameter by an undetected effect, in standard deviations."""
 _NOTICEABLE_RATIO = 1.2
 """Smallest relevant ratio of a standard deviation to that under white noise."""
 
@@ -121,9 +124,14 @@ _MOVING = Assumption(
 
 
 def verdict(
-    experiments: Sequence[AttributedDiagnosis], *of_the_estimate: Finding
+    experiments: Sequence[AttributedDiagnosis],
+    *of_the_estimate: Finding,
+    undetected: Sequence[UndetectedEffect] = (),
 ) -> DiagnosisVerdict:
-    """Judge an estimate by its own findings and by those of its experiments."""
+    """Judge an estimate by its own findings and by those of its experiments.
+
+    `undetected` are the effects that no test would find, the largest error first.
+    """
     findings = (
         *of_the_estimate,
         *(
@@ -136,6 +144,12 @@ def verdict(
     if serious:
         return DiagnosisVerdict(Status.DOUBTFUL, f"doubtful: {'; '.join(serious)}", findings)
     summary = "accepted: no test contradicts the model"
+    if undetected and undetected[0].sigmas >= _RELEVANT:
+        worst = undetected[0]
+        summary += (
+            f", but {worst.text} would hardly be seen and could move {worst.worst} by "
+            f"{worst.sigmas:.2g} σ"
+        )
     untested = dict.fromkeys(
         f.assumption for f in findings if f.outcome is FindingOutcome.NOT_TESTED
     )

@@ -19,6 +19,7 @@ from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.diagnosis_result import Diagnosis, ResidualDiagnosis
 from estimation.diagnostics.finding import Status
 from estimation.diagnostics.noise_result import covariance_fields
+from estimation.diagnostics.reliability import undetected_std
 from estimation.estimators import (
     ParameterEstimate,
     ParameterPriors,
@@ -41,6 +42,7 @@ from estimation.identification.result import (
     WeightingNoise,
 )
 from estimation.uncertainty.consistency import ConsistentEstimate
+from estimation.uncertainty.intervals import ParameterRow
 from expdesign.configuration import ConfigurationLike, InputError
 from expdesign.configuration.estimate import EstimateSection
 from expdesign.configuration.robot import RobotDescription
@@ -125,7 +127,7 @@ def estimation_result(
         selection=estimation.selection,
         seconds=estimation.seconds,
         warnings=estimation.warnings,
-        rows=estimation.rows,
+        rows=_rows(estimation, diagnosis),
         motions={
             number: _motion(estimation, number)
             for number, recording in enumerate(estimation.recordings, start=1)
@@ -133,6 +135,19 @@ def estimation_result(
         },
         tables=() if diagnosis is None else diagnosis.recordings,
         identified=identified_robot(estimation, diagnosis),
+    )
+
+
+def _rows(estimation: Estimation, diagnosis: ResidualDiagnosis | None) -> tuple[ParameterRow, ...]:
+    """Return the rows of all estimators, that of the diagnosis with its undetected effects."""
+    if diagnosis is None:
+        return estimation.rows
+    added = undetected_std(diagnosis.undetected)
+    return tuple(
+        replace(row, std_undetected=added.get(row.parameter, np.nan))
+        if row.estimator == diagnosis.estimator
+        else row
+        for row in estimation.rows
     )
 
 

@@ -55,6 +55,14 @@ class ParameterRow:
     std_systematic: Annotated[
         OpenNumber, described("see unit", "part of std due to the robot's tolerances")
     ] = np.nan
+    std_undetected: Annotated[
+        OpenNumber,
+        described(
+            "see unit",
+            "what an effect that no test would find may add to std, see `undetected`; empty for "
+            "an estimate that was not diagnosed",
+        ),
+    ] = np.nan
     ci_low: Annotated[OpenNumber, described("see unit", "lower end of the 95 % interval")]
     ci_high: Annotated[OpenNumber, described("see unit", "upper end of the 95 % interval")]
     rel_std_percent: Annotated[

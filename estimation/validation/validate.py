@@ -143,7 +143,7 @@ def _predict_motion(
             motion.motion != "file",
             recording.period,
             float(recording.periods),
-            Diagnosis(diagnosis.estimator, verdict, diagnosis.experiments),
+            Diagnosis(diagnosis.estimator, verdict, diagnosis.experiments, ()),
             None if motion.tolerance is None else motion.tolerance.text,
             prediction_errors(loaded, experiment, saved.estimate.values, motion.tolerance),
         ),

@@ -9,6 +9,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import DiagnosisVerdict, Finding, Status
+from estimation.diagnostics.reliability import UndetectedEffect
 from estimation.estimators.result import ABOUT_CENTRE, TEN, about_centre
 from estimation.identification.estimator_result import PayloadRow
 from estimation.identification.result import EstimateFile, EstimationResult
@@ -59,6 +60,32 @@ def findings_block(
         advice = f". What to do: {finding.advice}" if finding.advice else ""
         lines.append(f"{f'{outcome}. ' if every else ''}{finding.sentence}{advice}")
     return FindingsBlock(subject, table, tuple(lines))
+
+
+def undetected_blocks(effects: Sequence[UndetectedEffect]) -> list[Block]:
+    """Return what is not excluded: the worst undetected effect of every family."""
+    if not effects:
+        return []
+    # The effects are sorted: the first of a family is its worst.
+    worst = list({one.kind: one for one in reversed(effects)}.values())[::-1]
+    worst.sort(key=lambda one: -one.sigmas)
+    text = (
+        "Not excluded: an effect of the size in the table is found in 80 % of such recordings. If "
+        "it is there and was not found, it moves the parameters by up to the stated standard "
+        "deviations; `std_undetected` in `estimates.csv` is what any one of these effects may add. "
+        "State a tolerance for what the machine may have, and its effect is counted."
+    )
+    columns = (
+        TableColumn("effect and size", kind="text", of="text"),
+        TableColumn("moves most", kind="parameter", of="worst"),
+        TableColumn("by, in σ", digits=2, of="sigmas"),
+        TableColumn("predicted forces", "N", digits=2, of="forces"),
+    )
+    caption = "Effects that the tests would not find, and the errors that they would cause"
+    return [
+        TextBlock(text, Level.NEUTRAL),
+        ReportTable.of("undetected", caption, columns, worst),
+    ]
 
 
 def contradictions(verdict: DiagnosisVerdict) -> str:
@@ -189,6 +216,7 @@ _SHARES = (
     TableColumn("σ random", digits=3, of="std_random", screen=False),
     TableColumn("σ systematic", digits=3, of="std_systematic", screen=False),
 )
+UNDETECTED = TableColumn("σ undetected", digits=3, of="std_undetected", screen=False)
 INTERVAL = (
     TableColumn("95 % from", digits=5, of="ci_low"),
     TableColumn("95 % to", digits=5, of="ci_high"),

@@ -16,6 +16,7 @@ from results.figures.residuals import DIAGNOSTIC_FIGURES
 from results.notation import count_text, readable
 from results.views.blocks import (
     INTERVAL,
+    UNDETECTED,
     budget_blocks,
     combination_blocks,
     consistency_blocks,
@@ -30,6 +31,7 @@ from results.views.blocks import (
     selection_blocks,
     share_columns,
     truth_columns,
+    undetected_blocks,
     verdict_level,
 )
 from results.views.folder import RunFolder
@@ -81,6 +83,7 @@ def estimates_table(result: EstimationResult, truth: Mapping[str, float] | None)
         TableColumn("estimate", digits=5, of="value"),
         TableColumn("σ", kind="error", digits=3, of="std"),
         *share_columns(result),
+        *([] if result.diagnostics is None else [UNDETECTED]),
         *INTERVAL,
         TableColumn("σ / a priori", "%", digits=3, of="rel_std_percent"),
         TableColumn("identified", kind="outcome", of=lambda row: "yes" if row.identified else "no"),
@@ -154,6 +157,7 @@ def _blocks(
     if result.diagnostics is not None:
         found = result.diagnostics.verdict.findings
         blocks.append(findings_block("findings", found, "the estimate"))
+        blocks += undetected_blocks(result.diagnostics.undetected)
     blocks += drawings(DIAGNOSTIC_FIGURES, result.diagnoses, numbered=True)
     if not shows_noise(folder):
         blocks += drawings(NOISE_FIGURES, result.diagnoses, numbered=True)

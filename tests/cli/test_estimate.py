@@ -84,6 +84,7 @@ def test_an_estimate_writes_what_the_contract_names(folder, expdesign):
         "std",
         "std_random",
         "std_systematic",
+        "std_undetected",
         "ci_low",
         "ci_high",
         "rel_std_percent",
@@ -92,6 +93,7 @@ def test_an_estimate_writes_what_the_contract_names(folder, expdesign):
     ]
     assert list(table.estimator.unique()) == ["ls", "gm", "ml"]
     assert len(table) == 72
+    assert np.all(np.isfinite(table.std_undetected) == (table.estimator == "ml"))
     assert np.all((table.ci_low < table.value) & (table.value < table.ci_high))
     record = json.loads((folder / "out" / "estimate.json").read_text())
     assert np.shape(record["estimators"]["ml"]["covariance"]) == (24, 24)

@@ -125,7 +125,7 @@ def test_what_speaks_against_the_estimate_comes_before_causes_of_the_prediction(
     against = Assumption("gains are right", "a gain is wrong", "look").fails("seen", 1e-9, 0.001)
     minor = Assumption("normal", "a tail is heavy", "", serious=False).fails("seen", 1e-9, 0.001)
     verdict = DiagnosisVerdict(Status.DOUBTFUL, "doubtful: a gain is wrong", (against, minor))
-    file = replace(EstimationResult.read(folder), diagnostics=Diagnosis("ml", verdict, ()))
+    file = replace(EstimationResult.read(folder), diagnostics=Diagnosis("ml", verdict, (), ()))
     doubtful = identified_model(file, folder, ROBOT)
     assert doubtful.doubt == "a gain is wrong"
     assert read_estimate(folder, ROBOT).doubt == ""

@@ -1,0 +1,213 @@
+"""Effects that the tests would not detect, and the errors that they would cause.
+
+Baarda's reliability (Publications on Geodesy 2-5, 1968). Internal: the smallest size of each
+candidate effect that its test finds with a probability of `POWER`. For one column z with the
+information I (`estimation.diagnostics.joint_system`) and the noncentrality λ of its test it is
+√(λ/I). External: an effect of size c moves the parameters by D c, D = J⁻¹ Uᵀ W z. For several
+columns, the effects with cᵀ I c ≤ λ move parameter p by at most √(λ d I⁻¹ dᵀ), d the row of D.
+
+The effects of all recordings are the same: their shifts add, and each recording tests them alone.
+Effects that a tolerance describes are part of the standard deviations already, and effects without
+any information, such as a common factor of all forces, have no limit: both are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Annotated
+
+import numpy as np
+import scipy
+from scipy.optimize import brentq
+
+from constraints.arrays import Array
+from estimation.diagnostics.attribution import Attribution, describe_candidate
+from estimation.diagnostics.hypothesis import POWER, Hypothesis
+from estimation.diagnostics.joint_system import JointSystem
+from estimation.diagnostics.linearisation import Linearisation, Signature
+from estimation.diagnostics.significance import Strut
+from expdesign.runfolder import described
+
+_Key = tuple[str, str, int | None, float | None]
+RECTANGULAR = np.sqrt(3.0)
+"""Ratio of half the width of a rectangular distribution to its standard deviation (GUM 4.3.7): an
+effect that was not found may have any size up to the detectable one."""
+
+
+@dataclass(frozen=True, eq=False)
+class UndetectedEffect:
+    """Effect of the size that the tests detect with a probability of 80 %."""
+
+    kind: Annotated[str, described("", "family of the effect, as in `causes`")]
+    strut: Annotated[Strut, described("1", "number of the strut; null: all of them")]
+    parameter: Annotated[str, described("", "as for a cause")]
+    constant: Annotated[float | None, described("SI", "constant of its columns; null: none")]
+    size: Annotated[
+        float, described("SI", "smallest size that is detected; of several values, their norm")
+    ]
+    text: Annotated[str, described("", "the effect and its size in words")]
+    shifts: Annotated[
+        dict[str, float], described("SI", "largest change of every estimated parameter")
+    ]
+    sigmas: Annotated[
+        float, described("1", "largest change in standard deviations of the parameter")
+    ]
+    worst: Annotated[str, described("", "parameter with that change")]
+    forces: Annotated[
+        float, described("N", "rms change of the predicted forces by these shifts along the motion")
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateReliability:
+    """Candidate effect in one recording."""
+
+    hypothesis: Hypothesis
+    number: int
+    """Family, and number of the candidate in it."""
+    noncentrality: float
+    covariance: Array
+    """(q, q), I⁻¹."""
+    shift: Array
+    """(k, q), D."""
+    gram: Array
+    """(k, k), mean square of the forces per product of two parameters."""
+
+    @property
+    def key(self) -> _Key:
+        """Kind, parameter, strut and constant: the same in all recordings."""
+        (name, strut), constant = (
+            self.hypothesis.labels[self.number],
+            self.hypothesis.constant_of(self.number),
+        )
+        return self.hypothesis.kind, name, strut, constant if np.isfinite(constant) else None
+
+
+def candidate_reliability(
+    attribution: Attribution,
+    system: JointSystem,
+    part: Linearisation,
+    tolerated: Signature,
+    *,
+    tolerances_estimated: bool,
+) -> tuple[CandidateReliability, ...]:
+    """Return the reliability of all candidates in one recording.
+
+    Parameters
+    ----------
+    attribution : Attribution
+        Its candidates and their first tests.
+    system : JointSystem
+        The recording without the deviations `tolerated`, which the tests regard as unknown.
+    tolerances_estimated : bool
+        They were estimated with the parameters, too.
+    """
+    tests = attribution.first
+    families = list(tests.families.values())
+    signature = Signature.concatenate([each.hypothesis.columns for each in families])
+    solution = tests.solution if tolerances_estimated else system.solution
+    count = int(np.count_nonzero(part.free))
+    shift = solution.root[:count] @ solution.project(signature).mixed.T
+    counted = np.zeros(signature.count, dtype=bool)
+    if tolerated.count:
+        free = system.with_effects(tolerated).solution.project(signature)
+        counted = ~free.conditional_on(()).identifiable
+    columns = part.regressors[:, :, part.free].reshape(-1, count)
+    gram = columns.T @ columns / len(columns)
+    found = []
+    for family in families:
+        hypothesis = family.hypothesis
+        for number in np.flatnonzero(np.isfinite(family.log_p)).tolist():
+            places = family.places(number)
+            if np.all(counted[places]):
+                continue
+            fit = tests.conditional.fit(places)
+            found.append(
+                CandidateReliability(
+                    hypothesis,
+                    number,
+                    _noncentrality(family.limit, fit.rank),
+                    fit.covariance,
+                    shift[:, places],
+                    gram,
+                )
+            )
+    return tuple(found)
+
+
+@cache
+def _noncentrality(log_level: float, freedom: int) -> float:
+    """Return λ of a noncentral χ² that is significant at this level with `POWER`."""
+    critical = scipy.stats.chi2.isf(np.exp(log_level), freedom)
+
+    def lacking(value: float) -> float:
+        return float(scipy.stats.ncx2.sf(critical, freedom, value)) - POWER
+
+    return float(brentq(lacking, 1e-6, 10 * critical + 100))
+
+
+def undetected_effects(
+    recordings: Sequence[Sequence[CandidateReliability]], names: Sequence[str], std: Array
+) -> tuple[UndetectedEffect, ...]:
+    """Return what every candidate may do undetected, the largest change first.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The k estimated parameters.
+    std : (k,)
+        Their standard deviations, SI.
+    """
+    groups: dict[_Key, list[CandidateReliability]] = {}
+    for candidate in (candidate for recording in recordings for candidate in recording):
+        groups.setdefault(candidate.key, []).append(candidate)
+    effects = [_combine(own, names, std) for own in groups.values()]
+    return tuple(sorted(effects, key=lambda effect: -effect.sigmas))
+
+
+def _combine(
+    own: Sequence[CandidateReliability], names: Sequence[str], std: Array
+) -> UndetectedEffect:
+    """Combine the recordings of one effect: the most sensitive one detects it."""
+    total = np.sum([each.shift for each in own], axis=0)
+    spreads = np.array(
+        [
+            each.noncentrality * np.einsum("kq,qr,kr->k", total, each.covariance, total)
+            for each in own
+        ]
+    )
+    shifts = np.sqrt(np.min(spreads, axis=0))
+    k = int(np.argmax(shifts / std))
+    best = own[int(np.argmin(spreads[:, k]))]
+    direction = best.covariance @ total[k]
+    spread = float(total[k] @ direction)
+    change = direction * np.sqrt(best.noncentrality / spread) if spread > 0 else direction
+    moved = total @ change
+    kind, name, strut, constant = best.key
+    size = float(np.linalg.norm(change))
+    return UndetectedEffect(
+        kind=kind,
+        strut=strut,
+        parameter=name,
+        constant=constant,
+        size=size,
+        text=describe_candidate(best.hypothesis, name, strut, size),
+        shifts=dict(zip(names, shifts.tolist(), strict=True)),
+        sigmas=float(shifts[k] / std[k]),
+        worst=names[k],
+        forces=float(np.sqrt(moved @ best.gram @ moved)),
+    )
+
+
+def undetected_std(effects: Sequence[UndetectedEffect]) -> dict[str, float]:
+    """Return the standard deviation that one undetected effect may add to every parameter.
+
+    Examples
+    --------
+    >>> undetected_std(())
+    {}
+    """
+    names = effects[0].shifts if effects else {}
+    return {name: max(effect.shifts[name] for effect in effects) / RECTANGULAR for name in names}

@@ -1,0 +1,114 @@
+"""Effects that no test would find: their size, and what they do to the parameters."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.hypothesis import evaluate_hypothesis
+from estimation.diagnostics.reliability import undetected_std
+from expdesign.configuration import load_run
+from expdesign.configuration.robot import load_robot_description
+from expdesign.robot import robot_from
+from tests.diagnostics.conftest import Laboratory
+
+
+@pytest.fixture(scope="module")
+def lab():
+    return Laboratory(samples=200, periods=4)
+
+
+@pytest.fixture(scope="module")
+def found(lab):
+    """Return the undetected effects of a sound recording, by family, parameter and strut."""
+    experiment = lab.experiment(lab.measure(1), lab.noise)
+    estimate = lab.estimate([experiment], "ml")
+    effects = diagnose(lab.robot, [experiment], lab.knowledge, estimate).undetected
+    return {(one.kind, one.parameter, one.strut): one for one in effects}
+
+
+@pytest.mark.parametrize(("kind", "strut"), [("force_offset", 0), ("gain", 4)])
+def test_an_effect_of_that_size_moves_the_estimate_by_that_much(lab, found, kind, strut):
+    """The same noise with the effect and with its opposite, estimated anew."""
+    effect = found[kind, "", strut]
+    data = lab.measure(1)
+    estimates = []
+    for size in (effect.size, -effect.size):
+        forces = data.forces.copy()
+        forces[:, strut] += size if kind == "force_offset" else size * forces[:, strut]
+        experiment = lab.experiment(replace(data, forces=forces), lab.noise)
+        estimates.append(lab.estimate([experiment], "ml"))
+    moved = np.abs(estimates[0].values - estimates[1].values) / 2 / estimates[0].std
+    names = lab.knowledge.names
+    expected = np.array([effect.shifts[name] for name in names]) / estimates[0].std
+    np.testing.assert_allclose(moved, expected, atol=0.1 + 0.03 * np.max(expected))
+    assert names[int(np.argmax(expected))] == effect.worst
+    assert effect.sigmas == pytest.approx(np.max(expected), rel=0.05)
+
+
+@pytest.mark.parametrize("kind", ["force_offset", "drive_inertia"])
+def test_its_own_test_finds_it_in_four_of_five_recordings(twin, kind):
+    lab = twin.lab
+    estimate = twin.estimates["ml"]
+    effects = diagnose(lab.robot, [twin.experiment], lab.knowledge, estimate).undetected
+    family = next(one for one in twin.families(held_out=False) if one.kind == kind)
+    name, strut = family.labels[0]
+    (effect,) = (e for e in effects if (e.kind, e.parameter, e.strut) == (kind, name, strut))
+    rng, hits, count = np.random.default_rng(3), 0, 60
+    for _ in range(count):
+        drawn = twin.draw(rng, "ml")
+        disturbed = replace(
+            drawn, forces=drawn.forces + effect.size * family.columns.forces[:, :, 0]
+        )
+        projection = twin.system(disturbed).solution.project(family.columns)
+        test = evaluate_hypothesis(projection.conditional_on(()), family, 0)
+        hits += bool(test.log_p[0] < test.limit)
+    assert hits / count == pytest.approx(0.8, abs=0.15)
+
+
+def test_a_joint_moves_no_parameter_by_more_in_any_direction(lab):
+    """Three coordinates: random displacements that the test detects in four of five cases."""
+    experiment = lab.experiment(lab.measure(1), lab.noise)
+    estimate = lab.estimate([experiment], "ml")
+    diagnosis = diagnose(lab.robot, [experiment], lab.knowledge, estimate)
+    (recording,) = diagnosis.recordings
+    joint = next(one for one in recording.reliability if one.key[:3] == ("joint", "platform", 2))
+    (effect,) = (
+        one
+        for one in diagnosis.undetected
+        if (one.kind, one.parameter, one.strut) == ("joint", "platform", 2)
+    )
+    directions = np.random.default_rng(1).standard_normal((4000, 3))
+    information = np.linalg.inv(joint.covariance)
+    sizes = np.einsum("di,ij,dj->d", directions, information, directions)
+    changes = directions * np.sqrt(joint.noncentrality / sizes)[:, None]
+    moved = np.max(np.abs(changes @ joint.shift.T), axis=0)
+    limits = np.array([effect.shifts[name] for name in lab.knowledge.names])
+    assert np.all(moved <= limits * (1 + 1e-9))
+    np.testing.assert_allclose(moved, limits, rtol=0.1)
+
+
+def test_an_effect_with_a_tolerance_is_counted_in_the_intervals_instead(lab):
+    palida = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+    tolerances = {"force_constant": {"each": "1 %"}}
+    robot = robot_from(load_run({"name": "n", "robot": palida | {"tolerances": tolerances}}).robot)
+    experiment = lab.experiment(lab.measure(1), lab.noise)
+    estimate = lab.estimate([experiment], "ml")
+    effects = diagnose(robot, [experiment], lab.knowledge, estimate).undetected
+    assert "gain" not in {one.kind for one in effects}
+    assert {"force_offset", "joint"} <= {one.kind for one in effects}
+
+
+def test_the_spread_covers_every_effect(found):
+    spread = undetected_std(tuple(found.values()))
+    for effect in found.values():
+        for name, shift in effect.shifts.items():
+            assert spread[name] >= shift / 2
+
+
+def test_held_out_data_have_none(lab):
+    experiment = lab.experiment(lab.measure(1), lab.noise)
+    other = lab.experiment(lab.measure(2), lab.noise)
+    estimate = lab.estimate([experiment], "ml")
+    assert not diagnose(lab.robot, [other], lab.knowledge, estimate, held_out=True).undetected
