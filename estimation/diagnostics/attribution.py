@@ -419,7 +419,7 @@ def describe_candidate(
     place = _place(Rival(hypothesis.kind, strut, parameter, 0.0))
     name = _name_effects(hypothesis.kind, [place], {hypothesis.kind: hypothesis})
     number = f"{hypothesis.scale * size:{hypothesis.number.removeprefix('+')}}"
-    return f"{name} ({number} {hypothesis.unit(parameter)})"
+    return f"{name} ({number} {hypothesis.unit_of(parameter)})"
 
 
 def effect_nouns(attribution: Attribution) -> dict[str, str]:

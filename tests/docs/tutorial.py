@@ -120,6 +120,9 @@ def _plain(text):
 
 def _same(line, other):
     words, others = line.split(), other.split()
+    if words[-1] == OMITTED:
+        # The end of the line is left out.
+        words, others = words[:-1], others[: len(words) - 1]
     return len(words) == len(others) and all(map(_same_word, words, others))
 
 
