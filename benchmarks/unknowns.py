@@ -28,6 +28,7 @@ from threadpoolctl import threadpool_limits
 
 from estimation.data.measurement import Measurement
 from estimation.identification.estimate import estimate
+from estimation.identification.estimation import estimate_parameters
 from estimation.identification.result import EstimationResult
 from expdesign.configuration import RunConfiguration, load_run
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
@@ -276,8 +277,8 @@ def _motion(name: str) -> Any:
 
 
 @cache
-def _run(recording: Recording, systematic: str = "", scale: float = 0.0) -> RunConfiguration:
-    """Return the run of a user who knows of no effect, or of tolerances times a scale."""
+def _run(recording: Recording, systematic: str = "", draw: str = "") -> RunConfiguration:
+    """Return the run of a user who knows of no effect, or of tolerances."""
     sampling = recording.samples / _motion(recording.design).period
     options = {"systematic": systematic} if systematic else {}
     return load_run(
@@ -287,7 +288,7 @@ def _run(recording: Recording, systematic: str = "", scale: float = 0.0) -> RunC
             "experiment": {"periods": recording.periods, "sampling": sampling},
             "estimate": {"estimators": ["gm", "ml"], **options},
         }
-        | ({"tolerances": _tolerances(recording.robot, scale)} if scale else {})
+        | ({"tolerances": _tolerances(recording.robot, draw)} if draw else {})
     )
 
 
@@ -319,10 +320,9 @@ def _record(
 
 # --- tolerances -----------------------------------------------------------------------------------
 
+_GEOMETRY = ("base_joints", "platform_joints", "strut_length")
 _TOLERANCES: dict[str, Any] = {
-    "base_joints": 1e-4,
-    "platform_joints": 1e-4,
-    "strut_length": 1e-4,
+    **dict.fromkeys(_GEOMETRY, 1e-4),
     "force_constant": {"common": 0.005, "each": 0.005},
     "gravity": float(np.deg2rad(0.1)),
     "delay": 2e-4,
@@ -330,18 +330,30 @@ _TOLERANCES: dict[str, Any] = {
 """Of `palida` and `irregular`, SI."""
 _SIZE = {"mathworks": 5.0}
 """Geometry over that of `palida`."""
+_TERMS = {
+    "drive_inertia": 0.03,
+    "force_offset": 1.0,
+    "load_friction": 0.01,
+    "quadratic_friction": 1.0,
+    "asymmetric_friction": 0.5,
+    "passive_viscous_friction": 0.05,
+}
+"""Tolerances of terms that `palida` and `irregular` lack, SI."""
+_WITH_TERMS = "with terms"
+_DRAWS = ("small", "four times", _WITH_TERMS)
 
 
-def _tolerances(robot: str, scale: float) -> dict[str, Any]:
-    """Return the tolerances of a robot, in SI units, times a scale."""
+def _tolerances(robot: str, draw: str) -> dict[str, Any]:
+    """Return the tolerances of a robot, in SI units."""
 
     def scaled(key: str, value: Any) -> Any:
         if isinstance(value, dict):
             return {name: scaled(name, one) for name, one in value.items()}
-        geometric = key in ("base_joints", "platform_joints", "strut_length")
-        return scale * value * (_SIZE.get(robot, 1.0) if geometric else 1.0)
+        factor = _SIZE.get(robot, 1.0) if key in _GEOMETRY else 1.0
+        return (4 if draw == "four times" else 1) * factor * value
 
-    return {key: scaled(key, value) for key, value in _TOLERANCES.items()}
+    terms = {"terms": _TERMS} if draw == _WITH_TERMS else {}
+    return {key: scaled(key, value) for key, value in _TOLERANCES.items()} | terms
 
 
 @dataclass(frozen=True)
@@ -352,49 +364,43 @@ class Drawn:
     """Estimate less truth over the truth, by estimator and parameter."""
     covered: dict[str, dict[str, bool]]
     """Whether the 95 % interval holds the truth."""
-    accepted: bool
     seconds: float
-    """Time of GM, ML and diagnosis."""
+    """Processor time of GM and ML."""
 
 
-def _drawn(recording: Recording, scale: float, systematic: str, number: int) -> Drawn:
+def _drawn(recording: Recording, draw: str, systematic: str, number: int) -> Drawn:
     truth = _draw_truth(_machine(recording.robot), np.random.default_rng([1, number]))
     rng = np.random.default_rng([2, number])
-    machine, sensors = deviate(truth, _tolerances(recording.robot, scale), rng)
-    data = _record(recording, machine, {}, rng, sensors)
+    machine, sensors, effects = deviate(truth, _tolerances(recording.robot, draw), rng)
+    data = _record(recording, machine, effects, rng, sensors)
     began = time.process_time()
-    result = estimate(_run(recording, systematic, scale), data, _design(recording.design))
-    seconds = time.process_time() - began
-    if result.diagnostics is None:
-        raise RuntimeError("the estimate was not diagnosed")
-    found: Drawn = Drawn({}, {}, result.diagnostics.verdict.status == "accepted", seconds)
-    for name, rows_ in result.by_estimator().items():
-        true = [truth.parameters[row.parameter] for row in rows_]
-        found.errors[name] = {
-            row.parameter: (row.value - value) / value
-            for row, value in zip(rows_, true, strict=True)
-            if value
-        }
-        found.covered[name] = {
-            row.parameter: bool(row.ci_low <= value <= row.ci_high)
-            for row, value in zip(rows_, true, strict=True)
-        }
+    estimation = estimate_parameters(
+        _run(recording, systematic, draw), data, _design(recording.design)
+    )
+    found = Drawn({}, {}, time.process_time() - began)
+    for row in estimation.rows:
+        value = truth.parameters[row.parameter]
+        if value:
+            errors = found.errors.setdefault(row.estimator, {})
+            errors[row.parameter] = (row.value - value) / value
+        covered = found.covered.setdefault(row.estimator, {})
+        covered[row.parameter] = bool(row.ci_low <= value <= row.ci_high)
     return found
 
 
 def tolerance_rows(
-    recording: Recording, scales: Iterable[float], settings: Iterable[str], count: int
+    recording: Recording, draws: Iterable[str], settings: Iterable[str], count: int
 ) -> Iterator[Row]:
     """Yield a row for each estimator and setting of `estimate.systematic`."""
-    for scale, systematic in itertools.product(scales, settings):
+    for draw, systematic in itertools.product(draws, settings):
         found = []
         for number in range(count):
-            key = [asdict(recording), _tolerances(recording.robot, scale), systematic, number]
-            found.append(Drawn(**_keep(key, _drawn, recording, scale, systematic, number)))
+            key = [asdict(recording), _tolerances(recording.robot, draw), systematic, number]
+            found.append(Drawn(**_keep(key, _drawn, recording, draw, systematic, number)))
         for estimator in found[0].errors:
             yield {
                 "robot": recording.robot,
-                "tolerances": f"times {scale:g}",
+                "tolerances": draw,
                 "estimator": f"{estimator}, {systematic}",
                 "runs": count,
             } | _drawn_row(found, estimator)
@@ -416,7 +422,6 @@ def _drawn_row(found: Sequence[Drawn], estimator: str) -> Row:
         "rms error": f"{100 * np.exp(np.mean(np.log(rms))):.2f} %",
         "covers": f"{100 * np.mean(shares):.1f} ± {100 * std_error:.1f} %",
         **dict(zip(("rigid", "friction"), of_kind, strict=True)),
-        "accepted": _percent(each.accepted for each in found),
         "seconds": f"{np.mean([each.seconds for each in found]):.2f}",
     }
 
@@ -481,7 +486,6 @@ _TABLES = {
     "irregular-1667": Recording("irregular", "irregular", samples=1667),
 }
 SECTIONS = (*_TABLES, "clean", "tolerances")
-_SCALES = (1.0, 4.0)
 _SETTINGS = ("auto", "budget")
 
 
@@ -493,7 +497,8 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
         elif section == "tolerances":
             for robot in _ROBOTS:
                 recording = Recording(robot, robot)
-                yield from tolerance_rows(recording, _SCALES, _SETTINGS, repetitions or 200)
+                draws = [draw for draw in _DRAWS if robot not in _SIZE or draw != _WITH_TERMS]
+                yield from tolerance_rows(recording, draws, _SETTINGS, repetitions or 200)
         else:
             yield from effect_rows(_TABLES[section], CASES, repetitions or 20)
 
@@ -512,9 +517,8 @@ def main() -> None:
     parser.add_argument("--samples", type=float, default=300, help="of a period")
     parser.add_argument("--robot", choices=_ROBOTS, default="palida")
     parser.add_argument("--clean", action="store_true", help="recordings without an effect")
-    parser.add_argument(
-        "--tolerances", action="store_true", help="truths drawn from tolerances; --sizes: factors"
-    )
+    parser.add_argument("--tolerances", action="store_true", help="truths drawn from tolerances")
+    parser.add_argument("--draws", default=",".join(_DRAWS), help="sizes of the tolerances")
     parser.add_argument(
         "--systematic", default=",".join(_SETTINGS), help="values of `estimate.systematic`"
     )
@@ -525,7 +529,7 @@ def main() -> None:
         found = clean_rows(options.count)
     elif options.tolerances:
         settings = options.systematic.split(",")
-        found = tolerance_rows(recording, sizes or _SCALES, settings, options.count)
+        found = tolerance_rows(recording, options.draws.split(","), settings, options.count)
     else:
         found = effect_rows(recording, options.effects.split(","), options.count, sizes)
     with threadpool_limits(limits=1):

@@ -365,6 +365,10 @@ def _direction_friction(machine, now, size):
     return Extra(along=size * (machine.each("r") + machine.each("v") * np.abs(now.length_rates)))
 
 
+def _asymmetric(machine, now, size):
+    return Extra(along=size * np.abs(now.length_rates))
+
+
 def _presliding(machine, now, size):
     sign = np.sign(now.length_rates)
     return Extra(along=machine.each("r") * (_dahl(now.lengths, size) - sign))
@@ -393,13 +397,24 @@ def _liquid(machine, now, size):
     return Extra(wrench=(force, np.cross(arm, force) + np.cross(moved, size * (felt + faster))))
 
 
-def _ball_friction(machine, now, size):
+def _at_balls(machine, now, moments_of):
+    """Return the load of moments in the joints of the platform, by their angular velocity."""
     first = machine.alpha_axes
     relative = now.omega[:, None, :] - now.alpha_rate[..., None] * first
-    relative = relative - now.beta_rate[..., None] * now.second_axis
-    moment = size * relative / np.linalg.norm(relative, axis=2, keepdims=True)
+    moment = moments_of(relative - now.beta_rate[..., None] * now.second_axis)
     about = (-_rows(moment, first), -_rows(moment, now.second_axis))
     return Extra(about=about, wrench=(0.0, np.sum(moment, axis=1)))
+
+
+def _ball_friction(machine, now, size):
+    def dry(omega):
+        return size * omega / np.linalg.norm(omega, axis=2, keepdims=True)
+
+    return _at_balls(machine, now, dry)
+
+
+def _viscous_balls(machine, now, size):
+    return _at_balls(machine, now, lambda omega: size * omega)
 
 
 _PITCH = 0.03
@@ -434,6 +449,8 @@ _LOADS: dict[str, Callable] = {
     "ball_friction": _ball_friction,
     "speed_ripple": _ripple,
     "load_friction": _load_friction,
+    "asymmetric_friction": _asymmetric,
+    "viscous_balls": _viscous_balls,
 }
 _PLATFORM = {
     "products_of_inertia": {"Ixy": 1.0, "Ixz": -0.7, "Iyz": 0.5},
@@ -501,26 +518,33 @@ def simulate(machine, motion, times, effects=None, *, sensors=None, rng=None):
 
 
 def deviate(machine, tolerances, rng):
-    """Draw a machine and its sensors from the `tolerances` of a robot file, in SI units."""
+    """Draw a machine, its sensors and its effects from the `tolerances` of a robot file, SI."""
 
-    def draw(key, shape):
-        return tolerances.get(key, 0.0) * rng.standard_normal(shape)
+    def draw(key, shape=STRUTS, of=tolerances):
+        return of.get(key, 0.0) * rng.standard_normal(shape)
 
     tilt = np.array([*draw("gravity", 2), 0.0])
     gravity = machine.gravity + np.cross(tilt, machine.gravity)
-    constant = tolerances.get("force_constant", {})
-    shares = rng.standard_normal(1 + STRUTS)
     moved = replace(
         machine,
         base_joints=machine.base_joints + draw("base_joints", (STRUTS, 3)),
         platform_joints=machine.platform_joints + draw("platform_joints", (STRUTS, 3)),
         gravity=gravity * np.linalg.norm(machine.gravity) / np.linalg.norm(gravity),
     )
-    return moved, Sensors(
-        zeros=draw("strut_length", STRUTS),
-        gains=constant.get("common", 0.0) * shares[0] + constant.get("each", 0.0) * shares[1:],
-        delay=float(draw("delay", ())),
-    )
+    constant, terms = tolerances.get("force_constant", {}), tolerances.get("terms", {})
+    gains = draw("common", (), constant) + draw("each", STRUTS, constant)
+    sensors = Sensors(draw("strut_length"), gains, float(draw("delay", ())))
+    effects = {
+        name: draw(name, () if name == "drive_inertia" else STRUTS, terms)
+        for name in (
+            "drive_inertia", "force_offset", "load_friction", "asymmetric_friction",
+            "quadratic_friction",
+        )
+    }  # fmt: skip
+    effects["quadratic_friction"] /= machine.each("v")
+    for name in ("viscous_joints", "viscous_balls"):
+        effects[name] = draw("passive_viscous_friction", (), terms)
+    return moved, sensors, effects
 
 
 def read_noise(path):

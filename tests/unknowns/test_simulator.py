@@ -20,6 +20,8 @@ SIZES = {"power_law": 0.9, "base_on_springs": 15.0, "presliding": 1e-3, "clock_j
 DISSIPATING = {
     "quadratic_friction": 0.1,
     "viscous_joints": 0.1,
+    "viscous_balls": 0.1,
+    "load_friction": 0.01,
     "slow_stribeck": 0.1,
     "cable_drag": 1.0,
     "base_on_springs": 15.0,
