@@ -50,7 +50,7 @@ def test_an_effect_of_that_size_moves_the_estimate_by_that_much(lab, found, kind
 @pytest.mark.parametrize("kind", ["force_offset", "drive_inertia"])
 def test_its_own_test_finds_it_in_four_of_five_recordings(twin, kind):
     lab = twin.lab
-    estimate = twin.estimates["ml"]
+    estimate = lab.estimate([twin.experiment], "ml")
     effects = diagnose(lab.robot, [twin.experiment], lab.knowledge, estimate).undetected
     family = next(one for one in twin.families(held_out=False) if one.kind == kind)
     name, strut = family.labels[0]
