@@ -162,15 +162,20 @@ class _Recording:
         count = len(robot.parameter_names)
         self.free, self.start = priors.free[:count], priors.start[:count]
         self.lengths_at, self.lengths, _ = _thin_rows(recording.lengths)
-        self.forces_at, forces, counts = _thin_rows(recording.forces)
+        noise = experiment.noise.forces
+        self._filter = noise.filter
+        self.forces_at, forces, counts = _thin_rows(
+            recording.forces, whole=noise.filter is not None
+        )
         self.share = len(forces) / len(recording.forces.values)
-        lower = np.linalg.cholesky(experiment.noise.forces.covariance)
+        lower = np.linalg.cholesky(noise.covariance)
         self._inverse = sla.solve_triangular(lower, np.eye(ACTUATORS), lower=True)
         self._weights = np.sqrt(counts)
         self.forces = self._whiten(forces)
 
     def _whiten(self, rows: Array) -> Array:
         """Whiten forces (R, 6), or columns (R, 6, k), and flatten rows and channels."""
+        rows = rows if self._filter is None else self._filter(rows)
         mixed = np.tensordot(rows, self._inverse, (1, 1))
         mixed = mixed if rows.ndim < 3 else mixed.transpose(0, 2, 1)  # noqa: PLR2004 - columns
         scaled = (mixed.T * self._weights).T
@@ -267,8 +272,13 @@ class _Recording:
         return None if best is own else (best, offset)
 
 
-def _thin_rows(channels: Channels) -> tuple[Array, Array, Array]:
-    """Return times, values and counts of a limited number of rows of a recording's channels."""
+def _thin_rows(channels: Channels, *, whole: bool = False) -> tuple[Array, Array, Array]:
+    """Return times, values and counts of a limited number of rows of a recording's channels.
+
+    With `whole`, return all rows, as a whitening filter requires.
+    """
+    if whole:
+        return channels.times, channels.values, channels.counts
     most = _SINGLE_ROWS if channels.repeats is None else _ROWS
     rows = np.unique(np.linspace(0, len(channels.values) - 1, most).astype(np.intp))
     return channels.times[rows], channels.values[rows], channels.counts[rows]

@@ -98,11 +98,13 @@ class _Candidate:
     order: int
     half_width: int | None
     likelihood: float
+    constant: Array
+    """(L, 6), correction of the model at the line of a constant; 1 for all other lines."""
 
     @property
     def spectrum(self) -> SmoothedSpectrum:
         return SmoothedSpectrum(
-            _colour_test(self.smooth, self.own / self.filters),
+            _colour_test(self.smooth, self.own * self.constant / self.filters),
             self.freedom,
             self.order,
             self.half_width,
@@ -115,6 +117,7 @@ def _candidates(lines: NoiseLines, covariance: Array) -> Iterator[_Candidate]:
     widest = lines.samples // 4 - 1
     for order in _ORDERS:
         filters = _prewhitening(lines, order)
+        constant_size = _constant_size(lines, filters)
         flat = NoiseLines(_colour_test(lines.matrices, filters), lines.samples, lines.freedom)
         mean = flat.covariance if order else covariance
         constant = mean.astype(np.complex128)
@@ -137,7 +140,7 @@ def _candidates(lines: NoiseLines, covariance: Array) -> Iterator[_Candidate]:
             parameters = order * flat.matrices.shape[1]
             likelihood = _likelihood(flat, smooth, own, filters) - parameters
             middle = float(np.median(freedom))
-            found = filters, middle, order, width, likelihood
+            found = filters, middle, order, width, likelihood, constant_size
             yield _Candidate(smooth, own, standing_out, *found)
 
 
@@ -164,6 +167,19 @@ def _prewhitening(lines: NoiseLines, order: int) -> ComplexArray:
         np.concatenate([[1.0], -sla.solve_toeplitz(own[:-1], own[1:])]) for own in correlation.T
     ]
     return np.fft.rfft(np.transpose(filters), lines.samples, axis=0)
+
+
+def _constant_size(lines: NoiseLines, filters: ComplexArray) -> Array:
+    """Return the factor on the model's amplitude at the line of a constant, (L, 6).
+
+    No contrast shows that line. The model A(z) extrapolates to it: with a memory of τ = 1 / A(1)
+    samples of n, log S(0) has the variance v = 8 τ / n and a bias of −v (Marriott and Pope, 1954).
+    S(0) is increased by the bias and by twice the variance.
+    """
+    size = np.ones(filters.shape)
+    variance = 8 / np.abs(filters[0]) / (lines.samples * (lines.freedom + 1))
+    size[0] = np.exp(3 * variance / 2)
+    return size
 
 
 def _colour_test(matrices: ComplexArray, response: ComplexArray) -> ComplexArray:
@@ -258,11 +274,24 @@ class NoiseLines:
 
     @classmethod
     def of(cls, periods: Array) -> NoiseLines:
-        """Estimate the spectrum from repeated periods, (M, N, 6), M ≥ 2."""
-        noise = contrasts(periods)
-        lines = np.fft.rfft(noise, axis=1) / np.sqrt(noise.shape[1])
-        matrices = np.einsum("mli,mlj->lij", lines, lines.conj()) / len(noise)
-        return cls(matrices, noise.shape[1], float(len(noise)))
+        """Estimate the spectrum from successive periods, (M, N, 6), M ≥ 2.
+
+        A signal that repeats in every period has every M-th line of the whole recording; the M − 1
+        lines about each of them are noise. Noise with a long memory jumps between the ends of a
+        period. The jumps are in the spectra of single periods, but hardly in these lines, nor in
+        the mean over the periods.
+        """
+        count, samples, channels = periods.shape
+        half, last = count // 2, samples // 2
+        lines = np.fft.fft(periods.reshape(-1, channels), axis=0) / np.sqrt(count * samples)
+        weights = np.ones(2 * half + 1)
+        weights[half] = 0.0
+        if count % 2 == 0:
+            weights[[0, -1]] = 0.5  # of the two lines that are equally near
+        about = count * np.arange(last + 1)[:, None] + np.arange(-half, half + 1)
+        noise = lines[about % len(lines)]
+        matrices = np.einsum("m,lmi,lmj->lij", weights / (count - 1), noise, noise.conj())
+        return cls(matrices, samples, float(count - 1))
 
     @property
     def covariance(self) -> Array:

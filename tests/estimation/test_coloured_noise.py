@@ -114,10 +114,9 @@ def test_neighbours_leave_the_line_itself_out(samples):
 def test_lines_that_all_stand_out_predict_no_line_between_them():
     """Means over few neighbours are no candidate then; the spectrum is still found."""
     rng = np.random.default_rng(11)
-    periods = rng.standard_normal((10, 250, 6))
-    spectrum = np.fft.rfft(periods, axis=1)
-    spectrum[:, 40:62] *= 10.0
-    lines = NoiseLines.of(np.fft.irfft(spectrum, 250, axis=1))
+    spectrum = np.fft.rfft(rng.standard_normal((2500, 6)), axis=0)
+    spectrum[395:615] *= 10.0
+    lines = NoiseLines.of(np.fft.irfft(spectrum, 2500, axis=0).reshape(10, 250, 6))
     found = smoothed_spectrum(lines, lines.covariance)
     size = np.einsum("kii->k", found.matrices).real / 6
     quiet, loud = np.r_[1:38, 64:124], np.r_[42:60]
@@ -160,6 +159,19 @@ def test_filtered_noise_is_white():
     # A period's ends do not meet: what leaks is of the memory's share in the period.
     np.testing.assert_allclose(size, 1.0, atol=0.15)
     np.testing.assert_allclose(whiten.invert(whiten(noise[0])), noise[0], atol=1e-9)
+
+
+@pytest.mark.parametrize("memory", [0.97, 0.99])
+def test_the_mean_of_noise_with_a_long_memory_is_white_behind_the_filter(memory):
+    """The memory is a third of a period: its ends do not meet, those of the mean do."""
+    rng, ratios = np.random.default_rng(6), []
+    for _ in range(25):
+        periods = coloured(rng, SIGMA, 10, 300, memory)
+        seen = scatter(periods)
+        whiten = estimated_filter(NoiseLines.of(periods), seen.covariance)
+        mean = whiten(periods.mean(axis=0)) * np.sqrt(10)
+        ratios.append(np.einsum("ni,ij,nj->", mean, np.linalg.inv(seen.covariance), mean) / 1800)
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.04)
 
 
 @pytest.mark.parametrize("samples", [60, 61])
