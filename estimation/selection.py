@@ -1,7 +1,9 @@
 """Forward and backward selection of terms, from the robot's own to those that the data support.
 
 A step is judged by Schwarz's criterion, an F test, or the prediction of held-out forces. Each of
-these is a potential that every step must lower, so that no model occurs twice.
+these is a potential that every step must lower, so that no model occurs twice. A term with
+parameters beyond their bounds is never supported, and a term that explains less than half of a
+remaining lack of fit may only imitate its cause.
 
 The information of the recordings on the parameters of candidate terms follows from the joint
 regression of the diagnostics (`estimation.diagnostics.joint_system`): whitened forces and lengths,
@@ -31,6 +33,7 @@ from estimation.diagnostics.joint_system import (
 )
 from estimation.diagnostics.linearisation import CandidateEffects, Linearisation, linearise
 from estimation.diagnostics.residual_covariance import empirical_noise, with_empirical_colour
+from estimation.diagnostics.residuals import HarmonicLackOfFit, harmonic_lack_of_fit
 from estimation.diagnostics.significance import log_tail
 from estimation.estimators import Experiment, ParameterPriors
 from estimation.measurement_model.motion import (
@@ -41,8 +44,14 @@ from estimation.measurement_model.motion import (
 from expdesign.configuration import InputError
 from expdesign.configuration.estimate import SelectionCriterion
 from expdesign.information.fisher import EXCITABLE
+from expdesign.mechanism.term import parameters_of
 from expdesign.robot import Robot
 from expdesign.runfolder import OpenNumber, described
+
+_EXPLAINED = 0.5
+"""Share of a remaining lack of fit that a term must explain."""
+_SIGMAS = 3.0
+"""Distance from a bound, in standard deviations, from which a parameter is impossible."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +75,7 @@ class SelectionRow:
         OpenNumber,
         described("1", "change of -2 log L of held-out data; empty: not computed"),
     ]
+    possible: Annotated[bool, described("", "its parameters are within their bounds, or near")]
     worth: Annotated[float, described("1", "gain of the criterion: the term is supported above 0")]
     chosen: Annotated[bool, described("", "the step was taken: the term was added, or dropped")]
 
@@ -127,6 +137,7 @@ def _take_step(
             samples=judge.samples[one.term],
             bic=-one.bic,
             held_out=-one.held_out,
+            possible=one.possible,
             worth=worth,
             chosen=done and one is best[0],
         )
@@ -152,6 +163,8 @@ class TermTrial:
     """Decrease of Schwarz's criterion."""
     held_out: float
     """Decrease of −2 log L of held-out data; NaN if not computed."""
+    possible: bool = True
+    """Its parameters are within their bounds, or beyond them by at most three σ."""
 
 
 class Judge:
@@ -191,10 +204,13 @@ class Judge:
             if fit.rank:
                 held_out = self._held_out_error(others) - self._held_out_error([*others, term])
         bic = statistic - fit.rank * float(np.log(self.samples[term]))
-        return TermTrial(term, statistic, fit.rank, log_p, bic, held_out)
+        possible = self.evidence.are_possible(term, fit)
+        return TermTrial(term, statistic, fit.rank, log_p, bic, held_out, possible)
 
     def worth(self, trial: TermTrial) -> float:
         """Return the gain of a term by the criterion: it is supported above zero."""
+        if not trial.possible:
+            return 0.0
         if self.by == "bic":
             return trial.bic
         if self.by == "f":
@@ -210,6 +226,20 @@ class Judge:
             total = sum(split.error(places) for split in self._splits)
             self._errors[model] = total / len(self._splits)
         return self._errors[model]
+
+
+def find_imitations(judge: Judge, chosen: Sequence[str]) -> tuple[str, ...]:
+    """Return chosen terms that explain less than half of a lack of fit that remains."""
+    evidence, needed = judge.evidence, judge.needs
+    failed, rest = evidence.lack_of_fit(chosen)
+    if not failed:
+        return ()
+    found = {
+        term
+        for term in chosen
+        if rest > _EXPLAINED * evidence.lack_of_fit([each for each in chosen if each != term])[1]
+    }
+    return tuple(term for term in chosen if {term, needed.get(term, term)} & found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,6 +355,7 @@ class RecordingInformation:
     _order: Places
     """Order of the system's unknowns: (p, θ), then the motion."""
     _experiment: Experiment
+    _part: Linearisation
 
     @classmethod
     def of(
@@ -359,7 +390,22 @@ class RecordingInformation:
             _elimination=reduced,
             _order=order,
             _experiment=experiment,
+            _part=part,
         )
+
+    def lack_of_fit(self, places: Places, prior: InformationShare) -> HarmonicLackOfFit | None:
+        """Test the low harmonics with some of (p, θ) as unknowns; None if they are not tested."""
+        experiment = self._experiment
+        if experiment.fit is None or experiment.noise.forces.includes_model_error:
+            return None
+        first = len(self.total.gradient)
+        system = self._system.select(np.concatenate([self._order[places], self._order[first:]]))
+        information, gradient = system.information.copy(), system.gradient.copy()
+        own = slice(0, len(places))
+        information[own, own] += prior.information[np.ix_(places, places)]
+        gradient[own] += prior.gradient[places]
+        solved = replace(system, information=information, gradient=gradient).solution
+        return harmonic_lack_of_fit(experiment, self._part, solved, experiment.motion.harmonics)
 
     def residual_chi_square(self, step: Array) -> tuple[float, int]:
         """Return χ² of the forces after a step of (p, θ), (u,), and the number of rows."""
@@ -404,6 +450,8 @@ class Evidence:
     recordings: tuple[RecordingInformation, ...]
     freedom: float
     """Degrees of freedom of the noise's covariance; inf if it was given."""
+    margins: Array
+    """(u, 2), bounds of (p, θ), relative to the point of linearisation."""
 
     @classmethod
     def of(
@@ -442,6 +490,10 @@ class Evidence:
         information[: len(names), : len(names)] = priors.precision
         behind = np.arange(len(names), size)
         information[behind, behind] = precision
+        margins = np.full((size, 2), [-np.inf, np.inf])
+        bounds = {each.name: (each.lower, each.upper) for each in parameters_of(robot.terms)}
+        margins[: len(names)] = [bounds.get(name, (-np.inf, np.inf)) for name in names]
+        margins[: len(names)] -= values[priors.free][:, None]
         off = np.zeros(size)
         off[: len(names)] = (priors.prior_mean - values)[priors.free]
         return cls(
@@ -452,6 +504,7 @@ class Evidence:
             InformationShare(information, information @ off),
             tuple(shares),
             min(each.noise.forces.weights_freedom for each in reweighted),
+            margins,
         )
 
     @cached_property
@@ -493,6 +546,20 @@ class Evidence:
     def places(self, term: str) -> Places:
         """Return the indices of a candidate's parameters among those of all candidates."""
         return np.flatnonzero(np.isin(self.candidates, self.blocks[term]))
+
+    def are_possible(self, term: str, fit: EffectFit) -> bool:
+        """Return whether the fitted parameters of a candidate are within their bounds, or near."""
+        lower, upper = self.margins[self.blocks[term]].T
+        gaps = np.maximum(lower - fit.values, fit.values - upper)
+        return bool(np.all(gaps <= _SIGMAS * np.sqrt(np.diag(fit.covariance))))
+
+    def lack_of_fit(self, terms: Sequence[str]) -> tuple[bool, float]:
+        """Return whether a model with these candidates leaves a lack of fit, and its χ² excess."""
+        kept = [self.blocks[term] for term in terms]
+        places = np.sort(np.concatenate([self.own_terms, *kept]))
+        found = [each.lack_of_fit(places, self.prior) for each in self.recordings]
+        tests = [test for test in found if test is not None]
+        return any(test.failed for test in tests), sum(test.excess for test in tests)
 
     def samples(self, term: str) -> float:
         """Return the number of independent samples with the same information on a candidate.

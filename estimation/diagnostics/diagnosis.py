@@ -19,7 +19,7 @@ from estimation.diagnostics.diagnosis_result import (
     RecordingTests,
     ResidualDiagnosis,
 )
-from estimation.diagnostics.finding import DiagnosisVerdict, Status
+from estimation.diagnostics.finding import DiagnosisVerdict, Finding, Status
 from estimation.diagnostics.gain_drift import gain_drift
 from estimation.diagnostics.hypotheses import list_hypotheses
 from estimation.diagnostics.hypothesis import DelayTest, HypothesisResult
@@ -87,6 +87,7 @@ def diagnose(
     estimate: ParameterEstimate,
     *,
     held_out: bool = False,
+    findings: Sequence[Finding] = (),
 ) -> ResidualDiagnosis:
     """Diagnose an estimate, or its prediction of held-out data.
 
@@ -103,6 +104,8 @@ def diagnose(
     held_out : bool
         The forces of the experiments were not used for the estimate: Cov(p̂) contributes to the
         covariance of the residuals.
+    findings : sequence of Finding
+        Further findings on the estimate.
     """
     cases = _linearise_all(robot, experiments, priors, estimate, held_out=held_out)
     results = [
@@ -116,7 +119,7 @@ def diagnose(
     undetected = undetected_effects(
         [result.reliability for result in results], names, estimate.std[priors.free]
     )
-    judgement = _judge_estimate(robot, used, priors, estimate, results, undetected)
+    judgement = _judge_estimate(robot, used, priors, estimate, results, findings, undetected)
     return _result(estimate, results, judgement, undetected)
 
 
@@ -212,10 +215,11 @@ def _judge_estimate(
     priors: ParameterPriors,
     estimate: ParameterEstimate,
     results: Sequence[AttributedDiagnosis],
+    findings: Sequence[Finding],
     undetected: Sequence[UndetectedEffect],
 ) -> DiagnosisVerdict:
     """Judge also the parameters and, if any test fails, the assignment of the channels."""
-    own = *check_motion_onset(experiments), plausibility(robot, priors, estimate)
+    own = *check_motion_onset(experiments), plausibility(robot, priors, estimate), *findings
     judgement = verdict(results, *own, undetected=undetected)
     if judgement.status is Status.ACCEPTED:
         return judgement

@@ -100,6 +100,16 @@ class JointSystem:
             gradient=np.concatenate([self.gradient, new.T @ self.lengths.ravel()]),
         )
 
+    def select(self, unknowns: Places) -> JointSystem:
+        """Return the system of some unknowns; the others keep their values."""
+        return replace(
+            self,
+            columns=self.columns[:, :, unknowns],
+            length_columns=self.length_columns[:, :, unknowns],
+            information=self.information[np.ix_(unknowns, unknowns)],
+            gradient=self.gradient[unknowns],
+        )
+
     def restrict_to_lengths(self, first: int, precision: Array) -> JointSystem:
         """Return the system of the lengths alone, for the unknowns from `first` on.
 

@@ -144,6 +144,11 @@ def verdict(
     if serious:
         return DiagnosisVerdict(Status.DOUBTFUL, f"doubtful: {'; '.join(serious)}", findings)
     summary = "accepted: no test contradicts the model"
+    if any(experiment.tests.held_out for experiment in experiments):
+        summary = (
+            "accepted: no test contradicts the prediction, which confirms the forces on motions "
+            "like this one, not the single parameters"
+        )
     if undetected and undetected[0].sigmas >= _RELEVANT:
         worst = undetected[0]
         summary += (
@@ -236,7 +241,9 @@ def _bias(diagnosis: AttributedDiagnosis) -> Finding:
         doubts = join_words(dict.fromkeys(effect.doubt for effect in effects))
         parts.append(f"the residuals resemble {found}, but {doubts}")
     where = ", ".join(filter(None, [where, *_name_states(low.shares)]))
-    return _UNLISTED.fails("; ".join(parts), p, level, where)
+    added = join_words(each.noun for each in diagnosis.attribution.hypotheses if each.modelled)
+    advice = f"{_UNLISTED.advice}; {added} in the model may only imitate one" if added else ""
+    return _UNLISTED.fails("; ".join(parts), p, level, where, advice)
 
 
 def _biased_actuators(tests: RecordingTests) -> str:

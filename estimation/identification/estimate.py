@@ -101,7 +101,14 @@ def diagnose_estimation(estimation: Estimation) -> ResidualDiagnosis | None:
     """Return the diagnosis of the best estimate; None after pointwise differentiation."""
     if not estimation.intervals_cover:
         return None
-    return diagnose(estimation.robot, estimation.experiments, estimation.priors, estimation.best)
+    chosen = estimation.selection
+    return diagnose(
+        estimation.robot,
+        estimation.experiments,
+        estimation.priors,
+        estimation.best,
+        findings=() if chosen is None else chosen.findings,
+    )
 
 
 def estimation_result(

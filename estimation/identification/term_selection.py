@@ -9,13 +9,14 @@ from typing import Annotated, Any, Self
 import numpy as np
 from numpy.linalg import LinAlgError
 
+from estimation.diagnostics.finding import Assumption, Finding
 from estimation.estimators import Experiment, ParameterPriors, linear_estimate
 from estimation.identification.recording import (
     estimated_machine,
     linearise_at_load,
     with_residual_noise,
 )
-from estimation.selection import Evidence, Judge, SelectionRow, select
+from estimation.selection import Evidence, Judge, SelectionRow, find_imitations, select
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
 from expdesign.configuration.estimate import DEFAULT_LEVEL, SelectionCriterion
 from expdesign.configuration.parameters import FurtherTerms, TermDescription
@@ -54,6 +55,11 @@ def without_bounds(names: Sequence[str]) -> str:
     )
 
 
+_CAUSES = Assumption(
+    "candidate terms do not imitate other effects",
+    "a candidate term only imitates an effect that is not among the candidates",
+    "look for the cause in the residuals; do not add the term to the robot",
+)
 _ROUNDS = 3
 """Largest number of selections, each at the constants found with the previous one."""
 
@@ -85,6 +91,28 @@ class Selection:
         tuple[str, ...],
         described("", "parameters with bounds, which the choice did without, the estimate not"),
     ] = ()
+    imitations: Annotated[
+        tuple[str, ...],
+        described(
+            "",
+            "chosen terms that were left out again: a lack of fit remained, and each explained "
+            "less than half of it",
+        ),
+    ] = ()
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Finding on terms that only imitate another effect, if there are any."""
+        impossible = dict.fromkeys(row.term for row in self.steps if not row.possible)
+        reasons = {term: "impossible parameters" for term in impossible if term not in self.chosen}
+        reasons |= dict.fromkeys(self.imitations, "a lack of fit remains")
+        if not reasons:
+            return ()
+        words = ", ".join(f"{term} ({reason})" for term, reason in reasons.items())
+        finding = _CAUSES.report_failure(f"not chosen by estimate.select: {words}")
+        return (
+            replace(finding, contradiction=f"{finding.contradiction} ({listed(tuple(reasons))})"),
+        )
 
     @property
     def added(self) -> tuple[TermDescription, ...]:
@@ -190,13 +218,15 @@ class Selection:
                 f"candidates of estimate.select: {error}"
             ) from error
         chosen, steps = select(judge)
+        imitations = find_imitations(judge, chosen)
         held_out = "recordings" if len(present) > 1 else "periods"
         return cls(
             by=section.by,
             level=level,
             candidates=section.candidates,
             judged=judged,
-            chosen=chosen,
+            chosen=tuple(term for term in chosen if term not in imitations),
+            imitations=imitations,
             dispersion=judge.dispersion,
             held_out=held_out if section.by == "holdout" else "",
             steps=steps,

@@ -14,6 +14,7 @@ from estimation.estimators.result import ABOUT_CENTRE, TEN, about_centre
 from estimation.identification.estimator_result import PayloadRow
 from estimation.identification.result import EstimateFile, EstimationResult
 from estimation.identification.term_selection import SAME_MOTION, UNSETTLED, without_bounds
+from estimation.selection import SelectionRow
 from estimation.uncertainty.intervals import FAMILY_LEVEL, Differences, difference_test
 from expdesign.information.identifiable import KnownCombination
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
@@ -421,13 +422,20 @@ def selection_blocks(result: EstimationResult) -> Iterator[Block]:
         TableColumn("log₁₀ p", digits=3, of=lambda row: row.log_p / float(np.log(10))),
         TableColumn("ΔBIC", of="bic"),
         *([TableColumn("Δ held out", of="held_out")] if found.by == "holdout" else []),
-        TableColumn("chosen", kind="text", of=lambda row: "yes" if row.chosen else ""),
+        TableColumn("chosen", kind="text", of=_outcome),
     ]
     caption = f"Every term that was tried; judged by: {WORTH[found.by]}"
     yield ReportTable.of("selection", caption, columns, found.steps, folded=True)
-    cautions = [SAME_MOTION] if found.held_out == "periods" else []
+    cautions = [finding.sentence for finding in found.findings]
+    cautions += [SAME_MOTION] if found.held_out == "periods" else []
     cautions += [] if found.settled else [UNSETTLED]
     cautions += [without_bounds(found.bounded)] if found.bounded else []
     for text in cautions:
         yield TextBlock(f"{text[0].upper()}{text[1:]}.", Level.CAUTION)
     yield TextBlock(found.caveat, Level.CAUTION)
+
+
+def _outcome(row: SelectionRow) -> str:
+    if not row.possible:
+        return "impossible"
+    return "yes" if row.chosen else ""

@@ -12,7 +12,7 @@ from scipy import stats
 
 from estimation.estimators import ParameterPriors, linear_estimate
 from estimation.identification import estimate_parameters, prepare_experiment, term_selection
-from estimation.identification.estimate import identified_robot
+from estimation.identification.estimate import diagnose_estimation, identified_robot
 from estimation.identification.term_selection import UNSETTLED, Selection
 from estimation.selection import Evidence, InformationShare, Judge, select, splits
 from expdesign.configuration import InputError, load_run
@@ -372,6 +372,44 @@ def test_what_no_candidate_explains_counts_as_noise():
     assert judge.try_term("stribeck", ()).statistic == pytest.approx(disturbed_by * statistic)
 
 
+def _selected(force, *candidates):
+    """Return the estimate, with a selection, of a machine with another force."""
+    data = measured(MOTION, seed=3, periods=6, force_scale=0.1)
+    state = MOTION.sample(data.time)
+    struts = ROBOT.strut_motion(state.pose, state.rate, state.acceleration)
+    load = ROBOT.actuator_forces(state.pose, state.rate, state.acceleration)
+    data = replace(data, forces=data.forces + force(struts, load))
+    return estimate_parameters(selecting(candidates=list(candidates)), data, MOTION)
+
+
+def _named(result):
+    """Return the finding on terms that only imitate, in the verdict."""
+    failed = diagnose_estimation(result).verdict.failed
+    return next(finding for finding in failed if "imitates" in finding.contradiction)
+
+
+def test_a_term_with_an_impossible_sign_is_not_chosen_and_is_named():
+    result = _selected(
+        lambda s, load: -0.06 * np.abs(load) * np.sign(s.length_rate), "load_friction"
+    )
+    assert result.selection.chosen == ()
+    (row,) = result.selection.steps
+    assert row.bic < 0
+    assert not row.possible
+    assert "load_friction" in _named(result).contradiction
+
+
+def test_a_term_that_leaves_most_of_a_lack_of_fit_is_not_kept_and_is_named():
+    """A periodic force of a long pitch, of which quadratic friction takes a little."""
+    result = _selected(
+        lambda s, _: 5 * s.length_rate * np.abs(s.length_rate) + 25 * np.sin(60 * s.length),
+        "quadratic_friction",
+    )
+    assert result.selection.imitations == ("quadratic_friction",)
+    assert result.selection.chosen == ()
+    assert "quadratic_friction" in _named(result).contradiction
+
+
 @dataclass(frozen=True)
 class Recording:
     """What a recording says, made up."""
@@ -400,7 +438,8 @@ def judges(draw):
     blocks = {f"b{k}": np.arange(*ends[k : k + 2]) for k in range(5)}
     nothing = InformationShare(np.zeros_like(information), np.zeros(ends[-1]))
     recording = Recording(InformationShare(information, gradient), diagonal, diagonal)
-    evidence = Evidence(blocks, nothing, (recording,), np.inf)
+    unbounded = np.full((ends[-1], 2), [-np.inf, np.inf])
+    evidence = Evidence(blocks, nothing, (recording,), np.inf, unbounded)
     by = draw(st.sampled_from(["bic", "f"]))
     return Judge(evidence, by, 0.01, {"b1": "b0"} if draw(st.booleans()) else {})
 

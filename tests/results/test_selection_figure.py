@@ -32,6 +32,7 @@ def made_up(steps, chosen, by="bic"):
             samples=1000.0,
             bic=-worth,
             held_out=np.nan,
+            possible=True,
             worth=worth,
             chosen=term == done,
         )
