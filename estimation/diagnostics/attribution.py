@@ -419,7 +419,8 @@ def describe_candidate(
     place = _place(Rival(hypothesis.kind, strut, parameter, 0.0))
     name = _name_effects(hypothesis.kind, [place], {hypothesis.kind: hypothesis})
     number = f"{hypothesis.scale * size:{hypothesis.number.removeprefix('+')}}"
-    return f"{name} ({number} {hypothesis.unit_of(parameter)})"
+    size_text = f"{number} {hypothesis.unit_of(parameter)}"
+    return f"{name[:-1]}: {size_text})" if name.endswith(")") else f"{name} ({size_text})"
 
 
 def effect_nouns(attribution: Attribution) -> dict[str, str]:

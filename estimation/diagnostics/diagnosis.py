@@ -73,6 +73,7 @@ from estimation.estimators.prior_estimate import invert_covariance
 from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate
 from estimation.measurement_model import HarmonicMotion
+from expdesign.configuration.tolerances import RobotTolerances
 from expdesign.progress import report_progress, track
 from expdesign.robot import Robot
 
@@ -293,6 +294,7 @@ def _diagnose_experiment(
             case.search_system,
             part,
             tolerated[0],
+            stated=(robot.description.tolerances or RobotTolerances()).terms or {},
             tolerances_estimated=estimate.systematic is not None and estimate.systematic.estimated,
         ),
     )

@@ -13,7 +13,7 @@ any information, such as a common factor of all forces, have no limit: both are 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated
@@ -91,6 +91,7 @@ def candidate_reliability(
     part: Linearisation,
     tolerated: Signature,
     *,
+    stated: Collection[str] = (),
     tolerances_estimated: bool,
 ) -> tuple[CandidateReliability, ...]:
     """Return the reliability of all candidates in one recording.
@@ -101,6 +102,8 @@ def candidate_reliability(
         Its candidates and their first tests.
     system : JointSystem
         The recording without the deviations `tolerated`, which the tests regard as unknown.
+    stated : collection of str
+        Terms whose size is stated as a tolerance, of zero if the machine has none: left out.
     tolerances_estimated : bool
         They were estimated with the parameters, too.
     """
@@ -119,6 +122,8 @@ def candidate_reliability(
     found = []
     for family in families:
         hypothesis = family.hypothesis
+        if hypothesis.kind in stated:
+            continue
         for number in np.flatnonzero(np.isfinite(family.log_p)).tolist():
             places = family.places(number)
             if np.all(counted[places]):

@@ -73,8 +73,9 @@ def undetected_blocks(effects: Sequence[UndetectedEffect]) -> list[Block]:
     text = (
         "Not excluded: an effect of the size in the table is found in 80 % of such recordings. If "
         "it is there and was not found, it moves the parameters by up to the stated standard "
-        "deviations; `std_undetected` in `estimates.csv` is what any one of these effects may add. "
-        "State a tolerance for what the machine may have, and its effect is counted."
+        "deviations; the column std_undetected of estimates.csv is what any one of these effects "
+        "may add. A tolerance of the robot file (tolerances.terms) counts an effect in the "
+        "intervals; a tolerance of zero says that the machine does not have it."
     )
     columns = (
         TableColumn("effect and size", kind="text", of="text"),
