@@ -17,7 +17,7 @@ nearest multiple of the base frequency.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -31,7 +31,6 @@ from estimation.diagnostics.significance import HYPOTHESES
 from estimation.processing.hum import mains_frequencies
 from estimation.processing.periodic_recording import PeriodicRecording
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
-from expdesign.mechanism.terms.rigid_platform import LATERAL
 
 _FEWEST_PERIODS = 2
 _MULTIPLES = 3
@@ -191,14 +190,10 @@ def _in_actuators(name: str) -> _Finder:
     return find
 
 
-def _in_groups(name: str, *groups: tuple[str, Sequence[int]]) -> _Finder:
-    """Return the finder of a term with groups of parameters that are tested jointly."""
-
-    def find(effects: CandidateEffects) -> Candidates:
-        labels = [(label, None) for label, _ in groups]
-        return _candidates(_missing(effects, name), labels, [own for _, own in groups])
-
-    return find
+def _in_groups(*names: str, groups: Mapping[Label, Sequence[int]]) -> _Finder:
+    """Return the finder of terms with groups of parameters that are tested jointly."""
+    labels, places = tuple(groups), tuple(groups.values())
+    return lambda effects: _candidates(_missing(effects, *names), labels, places)
 
 
 def _stribeck(effects: CandidateEffects) -> Candidates:
@@ -215,12 +210,6 @@ def _stribeck(effects: CandidateEffects) -> Candidates:
     )
 
 
-def _position_friction(effects: CandidateEffects) -> Candidates:
-    """Return dry and viscous friction that change along the stroke, jointly in each actuator."""
-    pairs = [(j, ACTUATORS + j) for j in range(ACTUATORS)]
-    return _candidates(_missing(effects, "position_friction"), _EACH, pairs)
-
-
 def _springs(effects: CandidateEffects) -> Candidates:
     """Return springs along the struts, each with a constant force: its rest length is unknown."""
     stiffness = _missing(effects, "cable")
@@ -229,22 +218,6 @@ def _springs(effects: CandidateEffects) -> Candidates:
         stiffness = Signature.concatenate([_with_sum(stiffness), _with_sum(constant)])
     pairs = [(j, 1 + ACTUATORS + j) for j in range(1 + ACTUATORS)]
     return _candidates(stiffness, (_ALL, *_EACH), pairs)
-
-
-def _platform_springs(effects: CandidateEffects) -> Candidates:
-    """Return stiffnesses, with constant forces or moments: the rest position is unknown."""
-    columns = _missing(effects, "platform_spring", "platform_wrench")
-    labels = (("k_x, k_y, k_z", None), ("k_phi, k_theta, k_psi", None))
-    return _candidates(columns, labels, [(0, 1, 2, 6, 7, 8), (3, 4, 5, 9, 10, 11)])
-
-
-def _general_platform(effects: CandidateEffects) -> Candidates:
-    """Return the centre of mass off the axis, and the products of inertia."""
-    columns = Signature.none(effects.part)
-    if effects.robot.description.platform == "symmetric":
-        columns = effects.term("rigid_platform").select(range(-len(LATERAL), 0))
-    labels = [(", ".join(names), None) for names in (LATERAL[:2], LATERAL[2:])]
-    return _candidates(columns, labels, [(0, 1), (2, 3, 4)])
 
 
 def _deviations(
@@ -299,21 +272,26 @@ def _hums(effects: CandidateEffects) -> Candidates:
 
 
 def _family(
-    kind: str, text: str, contradiction: str, noun: str, find: _Finder, advice: str, **more: Any
+    kind: str,
+    noun: str,
+    find: _Finder,
+    advice: str,
+    *,
+    assumed: str = "",
+    fails: str = "",
+    **more: Any,
 ) -> tuple[Family, _Finder]:
-    """Declare a family; an advice of one word is the term to add."""
-    if " " not in advice:
-        advice = f"add `{advice}` to the robot's `terms`: it becomes a parameter of the estimate"
-    more.setdefault("absent", text + " (p = {p:.2g})")
-    assumption = Assumption(text, contradiction, advice)
+    """Declare a family; without texts it is a term that the model may lack."""
+    assumed = assumed or f"no unmodelled {noun.removeprefix('a ').removeprefix('an ')}"
+    more.setdefault("absent", assumed + " (p = {p:.2g})")
+    assumption = Assumption(assumed, fails or f"the model lacks {noun}", advice)
     return Family(kind=kind, assumption=assumption, noun=noun, **more), find
 
 
-def _friction(
-    kind: str, text: str, contradiction: str, noun: str, **more: Any
-) -> tuple[Family, _Finder]:
-    """Declare a family that is a term with one parameter per actuator."""
-    return _family(kind, text, contradiction, noun, _in_actuators(kind), kind, **more)
+def _term(kind: str, noun: str, find: _Finder | None = None, **more: Any) -> tuple[Family, _Finder]:
+    """Declare a family that is a term of the catalogue, by default one of the actuators."""
+    advice = f"add `{kind}` to the robot's `terms`: it becomes a parameter of the estimate"
+    return _family(kind, noun, find or _in_actuators(kind), more.pop("advice", advice), **more)
 
 
 _OF_MOTION: dict[str, Any] = {
@@ -322,158 +300,130 @@ _OF_MOTION: dict[str, Any] = {
 }
 _PLACED: dict[str, Any] = {"phrase": "{noun} ({place})"}
 _FAMILIES = (
-    _family(
+    _term(
         "drive_inertia",
-        "the drives have no unmodelled inertia",
-        "the inertia of the drives is missing in the model",
         "an inertia of the drives",
-        _in_actuators("drive_inertia"),
-        "state the `drive` in the robot file, a screw or gear with lead and inertia: its "
+        advice="state the `drive` in the robot file, a screw or gear with lead and inertia: its "
         "equivalent mass along the struts becomes a parameter of the estimate",
         unit="kg",
     ),
-    _family(
+    _term(
         "stribeck",
-        "friction does not rise near standstill",
-        "friction near standstill differs from the model",
         "friction near standstill",
         _stribeck,
-        "add `stribeck`, with a `velocity` near this one, to the robot's `terms`: it becomes a "
-        "parameter of the estimate, and so does the velocity with `estimate: true`",
+        advice="add `stribeck`, with a `velocity` near this one, to the robot's `terms`: it "
+        "becomes a parameter of the estimate, and so does the velocity with `estimate: true`",
         unit="N",
     ),
-    _friction(
-        "load_friction",
-        "friction does not depend on the load",
-        "friction grows with the load of the actuators",
-        "friction by load",
-        scale=100.0,
-        unit="%",
-    ),
-    _friction(
-        "quadratic_friction",
-        "viscous friction is proportional to the speed",
-        "viscous friction is not proportional to the speed",
-        "friction by the square of the speed",
-        unit="N s^2/m^2",
-    ),
-    _friction(
+    _term("load_friction", "friction by load", scale=100.0, unit="%"),
+    _term("quadratic_friction", "friction by the square of the speed", unit="N s^2/m^2"),
+    _term(
         "asymmetric_friction",
-        "viscous friction is the same in both directions",
-        "viscous friction depends on the direction",
         "a difference of viscous friction between the directions",
         weight=0.5,
         unit="N s/m",
     ),
-    _family(
+    _term(
         "position_friction",
-        "friction does not depend on the position",
-        "friction changes along the stroke",
         "a change of friction along the stroke",
-        _position_friction,
-        "position_friction",
+        _in_groups(
+            "position_friction", groups={label: (j, ACTUATORS + j) for j, label in enumerate(_EACH)}
+        ),
         weight=0.25,
         unit="N/m, N s/m^2",
     ),
-    _family(
+    _term(
         "passive_viscous_friction",
-        "the joints have no viscous friction",
-        "the joints at base or platform have viscous friction",
         "viscous friction of the joints",
-        _in_groups("passive_viscous_friction", ("v_base", (0,)), ("v_platform", (1,))),
-        "passive_viscous_friction",
+        _in_groups(
+            "passive_viscous_friction", groups={("v_base", None): (0,), ("v_platform", None): (1,)}
+        ),
         weight=0.5,
         **_PLACED,
     ),
-    _family(
+    _term(
         "general_platform",
-        "the platform is symmetric",
-        "the platform is not symmetric",
         "an asymmetry of the platform",
-        _general_platform,
-        "state `platform: general` in the robot file: centre of mass and products of inertia "
-        "become parameters of the estimate",
+        _in_groups(
+            "general_platform",
+            groups={("sx, sy", None): (0, 1), ("Ixy, Ixz, Iyz", None): (2, 3, 4)},
+        ),
+        advice="state `platform: general` in the robot file: centre of mass and products of "
+        "inertia become parameters of the estimate",
         weight=0.5,
         **_PLACED,
     ),
-    _family(
+    _term(
         "platform_wrench",
-        "no constant force or moment acts on the platform",
-        "a constant force or moment acts on the platform",
         "a constant load of the platform",
-        _in_groups("platform_wrench", ("f_x, f_y, f_z", range(3)), ("m_x, m_y, m_z", range(3, 6))),
-        "platform_wrench",
+        _in_groups(
+            "platform_wrench",
+            groups={("f_x, f_y, f_z", None): (0, 1, 2), ("m_x, m_y, m_z", None): (3, 4, 5)},
+        ),
         weight=0.25,
         **_PLACED,
     ),
-    _family(
+    _term(
         "platform_spring",
-        "no spring acts between base and platform",
-        "a spring acts between base and platform",
         "a spring of the platform",
-        _platform_springs,
-        "look for hoses, or add `platform_spring` and `platform_wrench` to the robot's `terms`: "
-        "they become parameters of the estimate",
+        # With constant forces or moments, since the rest position is unknown.
+        _in_groups(
+            "platform_spring",
+            "platform_wrench",
+            groups={
+                ("k_x, k_y, k_z", None): (0, 1, 2, 6, 7, 8),
+                ("k_phi, k_theta, k_psi", None): (3, 4, 5, 9, 10, 11),
+            },
+        ),
+        advice="look for hoses, or add `platform_spring` and `platform_wrench` to the robot's "
+        "`terms`: they become parameters of the estimate",
         weight=0.25,
         values_shown=3,
         contains="platform_wrench",
         **_PLACED,
     ),
-    _family(
+    _term(
         "platform_drag",
-        "nothing drags at the platform",
-        "a constant force acts against the platform's motion",
         "a drag of the platform",
-        _in_groups("platform_drag", ("d_x, d_y, d_z", range(3))),
-        "platform_drag",
+        _in_groups("platform_drag", groups={("", None): (0, 1, 2)}),
         weight=0.25,
-        **_PLACED,
-    ),
-    _friction(
-        "force_offset",
-        "no constant force in an actuator",
-        "an actuator has a constant force that the model lacks",
-        "a constant force",
         unit="N",
     ),
+    _term("force_offset", "a constant force", unit="N"),
     _family(
         "gain",
-        "the forces have the same gain",
-        "the gain of an actuator's force differs from the others",
         "a gain error",
         lambda effects: _candidates(effects.gains(), _EACH),
         "state the uncertainty of the force constants, `tolerances.force_constant.each`, with "
         + _JOINTLY,
+        assumed="the forces have the same gain",
+        fails="the gain of an actuator's force differs from the others",
         scale=100.0,
         unit="%",
     ),
     _family(
         "saturation",
-        "the force constants do not depend on the force",
-        "the force constants depend on the force",
-        "a force constant that changes with the force",
+        "a saturating force constant",
         lambda effects: _all_and_each(effects.gains(power=3)),
         "measure the force constants up to the largest force, and correct the measured forces",
+        assumed="the force constants do not depend on the force",
+        fails="the force constants depend on the force",
         weight=0.5,
         scale=100.0,
         unit="% at the largest force",
     ),
-    _family(
+    _term(
         "cable",
-        "no force linear in a strut's length",
-        "a spring acts along a strut",
         "a spring",
         _springs,
-        "look for cables and hoses, or add `cable` and `force_offset` to the robot's `terms`: "
-        "the stiffness becomes a parameter of the estimate",
+        advice="look for cables and hoses, or add `cable` and `force_offset` to the robot's "
+        "`terms`: the stiffness becomes a parameter of the estimate",
         unit="N/m",
         values_shown=1,
         contains="force_offset",
     ),
     _family(
         "joint",
-        "the joints are where the robot file says",
-        "a joint is not at its position in the robot file",
         "a displaced joint",
         _deviations(
             [f"{end}_joint_{j + 1}_{axis}" for end, j in _JOINTS for axis in "xyz"],
@@ -482,39 +432,41 @@ _FAMILIES = (
         ),
         "measure it, or state the uncertainty of the joints, `tolerances.base_joints` and "
         "`tolerances.platform_joints`, with " + _JOINTLY,
+        assumed="the joints are where the robot file says",
+        fails="a joint is not at its position in the robot file",
         phrase="{place} displaced",
         unit="mm",
         **_OF_MOTION,
     ),
     _family(
         "gravity",
-        "gravity has the direction of the robot file",
-        "gravity does not have the direction in the robot file",
         "a tilt of gravity",
         _deviations(["gravity_1", "gravity_2"], [_ALL], [range(2)]),
         "level the base, or state its uncertainty, `tolerances.gravity`, with " + _JOINTLY,
+        assumed="gravity has the direction of the robot file",
+        fails="gravity does not have the direction in the robot file",
         unit="deg",
         **(_OF_MOTION | {"scale": 180 / np.pi}),
     ),
     _family(
         "length_zero",
-        "lengths are measured from where the robot file says",
-        "the zero of a length is wrong",
         "a shifted zero of the length",
         _deviations(actuator_names("strut_length_"), _EACH),
         "reference the strut again, or state the uncertainty of the zeros, "
         "`tolerances.strut_length`, with " + _JOINTLY,
+        assumed="lengths are measured from where the robot file says",
+        fails="the zero of a length is wrong",
         unit="mm",
         **_OF_MOTION,
     ),
     _family(
         "delay",
-        "forces and lengths are sampled at the same time",
-        "the forces lag behind the lengths",
         "a delay of the forces",
         _delay,
         f"state the uncertainty of the delay, `tolerances.delay`, with {_JOINTLY}; a delay from "
         "the data sheet goes into `data.delay`",
+        assumed="forces and lengths are sampled at the same time",
+        fails="the forces lag behind the lengths",
         absent="no significant delay of the forces ({value:.3g} ± {std:.1g} ms)",
         sized_by_constant=True,
         number=".3g",
@@ -523,23 +475,23 @@ _FAMILIES = (
     ),
     _family(
         "lag",
-        "all channels are sampled at the same time",
-        "a channel lags behind the others",
         "a lag of the",
         _lags,
         "compare filters and sampling of the channels, and correct the recording",
+        assumed="all channels are sampled at the same time",
+        fails="a channel lags behind the others",
         weight=0.5,
         unit="ms",
         **_OF_MOTION,
     ),
     _family(
         "hum",
-        "no hum that repeats in every period",
-        "the mains hum at a multiple of the motion's frequency",
         "a hum",
         _hums,
         "earth and shield the measurement, or state the frequency in "
         "`noise.force_spectrum.hum` of the run and design again: the motion then avoids it",
+        assumed="no hum that repeats in every period",
+        fails="the mains hum at a multiple of the motion's frequency",
         absent="no hum of the mains at a multiple of the motion's frequency (p = {p:.2g})",
         reason_untested="the model's columns explain it",
         unit="N",

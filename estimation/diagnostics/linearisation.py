@@ -41,7 +41,7 @@ from estimation.processing import NoiseEstimate, NoiseModel
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import parameters_of
 from expdesign.mechanism.terms import term_definitions
-from expdesign.mechanism.terms.rigid_platform import GENERAL, SYMMETRIC
+from expdesign.mechanism.terms.rigid_platform import GENERAL, LATERAL, SYMMETRIC
 from expdesign.robot import Robot
 from expdesign.robot.deviation import (
     Deviation,
@@ -327,6 +327,7 @@ CANDIDATE_TERMS = (
 )
 """Terms of the catalogue that a robot may lack; the load-dependent one comes first, so that the
 load is that of the robot's own terms."""
+GENERAL_PLATFORM = "general_platform"
 _GEOMETRIC = ("base_joints", "platform_joints", "gravity", "strut_length")
 
 
@@ -353,23 +354,27 @@ class CandidateEffects:
         return self.of_forces((forces * shares ** (power - 1))[:, :, None] * np.eye(ACTUATORS))
 
     def lacks(self, name: str) -> bool:
-        """Return whether the robot does not have a term of the catalogue."""
+        """Return whether the robot lacks a term, or the asymmetry of a platform."""
+        if name == GENERAL_PLATFORM:
+            return SYMMETRIC in self.robot.terms
         return name not in {term.name for term in self.robot.terms}
 
     def term(self, name: str, **constants: float) -> Signature:
-        """Return the columns of a term in its general form, with its constants, SI.
+        """Return the columns of a term, or of the asymmetry of a platform (`GENERAL_PLATFORM`).
 
-        Without constants those of `_extended`.
+        With its constants, SI; without any, with those of `_extended`.
         """
+        if name == GENERAL_PLATFORM:
+            return self.term(GENERAL.name).select(range(-len(LATERAL), 0))
         robot, signs = self._extended
-        regressors = self._regressors if not constants else None
-        if regressors is None:
-            held = robot.description.constants
-            known = [(term.name, one.name) for term in robot.terms for one in term.constants]
+        regressors = self._regressors
+        if constants:
+            own = [(term.name, one.name) for term in robot.terms for one in term.constants]
             given = {(name, constant): value for constant, value in constants.items()}
-            if not given.keys() <= set(known):
+            if not given.keys() <= set(own):
                 raise ValueError(f"{name} has other constants than {', '.join(constants)}")
-            held = tuple(given.get(one, value) for one, value in zip(known, held, strict=True))
+            pairs = zip(own, robot.description.constants, strict=True)
+            held = tuple(given.get(key, value) for key, value in pairs)
             changed = Robot(replace(robot.description, constants=held), robot.load_parameters)
             regressors = self._regressors_of(changed, signs)
         place = [term.name for term in robot.terms].index(name)

@@ -15,7 +15,7 @@ from estimation.kinematics import fit_motion
 from estimation.processing import NoiseModel, PeriodSource
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
-from expdesign.mechanism.terms import DEFAULT
+from expdesign.mechanism.terms import DEFAULT, term_definitions
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import apply_deviations, deviations, toleranced_deviations
 from tests.diagnostics.conftest import Laboratory
@@ -54,17 +54,24 @@ def suspects(lab, palida):
         ("cable", {"rest_length": 0.6}),
         ("stribeck", {"velocity": 0.05}),
         ("load_friction", {}),
+        ("quadratic_friction", {}),
+        ("position_friction", {"length": 0.6}),
+        ("passive_viscous_friction", {}),
+        ("platform_spring", {"x": 0.1, "y": 0.0, "z": -0.6}),
+        ("platform_drag", {}),
     ],
 )
 def test_columns_are_those_of_the_term_at_the_estimate(suspects, palida, name, constants):
     machine = _with_terms(palida, [{name: constants}] if constants else [name])
-    machine = machine.with_load_at(np.concatenate([suspects.values, np.zeros(6)]))
+    count = len(term_definitions()[name].parameters)
+    machine = machine.with_load_at(np.concatenate([suspects.values, np.zeros(count)]))
     states = suspects.motion.at(suspects.experiment.times).state()
-    expected = machine.regressor(*np.split(states, 3, axis=1))[:, :, -6:]
+    expected = machine.regressor(*np.split(states, 3, axis=1))[:, :, -count:]
     found = suspects.term(name, **constants)
     assert not np.any(found.lengths)
     # Next to a reversal the sign is an expectation: the few samples there may differ.
     sliding = np.all(np.abs(suspects.part.speed) > 0.02, axis=1)
+    sliding &= np.all(np.abs(states[:, 6:12]) > 0.02, axis=1)
     assert np.mean(sliding) > 0.5
     np.testing.assert_allclose(
         found.forces[sliding], expected[sliding], rtol=1e-9, atol=1e-9 * np.abs(expected).max()
@@ -178,6 +185,26 @@ def _named(result):
         ),
         ([{"cable": {"rest_length": 0.6}}], {"k4": 300.0}, ("cable", 3, "")),
         (["drive_inertia"], {"m_drive": 3.0}, ("drive_inertia", None, "")),
+        (["force_offset"], {f"o{j}": 15.0 for j in range(1, 7)}, ("force_offset", None, "")),
+        (
+            ["quadratic_friction"],
+            {f"w{j}": -30.0 for j in range(1, 7)},
+            ("quadratic_friction", None, ""),
+        ),
+        (["asymmetric_friction"], {"a2": 25.0}, ("asymmetric_friction", 1, "")),
+        (
+            [{"position_friction": {"length": 0.6}}],
+            {"rl5": 400.0},
+            ("position_friction", 4, ""),
+        ),
+        (
+            ["passive_viscous_friction"],
+            {"v_base": 1.5},
+            ("passive_viscous_friction", None, "v_base"),
+        ),
+        (["platform_drag"], {"d_x": 8.0, "d_y": 8.0, "d_z": 8.0}, ("platform_drag", None, "")),
+        (["platform_wrench"], {"f_x": 30.0}, ("platform_wrench", None, "f_x, f_y, f_z")),
+        (["platform_spring"], {"k_x": 900.0}, ("platform_spring", None, "k_x, k_y, k_z")),
     ],
 )  # fmt: skip
 def test_a_term_that_is_missing_is_named(lab, palida, terms, parameters, expected):
@@ -189,6 +216,41 @@ def test_a_term_that_is_missing_is_named(lab, palida, terms, parameters, expecte
     if expected[0] == "stribeck":
         assert 0.02 < effect.constant < 0.1
     assert result.verdict.status.value == "doubtful"
+
+
+def test_an_asymmetric_platform_is_named(lab, palida):
+    more = {"platform": "general", "parameters": palida["parameters"] | {"sx": 0.3, "sy": -0.2}}
+    machine = robot_from(load_run({"name": "n", "robot": palida | more}).robot)
+    result = _diagnosed(lab, _machine(lab, machine, 2))
+    assert _named(result)[0] == ("general_platform", None, "sx, sy")
+    (effect, *_) = result.recordings[0].attribution.effects
+    assert np.max(np.abs((effect.values - [0.3, -0.2]) / effect.stds)) < 5
+
+
+def test_a_saturating_force_constant_is_named(lab):
+    data = lab.measure(2)
+    share = data.forces / np.abs(data.forces).max()
+    data = replace(data, forces=data.forces * (1 - 0.45 * share**2))
+    result = _diagnosed(lab, data)
+    assert _named(result)[0] == ("saturation", None, "")
+    assert result.recordings[0].attribution.effects[0].value < 0
+
+
+@pytest.mark.parametrize(("channel", "lag"), [("force", 0.012), ("length", 0.001)])
+def test_a_channel_that_lags_is_named(lab, channel, lag):
+    data = lab.measure(2)
+    late = lab.trajectory.sample(data.time - lag)
+    now = lab.trajectory.sample(data.time)
+    if channel == "force":
+        change = lab.robot.actuator_forces(*late) - lab.robot.actuator_forces(*now)
+        data = replace(data, forces=data.forces + change * np.eye(6)[2])
+    else:
+        change = lab.robot.inverse_kinematics(late.pose) - lab.robot.inverse_kinematics(now.pose)
+        data = replace(data, lengths=data.lengths + change * np.eye(6)[2])
+    result = _diagnosed(lab, data)
+    assert _named(result)[0] == ("lag", 2, channel)
+    (effect, *_) = result.recordings[0].attribution.effects
+    assert effect.value == pytest.approx(lag, abs=5 * effect.std)
 
 
 def _moved_joint(lab, size):

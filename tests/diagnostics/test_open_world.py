@@ -104,7 +104,7 @@ def test_an_impossible_sign_is_no_cause():
     assert not any(e.certain for e in effects if e.kind == "load_friction")
     negative = [e for e in effects if e.kind == "load_friction" and e.value < 0]
     assert all(e.doubt for e in negative)
-    assert "friction grows with the load" not in result.verdict.summary
+    assert "friction by load" not in result.verdict.summary
 
 
 def test_a_listed_effect_that_explains_everything_is_certain():
