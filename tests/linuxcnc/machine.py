@@ -38,6 +38,7 @@ COORDINATES = X Y Z A B C
 LINEAR_UNITS = mm
 ANGULAR_UNITS = degree
 HOME = {home}
+ARC_BLEND_ENABLE = 0
 """
 AXIS = """[AXIS_{0}]
 MIN_LIMIT = -9999
@@ -85,6 +86,8 @@ def wait(done):
         time.sleep(0.01)
 
 time.sleep(0.3)
+for words in {first!r}:
+    subprocess.run(words, shell=True, check=True)
 command.state(linuxcnc.STATE_ESTOP_RESET); command.wait_complete()
 command.state(linuxcnc.STATE_ON); command.wait_complete()
 command.teleop_enable(0); command.wait_complete()
@@ -128,8 +131,11 @@ def play(made, folder):
     return samples[moved[0] : moved[-1] + 2]
 
 
-def run_linuxcnc(robot, limits, hal, sampled, body, folder):
-    """Home a robot and run lines of Python; return samples (N, 6) in mm and what was printed."""
+def run_linuxcnc(robot, limits, hal, sampled, body, folder, first=()):
+    """Home a robot and run lines of Python; return samples (N, 6) in mm and what was printed.
+
+    The commands `first` are executed before the machine is switched on.
+    """
     home = [*(1e3 * robot.home[:3]), 0, 0, 0]
     lengths = 1e3 * robot.inverse_kinematics(robot.home)
     period = limits["SERVO_PERIOD"][0]
@@ -142,7 +148,7 @@ def run_linuxcnc(robot, limits, hal, sampled, body, folder):
         "machine.var": "",
         "machine.tbl": "",
         "machine.hal": HAL.format(period=period, more=hal) + "\n".join(sampled) + "\n",
-        "play.py": PLAY.format(body=body, folder=folder),
+        "play.py": PLAY.format(body=body, folder=folder, first=list(first)),
     }
     for name, content in files.items():
         (folder / name).write_text(content)

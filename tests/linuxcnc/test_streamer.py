@@ -12,7 +12,7 @@ from expdesign.export.result import exported_table
 from tests.linuxcnc.machine import run_linuxcnc
 from tests.linuxcnc.test_planner import motion
 
-DRIVE = "net drive-{0} table-cmd-{0}.out => table-fb-{0}.in0"
+DRIVE = "halcmd net drive-{0} table-cmd-{0}.out table-fb-{0}.in0"
 """A drive that is where it is commanded to be."""
 BODY = """
 def shell(words):
@@ -63,16 +63,13 @@ def test_the_printed_commands_play_every_row_from_the_measured_position_on(tmp_p
     (loading,) = commands(guide, "Before you start")
     feed, depth = commands(guide, "Load")
     start, played, stop = commands(guide, "Run")
-    # In the HAL file of the machine stands what the command would load.
-    assert loading == "halcmd -f table.streamer.hal"
-    geometry = setp_lines(work.robot.description, "mm")
-    hal = "\n".join([*geometry, f"source {tmp_path}/table.streamer.hal"])
     drives = [DRIVE.format(joint) for joint in range(6)]
+    drives += [f"halcmd net drive-{joint} sampler.0.pin.{joint}" for joint in range(6)]
     samples, text = run_linuxcnc(
         work.robot,
         LIMITS,
-        hal,
-        [*drives, *(f"net drive-{j} => sampler.0.pin.{j}" for j in range(6))],
+        "\n".join(setp_lines(work.robot.description, "mm")),
+        [],
         BODY.format(
             feed=feed,
             depth=depth,
@@ -82,6 +79,7 @@ def test_the_printed_commands_play_every_row_from_the_measured_position_on(tmp_p
             afterwards=[stop, *commands(guide, "Afterwards")],
         ),
         tmp_path,
+        first=[loading, *drives],
     )
     assert f"depth {min(len(rows), 3999)}" in text
     assert float(re.search(r"played (\S+)", text)[1]) == pytest.approx(len(rows))

@@ -224,7 +224,6 @@ _LAG = 4.0
 """The planner lags by speed² / acceleration: a quarter of the tolerance by default."""
 _SPEED = 2.0
 _GRID = 4001
-_WITHOUT_TURN = 0.01
 _POSES, _EXACT = 400, 1e-6
 _FUZZ = 1e-8
 
@@ -269,7 +268,6 @@ def choose_row_times(settings: Settings, place: str) -> Array:
     choices = [
         _written_times(uniform_times(motion, step), settings) for step in steps if step * most >= 1
     ]
-    _refuse_without_turn(settings, choices[-1], place)
     _refuse_ambiguous_screws(settings, place)
     if given is not None:
         return choices[0]
@@ -288,18 +286,6 @@ def _judge(settings: Settings, times: Array) -> tuple[float, float]:
     off = np.abs(lengths - robot.inverse_kinematics(motion.sample(at).pose)).max()
     excess = max(0.0, abs(table.stretch) / LONGER - 1, off / settings.tolerance - 1)
     return float(excess), float(np.abs(np.diff(lengths, 2, axis=0)).max())
-
-
-def _refuse_without_turn(settings: Settings, times: Array, place: str) -> None:
-    steps = np.abs(np.diff(ideal_rows(settings, times).position, axis=0))
-    still = (steps[:, 3:].max(axis=1) <= _FUZZ) & (steps[:, :3].max(axis=1) > _FUZZ)
-    if np.mean(still) > _WITHOUT_TURN:
-        raise InputError(
-            f"{100 * np.mean(still):.3g} % of the rows do not turn the platform: LinuxCNC rounds "
-            "such corners in another manner, which is not modelled",
-            key=f"{place}.format" if place else "format",
-            allowed="linuxcnc-strut",
-        )
 
 
 def _refuse_ambiguous_screws(settings: Settings, place: str) -> None:
@@ -413,7 +399,9 @@ def planner_lines(_rows: Rows, settings: Settings) -> list[str]:
         "# accelerations count for every other move as well.",
         "[EMCMOT]",
         f"SERVO_PERIOD = {round(1e9 * limits.period)}",
-        *(["[TRAJ]", *path] if np.isfinite(limits.path_velocity) else []),
+        "[TRAJ]",
+        "ARC_BLEND_ENABLE = 0",
+        *(path if np.isfinite(limits.path_velocity) else []),
     ]
     for letter, speed, acceleration in zip(AXES, limits.velocity, limits.acceleration, strict=True):
         lines += [
