@@ -119,7 +119,10 @@ def read_back(path: Path, settings: Settings) -> ReadBack:
     apart, wrong_rows = _row_error(rows, settings)
     found = replace(found, row_error=apart)
     failures = wrong_rows
-    table = ExecutedTable.of(settings, rows)
+    try:
+        table = ExecutedTable.of(settings, rows)
+    except TableError as error:
+        return replace(found, failures=(*failures, f"the controller cannot execute it: {error}"))
     failures += find_faults(settings, table)
     if failures:
         # Rows of another motion: what a machine would do with them is not worth computing.
@@ -198,11 +201,11 @@ def check_controller(table: ExecutedTable) -> ControllerCheck:
         np.abs(table.robot.strut_motion(*motion.sample(part)).length_acceleration).max()
         for part in blocks(times)
     )
-    begin, end = (time - float(times[0]) for time in table.executed_window)
+    begin, end = table.rows.true_times(table.executed_window) - times[0]
     return ControllerCheck(
         cycle=cycle,
-        duration=float(times[-1] - times[0]),
-        window=(begin, end),
+        duration=table.rows.duration - float(times[0]),
+        window=(float(begin), float(end)),
         acceleration=float(np.abs(second).max()),
         designed_acceleration=float(max(designed)),
     )

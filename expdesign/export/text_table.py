@@ -8,12 +8,14 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from constraints.arrays import Array
+from expdesign.configuration.schema import LARGEST_COUNT
 from expdesign.export.definition import Rows, Settings, TableError, edge_rows, in_window
 from expdesign.export.repetition import collect
 
@@ -89,6 +91,68 @@ def mark_window(
         yield line
         if number in marks:
             yield comment.format(marks[number])
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Statements of a controller's language that repeat the lines of a period."""
+
+    begin: str
+    """With ``{}`` for the number of repetitions."""
+    end: str
+    comment: str
+    """A comment, with ``{}`` for its text."""
+
+    def lines(
+        self, parts: Iterable[Iterable[str]], count: int, switches: Sequence[str]
+    ) -> Iterator[str]:
+        """Yield the lines of a program of lead-in, a period that is repeated, and lead-out.
+
+        The switches of an output are before and after the loop.
+        """
+        lead_in, period, lead_out = parts
+        yield from lead_in
+        yield self.comment.format("measurement window begins")
+        yield from switches[:1]
+        yield self.begin.format(count)
+        yield from period
+        yield self.end
+        yield self.comment.format("measurement window ends")
+        yield from switches[1:]
+        yield from lead_out
+
+    def stretches(
+        self, code: Iterable[tuple[int, str]], joined: str = " "
+    ) -> Iterator[tuple[int, list[tuple[int, str]]]]:
+        """Yield blocks of numbered lines, with the number of times that the program executes them.
+
+        A line that begins with `joined` is in one block with the next.
+
+        Raises
+        ------
+        TableError
+            The program has a loop in a loop, or one without begin or end.
+        """
+        begin = re.compile(re.escape(self.begin).replace(r"\{\}", r"(\d{1,7})"))
+        block: list[tuple[int, str]] = []
+        count = 0
+        for k, word in code:
+            begins = begin.fullmatch(word)
+            if begins or word == self.end:
+                if bool(begins) == bool(count):
+                    raise TableError(f"line {k}: '{word[:40]}' is not that of a single loop")
+                yield max(1, count), block
+                block, count = [], int(begins[1]) if begins else 0
+                if begins and not 1 <= count <= LARGEST_COUNT:
+                    raise TableError(f"line {k}: {count} repetitions")
+                continue
+            block.append((k, word))
+            if not count and len(block) > _ROWS and not word.startswith(joined):
+                yield 1, block
+                block = []
+        if count:
+            raise TableError(f"the program has no '{self.end}'")
+        yield 1, block
 
 
 def lines(path: Path) -> Iterator[str]:

@@ -22,7 +22,12 @@ def xps(path, start):
 
 def gcode(path, _start):
     moves = np.array(FEED.findall(path.read_text()), dtype=float)
-    return np.concatenate([[0], np.cumsum(60 / moves[1:, 6])]), moves[:, :6], None
+    return planned_times(moves[1:, 6]), moves[:, :6], None
+
+
+def planned_times(feeds):
+    """Return when LinuxCNC's planner ends moves with these F: after whole servo cycles of 1 ms."""
+    return np.concatenate([[0], np.cumsum(np.floor(60e3 / feeds))]) / 1e3
 
 
 def pmac(path, start):

@@ -158,6 +158,17 @@ LOOPED = {
     "pmac-pvt": COARSE | {"trigger": 3},
     "pvt-csv": COARSE,
     "linuxcnc-strut": UNIFORM,
+    "linuxcnc-gcode": {"trigger": 3},
+}
+PROGRAMS = {
+    "pmac-pvt": (
+        r"(.*)Q100=0 WHILE\(Q100<(\d+)\)\n(.*)Q100=Q100\+1 ENDWHILE\n(.*)",
+        ("M3==1", "M3==0"),
+    ),
+    "linuxcnc-gcode": (
+        r"(.*)o100 repeat \[(\d+)\]\n(.*)o100 endrepeat\n(.*)",
+        ("M62 P3", "M63 P3"),
+    ),
 }
 
 
@@ -169,13 +180,11 @@ def test_a_controller_repeats_the_period(name, tmp_path):
         section.model_copy(update={"repeat": None}), work(), tmp_path / file_name(section)
     )
     # What the controller executes, by its own means, is the whole table.
-    if name == "pmac-pvt":
-        text = made.path.read_text()
-        head, count, body, tail = re.fullmatch(
-            r"(.*)Q100=0 WHILE\(Q100<(\d+)\)\n(.*)Q100=Q100\+1 ENDWHILE\n(.*)", text, re.DOTALL
-        ).groups()
+    if name in PROGRAMS:
+        loop, (on, off) = PROGRAMS[name]
+        head, count, body, tail = re.fullmatch(loop, made.path.read_text(), re.DOTALL).groups()
         program = head + int(count) * body + tail
-        assert program.index("M3==1") < program.index("M3==0")
+        assert program.index(on) < program.index(off)
     else:
         lead_in, period, lead_out = (
             (made.path.with_name(f"{name}{part}{made.path.suffix}")).read_text().splitlines()

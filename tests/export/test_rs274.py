@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,9 @@ import pytest
 from expdesign.configuration import export_section
 from expdesign.export.exporting import export_table
 from tests.export.motions import CASES, task
+from tests.export.reading import planned_times
 from tests.export.test_formats import fixed_axes
+from tests.linuxcnc.test_planner import HEXAPODS, motion
 
 PRINTED = re.compile(r"STRAIGHT_FEED\(([^)]*)\)")
 FEED = re.compile(r"SET_FEED_MODE\(0, 1\)|inverse time")
@@ -43,7 +46,7 @@ def test_it_goes_to_the_poses_of_the_design(case, tmp_path):
     # A move to where the machine is already is printed as well.
     assert len(found) == made.check.rows
     feeds = re.findall(r"^G1 .* F(\S+)$", made.path.read_text(), re.M)
-    times = np.concatenate([[0], np.cumsum(60 / np.array(feeds[1:], dtype=float))])
+    times = planned_times(np.array(feeds[1:], dtype=float))
     wanted = fixed_axes(work.motion.sample(times).pose) * UNIT
     assert np.abs(np.array(found) - wanted).max() <= HALF
 
@@ -58,3 +61,18 @@ def test_it_refuses_a_move_without_its_time(tmp_path):
     made.path.write_text("\n".join(lines) + "\n")
     done = interpret(made.path, tmp_path)
     assert "F word missing" in done.stdout + done.stderr
+
+
+@pytest.mark.system("rs274")
+def test_it_repeats_the_period_as_the_whole_program_does(tmp_path):
+    work = motion(*HEXAPODS["linuxcnc"])
+    work = replace(work, motion=work.motion.with_periods(4))
+    printed = []
+    for repeat in ("file", "controller"):
+        section = export_section(format="linuxcnc-gcode", repeat=repeat)
+        made = export_table(section, work, tmp_path / "file.ngc")
+        done = interpret(made.path, tmp_path)
+        assert done.returncode == 0, done.stderr
+        printed.append(re.findall(r"(?:STRAIGHT|SET)_FEED\w*\([^)]*\)", done.stdout))
+    assert len(PRINTED.findall("\n".join(printed[1]))) == made.check.rows
+    assert printed[0] == printed[1]

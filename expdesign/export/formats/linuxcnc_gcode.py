@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -42,9 +43,10 @@ from expdesign.export.definition import (
 )
 from expdesign.export.execution import LONGER, ExecutedTable
 from expdesign.export.linuxcnc_planner import PlannerLimits, plan_motion
+from expdesign.export.repetition import collect, shorten_task, split_rows
 from expdesign.export.rotation import roll_pitch_yaw
-from expdesign.export.row_times import ideal_rows, uniform_times
-from expdesign.export.text_table import every_line, lines, mark_window, number, write_lines
+from expdesign.export.row_times import ideal_rows
+from expdesign.export.text_table import Loop, every_line, lines, mark_window, number, write_lines
 from expdesign.machines.readers.linuxcnc import turn_errors
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.progress import track
@@ -53,40 +55,63 @@ AXES = ("X", "Y", "Z", "A", "B", "C")
 START_FEED = 6.0
 """1/min: the move to the start takes 10 s; a machine at the start does not move."""
 _FEED_DIGITS = 6
+_MORE = 0.002
+"""Of a servo cycle, that F makes a row longer: the planner drops it. In rows of whole cycles
+rounding would decide in which of two cycles they end."""
+_SAME_FEED = 1e-7
 _LONGER = 2.0
 _BLEND_DIGITS = 8
+_KNOWN = 50_000
+"""Moves that are remembered: those of a period are."""
 _COMMENT = re.compile(r"\([^()]*\)")
 _WORD = re.compile(r"([A-Z])([^A-Z\s]*)")
 _UNIT_CODES = {"mm": "G21", "in": "G20"}
+_LOOP = Loop("o100 repeat [{}]", "o100 endrepeat", "({})")
 
 
-def _feeds(times: Array) -> Array:
-    return np.round(60 / np.diff(times), _FEED_DIGITS)
+def _feeds(times: Array, settings: Settings) -> Array:
+    """Return F of each row but the first, 1/min, of times in whole servo cycles."""
+    period = planner_limits(settings).period
+    cycles = np.rint(np.diff(times) / period)
+    return np.round(60 / (period * (cycles + _MORE)), _FEED_DIGITS)
 
 
-def _written_times(times: Array, _settings: Settings) -> Array:
-    return np.concatenate([[0.0], np.cumsum(60 / _feeds(times))])
+def _on_cycles(times: Array, settings: Settings) -> Array:
+    """Return times, s, rounded to servo cycles."""
+    period = planner_limits(settings).period
+    return period * np.rint(times / period)
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
-    unit = settings.axes.units[0]
+    def lines_of(part: Rows) -> Iterator[str]:
+        feeds = [START_FEED, *_feeds(part.times, settings)]
+        for row, feed in zip(part.position, feeds, strict=True):
+            words = map("".join, zip(AXES, settings.numbers(row), strict=True))
+            yield f"G1 {' '.join(words)} F{feed:.{_FEED_DIGITS}f}"
+
+    title = f"{settings.title}: {settings.axes.units[0]} and degrees"
     head = [
-        f"({settings.title}: {unit} and degrees, A B C are roll, pitch and yaw about fixed axes)",
-        f"{_UNIT_CODES[unit]} G90 G93 G64 P{_blend(settings):.{_BLEND_DIGITS}f} Q0",
+        f"({title}, A B C are roll, pitch and yaw about fixed axes)",
+        _modes(settings),
         "(start)",
     ]
-
-    def lines_of(part: Rows) -> Iterator[str]:
-        feeds = [START_FEED, *_feeds(part.times)]
-        return (
-            f"G1 {_move(row, settings)} F{feed:.{_FEED_DIGITS}f}"
-            for row, feed in zip(part.position, feeds, strict=True)
-        )
-
-    moves = every_line(rows, lines_of)
     behind = switching(rows, settings, _commands(settings))
-    moves = (f"{move}\n{behind[k]}" if k in behind else move for k, move in enumerate(moves))
-    write_lines(path, chain(head, mark_window(moves, rows, settings, "({})"), ["M2"]))
+    text: Iterator[str]
+    if settings.section.looped:
+        lead_in, *parts = (lines_of(part) for part in split_rows(rows))
+        parts = [lead_in, *(islice(part, 1, None) for part in parts)]
+        text = _LOOP.lines(parts, settings.task.motion.periods, [*behind.values()])
+    else:
+        moves = every_line(rows, lines_of)
+        moves = (f"{move}\n{behind[k]}" if k in behind else move for k, move in enumerate(moves))
+        text = mark_window(moves, rows, settings, "({})")
+    write_lines(path, chain(head, text, ["M2"]))
+
+
+def _modes(settings: Settings) -> str:
+    """Return the line of codes before the moves."""
+    unit = _UNIT_CODES[settings.axes.units[0]]
+    return f"{unit} G90 G93 G64 P{_blend(settings):.{_BLEND_DIGITS}f} Q0"
 
 
 def _blend(settings: Settings) -> float:
@@ -100,76 +125,84 @@ def _commands(settings: Settings) -> tuple[str, str]:
     return f"M62 P{settings.section.trigger}", f"M63 P{settings.section.trigger}"
 
 
-def _move(row: Array, settings: Settings) -> str:
-    return " ".join(f"{a}{text}" for a, text in zip(AXES, settings.numbers(row), strict=True))
-
-
 def _read(path: Path, settings: Settings) -> Rows:
-    positions: list[list[float]] = []
-    feeds: list[float] = []
     switched: list[tuple[int, bool]] = []
-    header = {_UNIT_CODES[settings.axes.units[0]], "G90", "G93", "G64"}
-    modes: set[str] = set()
-    ended = False
+    found = collect(_moves(path, settings, switched), settings)
+    rows, duration = found.rows(found.values), settings.task.motion.duration
+    if rows.duration > _LONGER * duration:
+        raise TableError(f"the program lasts {rows.duration:.6g} s, the motion {duration:.6g} s")
+    return switched_at(switched, rows)
+
+
+def _moves(
+    path: Path, settings: Settings, switched: list[tuple[int, bool]]
+) -> Iterator[tuple[Array, Array]]:
+    """Yield times, s, and positions, (N, 6), in blocks; the first is the start.
+
+    Rows before which an output is switched are added to `switched`.
+    """
+    period = planner_limits(settings).period
+    on, off = _commands(settings) if settings.section.trigger is not None else ("", "")
+    known: dict[str, list[float]] = {}
+    total = number = 0
+    for count, block in _LOOP.stretches(_code(path, settings)):
+        values: list[list[float]] = []
+        for k, code in block:
+            if count == 1 and code in (on, off):
+                switched.append((number + len(values) - 1, code == on))
+                continue
+            start = not (number or values)
+            move = known.get(code) or _read_move(code, k, period, start=start)
+            if not start and len(known) < _KNOWN:
+                known[code] = move
+            values.append(move)
+        if values:
+            table = np.array(values)
+            cycles = np.cumsum(table[:, -1])
+            for _ in range(count):
+                yield period * (total + cycles), table[:, :-1]
+                total += int(cycles[-1])
+            number += count * len(values)
+
+
+def _code(path: Path, settings: Settings) -> Iterator[tuple[int, str]]:
+    """Yield the lines of the program behind the modes, with their numbers and without comments."""
+    modes = _modes(settings)
+    begun = ended = False
     for k, line in enumerate(lines(path), start=1):
         code = _COMMENT.sub("", line).strip()
         if not code:
             continue
         if ended:
             raise TableError(f"line {k}: there is code after M2")
-        if code == "M2":
-            ended = True
-            continue
-        if settings.section.trigger is not None and code in _commands(settings):
-            switched.append((len(positions) - 1, code == _commands(settings)[0]))
-            continue
-        words = _words(code, k)
-        if words[0] == ("G", "1"):
-            if modes < header:
-                raise TableError(f"line {k}: a move before {' '.join(sorted(header))}")
-            letters = tuple(letter for letter, _ in words[1:])
-            if letters != (*AXES, "F"):
-                missing = "F word" if "F" not in letters else "axis"
-                raise TableError(f"line {k}: {missing} missing, wrong or twice in a G93 G1 move")
-            values = [number(value, k, f"word {letter}") for letter, value in words[1:]]
-            positions.append(values[:-1])
-            feeds.append(values[-1])
-        else:
-            modes |= _modes(words, k, settings)
-            if modes - header:
-                raise TableError(f"line {k}: '{code[:40]}' is none of our codes")
+        if not begun and code.split() != modes.split():
+            raise TableError(f"line {k}: '{code[:60]}' where the program begins with '{modes}'")
+        ended = code == "M2"
+        if begun and not ended:
+            yield k, code
+        begun = True
     if not ended:
         raise TableError("the program has no M2 at its end")
-    _check_feeds(feeds)
-    times = np.concatenate([[0.0], np.cumsum(60 / np.array(feeds[1:]))])
-    duration = settings.task.motion.duration
-    if times[-1] > _LONGER * duration:
-        raise TableError(f"the program lasts {times[-1]:.6g} s, the motion {duration:.6g} s")
-    rows = Rows(times, np.array(positions).reshape(-1, len(AXES))).checked()
-    return switched_at(switched, rows)
 
 
-def _check_feeds(feeds: list[float]) -> None:
-    if any(feed <= 0 for feed in feeds):
-        raise TableError("a feed is not positive")
-    if feeds and feeds[0] != START_FEED:
-        raise TableError(f"F of the move to the start is {feeds[0]:g}, not {START_FEED:g}")
-
-
-def _modes(words: list[tuple[str, str]], line: int, settings: Settings) -> set[str]:
-    """Return the codes of a line that moves nothing; P and Q of G64 are those of the export."""
-    blending = {"P": _blend(settings), "Q": 0.0}
-    for letter, value in words:
-        if letter in blending and number(value, line, f"word {letter}") != blending[letter]:
-            raise TableError(f"line {line}: {letter} is {value}, not {blending[letter]:g}")
-    return {f"{letter}{value}" for letter, value in words if letter not in blending}
-
-
-def _words(code: str, line: int) -> list[tuple[str, str]]:
-    found = _WORD.findall(code)
-    if "".join(letter + value for letter, value in found) != re.sub(r"\s", "", code):
-        raise TableError(f"line {line}: '{code[:40]}' is no G-code")
-    return found
+def _read_move(code: str, line: int, period: float, *, start: bool) -> list[float]:
+    """Return the six positions of a move and its servo cycles, none of the move to the start."""
+    words = _WORD.findall(code)
+    if "".join(map("".join, words)) != re.sub(r"\s", "", code) or words[0] != ("G", "1"):
+        raise TableError(f"line {line}: '{code[:40]}' is none of our codes")
+    letters = tuple(letter for letter, _ in words[1:])
+    if letters != (*AXES, "F"):
+        missing = "F word" if "F" not in letters else "axis"
+        raise TableError(f"line {line}: {missing} missing, wrong or twice in a G93 G1 move")
+    *position, feed = (number(value, line, f"word {letter}") for letter, value in words[1:])
+    if start:
+        if feed != START_FEED:
+            raise TableError(f"F of the move to the start is {feed:g}, not {START_FEED:g}")
+        return [*position, 0]
+    cycles = round(60 / (period * feed) - _MORE) if feed > 0 else 0
+    if abs(feed * period * (cycles + _MORE) / 60 - 1) > _SAME_FEED:
+        raise TableError(f"line {line}: F {feed:.10g} is not that of whole servo cycles")
+    return [*position, cycles]
 
 
 ENDING = ".genhexkins.hal"
@@ -215,9 +248,9 @@ _PERIOD = 1e-3
 """s; servo period of LinuxCNC's configurations."""
 _CYCLES = (10, 15, 20, 30, 50)
 """Servo cycles of a row that are tried."""
-_MORE = 0.002
-"""Of a cycle, that a row is longer: the planner drops it. In rows of whole cycles rounding would
-decide in which of two cycles they end."""
+_WHOLE = 1e-9
+_SETTLED = 1e-6
+"""mm and degrees; largest difference between two periods of the commanded motion."""
 _TOLERANCE = 0.02
 """Of the largest stroke of a strut."""
 _LAG = 4.0
@@ -232,51 +265,88 @@ def execute_moves(rows: Rows, settings: Settings) -> tuple[Rows, Array]:
     """Return the rows in every servo cycle, and when the planner reaches those of the table.
 
     The times are those of the design: the first is not 0, because the planner hastens through rows
-    slower than 0.1 units per minute.
+    slower than 0.1 units per minute. Of a repeated period the planner has to repeat its motion.
     """
-    limits = planner_limits(settings)
-    feeds = 60 / np.diff(rows.times)
-    planned = plan_motion(rows.position, feeds, _blend(settings), limits)
-    times = limits.period * planned.cycles
-    inside = in_window(rows.times, settings.window)
+    limits, (first, last) = planner_limits(settings), rows.block
+    feeds, position = _feeds(rows.times, settings), rows.position
+    if rows.repeated:
+        feeds = np.insert(feeds, last, feeds[first:last])
+        position = np.insert(position, last + 1, position[first + 1 : last + 1], axis=0)
+    planned = plan_motion(position, feeds, _blend(settings), limits)
+    poses, cycles, task = planned.poses, planned.cycles, settings.task
+    begin = end = 0
+    if rows.repeated:
+        third = 2 * last - first
+        begin, end, again = (int(cycles[row]) for row in (first, last, third))
+        apart = poses[begin:end] - poses[end:again] if again - end == end - begin else np.inf
+        if end - begin != round(rows.period / limits.period) or np.abs(apart).max() > _SETTLED:
+            raise TableError("the planner executes a repeated period otherwise than the one before")
+        poses = np.delete(poses, slice(end, again), axis=0)
+        cycles = np.concatenate([cycles[: last + 1], cycles[third + 1 :] - (again - end)])
+        task = shorten_task(task)
+    times = limits.period * cycles
+    inside = in_window(rows.times, task.motion.window)
     late = float(np.median((rows.times - times)[inside])) if np.any(inside) else 0.0
     times = times + late
-    trigger = None
+    at = late + limits.period * np.arange(len(poses), dtype=np.float64)
+    found = Rows(at, poses, repeated=rows.repeated, block=(begin, end))
     if rows.trigger is not None:
-        on, off = np.interp(rows.trigger, rows.times, times)
-        trigger = float(on), float(off)
-    cycles = late + limits.period * np.arange(len(planned.poses), dtype=np.float64)
-    return Rows(cycles, planned.poses, trigger=trigger), times
+        on, off = found.true_times(np.interp(rows.short_times(rows.trigger), rows.times, times))
+        found = replace(found, trigger=(float(on), float(off)))
+    return found, times
 
 
 def choose_row_times(settings: Settings, place: str) -> Array:
-    """Return times of rows, whole servo cycles apart, with which the planner follows the motion.
+    """Return times of rows, in whole servo cycles, with which the planner follows the motion.
 
     Of several the one with the smallest acceleration in a single cycle is taken. Where the planner
     follows none of them, the table with the smallest deviation is written, and refused.
     """
-    motion, period = settings.task.motion, planner_limits(settings).period
-    given = settings.section.segment
-    steps = [period * (cycles + _MORE) for cycles in _CYCLES]
-    if given is not None:
-        whole = abs(given / period - round(given / period)) < _MORE / 2
-        steps = [given + _MORE * period if whole else given]
-    made = f"{motion.duration:.4g} s in steps of {steps[-1]:g} s"
+    motion, given = settings.task.motion, settings.section.segment
+    period = planner_limits(settings).period
+    longest = _CYCLES[-1] * period if given is None else given
+    made = f"{motion.duration:.4g} s in steps of {longest:g} s"
     key = f"{place}.segment" if place else "segment"
-    require_at_most(motion.duration / steps[-1], MOST_ROWS, made, key=key)
-    most = MOST_ROWS / motion.duration
-    choices = [
-        _written_times(uniform_times(motion, step), settings) for step in steps if step * most >= 1
-    ]
+    require_at_most(motion.duration / longest, MOST_ROWS, made, key=key)
     _refuse_ambiguous_screws(settings, place)
     if given is not None:
-        return choices[0]
+        return _row_times(motion, period, max(1, int(given / period + _WHOLE)))
+    tried = _tried_cycles(motion.trajectory.period / period, looped=settings.section.looped)
+    tried = [n for n in tried if motion.duration <= MOST_ROWS * n * period]
+    choices = [_row_times(motion, period, n) for n in tried]
     judged = [_judge(settings, times) for times in track("rows of the planner", choices)]
     return choices[min(range(len(choices)), key=judged.__getitem__)]
 
 
+def _tried_cycles(period: float, *, looped: bool) -> list[int]:
+    """Return servo cycles of a row that are tried; rows that divide a period can be repeated.
+
+    Those close to the shortest are preferred, and a controller that repeats takes no others.
+    """
+    whole = round(period) if abs(period - round(period)) < _WHOLE * period else 1
+    found = [next((n for n in range(m, 2 * m) if whole % n == 0), m) for m in _CYCLES]
+    dividing = [n for n in found if whole % n == 0]
+    if dividing and (looped or dividing[0] == found[0]):
+        found = dividing
+    return list(dict.fromkeys(found))
+
+
+def _row_times(motion: ExecutableMotion, period: float, cycles: int) -> Array:
+    """Return times of rows so many servo cycles apart, one of them where the periods begin.
+
+    The first and the last row, next to rest, are up to twice as long.
+    """
+    end = math.ceil(motion.duration / period - _WHOLE)
+    rows = np.arange(round(motion.window[0] / period) % cycles, end, cycles)
+    inner = rows[(rows >= cycles) & (rows <= end - cycles)]
+    return period * np.concatenate([[0], inner, [end]])
+
+
 def _judge(settings: Settings, times: Array) -> tuple[float, float]:
-    """Return what is smaller for better rows: excess over the tolerance, and acceleration."""
+    """Return what is smaller for better rows: excess over the tolerance, and acceleration.
+
+    Several periods have to last as long as designed: the controller may repeat them.
+    """
     rows = ideal_rows(settings, times)
     if settings.digits is not None:
         rows = replace(rows, position=np.round(rows.position, settings.digits))
@@ -284,13 +354,14 @@ def _judge(settings: Settings, times: Array) -> tuple[float, float]:
     at, motion, robot = table.rows.times, table.motion, settings.task.robot
     lengths = table.lengths(at)
     off = np.abs(lengths - robot.inverse_kinematics(motion.sample(at).pose)).max()
-    excess = max(0.0, abs(table.stretch) / LONGER - 1, off / settings.tolerance - 1)
+    longer = LONGER if motion.periods == 1 else _WHOLE
+    excess = max(0.0, abs(table.stretch) / longer - 1, off / settings.tolerance - 1)
     return float(excess), float(np.abs(np.diff(lengths, 2, axis=0)).max())
 
 
 def _refuse_ambiguous_screws(settings: Settings, place: str) -> None:
     """Refuse axes with which genhexkins takes another turn of the screws than the robot."""
-    robot, motion = settings.task.robot.description, settings.task.motion
+    robot, motion = settings.task.robot.description, shorten_task(settings.task).motion
     if robot.platform_cardan_axes is None:
         return
     poses = motion.sample(np.linspace(0.0, motion.duration, _POSES)).pose
@@ -316,9 +387,9 @@ def planner_limits(settings: Settings) -> PlannerLimits:
     """
     options = _options(settings)
     metre = LENGTH_UNITS[settings.axes.units[0]]
-    speeds = _axis_speeds(settings.task.motion)
+    speeds = _axis_speeds(settings.task)
     linear, angular = (max(float(part.max()), _FUZZ) for part in (speeds[:3], speeds[3:]))
-    acceleration = _LAG * _strut_speed(settings.task) ** 2 / settings.tolerance
+    acceleration = _LAG * _speed_and_stroke(settings.task)[0] ** 2 / settings.tolerance
     values = (
         (options.linear_speed, _SPEED * linear, metre),
         (options.angular_speed, _SPEED * angular, _DEGREE),
@@ -347,29 +418,32 @@ def _round_up(value: float) -> float:
 
 
 @lru_cache(maxsize=4)
-def _axis_speeds(motion: ExecutableMotion) -> Array:
+def _axis_speeds(task: Task) -> Array:
     """Return the largest speeds of the six axes, m/s and rad/s."""
-    times = np.linspace(0.0, motion.duration, _GRID)
-    pose = motion.sample(times).pose
+    times, pose = _sample(task)
     values = np.hstack([pose[:, :3], roll_pitch_yaw(pose[:, 3:])])
     return np.asarray(np.abs(np.diff(values, axis=0)).max(axis=0) / times[1])
 
 
 @lru_cache(maxsize=4)
-def _lengths(task: Task) -> Array:
-    """Return the struts' lengths on a grid of the motion, m."""
-    times = np.linspace(0.0, task.motion.duration, _GRID)
-    return task.robot.inverse_kinematics(task.motion.sample(times).pose)
+def _speed_and_stroke(task: Task) -> tuple[float, float]:
+    """Return the largest speed, m/s, and the largest stroke of a strut, m."""
+    times, pose = _sample(task)
+    lengths = task.robot.inverse_kinematics(pose)
+    speed = np.abs(np.diff(lengths, axis=0)).max() / times[1]
+    return float(speed), float(np.ptp(lengths, axis=0).max())
 
 
-def _strut_speed(task: Task) -> float:
-    steps = np.abs(np.diff(_lengths(task), axis=0)).max()
-    return float(steps) * (_GRID - 1) / task.motion.duration
+def _sample(task: Task) -> tuple[Array, Array]:
+    """Return times (N,), s, and poses (N, 6) of the motion with at most two periods."""
+    motion = shorten_task(task).motion
+    times = np.linspace(0.0, motion.duration, _GRID)
+    return times, motion.sample(times).pose
 
 
 def tolerance(task: Task) -> float:
     """Return the largest deviation of a strut from the design: a share of the largest stroke, m."""
-    return _TOLERANCE * float(np.ptp(_lengths(task), axis=0).max())
+    return _TOLERANCE * _speed_and_stroke(task)[1]
 
 
 def condition(settings: Settings) -> str:
@@ -377,7 +451,7 @@ def condition(settings: Settings) -> str:
     limits = planner_limits(settings)
     unit = settings.axes.units[0]
     row = settings.section.segment or 10 * limits.period
-    speeds = _axis_speeds(settings.task.motion)
+    speeds = _axis_speeds(settings.task)
     needed = LENGTH_UNITS[unit] * speeds[:3].max() / row, _DEGREE * speeds[3:].max() / row
     return (
         "LinuxCNC's planner ramps up and down in each row: it follows rows of at least ten servo "
@@ -432,7 +506,7 @@ class GcodeOptions(ExportSection):
     """Options of G-code for LinuxCNC."""
 
     spaces = ("pose",)
-    shared = ("digits", "units", "trigger")
+    shared = ("digits", "units", "trigger", "repeat")
     outputs = (0, 63)
     """P of M62 and M63."""
 
@@ -492,7 +566,8 @@ FORMAT = TableFormat(
     clock="F of G93 with 6 decimals; the planner works in whole servo cycles",
     executed="LinuxCNC 2.9 ran it: its commands agree with a model of the planner to some nm",
     axes={"pose": AXES},
-    written_times=_written_times,
+    written_times=_on_cycles,
+    repeats=True,
     controller=ControllerModel(execute_moves, choose_row_times, tolerance, condition),
     fixed_angles=True,
     beside={ENDING: geometry_lines, PLANNER_ENDING: planner_lines},

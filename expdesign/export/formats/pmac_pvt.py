@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain, islice
 from pathlib import Path
 from typing import Literal
@@ -15,7 +15,6 @@ from pydantic import model_validator
 from constraints.arrays import Array
 from expdesign.configuration.errors import refusal
 from expdesign.configuration.export import PVT_OPTIONS, ExportSection
-from expdesign.configuration.schema import LARGEST_COUNT
 from expdesign.export.definition import (
     Guide,
     Interpolation,
@@ -29,6 +28,7 @@ from expdesign.export.definition import (
 )
 from expdesign.export.repetition import collect, split_rows
 from expdesign.export.text_table import (
+    Loop,
     every_line,
     lines,
     mark_window,
@@ -48,11 +48,9 @@ _PROGRAM = 10
 _NO_PROGRAM = (
     "no program of PVT times and moves between OPEN PROG … CLEAR, ABS and CLOSE, and nothing else"
 )
-_LINES, _KNOWN = 40_000, 50_000
-"""Lines that are read at once, and moves that are remembered."""
-_COUNTER = "Q100"
-_WHILE = re.compile(rf"{_COUNTER}=0 WHILE\({_COUNTER}<(\d{{1,7}})\)")
-_ENDWHILE = f"{_COUNTER}={_COUNTER}+1 ENDWHILE"
+_KNOWN = 50_000
+"""Moves that are remembered."""
+_LOOP = Loop("Q100=0 WHILE(Q100<{})", "Q100=Q100+1 ENDWHILE", "; {}")
 _MOVE = re.compile(r"([A-Z])([^:\s]*):(\S*)")
 
 
@@ -72,29 +70,12 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
     behind = switching(rows, settings, _commands(settings))
     if settings.section.looped:
         parts = (islice(lines_of(part), 1, None) for part in split_rows(rows))
-        text = _loop(parts, settings.task.motion.periods, [*behind.values()])
+        text = _LOOP.lines(parts, settings.task.motion.periods, [*behind.values()])
     else:
         moves = mark_window(every_line(rows, lines_of), rows, settings, "; {}", ends=True)
         first = [behind[0]] if 0 in behind else []
         text = chain(first, islice(_switched(moves, behind), 1, None))
     write_lines(path, chain(_head(settings), text, ["CLOSE"]))
-
-
-def _loop(parts: Iterable[Iterable[str]], count: int, switches: Sequence[str]) -> Iterator[str]:
-    """Yield the lines of a program that repeats a period; the switches are before and after it.
-
-    The parts are lead-in, period and lead-out.
-    """
-    lead_in, period, lead_out = parts
-    yield from lead_in
-    yield "; measurement window begins"
-    yield from switches[:1]
-    yield f"{_COUNTER}=0 WHILE({_COUNTER}<{count})"
-    yield from period
-    yield _ENDWHILE
-    yield "; measurement window ends"
-    yield from switches[1:]
-    yield from lead_out
 
 
 def _switched(moves: Iterable[str], behind: Mapping[int, str]) -> Iterator[str]:
@@ -160,7 +141,7 @@ def _moves(
     on, off = _commands(settings) if settings.section.trigger is not None else ("", "")
     yield np.zeros(1), np.concatenate([settings.start, np.zeros(len(LETTERS))])[None, :]
     total = number = 0
-    for count, block in _stretches(_code(path, settings)):
+    for count, block in _LOOP.stretches(_code(path, settings), "PVT"):
         values: list[list[float]] = []
         step, ticks = 0, [0]
         for k, word in block:
@@ -182,29 +163,6 @@ def _moves(
             number += count * len(values)
     if not number:
         raise TableError(_NO_PROGRAM)
-
-
-def _stretches(code: Iterable[tuple[int, str]]) -> Iterator[tuple[int, list[tuple[int, str]]]]:
-    """Yield numbered lines of moves, with the number of times that the program executes them."""
-    block: list[tuple[int, str]] = []
-    count = 0
-    for k, word in code:
-        begins = _WHILE.fullmatch(word)
-        if begins or word == _ENDWHILE:
-            if bool(begins) == bool(count):
-                raise TableError(f"line {k}: '{word[:40]}' is not that of a single loop")
-            yield max(1, count), block
-            block, count = [], int(begins[1]) if begins else 0
-            if begins and not 1 <= count <= LARGEST_COUNT:
-                raise TableError(f"line {k}: {count} repetitions")
-            continue
-        block.append((k, word))
-        if not count and len(block) > _LINES and not word.startswith("PVT"):
-            yield 1, block
-            block = []
-    if count:
-        raise TableError(_NO_PROGRAM)
-    yield 1, block
 
 
 def _code(path: Path, settings: Settings) -> Iterator[tuple[int, str]]:
