@@ -205,13 +205,11 @@ _Fault = tuple[Key, str, str]
 
 
 def _oversized(run: RunDescription, _: ResolvedRobot) -> Iterator[_Fault]:
-    """Yield sizes that no computer's memory holds, for the shortest motion of the family."""
+    """Yield sizes of a period that no computer's memory holds, for the shortest of the family."""
     longest, shortest = (1 / frequency for frequency in run.trajectory.frequency)
-    samples = run.experiment.periods * shortest * run.experiment.sampling
-    if samples > MOST_SAMPLES:
-        key = "periods" if shortest * run.experiment.sampling <= MOST_SAMPLES else "sampling"
-        message = f"{samples:.4g} samples of one recording are too many"
-        yield (("experiment", key), message, f"{MOST_SAMPLES} at most")
+    if (samples := shortest * run.experiment.sampling) > MOST_SAMPLES:
+        message = f"{samples:.4g} samples of one period are too many"
+        yield (("experiment", "sampling"), message, f"{MOST_SAMPLES} at most")
     if (steps := longest / run.controller_period) > MOST_ROWS:
         key = "sampling" if run.trajectory.controller_period is None else "controller_period"
         section = "experiment" if key == "sampling" else "trajectory"

@@ -23,6 +23,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
+from expdesign.configuration.schema import MOST_SAMPLES
 from expdesign.experiment.result import (
     Eigenvalue,
     ParameterPrecision,
@@ -71,7 +72,7 @@ def experiment_information(
     count = whole(per_period)
     if count is not None:
         information = evaluator.whole_information(trajectory, count) * experiment.periods
-    elif evaluator.memory is not None:
+    elif evaluator.memory is not None or total > MOST_SAMPLES:
         # The information of a period with nearly as many samples, for all of them.
         count = max(1, round(per_period))
         information = evaluator.whole_information(trajectory, count) * (total / count)

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from constraints.arrays import Array
+from expdesign.configuration.schema import MOST_SAMPLES
 from expdesign.export.definition import Axes, Interpolation, Rows, Settings, Task
 from expdesign.export.repetition import shorten_task
 from expdesign.information.fisher import (
@@ -338,7 +339,7 @@ def information_change(table: ExecutedTable, task: Task) -> InformationChange | 
     """
     if task.force_covariance is None:
         return None
-    names, count = task.parameters, len(_measured_times(task))
+    names, count = task.parameters, _sample_count(task)
     repeats = table.rows.repeated
     try:
         reference, before = _predicted_by_design(task, repeats)
@@ -354,28 +355,29 @@ def information_change(table: ExecutedTable, task: Task) -> InformationChange | 
     return InformationChange(count, reference, change, largest, names[worst])
 
 
-def _measured_times(task: Task) -> Array:
-    """Return the times of the samples, (N,), s."""
+def _sample_count(task: Task) -> int:
     first, last = task.motion.window
-    count = max(1, int(np.floor((last - first) * task.sampling * (1 + 1e-12))))
-    return first + np.arange(count) / task.sampling
+    return max(1, int(np.floor((last - first) * task.sampling * (1 + 1e-12))))
 
 
 def _weighted_times(task: Task, repeats: int) -> list[tuple[Array, int]]:
     """Return times of samples, (N,), s, each with the number of its samples.
 
     With repeated periods all times are in the first two. Between the middles of both nothing
-    depends on lead-in and lead-out: these samples count for all periods between.
+    depends on lead-in and lead-out: these samples count for all periods between. Of more samples
+    than memory holds, periods have whole numbers of them.
     """
-    times = _measured_times(task)
+    total, sampling = _sample_count(task), task.sampling
+    begin, period = task.motion.window[0], task.motion.trajectory.period
+    count = max(1, round(period * sampling))
+    whole = abs(period * sampling - count) < _WHOLE
+    if repeats and total > MOST_SAMPLES and not whole:
+        sampling, whole = count / period, True
+    times = begin + np.arange(2 * count if repeats and whole else total) / sampling
     if not repeats:
         return [(times, 1)]
-    begin, period = times[0], task.motion.trajectory.period
-    samples = period * task.sampling
-    count = round(samples)
-    if abs(samples - count) < _WHOLE:
-        middle = times[count // 2 : count // 2 + count]
-        return [(times[: 2 * count], 1), (middle, repeats)]
+    if whole:
+        return [(times, 1), (times[count // 2 : count // 2 + count], repeats)]
     later = begin + period + np.mod(times - begin, period)
     return [(np.where(times < begin + period, times, later), 1)]
 

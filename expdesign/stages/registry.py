@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 from constraints.plugins import declared_classes
 from expdesign.configuration import Problem, RunConfiguration
+from expdesign.configuration.schema import MOST_SAMPLES
 from expdesign.stages.stage import (
     ESTIMATE_FILE,
     FIGURES,
@@ -62,10 +63,14 @@ class ExperimentStage(Stage):
         return EXPERIMENT
 
     def reason_left_out(self, configuration: RunConfiguration) -> str:
-        """Return the reason against a simulation: a measured recording, or a sweep."""
-        file = configuration.run.data.file
-        measured = "" if file is None else f"the data is measured: {short(Path(file))}"
-        return measured or super().reason_left_out(configuration)
+        """Return the reason against a simulation: a measured recording, its length, or a sweep."""
+        run = configuration.run
+        if run.data.file is not None:
+            return f"the data is measured: {short(Path(run.data.file))}"
+        samples = run.experiment.periods * run.experiment.sampling / run.trajectory.frequency[1]
+        if samples > MOST_SAMPLES:
+            return f"{samples:.4g} samples are too many to be simulated, {MOST_SAMPLES} at most"
+        return super().reason_left_out(configuration)
 
 
 class NoiseStage(Stage):

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from expdesign.configuration import InputError, export_section
+from expdesign.configuration import InputError, export_section, load_run
 from expdesign.export.exporting import export_table, file_name, resolve_settings
 from expdesign.export.read_back import read_back
 from expdesign.export.table_file import read_table_file
+from expdesign.stages.registry import performed_stages, stages
 from tests.estimation.cases import ROBOT, trajectory
 from tests.export import reading
 from tests.export.motions import spline_motion_of
@@ -222,3 +223,27 @@ def test_two_periods_are_not_repeated_by_a_controller(tmp_path):
         export_table(section, work(2), tmp_path / "t.pmc")
     with pytest.raises(ValueError, match="no option 'repeat'"):
         export_section(format="xps-pvt", repeat="controller")
+
+
+@pytest.mark.parametrize("name", ["pmac-pvt", "linuxcnc-gcode"])
+def test_a_controller_repeats_ten_thousand_periods(name, tmp_path):
+    section = export_section(format=name, repeat="controller")
+    tracemalloc.start()
+    made = export_table(section, work(10_000), tmp_path / "t")
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert made.check.passed
+    assert made.check.rows > 500_000
+    assert made.check.information.samples == 10_000 * trajectory().period * small_task().sampling
+    assert made.path.stat().st_size < 200_000
+    assert peak < 300e6
+
+
+def test_an_experiment_of_ten_thousand_periods_is_designed_but_not_simulated():
+    experiment = {"periods": 10_000, "sampling": "500 Hz"}
+    trajectory = {"frequency": ["0.5 Hz", "0.5 Hz"]}
+    run = {"name": "n", "robot": "linuxcnc", "trajectory": trajectory, "experiment": experiment}
+    configuration = load_run(run | {"design": {}, "export": ["csv"]})
+    assert [stage.name for stage in performed_stages(configuration)] == ["design", "export"]
+    reason = stages()["experiment"].reason_left_out(configuration)
+    assert "1e+07 samples are too many to be simulated" in reason
