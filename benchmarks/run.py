@@ -47,6 +47,7 @@ NAMES = (
     "physical_consistency",
     "mutants",
     "unknowns",
+    "long_tables",
 )
 
 

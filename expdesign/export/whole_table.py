@@ -158,9 +158,9 @@ def _corners(times: Array, lengths: Array, *, piece: bool) -> tuple[NDArray[np.i
     if not piece:
         rest = np.zeros((1, lengths.shape[1]))
         slopes, steps = np.vstack([rest, slopes, rest]), np.pad(steps, 1, mode="edge")
-    shorter = np.minimum(steps[:-1], steps[1:])
-    rows: NDArray[np.intp] = np.arange(len(shorter), dtype=np.intp) + (1 if piece else 0)
-    return rows, np.abs(np.diff(slopes, axis=0)) / shorter[:, None]
+    mean = (steps[:-1] + steps[1:]) / 2
+    rows: NDArray[np.intp] = np.arange(len(mean), dtype=np.intp) + (1 if piece else 0)
+    return rows, np.abs(np.diff(slopes, axis=0)) / mean[:, None]
 
 
 def _wrong_trigger(rows: Rows, settings: Settings) -> list[str]:

@@ -106,9 +106,17 @@ sampler.terminate()
 """
 
 
+# The queue is full before the first move, however busy this computer is.
 AUTO = """command.mode(linuxcnc.MODE_AUTO); command.wait_complete()
 command.program_open("{program}"); command.wait_complete()
+command.feedrate(0.0); command.wait_complete()
 command.auto(linuxcnc.AUTO_RUN, 0)
+queued = -1
+while queued < 0 or status.queue > queued:
+    queued = status.queue
+    time.sleep(0.5)
+    status.poll()
+command.feedrate(1.0)
 time.sleep(0.2)
 wait(lambda: status.interp_state == linuxcnc.INTERP_IDLE and status.inpos and not status.queue)"""
 

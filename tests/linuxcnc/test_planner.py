@@ -46,7 +46,7 @@ def motion(size, amplitude, frequency, turn=2):
 HEXAPODS = {
     "linuxcnc": (1.0, 0.05, 1.0),
     "small": (0.2, 0.08, 1.0),
-    "large": (3.0, 0.01, 2.0),
+    "large": (3.0, 0.01, 1.0),
     "linuxcnc without rotation": (1.0, 0.05, 1.0, 0),
 }
 SCALES = (1.0, 0.3, 0.1)

@@ -311,35 +311,27 @@ def choose_row_times(settings: Settings, place: str) -> Array:
     _refuse_ambiguous_screws(settings, place)
     if given is not None:
         return _row_times(motion, period, max(1, int(given / period + _WHOLE)))
-    tried = _tried_cycles(motion.trajectory.period / period, looped=settings.section.looped)
-    tried = [n for n in tried if motion.duration <= MOST_ROWS * n * period]
+    tried = [n for n in _CYCLES if motion.duration <= MOST_ROWS * n * period]
     choices = [_row_times(motion, period, n) for n in tried]
     judged = [_judge(settings, times) for times in track("rows of the planner", choices)]
     return choices[min(range(len(choices)), key=judged.__getitem__)]
 
 
-def _tried_cycles(period: float, *, looped: bool) -> list[int]:
-    """Return servo cycles of a row that are tried; rows that divide a period can be repeated.
-
-    Those close to the shortest are preferred, and a controller that repeats takes no others.
-    """
-    whole = round(period) if abs(period - round(period)) < _WHOLE * period else 1
-    found = [next((n for n in range(m, 2 * m) if whole % n == 0), m) for m in _CYCLES]
-    dividing = [n for n in found if whole % n == 0]
-    if dividing and (looped or dividing[0] == found[0]):
-        found = dividing
-    return list(dict.fromkeys(found))
-
-
 def _row_times(motion: ExecutableMotion, period: float, cycles: int) -> Array:
-    """Return times of rows so many servo cycles apart, one of them where the periods begin.
+    """Return times of rows so many servo cycles apart, the same in all periods of whole cycles.
 
-    The first and the last row, next to rest, are up to twice as long.
+    There some rows are a cycle longer. The first and the last row, next to rest, are up to twice as
+    long.
     """
-    end = math.ceil(motion.duration / period - _WHOLE)
-    rows = np.arange(round(motion.window[0] / period) % cycles, end, cycles)
-    inner = rows[(rows >= cycles) & (rows <= end - cycles)]
-    return period * np.concatenate([[0], inner, [end]])
+    begin, behind = (round(edge / period) for edge in motion.window)
+    end, one = math.ceil(motion.duration / period - _WHOLE), motion.trajectory.period / period
+    inside = np.arange(begin, behind, cycles)
+    if abs(one - round(one)) < _WHOLE * one:
+        behind, count = begin + motion.periods * round(one), max(1, round(one) // cycles)
+        inside = begin + np.arange(motion.periods * count) * round(one) // count
+    before = np.arange(begin % cycles, begin, cycles)
+    after = np.arange(behind, end - cycles + 1, cycles)
+    return period * np.concatenate([[0], before[before >= cycles], inside, after, [end]])
 
 
 def _judge(settings: Settings, times: Array) -> tuple[float, float]:
