@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
@@ -136,25 +136,23 @@ class Rows:
 
     def expanded(self) -> Rows:
         """Return the rows with all periods."""
-        parts = list(self.parts())
-        whole = [parts[0], *(part.part(1, len(part.times)) for part in parts[1:])]
-
-        def joined(values: Iterable[Array | None]) -> Array | None:
-            found = [one for one in values if one is not None]
-            return np.concatenate(found) if found else None
-
-        columns = {
-            name: np.concatenate([part.columns[name] for part in whole]) for name in self.columns
-        }
-        times = np.concatenate([part.times for part in whole])
-        if "t" in columns:
-            columns["t"] = times
+        first, last = self.block
+        count, behind = last - first, len(self.times) - last - 1
+        numbers = np.arange(len(self.times))
+        again = np.tile(numbers[first + 1 : last + 1], self.repeated)
+        numbers = np.concatenate([numbers[: last + 1], again, numbers[last + 1 :]])
+        delays = np.repeat(
+            self.period * np.array([0, *range(1, self.repeated + 1), self.repeated]),
+            [last + 1, *[count] * self.repeated, behind],
+        )
+        times = self.times[numbers] + delays
+        columns = {name: values[numbers] for name, values in self.columns.items()}
         return Rows(
             times,
-            np.concatenate([part.position for part in whole]),
-            joined(part.rate for part in whole),
-            joined(part.acceleration for part in whole),
-            columns,
+            self.position[numbers],
+            None if self.rate is None else self.rate[numbers],
+            None if self.acceleration is None else self.acceleration[numbers],
+            columns | ({"t": times} if "t" in columns else {}),
         )
 
     @property

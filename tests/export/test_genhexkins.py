@@ -5,7 +5,7 @@ import pytest
 
 from expdesign.configuration import export_section, load_run
 from expdesign.export.exporting import export_table
-from expdesign.export.formats.linuxcnc_gcode import setp_lines
+from expdesign.machines.genhexkins import setp_lines
 from expdesign.machines.importing import read_machine
 from expdesign.robot import load_robot, robot_from
 from tests.export.motions import task

@@ -7,8 +7,8 @@ import pytest
 
 from expdesign.configuration import export_section
 from expdesign.export.exporting import export_table
-from expdesign.export.formats.linuxcnc_gcode import setp_lines
 from expdesign.export.result import exported_table
+from expdesign.machines.genhexkins import setp_lines
 from tests.linuxcnc.machine import run_linuxcnc
 from tests.linuxcnc.test_planner import motion
 

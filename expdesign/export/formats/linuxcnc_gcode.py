@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import model_validator
 
 from constraints.arrays import Array
-from expdesign.configuration import InputError, ResolvedRobot
+from expdesign.configuration import InputError
 from expdesign.configuration.errors import refusal
 from expdesign.configuration.export import ExportSection
 from expdesign.configuration.quantity import (
@@ -47,7 +47,7 @@ from expdesign.export.repetition import collect, shorten_task, split_rows
 from expdesign.export.rotation import roll_pitch_yaw
 from expdesign.export.row_times import ideal_rows
 from expdesign.export.text_table import Loop, every_line, lines, mark_window, number, write_lines
-from expdesign.machines.readers.linuxcnc import turn_errors
+from expdesign.machines.genhexkins import setp_lines, turn_errors
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.progress import track
 
@@ -206,41 +206,11 @@ def _read_move(code: str, line: int, period: float, *, start: bool) -> list[floa
 
 
 ENDING = ".genhexkins.hal"
-_LETTERS = "xyz"
-_INI_UNITS = {"mm": "mm", "in": "inch"}
 
 
 def geometry_lines(_rows: Rows, settings: Settings) -> list[str]:
     """Return the lines that give genhexkins the robot's joints, in the table's unit of length."""
     return setp_lines(settings.task.robot.description, settings.axes.units[0])
-
-
-def setp_lines(robot: ResolvedRobot, unit: str) -> list[str]:
-    """Return the lines for a robot, with lengths in mm or in."""
-    return [
-        f"# {robot.name} for genhexkins, where [TRAJ]LINEAR_UNITS = {_INI_UNITS[unit]}.",
-        "# spindle-offset and tool-offset stay zero: the controlled point is the robot file's.",
-        *_points("base", robot.base_joints * LENGTH_UNITS[unit]),
-        *_points("platform", robot.platform_joints * LENGTH_UNITS[unit]),
-        *_thread(robot, unit),
-    ]
-
-
-def _thread(robot: ResolvedRobot, unit: str) -> Iterator[str]:
-    """Yield the axes and the lead for the turn of the struts on their screws."""
-    if robot.platform_cardan_axes is None:
-        yield "setp genhexkins.screw-lead 0"
-        return
-    # With axes against each other a lead above zero is right-handed.
-    yield from _points("base-n", robot.alpha_axes)
-    yield from _points("platform-n", -robot.platform_cardan_axes)
-    yield f"setp genhexkins.screw-lead {robot.thread_lead * LENGTH_UNITS[unit]:.12g}"
-
-
-def _points(kind: str, joints: Array) -> Iterator[str]:
-    for index, joint in enumerate(joints):
-        for letter, value in zip(_LETTERS, joint, strict=True):
-            yield f"setp genhexkins.{kind}.{index}.{letter} {value + 0.0:.12g}"
 
 
 PLANNER_ENDING = ".planner.ini"

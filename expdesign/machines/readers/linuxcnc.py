@@ -1,8 +1,6 @@
 """LinuxCNC's configuration of a hexapod: the INI file, and ``setp`` lines of genhexkins in HAL.
 
-The controlled point's pose is (x, y, z, a, b, c) with R = Rz(c) Ry(b) Rx(a) and degrees. A strut
-goes from ``base.N`` in the world to ``platform.N`` on the platform; `spindle-offset` and
-`tool-offset` are added to z of both. Source: LinuxCNC, genhexkins(9) and INI configuration.
+Source: LinuxCNC, genhexkins(9) and INI configuration.
 """
 
 from __future__ import annotations
@@ -19,8 +17,14 @@ from scipy.spatial.transform import Rotation
 from constraints.arrays import Array
 from expdesign.configuration.document import read_text
 from expdesign.configuration.errors import InputError, quote
-from expdesign.configuration.geometry import StrutGeometry, geometry_at
-from expdesign.configuration.parameters import Drive, Screw, Thread
+from expdesign.configuration.geometry import geometry_at
+from expdesign.configuration.parameters import Drive, Screw
+from expdesign.machines.genhexkins import (
+    BUILT_IN_AXES,
+    BUILT_IN_JOINTS,
+    find_thread,
+    turn_errors,
+)
 from expdesign.machines.machine import (
     MachineDraft,
     MachineFormat,
@@ -281,7 +285,7 @@ class _Hexapod:
         upper = self._axes("platform-n", used=True)
         thread = None
         if home is not None and lower is not None and upper is not None:
-            thread = hand(lead, lower, upper, geometry_at(np.array(home), base, platform))
+            thread = find_thread(lead, lower, upper, geometry_at(np.array(home), base, platform))
         corrected = f"{_KINEMATICS} corrects the lengths for the turn of the struts on their screws"
         if thread is None:
             upper = None
@@ -634,126 +638,3 @@ def _lines(text: str) -> list[tuple[int, str]]:
     if open_line is not None:
         lines.append((open_line[0], open_line[1].strip()))
     return lines
-
-
-BUILT_IN_JOINTS: dict[str, tuple[tuple[float, float], ...]] = {
-    "base": (
-        (-22.95, 13.25),
-        (22.95, 13.25),
-        (22.95, 13.25),
-        (0, -26.5),
-        (0, -26.5),
-        (-22.95, 13.25),
-    ),
-    "platform": (
-        (-1, 11.5),
-        (1, 11.5),
-        (10.459, -4.884),
-        (9.459, -6.616),
-        (-9.459, -6.616),
-        (-10.459, -4.884),
-    ),
-}
-"""x and y of the joints that genhexkins has where no line sets them; z is zero. Machine units."""
-BUILT_IN_AXES: dict[str, tuple[tuple[float, float, float], ...]] = {
-    "base-n": (
-        (0.707107, 0, 0.707107),
-        (0, -0.707107, 0.707107),
-        (-0.707107, 0, 0.707107),
-        (-0.707107, 0, 0.707107),
-        (0, 0.707107, 0.707107),
-        (0.707107, 0, 0.707107),
-    ),
-    "platform-n": (
-        (-1, 0, 0),
-        (0.866025, 0.5, 0),
-        (0.866025, 0.5, 0),
-        (0.866025, -0.5, 0),
-        (0.866025, -0.5, 0),
-        (-1, 0, 0),
-    ),
-}
-"""The axes of its joints, likewise."""
-
-
-def hand(lead: float, base_axes: Array, platform_axes: Array, home: StrutGeometry) -> Thread | None:
-    """Return the hand of the thread that it computes with, None where that is not the same for all.
-
-    With axes of base and platform against each other a lead above zero is a right-handed thread,
-    with both alike a left-handed one.
-
-    Parameters
-    ----------
-    lead : float
-        ``screw-lead``.
-    base_axes, platform_axes : (6, 3)
-        ``base-n``, ``platform-n``: base frame, platform frame.
-    home : StrutGeometry
-        Of the pose at which the axes are compared.
-    """
-    lower = np.cross(base_axes, home.directions)
-    upper = np.cross(platform_axes @ home.rotation.T, home.directions)
-    alike = np.sum(lower * upper, axis=1) * lead
-    if np.all(alike < 0):
-        return "right"
-    return "left" if np.all(alike > 0) else None
-
-
-def length_corrections(
-    lead: float, base_axes: Array, platform_axes: Array, struts: StrutGeometry
-) -> Array:
-    """Return the lengths (6,) that genhexkins adds for the turn of the struts on their screws.
-
-    Source: ``StrutLengthCorrection`` of genhexkins.c, an arc sine.
-
-    Parameters
-    ----------
-    lead : float
-        ``screw-lead``, m.
-    base_axes, platform_axes : (6, 3)
-        ``base-n``, ``platform-n``: base frame, platform frame.
-    struts : StrutGeometry
-        At the pose.
-    """
-    sine, _ = _turns(base_axes, platform_axes, struts)
-    return np.asarray(lead * np.arcsin(np.clip(sine, -1, 1)) / (2 * np.pi))
-
-
-def turn_errors(
-    lead: float,
-    base_axes: Array,
-    platform_axes: Array,
-    home: Array,
-    poses: Array,
-    base: Array,
-    platform: Array,
-) -> Array:
-    """Return by how much genhexkins' lengths are off at poses, (N, 6), m, as `length_corrections`.
-
-    Its arc sine is that of another turn where the axes, seen along the strut, are more than a right
-    angle from their sense at home.
-
-    Parameters
-    ----------
-    home : (6,)
-    poses : (N, 6)
-        m, rad.
-    base, platform : (6, 3)
-        Joints, m.
-    """
-    _, sense = _turns(base_axes, platform_axes, geometry_at(home, base, platform))
-    errors = np.zeros((len(poses), ACTUATORS))
-    for row, pose in zip(errors, poses, strict=True):
-        sine, cosine = _turns(base_axes, platform_axes, geometry_at(pose, base, platform))
-        beyond = np.pi - 2 * np.abs(np.arcsin(np.clip(sine, -1, 1)))
-        row[:] = np.where(cosine * sense < 0, abs(lead) * beyond / (2 * np.pi), 0.0)
-    return errors
-
-
-def _turns(base_axes: Array, platform_axes: Array, struts: StrutGeometry) -> tuple[Array, Array]:
-    """Return sine and cosine of the angle between the axes, seen along each strut, (6,)."""
-    along = struts.directions
-    lower, upper = base_axes, platform_axes @ struts.rotation.T
-    parts = [axes - np.sum(axes * along, axis=1)[:, None] * along for axes in (lower, upper)]
-    lower, upper = (part / np.linalg.norm(part, axis=1)[:, None] for part in parts)
-    return np.sum(along * np.cross(lower, upper), axis=1), np.sum(lower * upper, axis=1)

@@ -6,9 +6,8 @@ import pytest
 from expdesign.configuration import export_section, load_run
 from expdesign.configuration.geometry import geometry_at
 from expdesign.export.exporting import export_table
-from expdesign.export.formats.linuxcnc_gcode import setp_lines
+from expdesign.machines.genhexkins import screw_turns, setp_lines, turn_errors
 from expdesign.machines.importing import read_machine
-from expdesign.machines.readers.linuxcnc import length_corrections, turn_errors
 from expdesign.machines.writing import write_files
 from expdesign.robot import robot_from
 from tests.export.motions import task
@@ -112,7 +111,8 @@ def test_corrections_are_those_of_its_source_and_ambiguous_axes_are_told(genhexk
     joints = robot.description.base_joints, robot.description.platform_joints
     axes = robot.description.alpha_axes, turned
     struts = [geometry_at(pose, *joints) for pose in poses]
-    ours = [one.lengths + length_corrections(5e-3, *axes, one) for one in struts]
+    sines = [screw_turns(*axes, one)[0] for one in struts]
+    ours = [one.lengths for one in struts] + 5e-3 / (2 * np.pi) * np.arcsin(sines)
     np.testing.assert_allclose(ours, lengths, rtol=0, atol=NANOMETRE)
     errors = turn_errors(5e-3, *axes, robot.home, poses, *joints)
     assert 0.2 < np.mean(errors.max(axis=1) > 1e-6) < 1.0
