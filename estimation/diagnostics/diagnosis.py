@@ -363,7 +363,8 @@ def _tests(
         lack_of_fit(part, own, residuals=values, level=LACK_OF_FIT / shares) for values, own in both
     ]
     harmonic = [
-        _harmonic_test(case, tests.solution, lack[0].refused, shares) for tests in (first, last)
+        _harmonic_test(case, solved, lack[0].refused, shares)
+        for solved in dict.fromkeys((first.solution, last.solution))
     ]
     sizes = [chi_square(values, part.counts, own) for values, own in both]
     length_size, length_whiteness = None, None
@@ -388,7 +389,7 @@ def _tests(
         lack_of_fit=lack[0],
         lack_of_fit_with_effects=lack[1],
         harmonic_lack_of_fit=harmonic[0],
-        harmonic_lack_of_fit_with_effects=harmonic[1],
+        harmonic_lack_of_fit_with_effects=harmonic[-1],
         variance_comparison=variance_comparison(experiment, part),
         effects=attribution.effects,
         position_periodic=tuple(

@@ -10,7 +10,6 @@ a drift.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -30,8 +29,6 @@ from expdesign.runfolder import OpenNumber, described
 
 _FEWEST_PERIODS = 4
 """Smallest number of periods that leaves a scatter about lines."""
-_EXACT = 1e-9
-"""Share of an information that counts as rounding."""
 
 
 @dataclass(frozen=True)
@@ -101,50 +98,33 @@ def _select_drifts(
     """Select drifts one by one, of all gains alike or of single ones."""
     design = np.concatenate([np.ones((ACTUATORS, 1)), np.eye(ACTUATORS)], axis=1)
     inverse = np.linalg.inv(covariance)
-    information, score = design.T @ inverse @ design, design.T @ inverse @ slope
-    level = np.log(test.level / len(score))
+    information = design.T @ inverse @ design
+    scores = ConditionalScores(
+        design.T @ inverse @ slope, information, np.diag(information), freedom
+    )
+    level, count = np.log(test.level), np.log(len(scores.score))
     chosen: list[int] = []
     log_ps: list[float] = []
-    strongest = np.nan
     while len(chosen) < ACTUATORS:
-        conditional = _conditional_scores(information, score, chosen, freedom)
-        diagonal = np.diag(conditional.information)
-        seen = diagonal > _EXACT * conditional.whole
-        statistic = np.where(seen, conditional.score / np.sqrt(np.where(seen, diagonal, 1.0)), 0.0)
-        log_p = log_two_sided(statistic, freedom)
+        given = scores.conditional_on(chosen)
+        diagonal = np.where(given.identifiable, np.diag(given.information), np.inf)
+        log_p = log_two_sided(given.score / np.sqrt(diagonal), freedom)
         best = int(np.argmin(log_p))
-        corrected = min(0.0, float(log_p[best] + np.log(len(score))))
-        strongest = corrected if np.isnan(strongest) else strongest
-        if log_p[best] >= level:
+        log_ps.append(min(0.0, float(log_p[best] + count)))
+        if log_p[best] + count >= level:
             break
         chosen.append(best)
-        log_ps.append(corrected)
-    found = []
-    if chosen:
-        fit = ConditionalScores(score, information, np.diag(information), freedom).fit(chosen)
-        length = periods - 1
-        for k, (place, tail) in enumerate(zip(chosen, log_ps, strict=True)):
-            found.append(
-                GainDrift(
-                    actuator=place - 1 if place else None,
-                    change=float(fit.values[k]) * length,
-                    std=float(np.sqrt(fit.covariance[k, k])) * length,
-                    log_p=tail,
-                )
-            )
-    return replace(test, log_p=strongest, found=tuple(found))
-
-
-def _conditional_scores(
-    information: Array, score: Array, chosen: Sequence[int], freedom: float
-) -> ConditionalScores:
-    whole = np.diag(information)
-    if not chosen:
-        return ConditionalScores(score, information, whole, freedom)
-    cross = information[:, chosen] @ np.linalg.inv(information[np.ix_(chosen, chosen)])
-    return ConditionalScores(
-        score - cross @ score[chosen], information - cross @ information[chosen], whole, freedom
+    fit, length = scores.fit(chosen), periods - 1
+    found = tuple(
+        GainDrift(
+            actuator=place - 1 if place else None,
+            change=float(fit.values[k]) * length,
+            std=float(np.sqrt(fit.covariance[k, k])) * length,
+            log_p=log_ps[k],
+        )
+        for k, place in enumerate(chosen)
     )
+    return replace(test, log_p=log_ps[0], found=found)
 
 
 def _split_periods(experiment: Experiment, part: Linearisation) -> tuple[list[Array], list[Array]]:
