@@ -6,8 +6,10 @@ import pwd
 import signal
 import subprocess
 from pathlib import Path
+from tempfile import gettempdir
 
 import numpy as np
+from filelock import FileLock
 
 INI = """[EMC]
 VERSION = 1.1
@@ -189,20 +191,22 @@ def run_as_user(words, folder, **options):
             if not parent.stat().st_mode & 0o1:
                 parent.chmod(parent.stat().st_mode | 0o1)
     environment = {"PATH": os.environ["PATH"], "HOME": str(folder), "LANG": "C"}
-    try:
-        return subprocess.run(
-            words,
-            cwd=folder,
-            env=environment,
-            check=False,
-            timeout=90,
-            **options,
-            capture_output=True,
-            text=True,
-            stdin=subprocess.DEVNULL,
-        )
-    finally:
-        _end_processes(folder)
+    # A computer has one LinuxCNC at a time.
+    with FileLock(Path(gettempdir()) / "linuxcnc-of-tests.lock"):
+        try:
+            return subprocess.run(
+                words,
+                cwd=folder,
+                env=environment,
+                check=False,
+                timeout=90,
+                **options,
+                capture_output=True,
+                text=True,
+                stdin=subprocess.DEVNULL,
+            )
+        finally:
+            _end_processes(folder)
 
 
 def _end_processes(folder):

@@ -507,10 +507,10 @@ FORMAT = TableFormat(
             "For a LinuxCNC machine with the kinematics genhexkins. Two files have its settings: "
             "{beside}. Make a copy of the machine's INI file and HAL files for the experiment. In "
             "the HAL file, replace the setp lines of genhexkins: the geometry has to be that of "
-            "the robot file. In the INI file, take over the limits of the axes and the servo "
-            "period: with others the planner makes another motion of the table, and every other "
-            "move obeys them too. Load no tool offset (G49), set the feed override to 100 % and "
-            "the largest velocity to its end."
+            "the robot file. In the INI file, take over the limits of the axes, the servo period "
+            "and ARC_BLEND_ENABLE: with others the planner makes another motion of the table, and "
+            "every other move obeys them too. Load no tool offset (G49), set the feed override to "
+            "100 % and the largest velocity to its end."
         ),
         load=(
             "Load the file. Every line is one move with its own duration (G93: F is 1/minutes). A, "
