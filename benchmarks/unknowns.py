@@ -99,7 +99,7 @@ CASES = {
         "exponent", 1, (0.97, 0.95, 0.92, 0.7), "quadratic_friction", "cubic_friction"
     ),
     "viscous_joints": _case("N m s", 1, (0.03, 0.05, 0.08, 0.4), "passive_viscous_friction"),
-    "saturation": _case("% at 200 N", 100, (0.5, 0.8, 1.2, 4), "saturation"),
+    "saturation": _case("% at 200 N", 100, (0.5, 0.8, 1.2, 4), "force_saturation"),
     "slow_stribeck": _case("% of dry", 100, (7, 14, 28), "stribeck"),
     "cable_drag": _case("N", 1, (0.3, 0.6, 0.9, 2.4), "platform_drag", "platform_spring"),
     "base_on_springs": _case("Hz", 1, (15, 11, 8)),

@@ -210,6 +210,11 @@ def _stribeck(effects: CandidateEffects) -> Candidates:
     )
 
 
+def _saturation(effects: CandidateEffects) -> Candidates:
+    lacking = effects.lacks("force_saturation")
+    return _all_and_each(effects.gains(power=3) if lacking else Signature.none(effects.part))
+
+
 def _springs(effects: CandidateEffects) -> Candidates:
     """Return springs along the struts, each with a constant force: its rest length is unknown."""
     stiffness = _missing(effects, "cable")
@@ -401,13 +406,12 @@ _FAMILIES = (
         scale=100.0,
         unit="%",
     ),
-    _family(
-        "saturation",
+    _term(
+        "force_saturation",
         "a saturating force constant",
-        lambda effects: _all_and_each(effects.gains(power=3)),
-        "measure the force constants up to the largest force, and correct the measured forces",
-        assumed="the force constants do not depend on the force",
-        fails="the force constants depend on the force",
+        _saturation,
+        advice="add `force_saturation`, with a `force` near the largest, to the robot's `terms`: "
+        "it becomes a parameter of the estimate",
         weight=0.5,
         scale=100.0,
         unit="% at the largest force",

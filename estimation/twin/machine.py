@@ -28,8 +28,8 @@ CARRIED = frozenset(
         struts.TERM,
         rigid_platform.GENERAL,
         friction.PASSIVE,
-        platform_forces.PAYLOAD,
-        platform_forces.COMPENSATION,
+        friction.VISCOUS_JOINTS,
+        *platform_forces.TERMS,
     )
 )
 """Terms of the bodies and of the passive joints: their forces pass through the elastic struts.

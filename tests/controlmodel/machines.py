@@ -21,6 +21,7 @@ def every_term():
         "cable": {"rest_length": 0.6},
         "cogging": {"pitch": "30 mm"},
         "gravity_compensation": {"base_x": 0.02, "base_y": 0.01, "base_z": -0.9, "length": 0.4},
+        "force_saturation": {"force": 150},
         "position_friction": {"length": "60 cm"},
         "platform_spring": {"x": 0.01, "z": -0.6},
         "payload": {"x": 0.03, "y": -0.02, "z": 0.04},
@@ -31,7 +32,7 @@ def every_term():
     extra |= {"v_base": 0.07, "v_platform": 0.04}
     extra |= {"b_force": -20.0, "b_stiffness": 30.0, "m_payload": 0.7}
     sizes = {"o": 8.0, "s": 6.0, "mu": 0.04, "k": 40.0, "a": 2.0, "w": 3.0, "c": 1.0}
-    sizes |= {"cs": 4.0, "cc": 3.0, "ds": 2.0, "dc": 1.0, "rl": 2.0, "vl": 8.0}
+    sizes |= {"cs": 4.0, "cc": 3.0, "ds": 2.0, "dc": 1.0, "rl": 2.0, "vl": 8.0, "sat": 0.02}
     for letter, size in sizes.items():
         extra |= dict(zip(actuator_names(letter), size * rng.uniform(0.5, 1, 6), strict=True))
     axes = np.array(palida["alpha_axes"]) + 0.3 * rng.normal(size=(6, 3))

@@ -232,7 +232,7 @@ def test_a_saturating_force_constant_is_named(lab):
     share = data.forces / np.abs(data.forces).max()
     data = replace(data, forces=data.forces * (1 - 0.45 * share**2))
     result = _diagnosed(lab, data)
-    assert _named(result)[0] == ("saturation", None, "")
+    assert _named(result)[0] == ("force_saturation", None, "")
     assert result.recordings[0].attribution.effects[0].value < 0
 
 

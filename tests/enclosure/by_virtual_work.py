@@ -290,6 +290,10 @@ class Machine:
             found[j] += (
                 p(f"r{k}") * sign + p(f"v{k}") * speeds[j] + p(f"mu{k}") * abs(load[j]) * sign
             )
+            if "force_saturation.force" in self.constants:
+                found[j] += (
+                    p(f"sat{k}") * load[j] ** 3 / self.constants["force_saturation.force"] ** 2
+                )
             size = abs(speeds[j])
             found[j] += p(f"a{k}") * size + (p(f"w{k}") + p(f"c{k}") * size) * size * speeds[j]
             (middle,) = self.point("position_friction", "length")

@@ -45,6 +45,7 @@ def robot(name):
                 *("asymmetric_friction", "quadratic_friction", "cubic_friction"),
                 {"stribeck": {"velocity": 0.05}},
                 *("load_friction", {"position_friction": {"length": 0.6}}),
+                {"force_saturation": {"force": 150}},
             ],
             "drive": {"screw": {"lead": 0.02, "inertia": 2e-5}},
             "platform_cardan_axes": axes.tolist(),
@@ -67,6 +68,7 @@ _MORE = {
     "c": 5.0,
     "rl": 2.0,
     "vl": -8.0,
+    "sat": 0.03,
 }
 _ONCE = {
     "b_force": 60.0,

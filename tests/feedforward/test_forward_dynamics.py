@@ -33,10 +33,11 @@ def robot_of(name):
         {"stribeck": {"velocity": 0.05}},
         "load_friction",
         {"cable": {"rest_length": 0.7}},
+        {"force_saturation": {"force": 150}},
         *("passive_viscous_friction", {"platform_spring": {"z": -0.6}}, "platform_drag"),
     ]
     rng = np.random.default_rng(2)
-    for letter, size in (("o", 4.0), ("s", 3.0), ("mu", 0.2), ("k", 40.0)):
+    for letter, size in (("o", 4.0), ("s", 3.0), ("mu", 0.2), ("sat", 0.02), ("k", 40.0)):
         for j in range(1, 7):
             about["parameters"][f"{letter}{j}"] = size * rng.uniform(0.5, 1)
     about["parameters"] |= {"v_base": 0.07, "v_platform": 0.04, "k_y": 25.0, "d_x": 0.6}

@@ -159,6 +159,13 @@ def test_friction_along_the_stroke(seed):
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-8)
 
 
+@given(SEEDS)
+def test_saturation_grows_with_the_third_power_of_the_load(seed):
+    load = _robot(["rigid_platform"]).actuator_forces(*_state(seed))
+    found = _columns("force_saturation", seed, force=150)
+    np.testing.assert_allclose(found, np.diag(load**3 / 150**2), rtol=1e-9, atol=1e-12)
+
+
 # --- joints ---------------------------------------------------------------------------------------
 
 

@@ -23,6 +23,7 @@ MORE = [
     "cubic_friction",
     {"stribeck": {"velocity": 0.05}},
     {"position_friction": {"length": 0.6}},
+    {"force_saturation": {"force": 150}},
     "passive_viscous_friction",
     "platform_wrench",
     "platform_spring",

@@ -219,6 +219,24 @@ The load is the frictionless force of the terms listed before this one at the pa
 `HexapodGraph.nominal`. The forces are not linear in all parameters together: an estimate repeats
 the computation with the load of its result.
 """
+SATURATION = _friction_of_actuators(
+    "force_saturation",
+    118,
+    "excess of the actuators' forces with the third power of their load",
+    Parameter(
+        "sat",
+        "1",
+        "excess of the actuators' forces, as a share, at the load `force`",
+        Scale("0.01", share=0.01),
+        default=0.0,
+    ),
+    lambda instant: instant.load * (instant.load / instant.constants["force"]) ** 2,
+    (Constant("force", "N", "load at which the excess is that share", positive=True),),
+)
+"""Motors that saturate: a force that is computed from the current is too large at large loads.
+
+The load is that of `load_friction`.
+"""
 
 
 def _by_position(instant: Instant) -> Columns:
@@ -271,4 +289,5 @@ TERMS = (
     STRIBECK,
     LOAD,
     POSITION,
+    SATURATION,
 )
