@@ -192,9 +192,10 @@ def _actuator_forces(graph: HexapodGraph, *pairs: tuple[ca.SX, ca.SX]) -> list[c
     symbols, values = map(list, zip(*pairs, strict=True))
     found = ca.substitute([ca.vec(graph.transposed), *borne], symbols, values)
     if any(ca.depends_on(part, graph.load) for part in found):
-        found[1:1] = ca.substitute(
-            borne, [graph.parameters], [graph.parameters * ca.DM(graph.loading)]
-        )
+        loading = graph.parameters * ca.DM(graph.loading)
+        load = ca.substitute(borne, [graph.parameters], [loading])
+        others = [pair for pair in pairs if pair[0] is not graph.parameters]
+        found[1:1] = ca.substitute(load, *map(list, zip(*others, strict=True)))
     return found
 
 

@@ -202,6 +202,8 @@ class HexapodGraph:
                 own_nominal = self.nominal[first : first + none.shape[1]]
                 load += (self.inverse_jacobian_transposed @ wrench + along) @ own_nominal
             if any(ca.depends_on(part, self.load) for part in own_parts):
+                if self.loading and any(loading[len(self.loading) :]):
+                    raise ValueError(f"the load of {term.name} is not that of the terms before it")
                 self.loading = loading
             loading += (not term.rates,) * len(term.parameters)
             found = [ca.horzcat(*pair) for pair in zip(found, own_parts, strict=True)]
