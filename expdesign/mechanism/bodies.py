@@ -34,9 +34,12 @@ def pseudo_inertia(mass: float, moment: Array, inertia: Array) -> Array:
     Positive semidefinite for every body of positive density, and only then (Wensing, Kim, Slotine,
     Linear Matrix Inequalities for Physically Consistent Inertial Parameter Identification, 2018).
     """
+    found = np.empty((4, 4))
     with np.errstate(all="ignore"):
-        second = np.trace(inertia) / 2 * np.eye(3) - inertia
-    return np.block([[second, moment[:, None]], [moment[None], np.array([[mass]])]])
+        found[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
+    found[:3, 3] = found[3, :3] = moment
+    found[3, 3] = mass
+    return found
 
 
 def point_masses(points: Array) -> Array:

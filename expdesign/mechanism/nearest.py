@@ -24,7 +24,7 @@ from scipy import sparse
 
 from constraints.arrays import Array
 from expdesign.mechanism.bodies import MachineBodies
-from expdesign.mechanism.realisable import SLIDER_MASS, Realisable
+from expdesign.mechanism.realisable import ROUNDING, SLIDER_MASS, Realisable
 from expdesign.mechanism.terms.rigid_platform import MASS
 
 _SOLVED = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
@@ -56,10 +56,24 @@ class Nearest:
     """√((p − p̂)ᵀ C⁻¹ (p − p̂)), of β instead of p for regrouping parameters; 0 up to rounding."""
     least: float
     """Lower bound of the distance by the dual programme, to the solver's precision."""
-    bodies: MachineBodies
-    """Bodies with these parameters."""
-    active: tuple[str, ...]
-    """Active conditions, and parameters at active bounds."""
+    projection: Projection
+    rounding: float = ROUNDING
+    """Tolerated inconsistency of the values, as a share of the scales."""
+    solution: tuple[Array, Array] | None = None
+    """z and the multipliers, of an inconsistent estimate."""
+
+    @cached_property
+    def bodies(self) -> MachineBodies:
+        """Bodies with these parameters."""
+        found = self.projection.among.bodies(self.values, self.rounding)
+        if found is None:
+            raise NoBodiesError("the parameters are physically inconsistent")
+        return found
+
+    @cached_property
+    def active(self) -> tuple[str, ...]:
+        """Active conditions, and parameters at active bounds."""
+        return () if self.solution is None else self.projection.active_conditions(*self.solution)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,16 +142,19 @@ class Projection:
     def length(self, change: Array) -> float:
         """Return the length of a change of the parameters, (m,), in standard deviations."""
         observable = self.observable_change(change)[self.free]
-        return float(np.linalg.norm(np.linalg.solve(self.factor[self.free], observable)))
+        return float(np.linalg.norm(np.linalg.solve(self._own_factor, observable)))
+
+    @cached_property
+    def _own_factor(self) -> Array:
+        """(k, k), L of the free parameters."""
+        return self.factor[self.free]
 
     def of(self, values: Array) -> Nearest:
         """Return the nearest parameters; those given, bit by bit, when bodies have them."""
-        bodies = self.among.bodies(values)
-        if bodies is not None:
-            return Nearest(values, 0.0, 0.0, bodies, ())
+        if self.among.consistent(values):
+            return Nearest(values, 0.0, 0.0, self)
         others: list[Nearest] = []
-        far = max(1.0, self.length(values))
-        for unit, scaled in product((1.0, far, np.sqrt(far), 0.1), (True, False)):
+        for unit, scaled in self._attempts(values):
             found = self._solved(values, unit, scaled=scaled)
             nearest = None if found is None else self._inside(values, *found)
             if nearest is None:
@@ -149,6 +166,12 @@ class Projection:
             return min(others, key=lambda each: each.distance)
         raise NoBodiesError("no bodies have the values of what is fixed or bounded")
 
+    def _attempts(self, values: Array) -> Iterator[tuple[float, bool]]:
+        """Yield units in σ, and whether the solver scales its rows."""
+        yield from product((1.0,), (True, False))
+        far = max(1.0, self.length(values))
+        yield from product((far, np.sqrt(far), 0.1), (True, False))
+
     def _inside(self, values: Array, move: Array, forces: Array, least: float) -> Nearest | None:
         """Return the solution, moved inside by its rounding error."""
         held = self.factor @ move[: self.factor.shape[1]]
@@ -158,14 +181,13 @@ class Projection:
             inside = self.among.inside(near, share)
             if np.any(self.regrouped) and not exchange and self.length(inside - near) > _FARTHER:
                 continue  # it takes w: bounds without it move β
-            bodies = self.among.bodies(inside, rounding=0.0)
-            if bodies is not None:
+            if self.among.consistent(inside, rounding=0.0):
                 kept = np.where(self.movable, inside, values)
                 distance = self.length(kept - values)
                 if np.any(self.regrouped) and distance <= _FARTHER:
-                    return Nearest(kept, 0.0, 0.0, bodies, ())
-                active = self._active(move[: self.factor.shape[1]], forces)
-                return Nearest(kept, distance, least, bodies, active)
+                    return Nearest(kept, 0.0, 0.0, self, 0.0)
+                solution = move[: self.factor.shape[1]], forces
+                return Nearest(kept, distance, least, self, 0.0, solution)
         return None
 
     @cached_property
@@ -240,7 +262,7 @@ class Projection:
         least = unit * np.sqrt(max(2 * found.obj_val_dual - drift, 0.0))
         return unit * move, unit * np.array(found.z), float(least)
 
-    def _active(self, move: Array, forces: Array) -> tuple[str, ...]:
+    def active_conditions(self, move: Array, forces: Array) -> tuple[str, ...]:
         """Return the active constraints: multipliers above a share of the largest."""
         ends = np.cumsum([len(block.rows) for block in self._blocks])[:-1]
         least = _ACTIVE * np.linalg.norm(move)

@@ -121,31 +121,45 @@ class Realisable:
         The slider's mass, and the stator's share of the inertia along the struts, are in the middle
         of their ranges. Properties without a parameter, such as the ring's mass, are chosen.
         """
+        with np.errstate(all="ignore"):
+            parts = self._parts(values, rounding)
+            if parts is None:
+                return None
+            strut, whole = parts
+            if whole is None:
+                return MachineBodies(*strut.bodies(4 * strut.least or 1.0), _NOTHING)
+            mass = self._slider_mass(whole, strut.least)
+            platform = RigidBody.of_pseudo_inertia(whole - mass * self.sliders)
+            return MachineBodies(*strut.bodies(mass), platform)
+
+    def consistent(self, values: Array, rounding: float = ROUNDING) -> bool:
+        """Test whether there are bodies with given parameters, (m,)."""
+        with np.errstate(all="ignore"):
+            return self._parts(values, rounding) is not None
+
+    def _parts(self, values: Array, rounding: float) -> tuple[_Strut, Array | None] | None:
+        """Return strut and platform with sliders, (4, 4), or None for inconsistent parameters."""
         slack = rounding * self.scales
         if not np.all((values >= self.lower - slack) & (values <= self.upper + slack)):
             return None
         p = dict(zip(self.names, values.tolist(), strict=True))
-        with np.errstate(all="ignore"):
-            strut = _Strut.of(p, rounding * self.sizes["strut"]) if self.struts else _Strut()
-            if strut is None:
-                return None
-            if not self.platform:
-                return MachineBodies(*strut.bodies(4 * strut.least or 1.0), _NOTHING)
-            whole = platform_pseudo_inertia(p)
-            mass = self._slider_mass(whole, strut.least, rounding)
-            if mass is None:
-                return None
-            platform = RigidBody.of_pseudo_inertia(whole - mass * self.sliders)
-            return MachineBodies(*strut.bodies(mass), platform)
-
-    def _slider_mass(self, whole: Array, least: float, rounding: float) -> float | None:
-        """Return a mass of a slider, kg, that leaves a platform of the pseudo-inertia `whole`."""
-        ours, sliders = whole / self._unit, self.sliders / self._unit
-        rest = ours - least * sliders
+        strut = _Strut.of(p, rounding * self.sizes["strut"]) if self.struts else _Strut()
+        if strut is None:
+            return None
+        if not self.platform:
+            return strut, None
+        whole = platform_pseudo_inertia(p)
+        rest = whole / self._unit - strut.least * (self.sliders / self._unit)
         if not np.all(np.isfinite(rest)) or np.linalg.eigvalsh(rest)[0] < -rounding:
             return None
+        return strut, whole
+
+    def _slider_mass(self, whole: Array, least: float) -> float:
+        """Return a mass of a slider, kg, that leaves a platform of the pseudo-inertia `whole`."""
         try:
-            share = float(sla.eigh(sliders, ours, eigvals_only=True)[-1])
+            share = float(
+                sla.eigh(self.sliders / self._unit, whole / self._unit, eigvals_only=True)[-1]
+            )
         except np.linalg.LinAlgError:
             return least  # a platform at the limit of what a body is
         return (least + max(least, 1 / share)) / 2 if share > 0 else least
