@@ -13,6 +13,7 @@ import pytest
 from hypothesis import settings
 
 import expdesign
+from estimation.uncertainty import consistency
 from expdesign.configuration.robot import load_robot_description
 from tests.tiny_run import tiny_run
 
@@ -119,6 +120,15 @@ def tiny_result(tiny, made_once):
         (folder / "result").write_bytes(pickle.dumps(expdesign.design(tiny())))
 
     return pickle.loads((made_once("tiny-result", make) / "result").read_bytes())
+
+
+@pytest.fixture(scope="module", autouse=True)
+def consistency_draws():
+    """Draw less for the consistency of estimates; modules of tests about it override this."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(consistency, "DRAWS", 19)
+        patch.setattr(consistency, "MOST_DRAWS", 39)
+        yield
 
 
 @pytest.fixture(scope="session")

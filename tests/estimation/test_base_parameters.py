@@ -20,6 +20,11 @@ TRUTH = {f"s{j}": 2.0 + j for j in range(1, 7)}
 MOTION = trajectory()
 
 
+@pytest.fixture(scope="module", autouse=True)
+def consistency_draws():
+    """Draw as many as an estimate does: these tests are about them."""
+
+
 def _run(values=None, **section):
     robot = described("palida", STRIBECK, **(values or {}))
     section = {"estimators": ["gm"], "harmonics": 2, "noise": "given", **section}

@@ -26,6 +26,11 @@ NAMES = ROBOT.parameter_names
 STD = 0.02 * ROBOT.scales
 
 
+@pytest.fixture(scope="module", autouse=True)
+def consistency_draws():
+    """Draw as many as an estimate does: these tests are about them."""
+
+
 def truth(**changes):
     """Return PaLiDA's parameters with struts that have some thickness."""
     named = dict(zip(NAMES, ROBOT.parameters.tolist(), strict=True))
