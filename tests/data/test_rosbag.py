@@ -7,6 +7,8 @@ from rosbags.rosbag2 import Writer
 from expdesign.configuration.estimate import LENGTH_CHANNELS
 from tests.data.recordings import EPOCH, STORE, messages_of, recording, write_bag
 
+pytestmark = pytest.mark.usefixtures("forked")
+
 
 @pytest.fixture
 def bag(tmp_path):
