@@ -3,6 +3,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import matplotlib as mpl
@@ -33,6 +34,20 @@ def draw(run, key):
     definition = next(d for d in DESIGN_FIGURES if d.key == key)
     with house_style():
         return definition.draw(record)
+
+
+@pytest.fixture(scope="module")
+def shown(original):
+    """Return the figures of the fake run as they are shown, each drawn once."""
+
+    @cache
+    def figure(key):
+        found = draw(original, key)
+        with house_style():
+            found.canvas.draw()
+        return found
+
+    return figure
 
 
 def curves(axes, count):
@@ -93,28 +108,23 @@ def test_matplotlib_is_not_loaded_before_a_stage_draws():
 
 
 @pytest.mark.parametrize("key", sorted(KEYS))
-def test_every_axis_has_a_unit(run, key):
-    for axes in draw(run, key).axes:
+def test_every_axis_has_a_unit(shown, key):
+    for axes in shown(key).axes:
         assert labels(axes)
         for label in labels(axes):
             assert label in COUNTS or label.endswith(")"), label
 
 
 @pytest.mark.parametrize("key", sorted(KEYS))
-def test_nothing_is_cut_off(run, key):
-    figure = draw(run, key)
-    with house_style():
-        figure.canvas.draw()
-    image = np.asarray(figure.canvas.buffer_rgba())
+def test_nothing_is_cut_off(shown, key):
+    image = np.asarray(shown(key).canvas.buffer_rgba())
     for edge in (image[0], image[-1], image[:, 0], image[:, -1]):
         assert np.all(edge == 255)
 
 
 @pytest.mark.parametrize("key", sorted(KEYS))
-def test_no_legend_covers_data(run, key):
-    figure = draw(run, key)
-    with house_style():
-        figure.draw_without_rendering()
+def test_no_legend_covers_data(shown, key):
+    figure = shown(key)
     legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes)]
     for axes in figure.axes:
         inside = axes.patch.get_window_extent()
