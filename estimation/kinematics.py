@@ -42,6 +42,7 @@ from estimation.processing import PeriodicRecording
 from estimation.processing.spectrum import WhiteningFilter
 from expdesign.configuration import ComputationError
 from expdesign.information.fisher import whitening
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot import ForwardKinematicsError, Robot
 from expdesign.trajectory import PhaseBasis
 
@@ -420,11 +421,19 @@ def signs_along(robot: Robot, sampled: MotionSamples, spread: Array) -> Array:
 
 
 def rate_spread(robot: Robot, motion: HarmonicMotion, times: Array, covariance: Array) -> Array:
-    """Return the standard deviations of the same rates, (S, s), from Cov(ξ), (x, x)."""
+    """Return the standard deviations of the same rates, (S, s), from Cov(ξ), (x, x).
+
+    An unknown delay of the forces adds its share: the signs are those of another instant.
+    """
+    late = robot.delay_std
     factor = np.asarray(np.linalg.cholesky(covariance + 0.0), dtype=np.float64)
     parts = []
     for part in chunks(len(times)):
         sampled = motion.at(times[part])
         _, slope = sliding_kernel(robot.terms)(sampled.state(), robot.geometry_vector)
-        parts.append(np.linalg.norm(sampled.apply_steps(slope, factor), axis=2))
+        spread = np.linalg.norm(sampled.apply_steps(slope, factor), axis=2)
+        if late:
+            change = slope @ sampled.state()[:, COORDINATES:, None]
+            spread = np.hypot(spread, late * change[:, :, 0])
+        parts.append(spread)
     return np.concatenate(parts)

@@ -67,6 +67,7 @@ from estimation.diagnostics.significance import (
     LACK_OF_FIT,
     NOISE,
 )
+from estimation.diagnostics.tolerance_test import tolerance_findings
 from estimation.diagnostics.verdict import check_motion_onset, verdict
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.prior_estimate import invert_covariance
@@ -220,7 +221,12 @@ def _judge_estimate(
     undetected: Sequence[UndetectedEffect],
 ) -> DiagnosisVerdict:
     """Judge also the parameters and, if any test fails, the assignment of the channels."""
-    own = *check_motion_onset(experiments), plausibility(robot, priors, estimate), *findings
+    own = (
+        *check_motion_onset(experiments),
+        *tolerance_findings(estimate),
+        plausibility(robot, priors, estimate),
+        *findings,
+    )
     judgement = verdict(results, *own, undetected=undetected)
     if judgement.status is Status.ACCEPTED:
         return judgement

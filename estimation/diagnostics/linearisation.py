@@ -457,8 +457,12 @@ class CandidateEffects:
         )
         times = experiment.recording.lengths.times
         lengths = deviation_lengths(robot, motion, times, wanted, own_clock=own_clock)
+        names = tuple(each.name for each in wanted)
         columns = Signature(part.cells.mean(forces), part.length_cells.mean(lengths))
-        return columns, tuple(each.name for each in wanted)
+        if "delay" in names and robot.delay_std:
+            # The jumps of dry friction are delayed as well.
+            columns.forces[:, :, names.index("delay")] = self.delay(robot.delay_std).forces[:, :, 0]
+        return columns, names
 
     def of_forces(self, columns: Array) -> Signature:
         """Return the signature of effects on the forces alone, (R, 6, q)."""

@@ -39,6 +39,8 @@ GAIN_DRIFT = 0.002
 NOISE = 0.001
 """Level of whiteness, normality, outliers and drift, each over six channels. In long recordings
 every relevant deviation is highly significant; marginal ones need no alarm."""
+TOLERANCES = 0.001
+"""Level over all estimated deviations, their groups, and all of them together."""
 CHI_SQUARE = 0.001
 """Level over both tails of forces and lengths."""
 

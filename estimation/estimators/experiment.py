@@ -101,6 +101,18 @@ class Experiment:
         spread = rate_spread(robot, fit.motion, times, fit.covariance)
         return replace(self, spread=spread, refined_motion=refined).of_robot(robot)
 
+    def without_lacking_terms(self, robot: Robot) -> Experiment:
+        """Return the experiment without the forces of the robot's `lacking_parameters`."""
+        if self.fit is None or not any(robot.lacking_parameters):
+            return self
+        extended, own = robot.extended, len(robot.parameters)
+        times, motion = self.recording.forces.times, self.fit.motion
+        signs = self.signs_for_robot(extended, motion)
+        columns = regressors_along(extended, motion, times, signs)[:, :, own:]
+        forces = self.recording.forces
+        forces = replace(forces, values=forces.values - columns @ extended.parameters[own:])
+        return replace(self, recording=replace(self.recording, forces=forces))
+
     @property
     def harmonics(self) -> int | None:
         """Harmonics of the motion that ML estimates; None after pointwise differentiation."""

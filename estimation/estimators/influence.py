@@ -135,8 +135,7 @@ class Influence:
     def _length_response(self, motion: HarmonicMotion, part: slice, gain: Array) -> Array:
         """Return the lengths' columns of the unknowns times the gain, (S, 6, r)."""
         if self.machine is not None:
-            lengths = self.machine.lengths(self.experiment, motion, part)
-            return np.concatenate([lengths.deviations, lengths.slope], axis=2) @ gain
+            return self.machine.lengths(self.experiment, motion, part).columns.times(gain)
         times = self.experiment.recording.lengths.times[part]
         return length_columns(self.robot, motion.at(times))[1].times(gain)
 
@@ -152,8 +151,7 @@ class Influence:
         for part in chunks(len(times)):
             if self.machine is not None:
                 seen = self.machine.forces(experiment, motion, self.values, part)
-                of_both = (seen.regressors[:, :, self.free], seen.deviations, seen.slope)
-                yield part, np.concatenate(of_both, axis=2) @ gain
+                yield part, seen.columns(self.free).times(gain)
                 continue
             sampled = motion.at(times[part])
             signs = signs_along(self.robot, sampled, spread[part])
@@ -258,17 +256,18 @@ class SystematicUncertainty:
 
         Zero for an entry estimated without a prior: its error is noise alone.
         """
-        return self.response * self._tolerances
+        return self.response * self.tolerances
 
     @property
     def joint_scaled_response(self) -> Array:
         """(m + t, t), effect of one standard deviation of every entry on (p̂ − p, θ̂ − θ)."""
         if self.left is None:
             raise ValueError("the errors of the deviations were not computed (`left`)")
-        return np.concatenate([self.response, self.left]) * self._tolerances
+        return np.concatenate([self.response, self.left]) * self.tolerances
 
     @property
-    def _tolerances(self) -> Array:
+    def tolerances(self) -> Array:
+        """(t,), standard deviations of the entries before the estimate; zero without a prior."""
         std = np.array([each.std for each in self.deviations])
         return np.where(np.isfinite(std), std, 0.0)
 

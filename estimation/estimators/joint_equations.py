@@ -24,18 +24,25 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.priors import ParameterPriors
-from estimation.kinematics import expected_signs, length_equations, signs_along
-from estimation.measurement_model import HarmonicMotion, predict_lengths
-from estimation.measurement_model.motion import Filter, NormalEquations, Rows
-from estimation.measurement_model.prediction import (
-    chunks,
-    deviation_lengths,
-    force_columns,
-    predict_deviating_forces,
+from estimation.kinematics import length_equations, signs_along
+from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model.motion import (
+    Filter,
+    MotionColumns,
+    MotionSamples,
+    NormalEquations,
+    Rows,
 )
+from estimation.measurement_model.prediction import chunks, force_columns, state_with_jerk
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
-from expdesign.robot.deviation import Deviation, apply_deviations, delay_of_jumps
+from expdesign.robot.deviation import (
+    Deviation,
+    apply_deviations,
+    delay_of_jumps,
+    deviating_forces,
+    length_deviation_columns,
+)
 
 
 def force_equations(
@@ -125,30 +132,32 @@ def cramer_rao_covariance(
     return priors.expand(inverse[:count, :count])
 
 
-class MeasuredForces(NamedTuple):
-    """Predicted force measurements and their derivatives.
+@dataclass(frozen=True, eq=False)
+class MeasuredForces:
+    """Predicted force measurements and their derivatives."""
 
-    Attributes
-    ----------
-    regressors : (S, 6, m)
-        A scaled by the gains: A p are the measured forces, N.
-    deviations : (S, 6, t)
-        ∂(measured forces)/∂θ.
-    slope : (S, 6, x)
-        ∂(measured forces)/∂ξ.
-    """
-
+    values: Array
+    """(S, 6), N."""
     regressors: Array
+    """(S, 6, m), ∂(measured forces)/∂p."""
     deviations: Array
+    """(S, 6, t), ∂(measured forces)/∂θ."""
     slope: Array
+    """(S, 6, 18), ∂(measured forces)/∂(λ, λ̇, λ̈)."""
+    sampled: MotionSamples
+
+    def columns(self, free: NDArray[np.bool_]) -> MotionColumns:
+        """Return the columns of the free parameters, θ and ξ."""
+        others = np.concatenate([self.regressors[:, :, free], self.deviations], axis=2)
+        return MotionColumns(others, self.slope, self.sampled)
 
 
 class MeasuredLengths(NamedTuple):
-    """Predicted length measurements, (S, 6), m, with derivatives as in `MeasuredForces`."""
+    """Predicted length measurements, (S, 6), m, with the columns of θ, (S, 6, t), and with ξ."""
 
     values: Array
     deviations: Array
-    slope: Array
+    columns: MotionColumns
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,37 +200,27 @@ class PerturbedMachine:
         """
         times = experiment.recording.forces.times[part]
         own = experiment.recording.own_clock
-        motion, true_times = self._correct_clock(motion, times - self.delay, own_clock=own)
-        spread = experiment.spread_along(motion)
-        signs = expected_signs(self.robot, motion, true_times, spread[part])
-        regressors, slope, columns = predict_deviating_forces(
-            self.robot, motion, true_times, signs, values, self.chosen, own_clock=own
+        sampled = self._sample(motion, times - self.delay, own_clock=own)
+        signs = signs_along(self.robot, sampled, experiment.spread_along(motion)[part])
+        state = state_with_jerk(sampled)
+        found = deviating_forces(
+            self.robot, state, sampled.times, signs, values, self.chosen, own_clock=own
         )
+        columns = found.columns
         if jumps:
             late = [one.group == "delay" for one in self.chosen]
-            columns[:, :, late] += self._friction_jumps(
-                experiment, motion, true_times, signs, values
-            )
+            step = experiment.recording.step
+            change = delay_of_jumps(self.robot, state, signs, values, step)
+            columns[:, :, late] += change[:, :, None]
         gains = self.gains[:, None]
         read = np.array([one.group.startswith("force_constant.") for one in self.chosen], bool)
         return MeasuredForces(
-            regressors * gains,
+            found.forces * self.gains,
+            found.regressors * gains,
             np.where(read, columns, columns * gains),
-            slope * gains,
+            found.state_slope * gains,
+            sampled,
         )
-
-    def _friction_jumps(
-        self,
-        experiment: Experiment,
-        motion: HarmonicMotion,
-        times: Array,
-        signs: Array,
-        values: Array,
-    ) -> Array:
-        """Return the contribution of dry friction's jumps to the column of a delay, (S, 6, 1)."""
-        state = motion.at(times).state()
-        step = experiment.recording.step
-        return delay_of_jumps(self.robot, state, signs, values, step)[:, :, None]
 
     def lengths(
         self, experiment: Experiment, motion: HarmonicMotion, part: slice
@@ -229,10 +228,13 @@ class PerturbedMachine:
         """Predict a part of an experiment's length samples at ξ."""
         times = experiment.recording.lengths.times[part]
         own = experiment.recording.own_clock
-        motion, true_times = self._correct_clock(motion, times, own_clock=own)
-        lengths, slope = predict_lengths(self.robot, motion, true_times)
-        columns = deviation_lengths(self.robot, motion, true_times, self.chosen, own_clock=own)
-        return MeasuredLengths(lengths + self.zeros, columns, slope)
+        sampled = self._sample(motion, times, own_clock=own)
+        lengths, jacobian = self.robot.lengths_and_jacobian(sampled.pose())
+        deviations = length_deviation_columns(
+            self.robot, sampled.state(), sampled.times, self.chosen, own_clock=own
+        )
+        columns = MotionColumns(deviations, jacobian, sampled)
+        return MeasuredLengths(lengths + self.zeros, deviations, columns)
 
     def joint_equations(
         self,
@@ -246,8 +248,7 @@ class PerturbedMachine:
 
         def length_rows(part: slice) -> Rows:
             found = self.lengths(experiment, motion, part)
-            columns = np.concatenate([found.deviations, found.slope], axis=2)
-            return lengths.values[part] - found.values, columns, lengths.counts[part]
+            return lengths.values[part] - found.values, found.columns, lengths.counts[part]
 
         parts = chunks(experiment.recording.samples)
         of_motion = NormalEquations.of(
@@ -273,9 +274,7 @@ class PerturbedMachine:
 
         def rows(part: slice) -> Rows:
             found = self.forces(experiment, motion, values, part)
-            columns = (found.regressors[:, :, free], found.deviations, found.slope)
-            residuals = forces.values[part] - found.regressors @ values
-            return residuals, np.concatenate(columns, axis=2), forces.counts[part]
+            return forces.values[part] - found.values, found.columns(free), forces.counts[part]
 
         parts = chunks(experiment.recording.samples)
         return NormalEquations.of(map(rows, parts), covariance, noise_filter)
@@ -307,11 +306,9 @@ class PerturbedMachine:
                 result[int(one.name.rpartition("_")[2]) - 1] += value
         return result
 
-    def _correct_clock(
-        self, motion: HarmonicMotion, times: Array, *, own_clock: bool
-    ) -> tuple[HarmonicMotion, Array]:
-        """Return the motion and the true times, s, that belong to time stamps."""
+    def _sample(self, motion: HarmonicMotion, times: Array, *, own_clock: bool) -> MotionSamples:
+        """Return the motion at the true times that belong to time stamps, s."""
         fast = self._one("clock")
         if own_clock:
-            return replace(motion, omega=motion.omega * (1 + fast)), times / (1 + fast)
-        return motion, times * (1 - fast)
+            return replace(motion, omega=motion.omega * (1 + fast)).at(times / (1 + fast))
+        return motion.at(times * (1 - fast))

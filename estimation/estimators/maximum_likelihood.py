@@ -31,7 +31,7 @@ _CONVERGED = 1e-2
 """Newton decrement of the last step, in standard deviations of the whole estimate; the next step
 would be shorter by another factor of a thousand."""
 
-_CONTRACTION = 0.5
+_CONTRACTION = 0.8
 _FIRST_DAMPING = 1e-3
 _SMALLEST_DAMPING = 1e-6
 _LARGEST_DAMPING = 1e6

@@ -25,6 +25,10 @@ from expdesign.mechanism.bodies import ENTRIES, RigidBody, inertia_of
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.runfolder import Numbers, described
 
+SEEN = 0.1
+"""Smallest scatter of an estimated deviation, in tolerances, at which the data say something: its
+standard deviation is 0.5 % below the tolerance."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ParameterEstimate:
@@ -114,6 +118,20 @@ class ParameterEstimate:
             return self.covariance
         scaled, random = self.systematic.joint_scaled_response, self.joint_random
         return np.pad(random, (0, len(scaled) - len(random))) + scaled @ scaled.T
+
+    @property
+    def deviation_scatter(self) -> Array:
+        """(e, e), covariance of θ̂ of machines within their tolerances.
+
+        Up to rounding it is the tolerances' covariance less that of θ̂ − θ. Empty if no deviation
+        was estimated.
+        """
+        estimated = len(self.joint_random) - len(self.values)
+        if self.systematic is None or self.systematic.left is None or not estimated:
+            return np.zeros((0, 0))
+        change = (np.eye(len(self.systematic.left)) + self.systematic.left)[:estimated]
+        scaled = change * self.systematic.tolerances
+        return scaled @ scaled.T + self.joint_random[len(self.values) :, len(self.values) :]
 
     def with_systematic(self, systematic: SystematicUncertainty | None) -> ParameterEstimate:
         """Return the estimate with the systematic part of its covariance.

@@ -370,4 +370,6 @@ def true_machine(
     if chosen:
         machine = PerturbedMachine.of(robot_from(configuration.robot), chosen, theta)
     gains = np.tile(machine.gains, (len(times), 1))
-    return TrueMachine("drawn", Model(machine.robot, values), None, gains)
+    true = machine.robot.extended
+    values = np.concatenate([values, true.parameters[len(values) :]])
+    return TrueMachine("drawn", Model(true, values), None, gains)

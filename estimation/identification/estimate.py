@@ -208,7 +208,7 @@ def _estimator(estimation: Estimation, found: ParameterEstimate) -> EstimatorRes
         freedom=found.freedom,
         colour=found.colour,
         covariance_systematic=found.covariance_systematic,
-        systematic=_systematic(found.systematic),
+        systematic=_systematic(found),
         constants=tuple(_constants(robot_from(estimation.configuration.robot), found.systematic)),
         payload=estimation.payloads.get(name),
         consistent=estimation.consistent[name],
@@ -223,11 +223,19 @@ def _estimator(estimation: Estimation, found: ParameterEstimate) -> EstimatorRes
     )
 
 
-def _systematic(systematic: SystematicUncertainty | None) -> SystematicResult | None:
+def _systematic(estimate: ParameterEstimate) -> SystematicResult | None:
+    systematic = estimate.systematic
     if systematic is None:
         return None
+    scatter = np.full(len(systematic.deviations), np.nan)
+    expected = np.sqrt(np.diag(estimate.deviation_scatter))
+    scatter[: len(expected)] = np.where(systematic.tolerances[: len(expected)], expected, np.nan)
     numbers = zip(
-        systematic.deviations, systematic.values.tolist(), systematic.std.tolist(), strict=True
+        systematic.deviations,
+        systematic.values.tolist(),
+        systematic.std.tolist(),
+        scatter.tolist(),
+        strict=True,
     )
     return SystematicResult(
         estimated=systematic.estimated,
@@ -239,8 +247,9 @@ def _systematic(systematic: SystematicUncertainty | None) -> SystematicResult | 
                 tolerance=one.std,
                 value=value,
                 std=std,
+                scatter=own,
             )
-            for one, value, std in numbers
+            for one, value, std, own in numbers
         ),
         response=systematic.response,
         left=systematic.left,

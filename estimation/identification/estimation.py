@@ -87,7 +87,7 @@ def estimate_parameters(
         recordings = _with_experiments(recordings, experiments)
         report_progress("deviations of the machine")
         chosen = toleranced_deviations(robot) if section.systematic != "none" else ()
-        joint = chosen if section.systematic == "estimated" else ()
+        joint = chosen if section.systematic in ("auto", "estimated") else ()
         estimates = {
             name: add_systematic_uncertainty(found, priors, chosen)
             for name, found in run_estimators(

@@ -14,6 +14,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.estimators.result import (
     ABOUT_CENTRE,
+    SEEN,
     TEN,
     Freedoms,
     PayloadEstimate,
@@ -42,6 +43,14 @@ class DeviationResult:
     value: Annotated[float, described("see unit", "estimate; zero where it is not estimated")]
     std: Annotated[
         float, described("see unit", "its standard deviation; the tolerance where not estimated")
+    ]
+    scatter: Annotated[
+        OpenNumber,
+        described(
+            "see unit",
+            "standard deviation of the estimates of machines within their tolerances; null: not "
+            "estimated, or without a tolerance",
+        ),
     ]
 
 
@@ -135,6 +144,17 @@ class DeviationRow:
     ]
     value: Annotated[float, described("see unit", "estimate; zero where it is not estimated")]
     std: Annotated[float, described("see unit", "its standard deviation")]
+    ratio: Annotated[
+        OpenNumber, described("1", "std over tolerance: 1 if the data say nothing; empty without")
+    ]
+    z: Annotated[
+        OpenNumber,
+        described(
+            "1",
+            "value over its scatter in machines within their tolerances, √(tolerance² − std²); "
+            "empty where the data say nothing",
+        ),
+    ]
 
 
 def budget_rows(
@@ -155,7 +175,11 @@ def budget_rows(
 def deviation_rows(estimator: str, result: SystematicResult) -> Iterator[DeviationRow]:
     """Yield the rows of one estimator."""
     for one in result.deviations:
-        numbers = one.tolerance, one.value, one.std
+        toleranced = 0 < one.tolerance < np.inf
+        ratio = one.std / one.tolerance if toleranced else np.nan
+        seen = toleranced and one.scatter > SEEN * one.tolerance
+        z = one.value / one.scatter if seen else np.nan
+        numbers = one.tolerance, one.value, one.std, ratio, z
         yield DeviationRow(estimator, one.name, one.group, one.unit, *numbers)
 
 

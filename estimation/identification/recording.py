@@ -128,7 +128,7 @@ def prepare_recording(
             "so many: joints or zeros of lengths are elsewhere than stated. The motion is taken "
             f"with {fit.motion.harmonics}"
         )
-    experiment = Experiment.from_fit(robot, recording, noise, fit)
+    experiment = Experiment.from_fit(robot, recording, noise, fit).without_lacking_terms(robot)
     if section.harmonics is None and not held_out:
         whole = refine_motion(robot, experiment, ParameterPriors.of(robot, section))
         experiment = replace(experiment, refined_motion=whole)
@@ -384,7 +384,11 @@ def estimated_machine(robot: Robot, systematic: SystematicUncertainty | None) ->
     """Return the machine with its estimated deviations; the robot as described without any."""
     if systematic is None or not systematic.estimated:
         return PerturbedMachine.exact(robot)
-    return PerturbedMachine.of(robot, systematic.deviations, systematic.values)
+    found = zip(systematic.deviations, systematic.std.tolist(), strict=True)
+    late = next((std for one, std in found if one.group == "delay"), None)
+    return PerturbedMachine.of(
+        replace(robot, remaining_delay=late), systematic.deviations, systematic.values
+    )
 
 
 def apply_calibration(data: Measurement, machine: PerturbedMachine) -> Measurement:
@@ -415,7 +419,7 @@ def linearise_at_load(
         The data do not determine some parameters at all.
     """
     present = tuple(experiments)
-    if not robot.graph.loaded:
+    if not robot.extended.graph.loaded:
         return robot, present
     for _ in range(_ROUNDS):
         robot = robot.with_load_at(linear_estimate(robot, present, priors, "gm").values)

@@ -143,29 +143,12 @@ def deviation_forces(
     """
     parts = [np.empty((0, ACTUATORS, len(chosen)))]
     for part in chunks(len(times)):
-        state = _state(motion, times[part])
+        state = state_with_jerk(motion.at(times[part]))
         found = deviating_forces(
             robot, state, times[part], signs[part], values, chosen, own_clock=own_clock
         )
         parts.append(found.columns)
     return np.concatenate(parts)
-
-
-def predict_deviating_forces(
-    robot: Robot,
-    motion: HarmonicMotion,
-    times: Array,
-    signs: Array,
-    values: Array,
-    chosen: Sequence[Deviation],
-    *,
-    own_clock: bool = False,
-) -> tuple[Array, Array, Array]:
-    """Return A, (S, 6, m), ∂(A p)/∂ξ, (S, 6, x), and Z_f, (S, 6, t), all at once."""
-    found = deviating_forces(
-        robot, _state(motion, times), times, signs, values, chosen, own_clock=own_clock
-    )
-    return found.regressors, motion.at(times).chain(found.state_slope), found.columns
 
 
 def deviation_lengths(
@@ -179,14 +162,13 @@ def deviation_lengths(
     """Return Z_l, (S, 6, t), in m per SI unit of each entry; `times` are those of the lengths."""
     parts = [np.empty((0, ACTUATORS, len(chosen)))]
     for part in chunks(len(times)):
-        state = _state(motion, times[part])
+        state = state_with_jerk(motion.at(times[part]))
         parts.append(
             length_deviation_columns(robot, state, times[part], chosen, own_clock=own_clock)
         )
     return np.concatenate(parts)
 
 
-def _state(motion: HarmonicMotion, times: Array) -> Array:
+def state_with_jerk(sampled: MotionSamples) -> Array:
     """Return λ and its first three derivatives, (S, 24)."""
-    sampled = motion.at(times)
     return np.concatenate([sampled.state(), sampled.state(first=1)[:, 2 * COORDINATES :]], axis=1)

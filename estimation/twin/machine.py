@@ -188,7 +188,8 @@ def draw_machine(configuration: RunConfiguration, rng: np.random.Generator) -> D
 
     They are added to those of the run: to joints, gravity and constants of its true machine
     (`experiment.truth`, or the robot), and to `strut_length`, `force_constant`, `delay` and `clock`
-    of its `experiment`. Parameters and noise are those of the true machine.
+    of its `experiment`. The true machine gets the terms that the robot lacks. Its other parameters
+    and its noise remain.
     """
     base = configuration.truth or configuration.robot
     robot = Robot(replace(base, tolerances=configuration.robot.tolerances))
@@ -207,9 +208,8 @@ def draw_machine(configuration: RunConfiguration, rng: np.random.Generator) -> D
         "common": _product(error.common, common),
         "each": tuple(_product(stated, drawn) for stated, drawn in each),
     }
-    truth = replace(
-        apply_deviations(robot, entries, values).description, tolerances=base.tolerances
-    )
+    moved = apply_deviations(robot, entries, values).extended
+    truth = replace(moved.description, tolerances=base.tolerances)
     described = as_in_a_file(truth)
     measured = configuration.with_section(
         "experiment",

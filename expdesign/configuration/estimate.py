@@ -256,9 +256,10 @@ class EstimateSection(Section):
     spectrum: SpectrumOrigin = "auto"
     """Noise model in the weights of GM and ML: ``auto`` is ``estimated`` if the scatter between
     three or more periods is significantly not white."""
-    systematic: Literal["budget", "estimated", "none"] = "budget"
-    """Treatment of the robot's tolerances: their share is added to the covariance, or maximum
-    likelihood estimates the deviations, too."""
+    systematic: Literal["auto", "estimated", "budget", "none"] = "auto"
+    """Treatment of the robot's tolerances: maximum likelihood estimates the deviations, too, or
+    their share is added to the covariance, as LS and GM always do; ``auto`` is ``estimated`` where
+    maximum likelihood and tolerances are given."""
     frequency: Literal["known", "estimated"] = "known"
     loss: Literal["squared", "huber"] = "squared"
     """``huber`` reduces the weight of outliers."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -31,9 +32,11 @@ from expdesign.configuration.limits import (
 from expdesign.configuration.noise import NoiseDescription, ResolvedNoise, resolve_noise
 from expdesign.configuration.parameters import (
     DIRECT,
+    ConstantDescription,
     Drive,
     DriveOrDirect,
     Parameters,
+    TermDescription,
     Terms,
     chosen_terms,
     default_terms,
@@ -66,7 +69,7 @@ from expdesign.configuration.tolerances import (
 from expdesign.library import robot_files
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term, parameters_of
-from expdesign.mechanism.terms import rigid_platform
+from expdesign.mechanism.terms import rigid_platform, terms_named
 
 PlatformKind = Literal["symmetric", "general"]
 
@@ -167,6 +170,12 @@ class ResolvedRobot:
         return tuple(self.parameters)
 
     @property
+    def lacking_terms(self) -> Mapping[str, tuple[float, ...]]:
+        """Constants of the terms that the robot lacks and whose parameters have a tolerance."""
+        own = (term.name for term in self.terms)
+        return {} if self.tolerances is None else self.tolerances.lacking_terms(own)
+
+    @property
     def estimated_constants(self) -> tuple[str, ...]:
         """Constants of terms that the file marks for estimation: ``cogging.pitch``."""
         return tuple(
@@ -228,17 +237,18 @@ def resolve_robot(
     if description.noise is not None:
         noise = [Located(description.noise, document, (*source.key, "noise")), *noise]
     problems, merged_noise, resolved_noise, merged = list[Problem](), None, None, None
+    drive, turning = description.drive, description.platform_cardan_axes is not None
+    terms = chosen_terms(description.terms, description.platform, drive, turning=turning)
     with collect(problems):
         merged_noise, resolved_noise = resolve_noise(noise, sampling)
     if description.tolerances is not None:
         own = Located(description.tolerances, document, (*source.key, "tolerances"))
         tolerances = [own, *tolerances]
     with collect(problems):
-        merged = merge_tolerances(tolerances, (term.name for term in description.terms))
+        merged = merge_tolerances(tolerances, (term.name for term in terms))
     if tolerances:
         sizes = geo.sizes(description.home, description.base_joints, description.platform_joints)
         problems += oversized_tolerances(tolerances, sizes)
-    drive, turning = description.drive, description.platform_cardan_axes is not None
     if turning and drive.screw is None:
         message = "only a screw turns with the platform, and the drive has none"
         allowed = "together with drive: {screw: {lead: …}}"
@@ -275,7 +285,7 @@ def resolve_robot(
         platform_cardan_axes=None if thread_axes is None else read_only(thread_axes),
         drive=drive,
         platform=description.platform,
-        terms=chosen_terms(description.terms, description.platform, drive, turning=turning),
+        terms=terms,
         constants=tuple(c.value for term in description.terms for c in term.constants.values()),
         parameters=description.parameters,
         noise=resolved_noise,
@@ -378,3 +388,38 @@ def add_payload(robot: ResolvedRobot, payload: Sequence[BodyDescription]) -> Res
     added = payload_parameters(payload)
     values = {name: value + added.get(name, 0.0) for name, value in robot.parameters.items()}
     return replace(robot, parameters=values) if payload else robot
+
+
+def add_lacking_terms(robot: ResolvedRobot, values: Sequence[float] = ()) -> ResolvedRobot:
+    """Return a robot with its lacking terms, whose parameters are zero or have these values.
+
+    They follow its own terms, and have no tolerances any more.
+    """
+    lacking = robot.lacking_terms
+    terms = terms_named(lacking, general=robot.platform == "general")
+    names = [parameter.name for parameter in parameters_of(terms)]
+    added = dict(zip(names, values or (0.0,) * len(names), strict=True))
+    described = tuple(
+        TermDescription(
+            name=term.name,
+            constants={
+                one.name: ConstantDescription(value=value)
+                for one, value in zip(term.constants, lacking[term.name], strict=True)
+            },
+        )
+        for term in terms
+    )
+    about = robot.description
+    stated = {
+        "terms": (*about.terms, *described),
+        "parameters": {**about.parameters, **added},
+        "tolerances": about.tolerances and about.tolerances.without_terms(lacking),
+    }
+    return replace(
+        robot,
+        description=about.model_copy(update=stated),
+        terms=(*robot.terms, *terms),
+        constants=(*robot.constants, *chain.from_iterable(lacking.values())),
+        parameters={**robot.parameters, **added},
+        tolerances=robot.tolerances and robot.tolerances.without_terms(lacking),
+    )

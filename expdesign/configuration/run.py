@@ -262,10 +262,17 @@ def add_terms(
         return {one.name: values.get(one.name, 0.0) for one in parameters_of(terms)}
 
     # The robot's parameters include those of a payload, its description's do not.
-    stated = {"terms": described, "parameters": complete(description.parameters)}
+    tolerances = robot.tolerances and robot.tolerances.without_terms(one.name for one in lacking)
+    stated = {
+        "terms": described,
+        "parameters": complete(description.parameters),
+        "tolerances": tolerances,
+        "identification": None,
+    }
     changed = replace(
         robot,
-        description=description.model_copy(update=stated | {"identification": None}),
+        description=description.model_copy(update=stated),
+        tolerances=tolerances,
         terms=terms,
         constants=tuple(c.value for term in described for c in term.constants.values()),
         parameters=complete(robot.parameters),

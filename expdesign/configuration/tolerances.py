@@ -12,6 +12,7 @@ from pydantic import model_validator
 from expdesign.configuration.document import Located
 from expdesign.configuration.errors import InputError, Problem, nearest_name, quote, refusal
 from expdesign.configuration.quantity import (
+    SHARE,
     Angle,
     Duration,
     Length,
@@ -143,23 +144,34 @@ _Coordinates = Annotated[
 ]
 
 
-def _read_constants(term: str, value: object) -> dict[str, float]:
-    """Read the standard deviations of a term's constants, in their SI units."""
-    constants = {constant.name: constant for constant in term_definitions()[term].constants}
-    allowed = ", ".join(constants) or f"none: {term} has no constants"
-    if not isinstance(value, Mapping):
-        raise refusal(f"{quote(value)} is not a mapping", f"standard deviations of: {allowed}")
+EACH_PARAMETER = "std"
+"""Key of the standard deviation of each parameter of a lacking term."""
+
+
+def _read_term(term: str, value: object) -> dict[str, float]:
+    """Read the numbers of a term in the units of its constants and parameters."""
+    definition = term_definitions()[term]
+    parameters = {one.name: one.unit for one in definition.parameters}
+    units = {one.name: one.unit for one in definition.constants} | parameters
+    shared = set(parameters.values())
+    if len(shared) == 1:
+        units[EACH_PARAMETER] = shared.pop()
 
     def read(name: str, item: object) -> float:
-        if name not in constants:
-            reason = f"the term {term} has no constant {quote(name)}"
-            raise refusal(reason, allowed, partial(nearest_name, name, constants))
-        number = quantity_in(constants[name].unit).parse(item)
-        if number < 0:
+        if name == EACH_PARAMETER and name not in units:
+            reason = f"the parameters of {term} have different units"
+            raise refusal(reason, f"a standard deviation for each: {', '.join(parameters)}")
+        if name not in units:
+            reason = f"the term {term} has no constant {quote(name)} and no such parameter"
+            raise refusal(reason, ", ".join(units), partial(nearest_name, name, units))
+        number = (SHARE if units[name] == "1" else quantity_in(units[name])).parse(item)
+        if number < 0 and name in (EACH_PARAMETER, *parameters):
             raise refusal(f"{number:g} is negative", "a standard deviation of 0 or more")
         return number
 
-    return read_entries(value, read, (term,))
+    if isinstance(value, Mapping):
+        return read_entries(value, read, (term,))
+    return {EACH_PARAMETER: read(EACH_PARAMETER, value)}
 
 
 class ForceConstantTolerance(Section):
@@ -193,14 +205,30 @@ class RobotTolerances(Section):
         Annotated[
             dict[str, dict[str, float]],
             by_key(
-                _read_constants,
-                "terms with their constants",
+                _read_term,
+                "terms with their constants, or lacking terms with a standard deviation",
                 check_choice(term_definitions, "term"),
             ),
         ]
         | None
     ) = None
-    """Constants of the terms, SI: {term: {constant: standard deviation}}."""
+    """Standard deviations of the constants of the robot's terms, SI: {term: {constant: std}}; or of
+    the parameters of a term that it lacks, with the values of its constants:
+    {term: {std: …, constant: value}}, or a single number."""
+
+    def lacking_terms(self, present: Iterable[str]) -> dict[str, tuple[float, ...]]:
+        """Return the constants of the terms here that are not present, in the catalogue's order."""
+        given, own = self.terms or {}, frozenset(present)
+        return {
+            name: tuple(given[name].get(one.name, one.default or 0.0) for one in term.constants)
+            for name, term in term_definitions().items()
+            if name in given and name not in own
+        }
+
+    def without_terms(self, names: Iterable[str]) -> RobotTolerances:
+        """Return the tolerances without those of some terms."""
+        kept = {name: own for name, own in (self.terms or {}).items() if name not in set(names)}
+        return self.model_copy(update={"terms": kept or None})
 
     @property
     def inexact(self) -> bool:
@@ -242,7 +270,7 @@ def oversized_tolerances(
 def merge_tolerances(
     sources: Sequence[Located[RobotTolerances]], terms: Iterable[str]
 ) -> RobotTolerances | None:
-    """Merge the tolerances of robot and run; constants of terms that the robot lacks are problems.
+    """Merge the tolerances of robot and run for a robot with these terms.
 
     Later ones override earlier ones by key, also inside `force_constant` and `terms`.
     """
@@ -251,15 +279,43 @@ def merge_tolerances(
     present, merged, problems = list(terms), dict[str, Any](), list[Problem]()
     for source in sources:
         given = source.value.model_dump(exclude_none=True)
-        problems += [
-            source.problem(("terms", name), f"the robot has no term {name}", ", ".join(present))
-            for name in given.get("terms", {})
-            if name not in present
-        ]
         merged = _update(merged, given)
+        for name in given.get("terms", {}):
+            faults = _faults_of_term(name, merged["terms"][name], present, merged["terms"])
+            problems += [source.problem(("terms", name), *fault) for fault in faults]
     if problems:
         raise InputError(problems)
     return RobotTolerances.model_validate(merged)
+
+
+def _faults_of_term(
+    name: str, given: Mapping[str, float], present: Sequence[str], stated: Iterable[str]
+) -> Iterator[tuple[str, str]]:
+    """Yield the faults of one term's tolerances with the allowed values."""
+    term = term_definitions()[name]
+    constants = ", ".join(one.name for one in term.constants) or "none"
+    sizes = {EACH_PARAMETER, *(one.name for one in term.parameters)} & set(given)
+    if name in present:
+        if sizes:
+            yield (
+                f"{name} is a term of the robot: its parameters are estimated already",
+                f"standard deviations of its constants: {constants}",
+            )
+        elif any(value < 0 for value in given.values()):
+            yield f"a standard deviation of {name} is negative", "0 or more"
+        return
+    if not sizes:
+        yield (
+            f"the robot has no term {name}, and no standard deviation of its parameters is given",
+            f"{', '.join(present)}; or {EACH_PARAMETER}, with the term's constants: {constants}",
+        )
+    for one in term.constants:
+        if one.name not in given and one.default is None and sizes:
+            yield f"{name}.{one.name} is missing", f"{{{EACH_PARAMETER}: …, {one.name}: …}}"
+        elif one.positive and given.get(one.name, 1.0) <= 0:
+            yield f"{name}.{one.name} is not positive", "a value above 0"
+    if term.beside and term.beside not in (*present, *stated):
+        yield f"the term '{name}' takes the constants of '{term.beside}'", f"{term.beside}, too"
 
 
 def _update(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

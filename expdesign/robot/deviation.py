@@ -16,11 +16,15 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.configuration.robot import ResolvedRobot, RobotDescription
 from expdesign.configuration.schema import read_only
-from expdesign.configuration.tolerances import ForceConstantTolerance, RobotTolerances
+from expdesign.configuration.tolerances import (
+    EACH_PARAMETER,
+    ForceConstantTolerance,
+    RobotTolerances,
+)
 from expdesign.evaluation.batch import Graph, kernel
 from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES, actuator_names
-from expdesign.mechanism.term import Friction, Term, kinematic_terms
+from expdesign.mechanism.term import Friction, Term, kinematic_terms, parameters_of
 from expdesign.robot.robot import Robot
 
 FORCE_CONSTANT = "force_constant"
@@ -41,7 +45,7 @@ class Deviation:
     name: str
     """``base_joint_3_x``, ``force_constant_2``, ``delay``, ``stribeck_velocity``."""
     group: str
-    """Key of its tolerance: ``base_joints``, ``force_constant.each``."""
+    """Key of its tolerance: ``base_joints``, ``force_constant.each``, ``terms.load_friction``."""
     unit: str
     """SI, as in files."""
     std: float
@@ -65,9 +69,10 @@ def deviations(robot: Robot) -> tuple[Deviation, ...]:
 
     In this order: ``base_joint_1_x`` … ``base_joint_6_z`` (m, base frame), ``platform_joint_1_x``
     … (m, platform frame), ``gravity_1`` and ``gravity_2`` (rad: its direction turned about two
-    axes across it), the constants of the terms (``<term>_<constant>``), ``strut_length_1`` … (m:
-    a length is measured too long), ``force_constant`` (a share: all forces are measured too
-    large), ``force_constant_1`` … (one of them is), ``delay`` (s: forces lag behind the lengths),
+    axes across it), the constants of the terms (``<term>_<constant>``), the parameters of lacking
+    terms (``<term>_<parameter>``, see `Robot.extended`), ``strut_length_1`` … (m: a length is
+    measured too long), ``force_constant`` (a share: all forces are measured too large),
+    ``force_constant_1`` … (one of them is), ``delay`` (s: forces lag behind the lengths),
     ``clock`` (a share: stamps run fast).
     """
     entries = _entries(robot, robot.description.tolerances or RobotTolerances())
@@ -118,12 +123,21 @@ def _entries(robot: Robot, given: RobotTolerances) -> Iterator[tuple[str, str, s
         for constant in term.constants:
             group = f"terms.{term.name}.{constant.name}"
             yield f"{term.name}_{constant.name}", group, constant.unit, own.get(constant.name)
+    for term in _lacking_terms(robot):
+        own = (given.terms or {})[term.name]
+        for one in term.parameters:
+            std = own.get(one.name, own.get(EACH_PARAMETER))
+            yield f"{term.name}_{one.name}", f"terms.{term.name}", one.unit, std
     forces = given.force_constant or ForceConstantTolerance()
     yield from _numbered_entries("strut_length", "strut_length", "m", given.strut_length)
     yield FORCE_CONSTANT, "force_constant.common", "1", forces.common
     yield from _numbered_entries(FORCE_CONSTANT, "force_constant.each", "1", forces.each)
     yield "delay", "delay", "s", given.delay
     yield "clock", "clock", "1", given.clock
+
+
+def _lacking_terms(robot: Robot) -> tuple[Term, ...]:
+    return robot.extended.terms[len(robot.terms) :]
 
 
 def _numbered_entries(
@@ -152,7 +166,7 @@ def tilt_axes(gravity: Array) -> Array:
 
 
 def apply_deviations(robot: Robot, chosen: Sequence[Deviation], values: Array) -> Robot:
-    """Return the robot with deviations θ of joints, gravity and constants.
+    """Return the robot with deviations θ of joints, gravity, constants and lacking terms.
 
     `values` is θ of the chosen deviations, (t,), SI. Errors of the measurement among them do not
     change the robot. Its cardan axes keep their directions.
@@ -160,8 +174,9 @@ def apply_deviations(robot: Robot, chosen: Sequence[Deviation], values: Array) -
     about = robot.description
     theta = np.zeros(len(deviations(robot)))
     np.add.at(theta, [each.place for each in chosen], values)
-    ends = np.cumsum([JOINT_ENTRIES, JOINT_ENTRIES, TILTS, len(about.constants)])
-    base, platform, tilts, constants, _ = np.split(theta, ends)
+    further = len(parameters_of(_lacking_terms(robot)))
+    ends = np.cumsum([JOINT_ENTRIES, JOINT_ENTRIES, TILTS, len(about.constants), further])
+    base, platform, tilts, constants, lacking, _ = np.split(theta, ends)
     turn = tilts @ tilt_axes(about.gravity)
     angle = float(np.linalg.norm(turn))
     gravity = about.gravity
@@ -175,7 +190,7 @@ def apply_deviations(robot: Robot, chosen: Sequence[Deviation], values: Array) -
         gravity=read_only(gravity),
         constants=tuple((np.array(about.constants) + constants).tolist()),
     )
-    return replace(robot, description=moved)
+    return replace(robot, description=moved, lacking_parameters=tuple(lacking.tolist()))
 
 
 def as_in_a_file(robot: ResolvedRobot) -> RobotDescription:
@@ -270,10 +285,12 @@ def delay_of_jumps(
 class DeviatingForces(NamedTuple):
     """Forces of a motion with their derivatives."""
 
+    forces: Array
+    """(S, 6), A p and the forces of the robot's `lacking_parameters`, N."""
     regressors: Array
     """(S, 6, m), A with the given signs of friction."""
     state_slope: Array
-    """(S, 6, 18), ∂(A p)/∂(λ, λ̇, λ̈)."""
+    """(S, 6, 18), ∂(forces)/∂(λ, λ̇, λ̈)."""
     columns: Array
     """(S, 6, t), Z_f = ∂(measured forces)/∂θ, N per SI unit of each entry."""
 
@@ -304,12 +321,20 @@ def deviating_forces(
         True if the motion's frequency comes from the recording itself, in its own clock; else it
         is that of the controller, and the stamps deviate from it.
     """
-    kernel = _force_kernel(robot.terms, Friction.EXACT if signs is None else Friction.HELD)
-    varying = [state[:, :_STATE], *([] if signs is None else [signs])]
-    regressors, by_state, by_machine = kernel(*varying, robot.machine, parameters)
-    forces = regressors @ parameters
+    extended, own = robot.extended, len(parameters)
+    kernel = _force_kernel(extended.terms, Friction.EXACT if signs is None else Friction.HELD)
+    varying = [state[:, :_STATE]]
+    if signs is not None:
+        lacking_rates = extended.graph.signs.shape[0] - signs.shape[1]
+        if lacking_rates:  # of lacking terms alone
+            further = exact_signs(extended, state)[:, -lacking_rates:]
+            signs = np.concatenate([signs, further], axis=1)
+        varying.append(signs)
+    values = np.concatenate([parameters, extended.parameters[own:]])
+    regressors, by_state, by_machine = kernel(*varying, extended.machine, values)
+    forces = regressors @ values
     tilting = np.cross(tilt_axes(robot.description.gravity), robot.description.gravity)
-    joints = 2 * JOINT_ENTRIES
+    joints, constants = 2 * JOINT_ENTRIES, len(robot.description.constants)
     by_gravity = by_machine[:, :, joints : joints + 3] @ tilting.T
     rate = np.einsum("sji,si->sj", by_state, state[:, COORDINATES:])
     if own_clock:
@@ -321,14 +346,16 @@ def deviating_forces(
     blocks = [
         by_machine[:, :, :joints],
         by_gravity,
-        by_machine[:, :, joints + 3 :],
+        by_machine[:, :, joints + 3 : joints + 3 + constants],
+        regressors[:, :, own:],
         np.zeros((len(forces), ACTUATORS, ACTUATORS)),
         forces[:, :, None],
         forces[:, :, None] * np.eye(ACTUATORS),
         -rate[:, :, None],
         clock[:, :, None],
     ]
-    return DeviatingForces(regressors, by_state, _pick_columns(blocks, chosen))
+    columns = _pick_columns(blocks, chosen)
+    return DeviatingForces(forces, regressors[:, :, :own], by_state, columns)
 
 
 def length_deviation_columns(
@@ -345,8 +372,8 @@ def length_deviation_columns(
     """
     kernel = _length_kernel(kinematic_terms(robot.terms))
     rate, by_joints = kernel(state[:, :_STATE], robot.geometry_vector)
-    samples, about = (len(state), ACTUATORS), robot.description
-    others = len(tilt_axes(about.gravity)) + len(about.constants)
+    samples, lacking = (len(state), ACTUATORS), parameters_of(_lacking_terms(robot))
+    others = TILTS + len(robot.description.constants) + len(lacking)
     clock = np.zeros(samples) if own_clock else -times[:, None] * rate
     blocks = [
         by_joints,

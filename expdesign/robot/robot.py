@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import ResolvedRobot
+from expdesign.configuration.robot import add_lacking_terms
 from expdesign.evaluation.batch import BatchFunction, Graph, kernel
 from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -78,6 +79,10 @@ class Robot:
     """Content of its file, in SI units."""
     load_parameters: tuple[float, ...] | None = None
     """(m,) parameters of the load of the actuators; None: the nominal ones."""
+    lacking_parameters: tuple[float, ...] = ()
+    """Parameters of the lacking terms in `extended`; empty: zero."""
+    remaining_delay: float | None = None
+    """Standard deviation of the delay after its estimate, s; None: its tolerance."""
 
     def __repr__(self) -> str:
         """Name, kind of platform, and limits."""
@@ -137,6 +142,26 @@ class Robot:
         return Realisable.of(parameters_of(self.terms), self.scales, joints)
 
     @property
+    def delay_std(self) -> float:
+        """Standard deviation of the delay of the forces, s."""
+        if self.remaining_delay is not None:
+            return self.remaining_delay
+        tolerances = self.description.tolerances
+        return 0.0 if tolerances is None else tolerances.delay or 0.0
+
+    @cached_property
+    def extended(self) -> Robot:
+        """The robot with the terms that it lacks and whose parameters have a tolerance.
+
+        They follow its own terms, with `lacking_parameters`. Without any it is the robot itself.
+        """
+        if not self.description.lacking_terms:
+            return self
+        extended = add_lacking_terms(self.description, self.lacking_parameters)
+        further = tuple(extended.parameters.values())[len(self.parameters) :]
+        return Robot(extended, self.load_parameters and (*self.load_parameters, *further))
+
+    @property
     def graph(self) -> HexapodGraph:
         """The symbolic graph, shared by all robots with these terms."""
         return hexapod_graph(self.terms)
@@ -177,9 +202,9 @@ class Robot:
     def with_load_at(self, parameters: ArrayLike) -> Robot:
         """Return the robot with the load of the actuators at given parameters, (m,).
 
-        It is the robot itself if no term depends on the load.
+        It is the robot itself if no term depends on the load, also of the lacking ones.
         """
-        if not self.graph.loaded:
+        if not self.extended.graph.loaded:
             return self
         values = np.asarray(parameters, dtype=np.float64)
         return replace(self, load_parameters=tuple(values.tolist()))

@@ -281,8 +281,13 @@ def budget_blocks(result: EstimationResult) -> list[Block]:
             TableColumn("tolerance", digits=3, of="tolerance"),
             TableColumn("estimate", digits=3, of="value"),
             TableColumn("σ", digits=3, of="std"),
+            TableColumn("σ / tolerance", digits=2, of="ratio"),
+            TableColumn("z", digits=2, of="z"),
         ]
-        caption = "Inexactly known quantities: tolerance, and estimate from the data"
+        caption = (
+            "Inexactly known quantities: tolerance, estimate from the data, and z, the estimate "
+            "over its scatter in machines within the tolerances"
+        )
         blocks.append(ReportTable.of("deviations", caption, columns, shown, folded=True))
     return blocks
 

@@ -95,6 +95,16 @@ tolerances: {platform_joints: [[0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0
 tolerances: {strut_length: 1 m} => tolerances.strut_length => 1 m
 tolerances: {terms: {force_offset: {}}} => tolerances.terms.force_offset => has no term
     force_offset
+tolerances: {terms: {load_frictoin: 1 %}} => tolerances.terms.load_frictoin => not a term
+tolerances: {terms: {load_friction: -1}} => tolerances.terms.load_friction => is negative
+tolerances: {terms: {passive_friction: 1}} => tolerances.terms.passive_friction => estimated already
+tolerances: {terms: {actuator_friction: 1}} => tolerances.terms.actuator_friction => different
+    units
+tolerances: {terms: {stribeck: 2 N}} => tolerances.terms.stribeck => stribeck.velocity is missing
+tolerances: {terms: {stribeck: {std: 2 N, velocity: 0}}} => tolerances.terms.stribeck => not
+    positive
+tolerances: {terms: {cogging_second: 1 N}} => tolerances.terms.cogging_second => takes the
+    constants of 'cogging'
 """
 
 RUN = """

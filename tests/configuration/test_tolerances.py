@@ -5,7 +5,7 @@ import pytest
 
 from expdesign.configuration import load_run
 from expdesign.configuration.quantity import SHARE
-from expdesign.configuration.run import resolved_yaml
+from expdesign.configuration.run import add_terms, resolved_yaml
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import deviations, toleranced_deviations
 
@@ -57,11 +57,33 @@ def test_a_run_overrides_the_robot_key_by_key(run_mapping):
 def test_the_resolved_configuration_has_them(run_mapping):
     import yaml
 
-    run_mapping["tolerances"] = {"base_joints": "0.1 mm", "clock": "20 ppm", "terms": {}}
+    terms = {"load_friction": "1 %", "stribeck": {"std": 2, "velocity": 0.05}}
+    run_mapping["tolerances"] = {"base_joints": "0.1 mm", "clock": "20 ppm", "terms": terms}
     configuration = load_run(run_mapping)
     again = load_run(yaml.safe_load(resolved_yaml(configuration)))
     assert again.robot.tolerances == configuration.robot.tolerances
     assert again.run.tolerances is None
+
+
+def test_a_lacking_term_has_the_standard_deviation_of_its_parameters(run_mapping):
+    run_mapping["robot"]["tolerances"] = {"terms": {"load_friction": "2 %"}}
+    run_mapping["tolerances"] = {
+        "terms": {
+            "load_friction": {"mu2": 0.03},
+            "drive_inertia": "20 g",
+            "stribeck": {"std": "2 N", "velocity": "50 mm/s"},
+        }
+    }
+    robot = robot_from(load_run(run_mapping).robot)
+    found = {each.name: (each.group, each.std) for each in toleranced_deviations(robot)}
+    # In the order of the catalogue.
+    assert list(found)[:2] == ["drive_inertia_m_drive", "stribeck_s1"]
+    assert found["drive_inertia_m_drive"] == ("terms.drive_inertia", 0.02)
+    assert found["stribeck_s6"] == ("terms.stribeck", 2.0)
+    assert [found[f"load_friction_mu{j}"][1] for j in (1, 2, 6)] == [0.02, 0.03, 0.02]
+    assert len(found) == 1 + 6 + 6
+    assert "load_friction" not in [term.name for term in robot.terms]
+    assert robot.extended.description.constants == (*robot.description.constants, 0.05)
 
 
 def test_none_given(run_mapping):
@@ -125,3 +147,12 @@ def test_estimating_what_has_a_tolerance(run_mapping):
     run_mapping["estimate"] = {"systematic": "estimated", "estimators": ["gm", "ml"]}
     run_mapping["tolerances"] = {"delay": "1 ms"}
     assert load_run(run_mapping).run.estimate.systematic == "estimated"
+
+
+def test_a_term_that_is_added_has_no_tolerance_any_more(run_mapping):
+    run_mapping["tolerances"] = {"terms": {"load_friction": "1 %", "drive_inertia": "1 g"}}
+    run_mapping["estimate"] = {"select": {"candidates": ["load_friction"]}}
+    configuration = load_run(run_mapping)
+    added = add_terms(configuration, configuration.run.estimate.select.candidates)
+    assert list(added.robot.lacking_terms) == ["drive_inertia"]
+    assert list(added.run.robot.tolerances.terms) == ["drive_inertia"]

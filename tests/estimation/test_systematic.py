@@ -7,6 +7,7 @@ import pytest
 
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.tolerance_test import tolerance_findings
 from estimation.estimators import covariance_ml_less_gm
 from estimation.identification import estimate_parameters, estimation_result
 from expdesign.experiment.precision import systematic_std
@@ -24,7 +25,7 @@ TOLERANCES = {
     "gravity": "0.5 deg",
     "delay": "1 ms",
 }
-GIVEN = {"noise": "given", "harmonics": 2}
+GIVEN = {"noise": "given", "harmonics": 2, "systematic": "budget"}
 
 
 # Dry friction jumps where a sample is next to a reversal: no derivative tells of that.
@@ -201,6 +202,27 @@ def test_estimated_tolerances_are_known_better_than_before(chosen):
     assert np.sum(np.log(joint.std[joint.std > 0])) < np.sum(np.log(budget.std[budget.std > 0]))
 
 
+def test_by_default_ml_estimates_the_deviations(chosen):
+    data = _measured(_theta(chosen, 0.5), scale=0.3)
+    config = {"noise": "given", "harmonics": 2, "estimators": ["gm", "ml"]}
+    quiet = {"tolerances": TOLERANCES, "noise": _quiet(0.3)}
+    auto, asked, budget = (
+        estimate_parameters(run(config | more, **quiet), data, MOTION)
+        for more in ({}, {"systematic": "estimated"}, {"systematic": "budget"})
+    )
+    for name, other in (("gm", budget), ("ml", asked)):
+        np.testing.assert_array_equal(auto[name].values, other[name].values)
+        np.testing.assert_array_equal(auto[name].covariance, other[name].covariance)
+    rows = [row for row in estimation_result(auto).deviations if row.estimator == "ml"]
+    assert all(row.ratio <= 1 + 1e-3 for row in rows)
+    for row in rows:
+        scatter = np.sqrt(max(row.tolerance**2 - row.std**2, 0.0))
+        if np.isfinite(row.z):
+            assert row.z == pytest.approx(row.value / scatter, rel=1e-3)
+        else:
+            assert scatter < 0.11 * row.tolerance
+
+
 def test_without_tolerances_everything_is_as_it_was():
     data = measured(MOTION, 3, step=STEP)
     # A run file that asks for it is refused; from Python a section may be changed afterwards.
@@ -244,3 +266,106 @@ def test_an_estimated_machine_is_diagnosed_along_the_motion_that_was_estimated(c
     assert result.best.motions[0].harmonics > MOTION.harmonics
     assert result.experiments[0].fit.motion.harmonics == result.best.motions[0].harmonics
     diagnose(result.robot, result.experiments, result.priors, result.best)
+
+
+@pytest.fixture(scope="module")
+def joint(chosen):
+    """Return a joint estimate of the machine as described, almost without noise."""
+    config = _run({"noise": _quiet(0.1)}, systematic="estimated", estimators=["ml"])
+    return estimate_parameters(config, _measured(np.zeros(len(chosen)), robot=SMOOTH), MOTION)["ml"]
+
+
+def _with_theta(estimate, values):
+    return replace(estimate, systematic=replace(estimate.systematic, values=values))
+
+
+def test_deviations_within_the_tolerances_contradict_none_of_them(joint):
+    scatter = joint.deviation_scatter
+    root = np.linalg.cholesky(scatter + 1e-12 * np.diag(joint.systematic.tolerances**2))
+    rng, runs = np.random.default_rng(1), 3000
+    found = [
+        tolerance_findings(_with_theta(joint, root @ rng.normal(size=len(root))))[0]
+        for _ in range(runs)
+    ]
+    # At 0.1 %, of tests that overlap.
+    assert sum(one.failed for one in found) <= 8
+    assert np.mean([one.p < 0.1 for one in found]) == pytest.approx(0.07, abs=0.04)
+    assert not tolerance_findings(replace(joint, covariance_joint=None))
+
+
+def test_one_deviation_far_beyond_its_tolerance_is_named(joint):
+    std = np.sqrt(np.diag(joint.deviation_scatter))
+    names = [one.name for one in joint.systematic.deviations]
+    values = np.zeros(len(std))
+    values[names.index("delay")] = 5 * std[names.index("delay")]
+    (finding,) = tolerance_findings(_with_theta(joint, values))
+    assert finding.failed
+    assert finding.serious
+    assert finding.contradiction == "a deviation of the machine exceeds its tolerance (delay)"
+    assert "+5.0 σ" in finding.sentence
+    (finding,) = tolerance_findings(_with_theta(joint, 0.4 * values))
+    assert not finding.failed
+
+
+def test_many_deviations_together_contradict_the_tolerances(joint):
+    scatter = joint.deviation_scatter / np.multiply.outer(*(joint.systematic.tolerances,) * 2)
+    variances, vectors = np.linalg.eigh(scatter)
+    # The same in every combination that the data show, with signs that make no entry large.
+    along = np.where(variances > 0.01, 1.7 * np.sqrt(np.maximum(variances, 0.0)), 0.0)
+    std = np.sqrt(np.diag(scatter))
+    shown = np.where(std > 0.1, 1 / std, 0.0)
+    rng = np.random.default_rng(0)
+    signs = rng.choice([-1.0, 1.0], len(along))
+    for place in rng.integers(len(along), size=3000):
+        other = np.where(np.arange(len(along)) == place, -signs, signs)
+        largest, now = (np.max(np.abs(vectors @ (along * s)) * shown) for s in (other, signs))
+        signs = other if largest < now else signs
+    theta = vectors @ (along * signs)
+    assert np.max(np.abs(theta) * shown) < 3
+    (finding,) = tolerance_findings(_with_theta(joint, theta * joint.systematic.tolerances))
+    assert finding.contradiction.startswith(
+        "only tolerances of several parts together explain an error (`tolerances."
+    )
+
+
+TERMS = {
+    "terms": {"load_friction": "5 %", "drive_inertia": "0.2 kg"},
+}
+
+
+def _draw_lacking(number, scale):
+    """Return the parameters of the lacking terms of a machine, (7,), and its recording."""
+    robot = robot_from(run(GIVEN, tolerances=TERMS).robot)
+    entries = toleranced_deviations(robot)
+    std = np.array([each.std for each in entries])
+    theta = std * np.random.default_rng([8, number]).normal(size=len(std))
+    machine = apply_deviations(robot, entries, theta).extended
+    data = measured(MOTION, number, robot=machine, step=STEP, force_scale=scale, length_scale=scale)
+    return theta, data
+
+
+@pytest.mark.parametrize("runs", [3, pytest.param(200, marks=pytest.mark.slow)])
+def test_terms_that_the_model_lacks_are_counted_and_estimated(runs):
+    scale = 0.3
+    sections = {"tolerances": TERMS, "noise": _quiet(scale)}
+    config = run({**GIVEN, "systematic": "auto", "estimators": ["gm", "ml"]}, **sections)
+    inside, random_alone, off = {"gm": [], "ml": []}, [], []
+    for number in range(runs):
+        theta, data = _draw_lacking(number, scale)
+        result = estimate_parameters(config, data, MOTION)
+        for name, found in result.estimates.items():
+            errors = np.abs(found.values - ROBOT.parameters)
+            inside[name].append(np.mean(errors < 1.96 * found.std))
+            if name == "gm":
+                random = np.sqrt(np.diag(found.covariance_random))
+                random_alone.append(np.mean(errors < 1.96 * random))
+        shrunk = result["ml"].systematic
+        off.append((shrunk.values - theta) / shrunk.std)
+        assert np.all(shrunk.std <= result["gm"].systematic.std * (1 + 1e-9))
+        assert shrunk.std[-1] < 0.7 * 0.05
+    for name, shares in inside.items():
+        # Errors within a run are correlated: the shares of runs scatter by about 0.12.
+        assert abs(np.mean(shares) - 0.95) < 0.02 + 3 * 0.12 / np.sqrt(runs), name
+    assert np.mean(random_alone) < 0.85
+    assert np.mean(np.square(off)) == pytest.approx(1, abs=0.25 if runs > 10 else 0.9)
+    assert np.median(result["ml"].std / result["gm"].std) < 0.7

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from estimation.kinematics import expected_signs
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.prediction import (
     deviation_forces,
@@ -13,6 +14,7 @@ from estimation.measurement_model.prediction import (
     predict_forces,
     predict_lengths,
 )
+from expdesign.configuration.tolerances import RobotTolerances
 from expdesign.mechanism.term import STRUT_SPEED, Columns, Constant, Parameter, Term
 from expdesign.robot import Robot, load_robot
 from expdesign.robot.deviation import apply_deviations, deviations, tilt_axes
@@ -215,3 +217,27 @@ def test_the_axes_of_tilts_turn_with_gravity_and_do_not_swap():
     for theta in ([0.01, 0.0], [0.0, 0.01], [-0.008, 0.001]):
         after = tilt_axes(apply_deviations(robot, tilts, np.array(theta)).description.gravity)
         np.testing.assert_allclose(after, before, atol=0.011)
+
+
+LACKING = {"load_friction": {"std": 0.01}, "stribeck": {"std": 2.0, "velocity": 0.05}}
+
+
+def test_columns_of_lacking_terms_are_those_of_the_terms():
+    """With their forces, and with those slopes of the others that they change."""
+    about = load_robot("palida").description
+    robot = Robot(dataclasses.replace(about, tolerances=RobotTolerances(terms=LACKING)))
+    names = [*("load_friction.mu1", "load_friction.mu6"), "stribeck.s2"]
+    places = [one.replace(".", "_") for one in names]
+    chosen = [each for each in deviations(robot) if each.name in (*places, "base_joint_2_z")]
+    moved = apply_deviations(robot, chosen, np.array([1e-3, 3.0, 0.02, -0.01]))
+    assert [one.name for one in chosen] == ["base_joint_2_z", "stribeck_s2", *places[:2]]
+    whole, motion = moved.extended, _motion(robot, 3)
+    signs = expected_signs(robot, motion, TIMES, np.zeros((len(TIMES), 18)))
+    columns = deviation_forces(moved, motion, TIMES, signs, moved.parameters, chosen)
+    regressors = predict_forces(whole, motion, TIMES, signs, whole.parameters).regressors
+    at = [whole.parameter_names.index(one.partition("_")[2]) for one in ("_s2", "_mu1", "_mu6")]
+    np.testing.assert_allclose(columns[:, :, 1:], regressors[:, :, at], rtol=1e-9, atol=1e-12)
+    assert not np.any(deviation_lengths(moved, motion, TIMES, chosen[1:]))
+    as_terms = deviations(whole)[chosen[0].place]
+    expected = deviation_forces(whole, motion, TIMES, signs, whole.parameters, [as_terms])
+    np.testing.assert_allclose(columns[:, :, :1], expected, rtol=1e-9, atol=1e-9)

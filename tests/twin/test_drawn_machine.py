@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+import yaml
 
 from estimation.kinematics import expected_signs
 from estimation.measurement_model import HarmonicMotion
@@ -63,6 +64,23 @@ def test_everything_is_off_by_its_tolerance():
     np.testing.assert_allclose(spread([s.force_constant.common for s in sections]), 0.02, **close)
     each = spread([s.force_constant.each for s in sections])
     np.testing.assert_allclose(each, 0.01, **close)
+
+
+def test_a_lacking_term_is_drawn_as_a_term_of_the_machine():
+    terms = {"load_friction": "1 %", "stribeck": {"std": 2, "velocity": 0.05}}
+    start = configuration({"terms": terms})
+    rng = np.random.default_rng(4)
+    machines = [draw_machine(start, rng) for _ in range(DRAWS)]
+    values = np.array([machine.values for machine in machines])
+    np.testing.assert_allclose(spread(values), [2.0] * 6 + [0.01] * 6, rtol=5 / np.sqrt(2 * DRAWS))
+    truth = machines[0].configuration.truth
+    assert [truth.parameters[f"mu{j}"] for j in range(1, 7)] == values[0, 6:].tolist()
+    assert truth.constants == (0.05,)
+    again = load_run(yaml.safe_load(resolved_yaml(machines[0].configuration)))
+    assert again.truth.parameters == truth.parameters
+    assert again.run == machines[0].configuration.run
+    with_term = Twin.of(machines[0].configuration, motion())
+    assert np.abs(with_term.forces - Twin.of(start, motion()).forces).max() > 0.5
 
 
 def test_it_is_what_the_twin_measures():
