@@ -20,7 +20,7 @@ import expdesign
 from benchmarks.studies import CLEAR_BIAS, ROOT, Row, claim_row, summary
 from constraints.arrays import Array
 from estimation.estimators import Experiment
-from estimation.estimators.joint_equations import joint_equations, reduced_information
+from estimation.estimators.joint_equations import PerturbedMachine, reduced_information
 from estimation.estimators.result import TEN, payload_estimate
 from estimation.identification import estimate_parameters
 from estimation.identification.estimation import parameter_priors, run_estimators
@@ -226,7 +226,8 @@ def _joint_bound(run: RunConfiguration, design: FourierTrajectory) -> Array:
     alone = run.with_section("estimate", prior={})
     knowledge = parameter_priors(alone, robot)
     values = twin.truth.values_of(robot.parameter_names)
-    equations = joint_equations(robot, experiment, motion, values, knowledge.free)
+    machine = PerturbedMachine.exact(robot)
+    equations = machine.joint_equations(experiment, motion, values, knowledge.free)
     information = reduced_information([equations], knowledge)
     places = [robot.parameter_names.index(name) for name in OF_A_BODY.values()]
     scale = np.sqrt(np.diag(information))

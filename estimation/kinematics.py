@@ -423,7 +423,7 @@ def signs_along(robot: Robot, sampled: MotionSamples, spread: Array) -> Array:
 def rate_spread(robot: Robot, motion: HarmonicMotion, times: Array, covariance: Array) -> Array:
     """Return the standard deviations of the same rates, (S, s), from Cov(ξ), (x, x).
 
-    An unknown delay of the forces adds its share: the signs are those of another instant.
+    The uncertainty of the forces' delay adds its share: the signs are those of another instant.
     """
     late = robot.delay_std
     factor = np.asarray(np.linalg.cholesky(covariance + 0.0), dtype=np.float64)

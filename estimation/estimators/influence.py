@@ -26,10 +26,9 @@ from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.joint_equations import MeasuredForces, MeasuredLengths, PerturbedMachine
 from estimation.estimators.prior_estimate import PriorEstimate
-from estimation.kinematics import signs_along
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.motion import Filter
-from estimation.measurement_model.prediction import chunks, force_columns, length_columns
+from estimation.measurement_model.prediction import chunks
 from estimation.processing.noise import NoiseEstimate
 from expdesign.noise import lines_of
 from expdesign.robot import Robot
@@ -85,8 +84,8 @@ class Influence:
     """(r, k), gain on the parameters' columns; (r, k + x) with the motion's columns."""
     length_gain: Array | None
     """(r, x), gain on the motion's columns in the lengths; None after pointwise kinematics."""
-    machine: PerturbedMachine | None = None
-    """Machine with estimated deviations θ, if any: in both gains their columns precede those of the
+    machine: PerturbedMachine
+    """Machine with its estimated deviations θ: in both gains their columns precede those of the
     motion."""
 
     def forces(self) -> Iterator[Part]:
@@ -104,7 +103,7 @@ class Influence:
         gain, noise = self.length_gain.T, self.experiment.noise.lengths
         channels, motion = self.experiment.recording.lengths, self.motion
         responses = (
-            (part, self._length_response(motion, part, gain))
+            (part, self.machine.lengths(self.experiment, motion, part).columns.times(gain))
             for part in chunks(len(channels.times))
         )
         yield from _weighted(responses, channels.counts, noise.covariance, noise.filter)
@@ -132,13 +131,6 @@ class Influence:
             length_gain=None if gain is None else rows @ gain[:count],
         )
 
-    def _length_response(self, motion: HarmonicMotion, part: slice, gain: Array) -> Array:
-        """Return the lengths' columns of the unknowns times the gain, (S, 6, r)."""
-        if self.machine is not None:
-            return self.machine.lengths(self.experiment, motion, part).columns.times(gain)
-        times = self.experiment.recording.lengths.times[part]
-        return length_columns(self.robot, motion.at(times))[1].times(gain)
-
     def _force_response(self) -> Iterator[Part]:
         """Yield the forces' columns of the unknowns times the gain, (S, 6, r)."""
         experiment, motion, gain = self.experiment, self.motion, self.force_gain.T
@@ -147,16 +139,9 @@ class Influence:
             for part in chunks(len(experiment.counts)):
                 yield part, experiment.fitted_regressors[part][:, :, self.free] @ gain
             return
-        times, spread = experiment.recording.forces.times, experiment.spread_along(motion)
-        for part in chunks(len(times)):
-            if self.machine is not None:
-                seen = self.machine.forces(experiment, motion, self.values, part)
-                yield part, seen.columns(self.free).times(gain)
-                continue
-            sampled = motion.at(times[part])
-            signs = signs_along(self.robot, sampled, spread[part])
-            _, columns = force_columns(self.robot, sampled, signs, self.values, self.free)
-            yield part, columns.times(gain)
+        for part in chunks(len(experiment.recording.forces.times)):
+            seen = self.machine.forces(experiment, motion, self.values, part)
+            yield part, seen.columns(self.free).times(gain)
 
     def covariance_from_forces(self) -> Covariance:
         """Return the covariance due to the noise of the forces."""
@@ -322,7 +307,7 @@ def systematic_share(
         motion = influence.motion
         if motion is None or influence.length_gain is None:
             return None
-        found = influence.machine or PerturbedMachine.exact(influence.robot)
+        found = influence.machine
         theta = dict(zip((one.name for one in found.chosen), found.theta.tolist(), strict=True))
         at = np.array([theta.get(one.name, 0.0) for one in chosen])
         machine = PerturbedMachine.of(influence.robot, chosen, at)

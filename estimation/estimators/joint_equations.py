@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.priors import ParameterPriors
-from estimation.kinematics import length_equations, signs_along
+from estimation.kinematics import signs_along
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.motion import (
     Filter,
@@ -33,7 +33,12 @@ from estimation.measurement_model.motion import (
     NormalEquations,
     Rows,
 )
-from estimation.measurement_model.prediction import chunks, force_columns, state_with_jerk
+from estimation.measurement_model.prediction import (
+    chunks,
+    force_kernel,
+    length_columns,
+    state_with_jerk,
+)
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
 from expdesign.robot.deviation import (
@@ -43,61 +48,6 @@ from expdesign.robot.deviation import (
     deviating_forces,
     length_deviation_columns,
 )
-
-
-def force_equations(
-    robot: Robot,
-    experiment: Experiment,
-    motion: HarmonicMotion,
-    values: Array,
-    free: NDArray[np.bool_],
-    covariance: Array,
-    noise_filter: Filter | None,
-) -> NormalEquations:
-    """Return the normal equations of the free parameters and ξ from the forces of one experiment.
-
-    Parameters
-    ----------
-    motion, values
-        ξ and p, (m,), at which the model is linearised.
-    free : (m,) of bool
-        Estimated parameters.
-    covariance : (6, 6)
-        Its inverse weights the rows after the filter.
-    """
-    recording = experiment.recording
-    spread = experiment.spread_along(motion)
-
-    def rows(part: slice) -> Rows:
-        sampled = motion.at(recording.forces.times[part])
-        signs = signs_along(robot, sampled, spread[part])
-        regressors, columns = force_columns(robot, sampled, signs, values, free)
-        residuals = recording.forces.values[part] - regressors @ values
-        return residuals, columns, recording.forces.counts[part]
-
-    return NormalEquations.of(map(rows, chunks(recording.samples)), covariance, noise_filter)
-
-
-def joint_equations(
-    robot: Robot,
-    experiment: Experiment,
-    motion: HarmonicMotion,
-    values: Array,
-    free: NDArray[np.bool_],
-    forces: NormalEquations | None = None,
-) -> NormalEquations:
-    """Return the normal equations of the free parameters and ξ from forces and lengths.
-
-    `forces` are the equations of the forces at the same point, if they are known already.
-    """
-    noise = experiment.noise
-    lengths = length_equations(
-        robot, experiment.recording, noise.lengths.covariance, motion, noise.lengths.filter
-    )
-    if forces is None:
-        own = noise.forces.covariance, noise.forces.filter
-        forces = force_equations(robot, experiment, motion, values, free, *own)
-    return forces.with_motion(lengths)
 
 
 def reduced_information(equations: Sequence[NormalEquations], priors: ParameterPriors) -> Array:
@@ -119,13 +69,12 @@ def cramer_rao_covariance(
     values. The friction signs are the exact ones at `motions` if the experiments have no spread of
     their rates (`Experiment.spread` zero), otherwise the expected ones.
     """
-    pairs = tuple(zip(experiments, motions, strict=True))
     constants = priors.constants(robot)
-    if not constants:
-        equations = [joint_equations(robot, *each, values, priors.free) for each in pairs]
-        return priors.expand(priors.inverse(reduced_information(equations, priors)))
     machine = PerturbedMachine.of(robot, constants, np.zeros(len(constants)))
-    equations = [machine.joint_equations(*each, values, priors.free) for each in pairs]
+    equations = [
+        machine.joint_equations(*each, values, priors.free)
+        for each in zip(experiments, motions, strict=True)
+    ]
     known = priors.with_deviations(constants)
     inverse = known.inverse(reduced_information(equations, known))
     count = int(np.count_nonzero(priors.free))
@@ -148,7 +97,9 @@ class MeasuredForces:
 
     def columns(self, free: NDArray[np.bool_]) -> MotionColumns:
         """Return the columns of the free parameters, θ and ξ."""
-        others = np.concatenate([self.regressors[:, :, free], self.deviations], axis=2)
+        others = self.regressors[:, :, free]
+        if self.deviations.shape[2]:
+            others = np.concatenate([others, self.deviations], axis=2)
         return MotionColumns(others, self.slope, self.sampled)
 
 
@@ -202,6 +153,11 @@ class PerturbedMachine:
         own = experiment.recording.own_clock
         sampled = self._sample(motion, times - self.delay, own_clock=own)
         signs = signs_along(self.robot, sampled, experiment.spread_along(motion)[part])
+        if not self.chosen:
+            kernel = force_kernel(self.robot.terms)
+            regressors, slope = kernel(sampled.state(), signs, self.robot.machine, values)
+            nothing = regressors[:, :, :0]
+            return MeasuredForces(regressors @ values, regressors, nothing, slope, sampled)
         state = state_with_jerk(sampled)
         found = deviating_forces(
             self.robot, state, sampled.times, signs, values, self.chosen, own_clock=own
@@ -229,12 +185,14 @@ class PerturbedMachine:
         times = experiment.recording.lengths.times[part]
         own = experiment.recording.own_clock
         sampled = self._sample(motion, times, own_clock=own)
-        lengths, jacobian = self.robot.lengths_and_jacobian(sampled.pose())
-        deviations = length_deviation_columns(
-            self.robot, sampled.state(), sampled.times, self.chosen, own_clock=own
-        )
-        columns = MotionColumns(deviations, jacobian, sampled)
-        return MeasuredLengths(lengths + self.zeros, deviations, columns)
+        lengths, columns = length_columns(self.robot, sampled)
+        if self.chosen:
+            state, stamps = sampled.state(), sampled.times
+            deviations = length_deviation_columns(
+                self.robot, state, stamps, self.chosen, own_clock=own
+            )
+            columns = replace(columns, others=deviations)
+        return MeasuredLengths(lengths + self.zeros, columns.others, columns)
 
     def joint_equations(
         self,
@@ -242,8 +200,12 @@ class PerturbedMachine:
         motion: HarmonicMotion,
         values: Array,
         free: NDArray[np.bool_],
+        forces: NormalEquations | None = None,
     ) -> NormalEquations:
-        """Return the normal equations of the free parameters, θ and ξ, in this order."""
+        """Return the normal equations of the free parameters, θ and ξ, in this order.
+
+        `forces` are the equations of the forces at the same point, if they are known already.
+        """
         lengths, noise = experiment.recording.lengths, experiment.noise
 
         def length_rows(part: slice) -> Rows:
@@ -254,8 +216,10 @@ class PerturbedMachine:
         of_motion = NormalEquations.of(
             map(length_rows, parts), noise.lengths.covariance, noise.lengths.filter
         )
-        own = noise.forces.covariance, noise.forces.filter
-        return self.force_equations(experiment, motion, values, free, *own).with_motion(of_motion)
+        if forces is None:
+            own = noise.forces.covariance, noise.forces.filter
+            forces = self.force_equations(experiment, motion, values, free, *own)
+        return forces.with_motion(of_motion)
 
     def force_equations(
         self,
@@ -268,7 +232,14 @@ class PerturbedMachine:
     ) -> NormalEquations:
         """Return the normal equations of the same unknowns from the forces alone.
 
-        The inverse of the covariance, (6, 6), weights the rows after the filter.
+        Parameters
+        ----------
+        motion, values
+            ξ and p, (m,), at which the model is linearised.
+        free : (m,) of bool
+            Estimated parameters.
+        covariance : (6, 6)
+            Its inverse weights the rows after the filter.
         """
         forces = experiment.recording.forces
 

@@ -23,7 +23,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.influence import Influence, systematic_share
-from estimation.estimators.joint_equations import PerturbedMachine, force_equations
+from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate, covariance_fields
 from estimation.measurement_model.motion import Filter, NormalEquations
@@ -173,11 +173,7 @@ class _Fit:
         ):
             motion = experiment.motion if experiment.fit is None else experiment.fit.motion
             own = self.values, problem.priors.free, weighting, noise_filter
-            found.append(
-                self.machine.force_equations(experiment, motion, *own)
-                if problem.constants
-                else force_equations(problem.robot, experiment, motion, *own)
-            )
+            found.append(self.machine.force_equations(experiment, motion, *own))
         return found
 
     @cached_property
@@ -240,14 +236,13 @@ def _influence(
     """
     gain = fit.inverse
     motion, length_gain, force_gain = None, None, gain
-    machine = fit.machine if problem.constants else None
     if experiment.fit is not None:
         motion, count = experiment.fit.motion, gain.shape[1]
         matrix = fit.equations[number].matrix
         length_gain = -gain @ matrix[:count, count:] @ experiment.fit.covariance
-        if machine is not None:
+        if problem.constants:
             force_gain = np.pad(gain, ((0, 0), (0, motion.unknowns)))
-            length_gain = np.pad(length_gain, ((0, 0), (len(machine.chosen), 0)))
+            length_gain = np.pad(length_gain, ((0, 0), (len(problem.constants), 0)))
     return Influence(
         robot=problem.robot,
         experiment=experiment,
@@ -258,5 +253,5 @@ def _influence(
         weighted_by_noise=problem.estimator == "gm",
         force_gain=force_gain,
         length_gain=length_gain,
-        machine=machine,
+        machine=fit.machine,
     )

@@ -17,7 +17,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.influence import Influence, systematic_share
-from estimation.estimators.joint_equations import PerturbedMachine, joint_equations
+from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate, covariance_fields
 from estimation.measurement_model import HarmonicMotion
@@ -161,7 +161,6 @@ def _influence(
     inverse: Array,
 ) -> Influence:
     """Return the influence of one experiment on parameters and θ, its motion eliminated."""
-    machine = problem.machine(values)
     free = problem.priors.free[: problem.parameters]
     count = int(np.count_nonzero(free))
     through_motion = -inverse @ eliminated.slope.T
@@ -175,7 +174,7 @@ def _influence(
         weighted_by_noise=True,
         force_gain=np.concatenate([inverse, through_motion], axis=1),
         length_gain=np.concatenate([inverse[:, count:], through_motion], axis=1),
-        machine=machine,
+        machine=problem.machine(values),
     )
 
 
@@ -203,10 +202,9 @@ class _Problem:
         """Number m of parameters."""
         return len(self.priors.free) - len(self.deviations)
 
-    def machine(self, values: Array) -> PerturbedMachine | None:
-        """Return the machine at (p, θ), (m + t,); None if it is as described."""
-        theta = values[self.parameters :]
-        return PerturbedMachine.of(self.robot, self.deviations, theta) if len(theta) else None
+    def machine(self, values: Array) -> PerturbedMachine:
+        """Return the machine at (p, θ), (m + t,)."""
+        return PerturbedMachine.of(self.robot, self.deviations, values[self.parameters :])
 
     def equations(
         self,
@@ -217,14 +215,11 @@ class _Problem:
         """Return the joint equations at values and motions, reusing known ones of the forces."""
         machine = self.machine(values)
         own, free = values[: self.parameters], self.priors.free[: self.parameters]
-        pairs = zip(self.experiments, motions, strict=True)
-        if machine is None:
-            known = forces or [None] * len(motions)
-            return [
-                joint_equations(self.robot, each, motion, own, free, already)
-                for (each, motion), already in zip(pairs, known, strict=True)
-            ]
-        return [machine.joint_equations(each, motion, own, free) for each, motion in pairs]
+        known = forces or [None] * len(motions)
+        return [
+            machine.joint_equations(each, motion, own, free, already)
+            for each, motion, already in zip(self.experiments, motions, known, strict=True)
+        ]
 
     def cost(self, equations: Sequence[NormalEquations], values: Array) -> float:
         off = (values - self.priors.prior_mean)[self.priors.free]

@@ -115,6 +115,10 @@ def estimate_parameters(
                 )
             )
             recordings = _with_residual_noise(robot, recordings, priors)
+        elif machine.robot.delay_std:
+            robot = machine.robot
+            later = [each.with_terms_of(robot) for each in experiments]
+            recordings = _with_experiments(recordings, later)
         report_progress("the nearest physically consistent parameters")
         consistent = {
             name: consistent_estimate(robot, found, priors) for name, found in estimates.items()

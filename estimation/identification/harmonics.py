@@ -26,7 +26,7 @@ from constraints.arrays import Array
 from estimation.diagnostics.significance import ratio_tail
 from estimation.estimators import Experiment, ParameterPriors
 from estimation.estimators.experiment import RefinedMotion
-from estimation.estimators.joint_equations import force_equations
+from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.kinematics import length_equations, most_harmonics, rate_spread
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.motion import NormalEquations
@@ -72,7 +72,8 @@ def refine_motion(
     motion = fit.motion.with_harmonics(most)
     noise = experiment.noise
     own = noise.forces.covariance, noise.forces.filter
-    forces = force_equations(robot, experiment, motion, values, priors.free, *own)
+    exact = PerturbedMachine.exact(robot)
+    forces = exact.force_equations(experiment, motion, values, priors.free, *own)
     lengths = length_equations(
         robot, recording, noise.lengths.covariance, motion, noise.lengths.filter
     )

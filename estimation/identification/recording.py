@@ -381,14 +381,17 @@ _ROUNDS = 2
 
 
 def estimated_machine(robot: Robot, systematic: SystematicUncertainty | None) -> PerturbedMachine:
-    """Return the machine with its estimated deviations; the robot as described without any."""
-    if systematic is None or not systematic.estimated:
+    """Return the machine with its estimated deviations; the robot as described without any.
+
+    The signs of friction allow for the remaining uncertainty of the delay.
+    """
+    if systematic is None:
         return PerturbedMachine.exact(robot)
     found = zip(systematic.deviations, systematic.std.tolist(), strict=True)
-    late = next((std for one, std in found if one.group == "delay"), None)
-    return PerturbedMachine.of(
-        replace(robot, remaining_delay=late), systematic.deviations, systematic.values
-    )
+    robot = replace(robot, delay_std=sum(std for one, std in found if one.group == "delay"))
+    if not systematic.estimated:
+        return PerturbedMachine.exact(robot)
+    return PerturbedMachine.of(robot, systematic.deviations, systematic.values)
 
 
 def apply_calibration(data: Measurement, machine: PerturbedMachine) -> Measurement:

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.measurement_model.motion import HarmonicMotion, MotionColumns, MotionSamples
@@ -98,22 +97,9 @@ def predict_forces(
 
     `signs` are those of the rates that the terms use, (S, s); parameters, (m,), are in SI.
     """
-    regressors, columns = force_columns(robot, motion.at(times), signs, parameters)
-    return ForcePrediction(regressors, columns.sampled.chain(columns.slope))
-
-
-def force_columns(
-    robot: Robot,
-    sampled: MotionSamples,
-    signs: Array,
-    parameters: Array,
-    free: NDArray[np.bool_] | None = None,
-) -> tuple[Array, MotionColumns]:
-    """Return A, (S, 6, m), and the columns of the free parameters, all by default, and of ξ."""
-    kernel = force_kernel(robot.terms)
+    sampled, kernel = motion.at(times), force_kernel(robot.terms)
     regressors, slope = kernel(sampled.state(), signs, robot.machine, parameters)
-    others = regressors if free is None or np.all(free) else regressors[:, :, free]
-    return regressors, MotionColumns(others, slope, sampled)
+    return ForcePrediction(regressors, sampled.chain(slope))
 
 
 def deviation_forces(

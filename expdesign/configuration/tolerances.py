@@ -32,6 +32,7 @@ from expdesign.configuration.schema import (
     repeated,
 )
 from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.term import Term
 from expdesign.mechanism.terms import term_definitions
 
 IDENTIFIED_ROBOT = "identified-robot.yaml"
@@ -171,6 +172,8 @@ def _read_term(term: str, value: object) -> dict[str, float]:
 
     if isinstance(value, Mapping):
         return read_entries(value, read, (term,))
+    if value == 0 and not isinstance(value, bool):
+        return {EACH_PARAMETER: 0.0}
     return {EACH_PARAMETER: read(EACH_PARAMETER, value)}
 
 
@@ -214,15 +217,15 @@ class RobotTolerances(Section):
     ) = None
     """Standard deviations of the constants of the robot's terms, SI: {term: {constant: std}}; or of
     the parameters of a term that it lacks, with the values of its constants:
-    {term: {std: …, constant: value}}, or a single number."""
+    {term: {std: …, constant: value}}, or a single number; 0: the machine has no such term."""
 
     def lacking_terms(self, present: Iterable[str]) -> dict[str, tuple[float, ...]]:
-        """Return the constants of the terms here that are not present, in the catalogue's order."""
+        """Return the constants of terms that are not present, but may act, in their order."""
         given, own = self.terms or {}, frozenset(present)
         return {
             name: tuple(given[name].get(one.name, one.default or 0.0) for one in term.constants)
             for name, term in term_definitions().items()
-            if name in given and name not in own
+            if name in given and name not in own and _sizes(term, given[name], least=0.0)
         }
 
     def without_terms(self, names: Iterable[str]) -> RobotTolerances:
@@ -234,6 +237,12 @@ class RobotTolerances(Section):
     def inexact(self) -> bool:
         """True with any tolerance above 0."""
         return _any_positive(self.model_dump())
+
+
+def _sizes(term: Term, given: Mapping[str, float], least: float = -1.0) -> set[str]:
+    """Return the keys with standard deviations of a term's parameters, above the least."""
+    keys = {EACH_PARAMETER, *(one.name for one in term.parameters)}
+    return {key for key, value in given.items() if key in keys and value > least}
 
 
 def _any_positive(value: object) -> bool:
@@ -294,7 +303,7 @@ def _faults_of_term(
     """Yield the faults of one term's tolerances with the allowed values."""
     term = term_definitions()[name]
     constants = ", ".join(one.name for one in term.constants) or "none"
-    sizes = {EACH_PARAMETER, *(one.name for one in term.parameters)} & set(given)
+    sizes, acts = _sizes(term, given), bool(_sizes(term, given, least=0.0))
     if name in present:
         if sizes:
             yield (
@@ -310,11 +319,11 @@ def _faults_of_term(
             f"{', '.join(present)}; or {EACH_PARAMETER}, with the term's constants: {constants}",
         )
     for one in term.constants:
-        if one.name not in given and one.default is None and sizes:
+        if one.name not in given and one.default is None and acts:
             yield f"{name}.{one.name} is missing", f"{{{EACH_PARAMETER}: …, {one.name}: …}}"
         elif one.positive and given.get(one.name, 1.0) <= 0:
             yield f"{name}.{one.name} is not positive", "a value above 0"
-    if term.beside and term.beside not in (*present, *stated):
+    if acts and term.beside and term.beside not in (*present, *stated):
         yield f"the term '{name}' takes the constants of '{term.beside}'", f"{term.beside}, too"
 
 

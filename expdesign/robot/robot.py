@@ -81,8 +81,8 @@ class Robot:
     """(m,) parameters of the load of the actuators; None: the nominal ones."""
     lacking_parameters: tuple[float, ...] = ()
     """Parameters of the lacking terms in `extended`; empty: zero."""
-    remaining_delay: float | None = None
-    """Standard deviation of the delay after its estimate, s; None: its tolerance."""
+    delay_std: float = 0.0
+    """Standard deviation of the delay of the forces, s, where the signs of friction allow for it."""
 
     def __repr__(self) -> str:
         """Name, kind of platform, and limits."""
@@ -140,14 +140,6 @@ class Robot:
         """The physically consistent parameters."""
         joints = self.description.platform_joints
         return Realisable.of(parameters_of(self.terms), self.scales, joints)
-
-    @property
-    def delay_std(self) -> float:
-        """Standard deviation of the delay of the forces, s."""
-        if self.remaining_delay is not None:
-            return self.remaining_delay
-        tolerances = self.description.tolerances
-        return 0.0 if tolerances is None else tolerances.delay or 0.0
 
     @cached_property
     def extended(self) -> Robot:

@@ -72,6 +72,7 @@ def test_a_lacking_term_has_the_standard_deviation_of_its_parameters(run_mapping
             "load_friction": {"mu2": 0.03},
             "drive_inertia": "20 g",
             "stribeck": {"std": "2 N", "velocity": "50 mm/s"},
+            "platform_spring": 0,
         }
     }
     robot = robot_from(load_run(run_mapping).robot)
@@ -82,6 +83,8 @@ def test_a_lacking_term_has_the_standard_deviation_of_its_parameters(run_mapping
     assert found["stribeck_s6"] == ("terms.stribeck", 2.0)
     assert [found[f"load_friction_mu{j}"][1] for j in (1, 2, 6)] == [0.02, 0.03, 0.02]
     assert len(found) == 1 + 6 + 6
+    assert robot.description.tolerances.terms["platform_spring"] == {"std": 0.0}
+    assert list(robot.description.lacking_terms) == ["drive_inertia", "stribeck", "load_friction"]
     assert "load_friction" not in [term.name for term in robot.terms]
     assert robot.extended.description.constants == (*robot.description.constants, 0.05)
 

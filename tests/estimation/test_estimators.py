@@ -11,7 +11,7 @@ from estimation.estimators import (
     maximum_likelihood,
 )
 from estimation.estimators.experiment import regressors_along
-from estimation.estimators.joint_equations import joint_equations, reduced_information
+from estimation.estimators.joint_equations import PerturbedMachine, reduced_information
 from estimation.kinematics import fit_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.prediction import held_regressor_kernel
@@ -125,7 +125,8 @@ def test_maximum_likelihood_equals_an_independent_least_squares():
 def test_the_joint_information_is_that_of_the_stacked_rows():
     case = experiment()
     known = knowledge()
-    equations = joint_equations(ROBOT, case, case.fit.motion, ROBOT.parameters, known.free)
+    machine = PerturbedMachine.exact(ROBOT)
+    equations = machine.joint_equations(case, case.fit.motion, ROBOT.parameters, known.free)
     full = equations.matrix
     expected = np.linalg.inv(np.linalg.inv(full)[:24, :24])
     reduced = reduced_information([equations], known)

@@ -17,7 +17,7 @@ TOLERANCES = {"force_constant": {"common": "5 %"}, "strut_length": "1 mm"}
 
 def _record(seed, tolerances=TOLERANCES, **section):
     data = measured(MOTION, seed, step=0.01, force_scale=0.2, length_scale=0.2)
-    given = {"harmonics": 2, "estimators": ["gm", "ml"], **section}
+    given = {"harmonics": 2, "estimators": ["gm", "ml"], "systematic": "budget", **section}
     sections = {} if tolerances is None else {"tolerances": tolerances}
     return estimation_result(estimate_parameters(run(given, **sections), data, MOTION))
 
