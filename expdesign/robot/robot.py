@@ -82,7 +82,7 @@ class Robot:
     lacking_parameters: tuple[float, ...] = ()
     """Parameters of the lacking terms in `extended`; empty: zero."""
     delay_std: float = 0.0
-    """Standard deviation of the delay of the forces, s, where the signs of friction allow for it."""
+    """Standard deviation of the forces' delay, s, for which the signs of friction allow."""
 
     def __repr__(self) -> str:
         """Name, kind of platform, and limits."""
