@@ -159,6 +159,8 @@ def _read_term(term: str, value: object) -> dict[str, float]:
         units[EACH_PARAMETER] = shared.pop()
 
     def read(name: str, item: object) -> float:
+        if name == EACH_PARAMETER and name not in units and item == 0:
+            return 0.0
         if name == EACH_PARAMETER and name not in units:
             reason = f"the parameters of {term} have different units"
             raise refusal(reason, f"a standard deviation for each: {', '.join(parameters)}")
@@ -172,8 +174,6 @@ def _read_term(term: str, value: object) -> dict[str, float]:
 
     if isinstance(value, Mapping):
         return read_entries(value, read, (term,))
-    if value == 0 and not isinstance(value, bool):
-        return {EACH_PARAMETER: 0.0}
     return {EACH_PARAMETER: read(EACH_PARAMETER, value)}
 
 
