@@ -325,8 +325,7 @@ CANDIDATE_TERMS = (
     "platform_spring",
     "platform_drag",
 )
-"""Terms of the catalogue that a robot may lack; the load-dependent one comes first, so that the
-load is that of the robot's own terms."""
+"""Terms of the catalogue that a robot may lack."""
 GENERAL_PLATFORM = "general_platform"
 _GEOMETRIC = ("base_joints", "platform_joints", "gravity", "strut_length")
 
@@ -472,39 +471,26 @@ class CandidateEffects:
     def _extended(self) -> tuple[Robot, Array | None]:
         """Robot with its frictionless terms and all candidate terms, and the signs of friction.
 
-        Its platform is the general one, its load that of the estimate. Lengths among the constants
-        of the candidates are the mean length of the struts. The expected signs are (T, s); None
-        after pointwise kinematics, which use the exact ones.
+        Its platform is the general one, its load that of the estimate, since candidates have the
+        parameter zero. Lengths among their constants are the mean length of the struts. The
+        expected signs are (T, s); None after pointwise kinematics, which use the exact ones.
         """
         about, experiment, motion = self.robot.description, self.experiment, self.motion
         own = iter(about.constants)
-        constants = {term: [next(own) for _ in term.constants] for term in about.terms}
-        mean = float(np.mean(self.part.position))
-        typical = {"cable": [mean], "position_friction": [mean]}
-        held = tuple(term for term in about.terms if not term.rates)
-        held = tuple(GENERAL if term is SYMMETRIC else term for term in held)
-        constants[GENERAL] = []
-        terms = (*held, *(term_definitions()[name] for name in CANDIDATE_TERMS if self.lacks(name)))
+        held = [(term, [next(own) for _ in term.constants]) for term in about.terms]
+        pairs = [(GENERAL if t is SYMMETRIC else t, known) for t, known in held if not t.rates]
+        typical = {"m": float(np.mean(self.part.position))}
+        for term in (term_definitions()[name] for name in CANDIDATE_TERMS if self.lacks(name)):
+            known = [
+                typical.get(one.unit, 1.0) if one.default is None else one.default
+                for one in term.constants
+            ]
+            pairs.append((term, known))
+        terms = tuple(term for term, _ in pairs)
         values = dict(zip(self.robot.parameter_names, self.values.tolist(), strict=True))
         parameters = {p.name: values.get(p.name, 0.0) for p in parameters_of(terms)}
-        robot = Robot(
-            replace(
-                about,
-                terms=terms,
-                constants=tuple(
-                    value
-                    for term in terms
-                    for value in constants.get(
-                        term,
-                        typical.get(
-                            term.name,
-                            [1.0 if one.default is None else one.default for one in term.constants],
-                        ),
-                    )
-                ),
-                parameters=parameters,
-            )
-        )
+        constants = tuple(value for _, known in pairs for value in known)
+        robot = Robot(replace(about, terms=terms, constants=constants, parameters=parameters))
         if motion is None or experiment.fit is None:
             return robot, None
         times = experiment.recording.forces.times
