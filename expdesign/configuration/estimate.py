@@ -7,54 +7,28 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from expdesign.configuration import quantity, schema
 from expdesign.configuration.errors import quote, refusal, require
 from expdesign.configuration.parameters import FurtherTerms, check_parameter, parse_parameter
-from expdesign.configuration.quantity import (
-    CURRENT,
-    DURATION,
-    FORCE,
-    LENGTH,
-    Duration,
-    ForceConstant,
-    Frequency,
-    Number,
-    Positive,
-    Quantity,
-    quantity_of_unit,
-)
 from expdesign.configuration.robot import RobotDescription
-from expdesign.configuration.schema import (
-    Distinct,
-    FilledText,
-    ForceOffsets,
-    Offsets,
-    Order,
-    PlainOrSection,
-    Section,
-    Seed,
-    Signs,
-    at_least,
-    by_key,
-    one_of,
-    per_strut,
-    whole,
-    word_for_none,
-)
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 
 LENGTH_CHANNELS = actuator_names("q")
 FORCE_CHANNELS = actuator_names("Q")
 CHANNELS = ("t", *LENGTH_CHANNELS, *FORCE_CHANNELS, "period")
 """Columns of a recording; `period` is optional."""
-CHANNEL_UNITS: dict[str, tuple[str, tuple[Quantity, ...]]] = {
-    "t": ("a unit of time", (DURATION,)),
-    "q": ("a unit of length", (LENGTH,)),
-    "Q": ("a unit of force or of current", (FORCE, CURRENT)),
+CHANNEL_UNITS: dict[str, tuple[str, tuple[quantity.Quantity, ...]]] = {
+    "t": ("a unit of time", (quantity.DURATION,)),
+    "q": ("a unit of length", (quantity.LENGTH,)),
+    "Q": ("a unit of force or of current", (quantity.FORCE, quantity.CURRENT)),
 }
 """Quantities of the channels in a group, with words for messages."""
-_Channel = Annotated[str, one_of(CHANNELS, "channel")]
+_Channel = Annotated[str, schema.one_of(CHANNELS, "channel")]
 _Units = Annotated[
-    str, one_of((*CHANNEL_UNITS, *LENGTH_CHANNELS, *FORCE_CHANNELS), "channel or group of channels")
+    str,
+    schema.one_of(
+        (*CHANNEL_UNITS, *LENGTH_CHANNELS, *FORCE_CHANNELS), "channel or group of channels"
+    ),
 ]
 _ONE_CHARACTER = require(
     lambda text: len(text) == 1,
@@ -63,63 +37,63 @@ _ONE_CHARACTER = require(
 )
 
 
-class Delay(Section):
+class Delay(schema.Section):
     """Delays of the channels against their time stamps, s."""
 
-    forces: Duration = 0.0
-    lengths: Duration = 0.0
+    forces: quantity.Duration = 0.0
+    lengths: quantity.Duration = 0.0
 
 
-class OrderByChannel(Section):
+class OrderByChannel(schema.Section):
     """Separate orders of the channels for lengths and forces."""
 
-    q: Order | None = None
-    Q: Order | None = None
+    q: schema.Order | None = None
+    Q: schema.Order | None = None
 
 
-class SignsByChannel(Section):
+class SignsByChannel(schema.Section):
     """Separate signs of the channels for lengths and forces."""
 
-    q: Signs | None = None
-    Q: Signs | None = None
+    q: schema.Signs | None = None
+    Q: schema.Signs | None = None
 
 
-class OffsetsByChannel(Section):
+class OffsetsByChannel(schema.Section):
     """Lengths, m, and forces, N, of the struts at readings of zero."""
 
-    q: Offsets | None = None
-    Q: ForceOffsets | None = None
+    q: schema.Offsets | None = None
+    Q: schema.ForceOffsets | None = None
 
 
-class DataSection(Section):
+class DataSection(schema.Section):
     """Location and format of a recording."""
 
-    file: FilledText | None = None
+    file: schema.FilledText | None = None
     """File of the recording, relative to the run file; `--data` overrides it."""
-    columns: dict[_Channel, FilledText] = Field(default_factory=dict)
+    columns: dict[_Channel, schema.FilledText] = Field(default_factory=dict)
     """Channel (t, q1 …, Q1 …, period) → name in the file. Default: the same names."""
-    units: dict[_Units, FilledText] = Field(default_factory=dict)
+    units: dict[_Units, schema.FilledText] = Field(default_factory=dict)
     """Channel, or group t, q, Q → unit in the file. Default: SI."""
     delimiter: Annotated[str, _ONE_CHARACTER] = ","
     decimal: Literal[".", ","] = "."
-    force_constants: Annotated[tuple[ForceConstant, ...], per_strut("force constants")] | None = (
-        None
-    )
+    force_constants: (
+        Annotated[tuple[quantity.ForceConstant, ...], schema.per_strut("force constants")] | None
+    ) = None
     """Force per ampere of the actuators, N/A, for files that hold currents."""
-    order: PlainOrSection[Order, OrderByChannel] | None = None
+    order: schema.PlainOrSection[schema.Order, OrderByChannel] | None = None
     """Number of the strut on each channel."""
-    sign: PlainOrSection[Signs, SignsByChannel] | None = None
+    sign: schema.PlainOrSection[schema.Signs, SignsByChannel] | None = None
     """Signs by the struts' numbers: length or force = sign · channel + offset."""
-    offset: PlainOrSection[Offsets, OffsetsByChannel] | None = None
+    offset: schema.PlainOrSection[schema.Offsets, OffsetsByChannel] | None = None
     """Lengths of the struts at readings of zero, m; forces, N, in a mapping with the key Q."""
-    start: Duration | None = None
+    start: quantity.Duration | None = None
     """Time of the trigger, s: earlier rows are ignored."""
-    end: Duration | None = None
+    end: quantity.Duration | None = None
     """End of the measurement, s: rows from then on are ignored."""
     delay: Delay = Delay()
     time: Literal["uniform", "stamped"] = "uniform"
     """Uniform time is replaced by the fitted grid, stamps are used as they are."""
-    time_tolerance: Annotated[Number, Field(gt=0, lt=0.5)] = 0.01
+    time_tolerance: Annotated[quantity.Number, Field(gt=0, lt=0.5)] = 0.01
     """Largest deviation from uniform time, as a share of a step."""
 
     @model_validator(mode="after")
@@ -137,10 +111,10 @@ class DataSection(Section):
                 raise refusal(message, "a column for each channel", key="columns")
         for key, unit in self.units.items():
             allowed, dimensions = CHANNEL_UNITS[key[0]]
-            dimension = quantity_of_unit(unit)
+            dimension = quantity.quantity_of_unit(unit)
             if dimension not in dimensions:
                 raise refusal(f"'{unit}' is not a unit for {key}", allowed, key="units")
-            if dimension is CURRENT and self.force_constants is None:
+            if dimension is quantity.CURRENT and self.force_constants is None:
                 raise refusal(
                     f"{key} is a current, but no force_constants are given",
                     "force_constants: one value, or one for each actuator, in N/A",
@@ -150,12 +124,12 @@ class DataSection(Section):
 
     def channel_order(self, group: str) -> tuple[int, ...]:
         """Return the strut, from 1, on each of the six channels of a group, ``q`` or ``Q``."""
-        found = getattr(self.order, group) if isinstance(self.order, Section) else self.order
+        found = getattr(self.order, group) if isinstance(self.order, schema.Section) else self.order
         return found or tuple(range(1, ACTUATORS + 1))
 
     def channel_signs(self, group: str) -> tuple[int, ...]:
         """Return the signs of the struts' channels in a group."""
-        found = getattr(self.sign, group) if isinstance(self.sign, Section) else self.sign
+        found = getattr(self.sign, group) if isinstance(self.sign, schema.Section) else self.sign
         return found or (1,) * ACTUATORS
 
     @property
@@ -175,14 +149,14 @@ SelectionCriterion = Literal["bic", "f", "holdout"]
 DEFAULT_LEVEL = 0.01
 
 
-class SelectSection(Section):
+class SelectSection(schema.Section):
     """Candidate terms for a selection by the data."""
 
     candidates: FurtherTerms
     """Terms in the notation of a robot file's `terms`."""
     by: SelectionCriterion = "bic"
     """Criterion of a step: Schwarz's criterion, an F test, or held-out forces."""
-    level: Annotated[Number, Field(gt=0, lt=1)] | None = None
+    level: Annotated[quantity.Number, Field(gt=0, lt=1)] | None = None
     """Familywise level of the F tests, None for `DEFAULT_LEVEL` with `by: f`."""
 
     @model_validator(mode="after")
@@ -195,7 +169,7 @@ class SelectSection(Section):
 Estimator = Literal["ls", "gm", "ml"]
 SpectrumOrigin = Literal["auto", "white", "estimated"]
 Estimated = Literal["all", "base"]
-Estimators = Annotated[tuple[Estimator, ...], at_least(1, "estimators"), Distinct]
+Estimators = Annotated[tuple[Estimator, ...], schema.at_least(1, "estimators"), schema.Distinct]
 _LARGEST_HARMONICS = 500
 """ML's motion has a dense matrix with 12 variables per harmonic: 0.3 GB."""
 _FIXED = "a list of parameters, or parameters with their values"
@@ -235,20 +209,22 @@ def _prior_kind(value: object) -> str:
     return "(inline)" if robot or (isinstance(value, dict) and "home" in value) else "(names)"
 
 
-class Prior(Section):
+class Prior(schema.Section):
     """A-priori knowledge of a parameter, in SI units; value None: the robot's."""
 
     value: float | None
     std: float
 
 
-class EstimateSection(Section):
+class EstimateSection(schema.Section):
     """Settings of the estimation."""
 
     estimators: Estimators = ("ls", "gm", "ml")
     differentiation: Literal["fourier", "central", "butterworth"] = "fourier"
     """Method for rates and accelerations from measured lengths."""
-    harmonics: Annotated[int | None, *word_for_none("auto", whole(1, _LARGEST_HARMONICS))] = None
+    harmonics: Annotated[
+        int | None, *schema.word_for_none("auto", schema.whole(1, _LARGEST_HARMONICS))
+    ] = None
     """Harmonics of the kinematics; None (``auto`` in the YAML): chosen from the data."""
     noise: Literal["auto", "estimated", "given"] = "auto"
     """Covariances from the scatter between periods, or those of robot and run; ``auto`` is
@@ -266,24 +242,24 @@ class EstimateSection(Section):
     consistent: bool = False
     """`identified-robot.yaml` has the nearest physically consistent parameters instead of the
     estimate itself."""
-    cutoff: Annotated[Frequency, Positive] | None = None
+    cutoff: Annotated[quantity.Frequency, quantity.Positive] | None = None
     """Cutoff of the Butterworth filter, Hz, by default three times the highest designed one."""
     parameters: Estimated = "all"
     """``base``: the combinations that motions within the machine's limits can excite; the other
     parameters keep the robot's values."""
     fixed: Annotated[
         dict[str, float | None],
-        by_key(_read_fixed, _FIXED, check_parameter),
+        schema.by_key(_read_fixed, _FIXED, check_parameter),
         BeforeValidator(
             lambda v: dict.fromkeys(map(check_parameter, v)) if isinstance(v, list | tuple) else v
         ),
     ] = Field(default_factory=dict)
     """Parameter → value in SI units, None for the robot's value."""
     prior: Annotated[
-        Annotated[FilledText, Tag("(name)")]
+        Annotated[schema.FilledText, Tag("(name)")]
         | Annotated[RobotDescription, Tag("(inline)")]
         | Annotated[
-            dict[str, Prior], by_key(_read_prior, _PRIORS, check_parameter), Tag("(names)")
+            dict[str, Prior], schema.by_key(_read_prior, _PRIORS, check_parameter), Tag("(names)")
         ],
         Discriminator(_prior_kind),
     ] = Field(default_factory=dict)
@@ -292,7 +268,7 @@ class EstimateSection(Section):
     prior_from: Literal["none", "robot"] = "none"
     """`robot`: the robot file's `identification` is a prior, with its covariance."""
     bounds: Annotated[
-        dict[str, tuple[float, float]], by_key(_read_bounds, _BOUNDS, check_parameter)
+        dict[str, tuple[float, float]], schema.by_key(_read_bounds, _BOUNDS, check_parameter)
     ] = Field(default_factory=dict)
     """Parameter → (min, max) in SI units."""
     select: SelectSection | None = None
@@ -324,10 +300,10 @@ MOST_REPETITIONS = 400_000
 """Four gigabytes of estimates and standard deviations."""
 
 
-class MonteCarloSection(Section):
+class MonteCarloSection(schema.Section):
     """Study of the estimators' bias, spread and coverage in repeated simulated experiments."""
 
-    repetitions: Annotated[int, whole(1, MOST_REPETITIONS)] = 400
+    repetitions: Annotated[int, schema.whole(1, MOST_REPETITIONS)] = 400
     estimators: Estimators = ("ls", "gm", "ml")
-    seed: Seed = 0
+    seed: schema.Seed = 0
     """Root seed of the random streams of all repetitions."""

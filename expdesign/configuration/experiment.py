@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
+from expdesign.configuration import schema
 from expdesign.configuration.bodies import FixedBodies
 from expdesign.configuration.errors import quote, refusal
 from expdesign.configuration.quantity import (
@@ -25,56 +26,41 @@ from expdesign.configuration.quantity import (
     Speed,
 )
 from expdesign.configuration.robot import RobotSource
-from expdesign.configuration.schema import (
-    Ascending,
-    Count,
-    Direction,
-    Distinct,
-    FilledText,
-    Pair,
-    Pose,
-    Section,
-    Seed,
-    at_least,
-    per_strut,
-    whole,
-    word_for_none,
-)
 from expdesign.mechanism.hexapod import ACTUATORS
 
-_Harmonic = Annotated[int, whole(1, 1000)]
+_Harmonic = Annotated[int, schema.whole(1, 1000)]
 
 
-class TrackingError(Section):
+class TrackingError(schema.Section):
     """Periodic deviation of the executed from the designed motion, in other harmonics."""
 
     position: Annotated[Length, NotNegative] = 0.001
     """Root mean square of the deviation of x, y and z each, m."""
     angle: Annotated[Angle, NotNegative] = 0.0
     """Root mean square of the deviation of φ, θ and ψ each, rad."""
-    harmonics: Annotated[tuple[_Harmonic, _Harmonic], Pair, Ascending] = (6, 15)
+    harmonics: Annotated[tuple[_Harmonic, _Harmonic], schema.Pair, schema.Ascending] = (6, 15)
     """First and last harmonic of the deviation."""
 
 
-class Cogging(Section):
+class Cogging(schema.Section):
     """A force periodic in the strut's length: amplitude · sin(2π length / pitch + phase).
 
     One value for all struts, or one for each: amplitude in N, pitch in m, phase in rad.
     """
 
-    amplitude: Annotated[tuple[Annotated[Force, NotNegative], ...], per_strut("amplitudes")]
-    pitch: Annotated[tuple[Annotated[Length, Positive], ...], per_strut("pitches")]
-    phase: Annotated[tuple[Angle, ...], per_strut("phases")] = (0.0,) * ACTUATORS
+    amplitude: Annotated[tuple[Annotated[Force, NotNegative], ...], schema.per_strut("amplitudes")]
+    pitch: Annotated[tuple[Annotated[Length, Positive], ...], schema.per_strut("pitches")]
+    phase: Annotated[tuple[Angle, ...], schema.per_strut("phases")] = (0.0,) * ACTUATORS
 
 
-class Quantisation(Section):
+class Quantisation(schema.Section):
     """Resolution of the measured strut lengths (m) and forces (N); 0 is none."""
 
     length: Annotated[Length, NotNegative] = 0.0
     force: Annotated[Force, NotNegative] = 0.0
 
 
-class Outliers(Section):
+class Outliers(schema.Section):
     """Rare gross errors: the share of samples, and their size in the lengths (m) and forces (N)."""
 
     share: Annotated[Number, Field(ge=0, lt=1)]
@@ -87,10 +73,10 @@ _MOST_ROWS = 10_000
 _NONE = (0.0,) * ACTUATORS
 _GAIN = Field(gt=-1)
 """Below, the measured force vanishes or changes its sign."""
-_Gains = Annotated[tuple[Annotated[Share, _GAIN], ...], per_strut("gains")]
+_Gains = Annotated[tuple[Annotated[Share, _GAIN], ...], schema.per_strut("gains")]
 
 
-class ForceConstantError(Section):
+class ForceConstantError(schema.Section):
     """Relative errors of the force constants; the factors 1 + share are multiplied."""
 
     common: Annotated[Share, _GAIN] = 0.0
@@ -101,31 +87,33 @@ class ForceConstantError(Section):
     """Additional error at the end of the experiment; linear in time."""
 
 
-class HumDisturbance(Section):
+class HumDisturbance(schema.Section):
     """A sinusoid in the measured forces from the mains, with its harmonics."""
 
     frequency: Annotated[Frequency, Positive] = 50.0
-    amplitude: Annotated[tuple[Annotated[Force, NotNegative], ...], per_strut("amplitudes")]
+    amplitude: Annotated[tuple[Annotated[Force, NotNegative], ...], schema.per_strut("amplitudes")]
     """Amplitude of the fundamental, N: one value for all actuators, or one for each."""
-    phase: Annotated[tuple[Angle, ...] | None, *word_for_none("drawn", per_strut("phases"))] = None
+    phase: Annotated[
+        tuple[Angle, ...] | None, *schema.word_for_none("drawn", schema.per_strut("phases"))
+    ] = None
     """Phase at the first sample, rad, of amplitude · sin(k (2π f t + phase)); None (``drawn`` in
     the YAML): every repetition draws one for each actuator and harmonic."""
-    harmonics: Annotated[tuple[Annotated[Number, NotNegative], ...], at_least(1, "amplitudes")] = (
-        1.0,
-    )
+    harmonics: Annotated[
+        tuple[Annotated[Number, NotNegative], ...], schema.at_least(1, "amplitudes")
+    ] = (1.0,)
     """Amplitudes of harmonics 1, 2, … over `amplitude`."""
 
 
-class Lost(Section):
+class Lost(schema.Section):
     """Lost samples of the recording, visible as gaps between the time stamps."""
 
     share: Annotated[Share, Field(ge=0, lt=0.5)] | None = None
     """Share of the samples; every repetition draws others."""
     rows: (
         Annotated[
-            tuple[Annotated[int, whole(1, _LARGEST_ROW)], ...],
-            at_least(1, "rows", _MOST_ROWS),
-            Distinct,
+            tuple[Annotated[int, schema.whole(1, _LARGEST_ROW)], ...],
+            schema.at_least(1, "rows", _MOST_ROWS),
+            schema.Distinct,
         ]
         | None
     ) = None
@@ -139,14 +127,14 @@ class Lost(Section):
         return self
 
 
-class ExperimentSection(Section):
+class ExperimentSection(schema.Section):
     """Execution of the trajectory, and disturbances of the twin, by default none."""
 
-    periods: Count = 10
+    periods: schema.Count = 10
     """Number of measured periods."""
     sampling: Annotated[Frequency, Positive] = 1000.0
     """Sampling of the measurement, Hz."""
-    seed: Seed = 1
+    seed: schema.Seed = 1
     """Seed of noise and disturbances."""
     tracking_error: TrackingError | None = None
     drift: Annotated[Length, NotNegative] = 0.0
@@ -166,10 +154,10 @@ class ExperimentSection(Section):
     """Delay of the measured forces against the lengths, s."""
     clock: Annotated[Share, Field(gt=-0.1, lt=0.1)] = 0.0
     """Relative error of the recording's clock against the controller's, positive if fast."""
-    strut_length: Annotated[tuple[Length, ...], per_strut("errors")] = (0.0,) * ACTUATORS
+    strut_length: Annotated[tuple[Length, ...], schema.per_strut("errors")] = (0.0,) * ACTUATORS
     """Zero errors of the length measurements, m, positive if too long."""
     compliance: Annotated[
-        tuple[Annotated[Compliance, NotNegative], ...], per_strut("compliances")
+        tuple[Annotated[Compliance, NotNegative], ...], schema.per_strut("compliances")
     ] = (0.0,) * ACTUATORS
     """Compliance of the struts, between motor with its sensor and platform, m/N."""
     lost: Lost | None = None
@@ -231,20 +219,20 @@ ToleranceOfForce = Annotated[
 Motion = Literal["circle", "line", "spline", "file"]
 
 
-class BenchmarkMotion(Section):
+class BenchmarkMotion(schema.Section):
     """A motion from a few numbers."""
 
     motion: str
     mirror: Literal["none", "xz", "yz"] = "none"
     """Plane in which the motion is mirrored."""
-    periods: Count = 10
+    periods: schema.Count = 10
     radius: Annotated[Length, Positive] = 0.15
     """Radius of the circle, m."""
     speed: Annotated[Speed, Positive] = 1.0
     """Speed of the TCP, m/s: on the circle, or the largest on line and spline."""
-    normal: Direction = (0.0, -0.5, 0.8660254037844386)
+    normal: schema.Direction = (0.0, -0.5, 0.8660254037844386)
     """Normal of the circle's plane, base frame."""
-    poses: Annotated[tuple[Pose, ...], at_least(2, "poses")] | None = None
+    poses: Annotated[tuple[schema.Pose, ...], schema.at_least(2, "poses")] | None = None
     """Ends of the line, or points of the spline."""
 
     @model_validator(mode="after")
@@ -262,7 +250,7 @@ class ValidationMotion(BenchmarkMotion):
     """One motion for the comparison of measured and predicted forces."""
 
     motion: Motion
-    file: FilledText | None = None
+    file: schema.FilledText | None = None
     """A recorded motion, relative to the run file."""
     tolerance: ToleranceOfForce = None
     """Acceptable root mean square of the prediction's error, in N or as a share of the range."""
@@ -278,7 +266,7 @@ class FeedforwardSection(BenchmarkMotion):
     """Reference motion, and controller of every strut."""
 
     motion: Literal["design", "circle", "line", "spline"] = "circle"
-    periods: Count = 2
+    periods: schema.Count = 2
     """Number of simulated periods; the last one is judged."""
     bandwidth: Annotated[Frequency, Positive] = 10.0
     """Natural frequency of a controlled strut, Hz."""

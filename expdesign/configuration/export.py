@@ -13,21 +13,9 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, SerializeAsAny, model_validator
 
+from expdesign.configuration import schema
 from expdesign.configuration.errors import nearest_name, quote, refusal
 from expdesign.configuration.quantity import Duration, Length, Number, Positive, Share
-from expdesign.configuration.schema import (
-    Distinct,
-    Name,
-    Offsets,
-    Order,
-    Section,
-    Signs,
-    at_least,
-    exactly,
-    one_of,
-    per_strut,
-    whole,
-)
 from expdesign.mechanism.hexapod import ACTUATORS
 
 Space = Literal["strut", "pose"]
@@ -52,7 +40,7 @@ def export_formats() -> Mapping[str, type[ExportSection]]:
     return {name: table_format.options for name, table_format in formats.items()}
 
 
-class ExportSection(Section):
+class ExportSection(schema.Section):
     """Options of one controller table; the value None means the format's default."""
 
     spaces: ClassVar[tuple[Space, ...]] = ("strut", "pose")
@@ -62,8 +50,8 @@ class ExportSection(Section):
     outputs: ClassVar[tuple[int, int]] = (0, 0)
     """First and last number of a digital output, for formats with the option `trigger`."""
 
-    format: Annotated[str, one_of(export_formats)]
-    file: Name | None = None
+    format: Annotated[str, schema.one_of(export_formats)]
+    file: schema.Name | None = None
     """File name in ``exports/`` without suffix, by default the format's name; the name of a scaled
     motion ends in its scale."""
     space: Space | None = None
@@ -72,24 +60,28 @@ class ExportSection(Section):
     the controller's period for others."""
     scale: Annotated[Share, Field(gt=0, le=1)] | None = None
     """Scale F of a table with home + F (λ(F t) − home) of the motion λ, for a first run."""
-    digits: Annotated[int, whole(0, _LARGEST_DIGITS)] | None = None
+    digits: Annotated[int, schema.whole(0, _LARGEST_DIGITS)] | None = None
     """Digits after the decimal point."""
     units: Literal["m", "mm", "um", "in"] | None = None
     angles: Literal["rad", "deg"] | None = None
-    axes: Annotated[tuple[Name, ...], exactly(ACTUATORS, "names"), Distinct] | None = None
+    axes: (
+        Annotated[tuple[schema.Name, ...], schema.exactly(ACTUATORS, "names"), schema.Distinct]
+        | None
+    ) = None
     """Names of the axes, in the controller's order."""
-    order: Order | None = None
+    order: schema.Order | None = None
     """Number of the strut on each of the controller's axes."""
-    sign: Signs | None = None
+    sign: schema.Signs | None = None
     """Signs by the struts' numbers: position = sign · (length − offset) · counts."""
-    offset: Offsets | None = None
+    offset: schema.Offsets | None = None
     """Lengths at which the axes of the struts read zero, m; ``"home"``: the lengths at home."""
     counts_per_metre: (
-        Annotated[tuple[Annotated[Number, Positive], ...], per_strut("counts per metre")] | None
+        Annotated[tuple[Annotated[Number, Positive], ...], schema.per_strut("counts per metre")]
+        | None
     ) = None
     tolerance: Annotated[Length, Positive] | None = None
     """Largest deviation of a strut's length from the design, m."""
-    trigger: Annotated[int, whole(0)] | None = None
+    trigger: Annotated[int, schema.whole(0)] | None = None
     """Number of the digital output that is on during the measurement window."""
     repeat: Literal["file", "controller"] | None = None
     """Where a period is repeated: ``"file"``, the default, or ``"controller"``."""
@@ -199,7 +191,7 @@ def _check_files_differ(sections: tuple[ExportSection, ...]) -> tuple[ExportSect
 
 ExportSections = Annotated[
     tuple[SerializeAsAny[Annotated[ExportSection, BeforeValidator(_read_section)]], ...],
-    at_least(0, "formats"),
+    schema.at_least(0, "formats"),
     AfterValidator(_check_files_differ),
 ]
 """Names of formats, or sections with options."""

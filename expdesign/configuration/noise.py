@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import BeforeValidator, model_validator
 
 from constraints.arrays import Array
+from expdesign.configuration import schema
 from expdesign.configuration.document import Document, Located, absolute, read_text
 from expdesign.configuration.errors import InputError, Key, Problem, collect, refusal
 from expdesign.configuration.quantity import (
@@ -30,16 +31,6 @@ from expdesign.configuration.quantity import (
     Number,
     Positive,
     Share,
-)
-from expdesign.configuration.schema import (
-    RESOLVED,
-    FilledText,
-    Section,
-    at_least,
-    exactly,
-    per_strut,
-    read_only,
-    validate,
 )
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 from expdesign.noise import (
@@ -73,16 +64,16 @@ _MOST_COEFFICIENTS = 10
 _MOST_LINES = 100
 _SMALLEST = 1e-9
 _FIRST_LINE = 2
-_Six = Annotated[tuple[Annotated[Number, NotNegative], ...], exactly(ACTUATORS, "values")]
-_Positive = Annotated[tuple[Annotated[Number, Positive], ...], exactly(ACTUATORS, "values")]
-_Pairs = Annotated[tuple[Number, ...], exactly(2 * len(PAIRS), "values")]
+_Six = Annotated[tuple[Annotated[Number, NotNegative], ...], schema.exactly(ACTUATORS, "values")]
+_Positive = Annotated[tuple[Annotated[Number, Positive], ...], schema.exactly(ACTUATORS, "values")]
+_Pairs = Annotated[tuple[Number, ...], schema.exactly(2 * len(PAIRS), "values")]
 
 
-class SpectrumTable(Section):
+class SpectrumTable(schema.Section):
     """A density at increasing frequencies up to half of the sampling."""
 
     frequency: Annotated[
-        tuple[Annotated[Frequency, NotNegative], ...], at_least(2, "frequencies", _MOST_ROWS)
+        tuple[Annotated[Frequency, NotNegative], ...], schema.at_least(2, "frequencies", _MOST_ROWS)
     ]
     density: tuple[_Positive, ...]
     """One-sided, N²/Hz or m²/Hz."""
@@ -139,24 +130,24 @@ def _coherency(rows: tuple[tuple[float, ...], ...]) -> Any:
     return matrix
 
 
-class ForceHum(Section):
+class ForceHum(schema.Section):
     """A hum of the forces at one frequency."""
 
     frequency: Annotated[Frequency, Positive]
-    amplitude: Annotated[tuple[Annotated[Force, NotNegative], ...], per_strut("amplitudes")]
+    amplitude: Annotated[tuple[Annotated[Force, NotNegative], ...], schema.per_strut("amplitudes")]
 
 
-class LengthHum(Section):
+class LengthHum(schema.Section):
     """A hum of the lengths at one frequency."""
 
     frequency: Annotated[Frequency, Positive]
-    amplitude: Annotated[tuple[Annotated[Length, NotNegative], ...], per_strut("amplitudes")]
+    amplitude: Annotated[tuple[Annotated[Length, NotNegative], ...], schema.per_strut("amplitudes")]
 
 
 Hums = TypeVar("Hums", ForceHum, LengthHum)
 
 
-class NoiseBand(Section):
+class NoiseBand(schema.Section):
     """A band about one frequency with a share of the noise."""
 
     frequency: Annotated[Frequency, Positive]
@@ -203,14 +194,14 @@ def _read_lines(value: object) -> object:
     return [value] if isinstance(value, dict) else value
 
 
-class SpectrumDescription(Section, Generic[Hums]):
+class SpectrumDescription(schema.Section, Generic[Hums]):
     """The spectrum of the noise of forces or lengths."""
 
     ar: Annotated[tuple[tuple[float, ...], ...] | None, BeforeValidator(_read_coefficients)] = None
     """Autoregressive coefficients of every actuator, at the experiment's sampling."""
-    file: FilledText | None = None
+    file: schema.FilledText | None = None
     """A file with densities."""
-    table: Annotated[SpectrumTable | None, RESOLVED] = None
+    table: Annotated[SpectrumTable | None, schema.RESOLVED] = None
     """Content of such a file."""
     band: Annotated[tuple[NoiseBand, ...], BeforeValidator(_read_lines)] = ()
     """Bands with a share of the noise."""
@@ -326,7 +317,7 @@ def read_spectrum_table(path: Path) -> SpectrumTable:
         "coherency": block(COHERENCIES) if COHERENCIES in optional else None,
     }
     lines: dict[Key, int] = {(key, n): n + _FIRST_LINE for key in data for n in range(len(rows))}
-    return validate(SpectrumTable, data, Document(data, path, lines))
+    return schema.validate(SpectrumTable, data, Document(data, path, lines))
 
 
 NOISE_FROM_DATA = "`expdesign noise RUN.yaml --data FILE` makes it from a recording at rest"
@@ -334,8 +325,8 @@ NOISE_FROM_DATA = "`expdesign noise RUN.yaml --data FILE` makes it from a record
 _FAMILIES = ("force", "length")
 _TOLERANCE = 1e-9
 _SMALLEST_EIGENVALUE = 1e-10
-_VALUES = exactly(ACTUATORS, "values")
-_ROWS = exactly(ACTUATORS, "rows")
+_VALUES = schema.exactly(ACTUATORS, "values")
+_ROWS = schema.exactly(ACTUATORS, "rows")
 _Correlation = Annotated[tuple[Annotated[tuple[Number, ...], _VALUES], ...], _ROWS]
 _ForceCovariance = Annotated[tuple[Annotated[tuple[ForceVariance, ...], _VALUES], ...], _ROWS]
 _LengthCovariance = Annotated[tuple[Annotated[tuple[LengthVariance, ...], _VALUES], ...], _ROWS]
@@ -345,7 +336,7 @@ def _keys(family: str) -> tuple[str, str, str]:
     return f"{family}_std", f"{family}_correlation", f"{family}_covariance"
 
 
-class NoiseDescription(Section):
+class NoiseDescription(schema.Section):
     """Noise of one sample of the actuators, and its distribution over the frequencies.
 
     The size is a standard deviation with an optional correlation (default: none), or a covariance;
@@ -467,7 +458,7 @@ def _resolve_family(
     if problems:
         raise InputError(problems)
     merged[key] = described
-    return covariance if spectrum is None else read_only(spectrum.covariance), spectrum
+    return covariance if spectrum is None else schema.read_only(spectrum.covariance), spectrum
 
 
 def _covariance(
@@ -499,7 +490,7 @@ def _covariance(
     if wrong is not None:
         allowed = "a symmetric positive definite matrix"
         raise InputError(places[name].problem((name,), wrong, allowed))
-    return read_only(matrix)
+    return schema.read_only(matrix)
 
 
 def _covariance_fault(matrix: Array) -> str | None:

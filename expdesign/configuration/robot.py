@@ -15,6 +15,7 @@ from pydantic import Field
 from constraints import Limit
 from constraints.arrays import Array
 from expdesign.configuration import geometry as geo
+from expdesign.configuration import plausibility, schema
 from expdesign.configuration.bodies import Bodies, BodyDescription, payload_parameters
 from expdesign.configuration.document import Located, find_file, read_yaml
 from expdesign.configuration.errors import InputError, Problem, collect
@@ -41,25 +42,7 @@ from expdesign.configuration.parameters import (
     chosen_terms,
     default_terms,
 )
-from expdesign.configuration.plausibility import (
-    likely_unit_errors,
-    physical_consistency,
-    rounding_errors,
-)
 from expdesign.configuration.quantity import Acceleration
-from expdesign.configuration.schema import (
-    Direction,
-    FilledText,
-    Name,
-    PlainOrSection,
-    Point,
-    Pose,
-    Section,
-    exactly,
-    offered_keys,
-    read_only,
-    validate,
-)
 from expdesign.configuration.tolerances import (
     Identification,
     RobotTolerances,
@@ -76,18 +59,20 @@ PlatformKind = Literal["symmetric", "general"]
 EARTH_GRAVITY = (0.0, 0.0, -9.81)
 """Gravity with z upward, m/s²."""
 
-_Points = Annotated[tuple[Point, ...], exactly(ACTUATORS, "joints"), *OrRing]
-_Axes = Annotated[tuple[Direction, ...], exactly(ACTUATORS, "axes")]
+_Points = Annotated[tuple[schema.Point, ...], schema.exactly(ACTUATORS, "joints"), *OrRing]
+_Axes = Annotated[tuple[schema.Direction, ...], schema.exactly(ACTUATORS, "axes")]
 
 
-class RobotDescription(Section):
+class RobotDescription(schema.Section):
     """The content of a robot file, in SI units."""
 
-    name: Name
+    name: schema.Name
     description: str = ""
-    home: Pose
+    home: schema.Pose
     """x, y, z [m], phi, theta, psi [rad]."""
-    gravity: Annotated[tuple[Acceleration, ...], exactly(3, "components [x, y, z]")] = EARTH_GRAVITY
+    gravity: Annotated[tuple[Acceleration, ...], schema.exactly(3, "components [x, y, z]")] = (
+        EARTH_GRAVITY
+    )
     """Base frame, m/s²."""
     base_joints: _Points
     """(6, 3), base frame, m."""
@@ -119,7 +104,7 @@ class RobotDescription(Section):
     """Origin and covariance of the values, in a file from an estimate."""
 
 
-RobotSource = PlainOrSection[FilledText, RobotDescription]
+RobotSource = schema.PlainOrSection[schema.FilledText, RobotDescription]
 """The name of an included robot, a path relative to the run file, or the robot itself."""
 
 
@@ -218,8 +203,8 @@ def load_robot_description(name_or_path: str | PathLike[str]) -> ResolvedRobot:
 
 def read_robot(path: Path) -> Located[RobotDescription]:
     """Read and validate a robot file, without resolving it."""
-    document = read_yaml(path, "robot file", offered_keys(RobotDescription))
-    return Located(validate(RobotDescription, document.data, document), document)
+    document = read_yaml(path, "robot file", schema.offered_keys(RobotDescription))
+    return Located(schema.validate(RobotDescription, document.data, document), document)
 
 
 def resolve_robot(
@@ -276,13 +261,13 @@ def resolve_robot(
     robot = ResolvedRobot(
         name=description.name,
         description=written,
-        home=read_only(description.home),
-        gravity=read_only(description.gravity),
-        base_joints=read_only(description.base_joints),
-        platform_joints=read_only(description.platform_joints),
-        alpha_axes=read_only(alpha_axes),
-        platform_joint_axes=read_only(joint_axes),
-        platform_cardan_axes=None if thread_axes is None else read_only(thread_axes),
+        home=schema.read_only(description.home),
+        gravity=schema.read_only(description.gravity),
+        base_joints=schema.read_only(description.base_joints),
+        platform_joints=schema.read_only(description.platform_joints),
+        alpha_axes=schema.read_only(alpha_axes),
+        platform_joint_axes=schema.read_only(joint_axes),
+        platform_cardan_axes=None if thread_axes is None else schema.read_only(thread_axes),
         drive=drive,
         platform=description.platform,
         terms=terms,
@@ -345,10 +330,10 @@ def _with_warnings(
 ) -> ResolvedRobot:
     """Return a robot with the warnings about its valid but suspicious properties."""
     description, parameters = robot.description, robot.parameters
-    consistency = physical_consistency(
+    consistency = plausibility.physical_consistency(
         robot.terms,
         parameters,
-        rounding_errors(source.document, (*source.key, "parameters"), parameters),
+        plausibility.rounding_errors(source.document, (*source.key, "parameters"), parameters),
         robot.platform_joints,
         robot.characteristic_length,
         float(np.linalg.norm(robot.gravity)),
@@ -359,7 +344,9 @@ def _with_warnings(
         *geo.gravity_warnings(robot.gravity, home.joints - robot.base_joints),
         *consistency.warnings,
         *of_reserve,
-        *likely_unit_errors(stated, robot.drive, parameters, float(np.max(home.lengths))),
+        *plausibility.likely_unit_errors(
+            stated, robot.drive, parameters, float(np.max(home.lengths))
+        ),
     ]
     if description.bodies is not None:
         implied = description.bodies.parameters(robot.platform_joints)

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from constraints.plugins import declared_classes
+from expdesign.configuration import schema
 from expdesign.configuration.design import DesignSection, MotionSection, Sweep, TrajectorySection
 from expdesign.configuration.errors import format_number, refusal, require
 from expdesign.configuration.estimate import DataSection, EstimateSection, MonteCarloSection
@@ -27,15 +28,6 @@ from expdesign.configuration.limits import Limits
 from expdesign.configuration.noise import NoiseDescription
 from expdesign.configuration.parameters import TermDescription, chosen_terms, insert_terms
 from expdesign.configuration.robot import ResolvedRobot, RobotDescription, RobotSource
-from expdesign.configuration.schema import (
-    Distinct,
-    FilledText,
-    Name,
-    Section,
-    StageSection,
-    at_least,
-    whole,
-)
 from expdesign.configuration.tolerances import RobotTolerances
 from expdesign.mechanism.term import parameters_of
 
@@ -50,13 +42,13 @@ _ADDRESS = require(
 )
 
 
-class ReportSettings(Section):
+class ReportSettings(schema.Section):
     """Settings of the report."""
 
     title: str | None = None
     """Heading, by default the run's name."""
     figures: Annotated[
-        tuple[Literal["png", "svg", "pdf"], ...], at_least(1, "formats"), Distinct
+        tuple[Literal["png", "svg", "pdf"], ...], schema.at_least(1, "formats"), schema.Distinct
     ] = ("png", "svg")
 
 
@@ -64,7 +56,7 @@ _STAGE = object()
 """Mark of a section that names a stage of the run."""
 
 
-class RunDescription(Section):
+class RunDescription(schema.Section):
     """The content of a run file, in SI units.
 
     Every section is present, by default with its defaults; `stages` are the sections of stages in
@@ -75,7 +67,7 @@ class RunDescription(Section):
         int | None, BeforeValidator(lambda v: v if v is None else format_number(v, RUN_FORMAT))
     ] = None
     """`RUN_FORMAT` in every written file; a user's file needs none."""
-    name: Name
+    name: schema.Name
     description: str = ""
     robot: RobotSource
     trajectory: TrajectorySection = TrajectorySection()
@@ -91,17 +83,17 @@ class RunDescription(Section):
     data: DataSection = DataSection()
     montecarlo: Annotated[MonteCarloSection, _STAGE] = MonteCarloSection()
     estimate: Annotated[EstimateSection, _STAGE] = EstimateSection()
-    validation: Annotated[tuple[ValidationMotion, ...], at_least(0, "motions"), _STAGE] = Field(
-        default=(), alias="validate"
+    validation: Annotated[tuple[ValidationMotion, ...], schema.at_least(0, "motions"), _STAGE] = (
+        Field(default=(), alias="validate")
     )
     feedforward: Annotated[FeedforwardSection, _STAGE] = FeedforwardSection()
     sweep: Annotated[Sweep | None, _STAGE] = None
     """Values in the user's notation."""
     export: Annotated[ExportSections, _STAGE] = ()
     report: Annotated[ReportSettings, _STAGE] = ReportSettings()
-    workers: Annotated[int, whole(1, _LARGEST_WORKERS)] | None = None
+    workers: Annotated[int, schema.whole(1, _LARGEST_WORKERS)] | None = None
     """Local processes; None with a scheduler."""
-    scheduler: Annotated[FilledText, _ADDRESS] | None = None
+    scheduler: Annotated[schema.FilledText, _ADDRESS] | None = None
     """Address of a Dask cluster."""
 
     @model_validator(mode="before")
@@ -112,7 +104,11 @@ class RunDescription(Section):
         given = dict(data)
         for name, info in cls.model_fields.items():
             key = info.alias or name
-            if key in data and data[key] is None and isinstance(info.default, Section | tuple):
+            if (
+                key in data
+                and data[key] is None
+                and isinstance(info.default, schema.Section | tuple)
+            ):
                 given[key] = [] if info.default == () else {}
         if given.get("workers") is None and given.get("scheduler") is None:
             given["workers"] = _DEFAULT_WORKERS
@@ -156,7 +152,7 @@ def run_schema() -> type[RunDescription]:
     """Return the model of a run file with the sections of plug-ins' stages."""
     added: dict[str, Any] = {
         section.key: (Annotated[section, _STAGE], section())
-        for section in declared_classes(StageSection)
+        for section in declared_classes(schema.StageSection)
     }
     if not added:
         return RunDescription

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import model_validator
 
+from expdesign.configuration import schema
 from expdesign.configuration.document import Located
 from expdesign.configuration.errors import InputError, Problem, nearest_name, quote, refusal
 from expdesign.configuration.quantity import (
@@ -20,16 +21,6 @@ from expdesign.configuration.quantity import (
     Number,
     Share,
     quantity_in,
-)
-from expdesign.configuration.schema import (
-    LONGEST_NAME,
-    Section,
-    at_least,
-    by_key,
-    check_choice,
-    per_strut,
-    read_entries,
-    repeated,
 )
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term
@@ -62,10 +53,10 @@ def identified_name(robot: str) -> str:
     'lab-identified'
     """
     name = machine_name(robot) + IDENTIFIED
-    return name if len(name) <= LONGEST_NAME else robot
+    return name if len(name) <= schema.LONGEST_NAME else robot
 
 
-class IdentifiedDeviation(Section):
+class IdentifiedDeviation(schema.Section):
     """A quantity with a tolerance, SI."""
 
     name: str
@@ -77,7 +68,7 @@ class IdentifiedDeviation(Section):
     std: Annotated[Number, NotNegative]
 
 
-class Identification(Section):
+class Identification(schema.Section):
     """Origin of the robot's parameters, and their covariance, SI."""
 
     run: str
@@ -86,7 +77,7 @@ class Identification(Section):
     verdict: Literal["accepted", "doubtful", "not judged"]
     summary: str = ""
     """The verdict in words."""
-    parameters: Annotated[tuple[str, ...], at_least(1, "parameters")]
+    parameters: Annotated[tuple[str, ...], schema.at_least(1, "parameters")]
     """Order of rows and columns."""
     constants: tuple[str, ...] = ()
     """Constants of terms, estimated with the parameters: ``cogging_pitch``. Their c rows and
@@ -137,11 +128,11 @@ _Coordinates = Annotated[
     tuple[
         Annotated[
             tuple[Annotated[Length, NotNegative], ...],
-            repeated(_SPACE, "coordinates", "one length for all coordinates"),
+            schema.repeated(_SPACE, "coordinates", "one length for all coordinates"),
         ],
         ...,
     ],
-    repeated(ACTUATORS, "joints", "one length for all coordinates of all joints"),
+    schema.repeated(ACTUATORS, "joints", "one length for all coordinates of all joints"),
 ]
 
 
@@ -173,20 +164,22 @@ def _read_term(term: str, value: object) -> dict[str, float]:
         return number
 
     if isinstance(value, Mapping):
-        return read_entries(value, read, (term,))
+        return schema.read_entries(value, read, (term,))
     return {EACH_PARAMETER: read(EACH_PARAMETER, value)}
 
 
-class ForceConstantTolerance(Section):
+class ForceConstantTolerance(schema.Section):
     """Standard deviations of the force constants, as shares."""
 
     common: Annotated[Share, NotNegative] | None = None
     """Common to all actuators."""
-    each: Annotated[tuple[Annotated[Share, NotNegative], ...], per_strut("shares")] | None = None
+    each: (
+        Annotated[tuple[Annotated[Share, NotNegative], ...], schema.per_strut("shares")] | None
+    ) = None
     """Individual part of each actuator."""
 
 
-class RobotTolerances(Section):
+class RobotTolerances(schema.Section):
     """Standard deviations of quantities that are not known exactly, SI; None and 0: exact."""
 
     base_joints: _Coordinates | None = None
@@ -194,7 +187,7 @@ class RobotTolerances(Section):
     platform_joints: _Coordinates | None = None
     """(6, 3), m, of the coordinates in the platform frame."""
     strut_length: (
-        Annotated[tuple[Annotated[Length, NotNegative], ...], per_strut("lengths")] | None
+        Annotated[tuple[Annotated[Length, NotNegative], ...], schema.per_strut("lengths")] | None
     ) = None
     """(6,), m, zero of each length measurement."""
     force_constant: ForceConstantTolerance | None = None
@@ -207,10 +200,10 @@ class RobotTolerances(Section):
     terms: (
         Annotated[
             dict[str, dict[str, float]],
-            by_key(
+            schema.by_key(
                 _read_term,
                 "terms with their constants, or lacking terms with a standard deviation",
-                check_choice(term_definitions, "term"),
+                schema.check_choice(term_definitions, "term"),
             ),
         ]
         | None

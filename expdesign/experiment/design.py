@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
+from expdesign.experiment import result
 from expdesign.experiment.precision import (
     experiment_information,
     identified_combinations,
@@ -21,20 +22,9 @@ from expdesign.experiment.precision import (
     systematic_std,
     whole,
 )
-from expdesign.experiment.result import (
-    DesignResult,
-    PredictedStd,
-    SearchStatistics,
-    StartSummary,
-)
 from expdesign.experiment.setup import plan_search, probe_motion
+from expdesign.information import fisher
 from expdesign.information.criteria import criteria
-from expdesign.information.fisher import (
-    EXCITABLE,
-    ScaledInformation,
-    SingularInformationError,
-    weak_directions,
-)
 from expdesign.motion.executable import SampledMotion
 from expdesign.progress import report_progress, track
 from expdesign.recheck.excitable import structural_base
@@ -54,7 +44,7 @@ cannot be optimised into an excited one: the limits are too tight."""
 
 def design(
     config: ConfigurationLike, monitor: Monitor | None = None, journal: JobJournal | None = None
-) -> DesignResult:
+) -> result.DesignResult:
     """Design the optimal excitation trajectory of a run.
 
     Parameters
@@ -86,7 +76,7 @@ def design(
     plan = plan_search(configuration)
     structure = structural_base(plan.evaluator.robot, plan.evaluator.names)
     if structure.regrouped:
-        raise SingularInformationError(weak_directions(structure), structural=True)
+        raise fisher.SingularInformationError(fisher.weak_directions(structure), structural=True)
     _refuse_unexcitable(plan)
     workers = min(plan.workers, plan.starts)
     if workers > 1:
@@ -104,7 +94,7 @@ def design(
     information = evaluator.information(trajectory, samples)
     whole_information, total = experiment_information(evaluator, trajectory, configuration)
     periods, noise = configuration.run.experiment.periods, configuration.robot.noise
-    predicted = PredictedStd(
+    predicted = result.PredictedStd(
         per_period=precision(evaluator, information, samples, 1),
         experiment=precision(evaluator, whole_information, total, periods),
         systematic=systematic_std(
@@ -120,7 +110,7 @@ def design(
     robot, section = evaluator.robot, configuration.run.design
     steps = trajectory.period / plan.controller_period
     status, status_text = search_status(found)
-    return DesignResult(
+    return result.DesignResult(
         **fourier_keys(trajectory),
         configuration=configuration,
         name=configuration.run.name,
@@ -158,19 +148,21 @@ def _refuse_unexcitable(plan: SearchPlan) -> None:
     problem, best, found = plan.problem, 0.0, None
     for number in track("trial motions within the limits", range(_PROBES)):
         trajectory = probe_motion(plan, number)
-        scaled = ScaledInformation.of(plan.evaluator.information(trajectory, problem.cost.samples))
+        scaled = fisher.ScaledInformation.of(
+            plan.evaluator.information(trajectory, problem.cost.samples)
+        )
         values = scaled.eigenvalues()
         ratio = max(float(values[0] / values[-1]), 0.0) if values[-1] > 0 else 0.0
         if found is None or ratio > best:
             best, found = ratio, scaled
-    if found is not None and best < _HOPELESS * EXCITABLE:
-        raise SingularInformationError(found.weak_directions(plan.evaluator.names))
+    if found is not None and best < _HOPELESS * fisher.EXCITABLE:
+        raise fisher.SingularInformationError(found.weak_directions(plan.evaluator.names))
 
 
 def _blame_unexcited(plan: SearchPlan, error: NoDesignError) -> None:
     """Raise `SingularInformationError` if all starts without a result are singular."""
     informations = [
-        ScaledInformation.of(
+        fisher.ScaledInformation.of(
             plan.evaluator.information(
                 plan.problem.variables.trajectory(start.variables), plan.problem.cost.samples
             )
@@ -180,7 +172,7 @@ def _blame_unexcited(plan: SearchPlan, error: NoDesignError) -> None:
     ]
     if informations and all(scaled.is_singular() for scaled in informations):
         fewest = min((s.weak_directions(plan.evaluator.names) for s in informations), key=len)
-        raise SingularInformationError(fewest) from error
+        raise fisher.SingularInformationError(fewest) from error
 
 
 def _warnings(
@@ -222,7 +214,7 @@ def _hum_advice(configuration: RunConfiguration, plan: SearchPlan) -> str:
     )
 
 
-def search_statistics(search: SearchResult, criterion: str) -> SearchStatistics:
+def search_statistics(search: SearchResult, criterion: str) -> result.SearchStatistics:
     """Return the statistics of a search; values of the criterion have its own sign."""
     finish = search.finish
     phases = [phase for start in (*search.starts, finish) for phase in start.phases]
@@ -230,7 +222,7 @@ def search_statistics(search: SearchResult, criterion: str) -> SearchStatistics:
     for phase in phases:
         evaluations.update(phase.evaluations)
     sign = 1 if criteria()[criterion].larger_is_better else -1
-    return SearchStatistics(
+    return result.SearchStatistics(
         name="dense interior point, then Ipopt through CasADi",
         iterations=sum(phase.iterations for phase in phases),
         evaluations=dict(evaluations),
@@ -242,7 +234,7 @@ def search_statistics(search: SearchResult, criterion: str) -> SearchStatistics:
             "record": asdict(finish.phases[-1]) if finish.phases else None,
         },
         starts=tuple(
-            StartSummary(
+            result.StartSummary(
                 index=start.index,
                 kind=start.kind,
                 criterion_value=sign * start.merit if start.usable else np.nan,

@@ -24,18 +24,8 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.configuration.schema import MOST_SAMPLES
-from expdesign.experiment.result import (
-    Eigenvalue,
-    ParameterPrecision,
-    PredictedPrecision,
-    PredictedStd,
-)
-from expdesign.information.fisher import (
-    PriorMachine,
-    ScaledInformation,
-    parameter_covariance,
-    whitening,
-)
+from expdesign.experiment import result
+from expdesign.information import fisher
 from expdesign.information.identifiable import (
     IDENTIFIABLE,
     BaseParameters,
@@ -48,14 +38,7 @@ from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.terms import parameter_unit
 from expdesign.recheck.excitable import structural_base
 from expdesign.recheck.information import Evaluator
-from expdesign.robot import Robot
-from expdesign.robot.deviation import (
-    delay_of_jumps,
-    deviating_forces,
-    exact_signs,
-    length_deviation_columns,
-    toleranced_deviations,
-)
+from expdesign.robot import Robot, deviation
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
 _WHOLE = 1e-6
@@ -86,11 +69,11 @@ def experiment_information(
 
 def precision(
     evaluator: Evaluator, information: Array, samples: int, periods: float
-) -> PredictedPrecision:
+) -> result.PredictedPrecision:
     """Return the standard deviations of F, (k, k), over so many samples and periods."""
-    std = np.sqrt(np.diag(parameter_covariance(information, evaluator.names)))
+    std = np.sqrt(np.diag(fisher.parameter_covariance(information, evaluator.names)))
     named = dict(zip(evaluator.names, std.tolist(), strict=True))
-    return PredictedPrecision(samples, periods, named)
+    return result.PredictedPrecision(samples, periods, named)
 
 
 def identified_combinations(
@@ -105,18 +88,20 @@ def identified_combinations(
     at = [robot.parameter_names.index(name) for name in structure.names]
     judged = [structure.names.index(name) for name in evaluator.names]
     covariance = np.zeros((len(at), len(at)))
-    covariance[np.ix_(judged, judged)] = parameter_covariance(information, evaluator.names)
+    covariance[np.ix_(judged, judged)] = fisher.parameter_covariance(information, evaluator.names)
     scales = dict(zip(robot.parameter_names, robot.scales.tolist(), strict=True))
     return known_combinations(base, structure, robot.parameters[at], covariance, scales)
 
 
-def parameter_precisions(robot: Robot, predicted: PredictedStd) -> Iterator[ParameterPrecision]:
+def parameter_precisions(
+    robot: Robot, predicted: result.PredictedStd
+) -> Iterator[result.ParameterPrecision]:
     """Yield nominal value and predicted standard deviations of every judged parameter."""
     nominal = robot.description.parameters
     for name, one_period in predicted.per_period.std.items():
         experiment = predicted.experiment.std[name]
         size = abs(nominal[name]) or np.nan
-        yield ParameterPrecision(
+        yield result.ParameterPrecision(
             name,
             parameter_unit(name),
             nominal[name],
@@ -128,15 +113,15 @@ def parameter_precisions(robot: Robot, predicted: PredictedStd) -> Iterator[Para
         )
 
 
-def scaled_eigenvalues(information: Array, scales: Array) -> Iterator[Eigenvalue]:
+def scaled_eigenvalues(information: Array, scales: Array) -> Iterator[result.Eigenvalue]:
     """Yield the eigenvalues of F, (k, k), scaled to unit diagonal and by the parameters' scales."""
     by_nominal = np.linalg.eigvalsh(information * np.multiply.outer(scales, scales))
-    values = ScaledInformation.of(information).eigenvalues()
+    values = fisher.ScaledInformation.of(information).eigenvalues()
     for number, pair in enumerate(zip(values, by_nominal, strict=True), start=1):
-        yield Eigenvalue(number, *map(float, pair))
+        yield result.Eigenvalue(number, *map(float, pair))
 
 
-def imprecise(robot: Robot, precision: PredictedPrecision) -> tuple[str, ...]:
+def imprecise(robot: Robot, precision: result.PredictedPrecision) -> tuple[str, ...]:
     """Return a warning that names the parameters the experiment does not identify, or nothing."""
     scales = dict(zip(robot.parameter_names, robot.scales, strict=True))
     share = {name: std / float(scales[name]) for name, std in precision.std.items()}
@@ -157,7 +142,7 @@ def systematic_std(
     names: tuple[str, ...],
     force_covariance: Array,
     length_covariance: Array | None,
-    prior: PriorMachine | None = None,
+    prior: fisher.PriorMachine | None = None,
 ) -> dict[str, float]:
     """Return the standard deviation due to the tolerances, by parameter, SI; empty without any.
 
@@ -177,7 +162,7 @@ def systematic_std(
     prior : PriorMachine, optional
         Prior knowledge: the names are then those of the changed parameters.
     """
-    chosen = toleranced_deviations(robot)
+    chosen = deviation.toleranced_deviations(robot)
     if not chosen and (prior is None or not prior.moved):
         return {}
     times = np.arange(samples) * trajectory.period / samples
@@ -186,16 +171,18 @@ def systematic_std(
         [trajectory.lambda0[:, None], trajectory.sine, trajectory.cosine], axis=1
     )
     state = np.concatenate([basis @ table.T for basis in bases], axis=1)
-    forces = deviating_forces(robot, state, times, None, robot.parameters, chosen)
-    exact = exact_signs(robot, state)
-    jumps = delay_of_jumps(robot, state, exact, robot.parameters, trajectory.period / samples)
+    forces = deviation.deviating_forces(robot, state, times, None, robot.parameters, chosen)
+    exact = deviation.exact_signs(robot, state)
+    jumps = deviation.delay_of_jumps(
+        robot, state, exact, robot.parameters, trajectory.period / samples
+    )
     late = [one.group == "delay" for one in chosen]
     forces.columns[:, :, late] += jumps[:, :, None]
-    lengths = length_deviation_columns(robot, state, times, chosen)
+    lengths = deviation.length_deviation_columns(robot, state, times, chosen)
     jacobian = robot.length_jacobian(state[:, :COORDINATES])
     equal = np.eye(ACTUATORS) if length_covariance is None else length_covariance
-    by_motion = _rows(np.einsum("sic,sh->sich", jacobian, bases[0]), whitening(equal))
-    moved = np.linalg.lstsq(by_motion, _rows(lengths, whitening(equal)), rcond=None)[0]
+    by_motion = _rows(np.einsum("sic,sh->sich", jacobian, bases[0]), fisher.whitening(equal))
+    moved = np.linalg.lstsq(by_motion, _rows(lengths, fisher.whitening(equal)), rcond=None)[0]
     slope = sum(
         np.einsum(
             "sic,sh->sich",
@@ -204,7 +191,7 @@ def systematic_std(
         )
         for order in range(3)
     )
-    white = whitening(force_covariance)
+    white = fisher.whitening(force_covariance)
     used = names if prior is None else robot.parameter_names
     judged = [robot.parameter_names.index(name) for name in used]
     regressors = _rows(forces.regressors[:, :, judged], white)

@@ -11,11 +11,8 @@ from expdesign.configuration import InputError, RunConfiguration
 from expdesign.configuration.consistency import identification_of
 from expdesign.configuration.loading import smoothing_widths
 from expdesign.configuration.noise import NOISE_FROM_DATA
+from expdesign.information import fisher
 from expdesign.information.criteria import criteria
-from expdesign.information.fisher import (
-    PeriodicNoise,
-    PriorMachine,
-)
 from expdesign.noise import Hum
 from expdesign.problem.design_problem import build_problem
 from expdesign.recheck.excitable import structural_base
@@ -100,7 +97,7 @@ def probe_motion(plan: SearchPlan, number: int) -> FourierTrajectory:
 
 def prior_machine(
     configuration: RunConfiguration, robot: Robot, names: tuple[str, ...]
-) -> PriorMachine | None:
+) -> fisher.PriorMachine | None:
     """Return the prior knowledge of the robot by `design.prior`; None without one.
 
     The number of samples is that at the highest allowed frequency: motions are compared for the
@@ -112,10 +109,10 @@ def prior_machine(
     changed = np.array([robot.parameter_names.index(name) for name in names], dtype=np.intp)
     experiment = configuration.run.experiment
     samples = experiment.periods * experiment.sampling / configuration.run.trajectory.frequency[1]
-    return PriorMachine.of(identification_of(machine), changed, samples)
+    return fisher.PriorMachine.of(identification_of(machine), changed, samples)
 
 
-def force_noise(configuration: RunConfiguration) -> tuple[Array, PeriodicNoise | None]:
+def force_noise(configuration: RunConfiguration) -> tuple[Array, fisher.PeriodicNoise | None]:
     """Return Σ of the forces, (6, 6), N², and their coloured noise in the experiment; None: white.
 
     Raises
@@ -134,7 +131,7 @@ def force_noise(configuration: RunConfiguration) -> tuple[Array, PeriodicNoise |
     spectrum = noise.force_spectrum
     if spectrum is None:
         return noise.force_covariance, None
-    memory = PeriodicNoise(spectrum, experiment.sampling, experiment.periods)
+    memory = fisher.PeriodicNoise(spectrum, experiment.sampling, experiment.periods)
     return noise.force_covariance, memory
 
 

@@ -11,21 +11,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from constraints.plugins import declarations
+from expdesign.configuration import quantity
 from expdesign.configuration.document import Located
 from expdesign.configuration.errors import InputError, Problem
 from expdesign.configuration.geometry import HalfAngle, JointRing, PairedStruts, geometry_at
 from expdesign.configuration.parameters import DIRECT, Drive
-from expdesign.configuration.quantity import (
-    Acceleration,
-    Force,
-    Inertia,
-    Length,
-    Mass,
-    NotNegative,
-    Positive,
-    Speed,
-    quantity_text,
-)
 from expdesign.configuration.schema import Ascending, Name, Pair, Point, Section, exactly
 from expdesign.machines import readers
 from expdesign.machines.assumed import points
@@ -51,25 +41,27 @@ class MachineDescription(Section):
     """Answers to the questions about a machine, SI; None: no answer."""
 
     name: Name
-    base_radius: Annotated[Length, Positive] | None = None
+    base_radius: Annotated[quantity.Length, quantity.Positive] | None = None
     base_half_angle: HalfAngle | None = None
     base_joints: _Joints | None = None
-    platform_radius: Annotated[Length, Positive] | None = None
+    platform_radius: Annotated[quantity.Length, quantity.Positive] | None = None
     platform_half_angle: HalfAngle | None = None
     platform_joints: _Joints | None = None
-    platform_z: Length | None = None
-    home_height: Length | None = None
-    strut_length: Annotated[tuple[Annotated[Length, Positive], ...], Ascending, Pair] | None = None
-    stroke: Annotated[Length, Positive] | None = None
-    strut_speed: Annotated[Speed, Positive] | None = None
-    strut_acceleration: Annotated[Acceleration, Positive] | None = None
-    actuator_force: Annotated[Force, Positive] | None = None
-    mass: Annotated[Mass, Positive] | None = None
+    platform_z: quantity.Length | None = None
+    home_height: quantity.Length | None = None
+    strut_length: (
+        Annotated[tuple[Annotated[quantity.Length, quantity.Positive], ...], Ascending, Pair] | None
+    ) = None
+    stroke: Annotated[quantity.Length, quantity.Positive] | None = None
+    strut_speed: Annotated[quantity.Speed, quantity.Positive] | None = None
+    strut_acceleration: Annotated[quantity.Acceleration, quantity.Positive] | None = None
+    actuator_force: Annotated[quantity.Force, quantity.Positive] | None = None
+    mass: Annotated[quantity.Mass, quantity.Positive] | None = None
     drive: Literal["direct", "screw", "gear"] | None = None
-    lead: Annotated[Length, Positive] | None = None
-    inertia: Annotated[Inertia, NotNegative] | None = None
-    force_std: Annotated[Force, Positive] | None = None
-    length_std: Annotated[Length, Positive] | None = None
+    lead: Annotated[quantity.Length, quantity.Positive] | None = None
+    inertia: Annotated[quantity.Inertia, quantity.NotNegative] | None = None
+    force_std: Annotated[quantity.Force, quantity.Positive] | None = None
+    length_std: Annotated[quantity.Length, quantity.Positive] | None = None
 
 
 def machine_from_answers(
@@ -171,7 +163,9 @@ def _about_home(
     lengths = geometry_at(np.array(machine.home), base, platform).lengths
     low, high = float(np.min(lengths)) - stroke / 2, float(np.max(lengths)) + stroke / 2
     if low <= 0:
-        message = f"the struts have {quantity_text(float(np.min(lengths)), 'm', 4)} at home"
+        message = (
+            f"the struts have {quantity.quantity_text(float(np.min(lengths)), 'm', 4)} at home"
+        )
         allowed = "a stroke that is less than twice as long"
         raise InputError(answers.problem(("stroke",), message, allowed))
     return [float(f"{low:.6g}"), float(f"{high:.6g}")]

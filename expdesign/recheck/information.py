@@ -8,16 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
+from expdesign.information import fisher
 from expdesign.information.criteria import Criterion
-from expdesign.information.fisher import (
-    PeriodicNoise,
-    PriorMachine,
-    ScaledInformation,
-    SingularInformationError,
-    information_matrix,
-    log_det,
-    parameter_covariance,
-)
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory
 
@@ -33,9 +25,9 @@ class Evaluator:
     scaling: Array
     """(m,), scale of every parameter (1 for SI)."""
     names: tuple[str, ...]
-    memory: PeriodicNoise | None = None
+    memory: fisher.PeriodicNoise | None = None
     """Coloured noise, which replaces Σ; None: white."""
-    prior: PriorMachine | None = None
+    prior: fisher.PriorMachine | None = None
     """Prior knowledge: the judged parameters are then those that have changed."""
 
     def information(self, trajectory: FourierTrajectory, samples: int) -> Array:
@@ -55,7 +47,7 @@ class Evaluator:
         chosen = regressors if self.prior is not None else regressors[:, :, self.columns]
         if self.memory is not None:
             return self.memory.information(chosen, omega)
-        return information_matrix(chosen, self.covariance)
+        return fisher.information_matrix(chosen, self.covariance)
 
     def judged(self, information: Array, samples: float) -> Array:
         """Return the information of the judged parameters, (k, k), from F over so many samples.
@@ -72,7 +64,7 @@ class Evaluator:
 
     def log_det(self, information: Array) -> float:
         """Return log det F in SI units; raises `SingularInformationError`."""
-        return log_det(information, self.names)
+        return fisher.log_det(information, self.names)
 
     def value(self, information: Array) -> float:
         """Return the criterion of F in its scaling.
@@ -82,15 +74,17 @@ class Evaluator:
         SingularInformationError
             F is singular to working precision.
         """
-        whole = ScaledInformation.of(information)
+        whole = fisher.ScaledInformation.of(information)
         if whole.is_singular():
-            raise SingularInformationError(whole.weak_directions(self.names))
+            raise fisher.SingularInformationError(whole.weak_directions(self.names))
         if self.criterion.invariant:
             # Eigenvalues of a badly scaled F are less accurate than its factor.
             return self.log_det(information)
         scale = self.scaling[self.columns]
         scaled = information * np.multiply.outer(scale, scale)
-        inverse = parameter_covariance(information, self.names) / np.multiply.outer(scale, scale)
+        inverse = fisher.parameter_covariance(information, self.names) / np.multiply.outer(
+            scale, scale
+        )
         return self.criterion.value(_eigenvalues(scaled, inverse))
 
     def gain(self, merit: float, best: float) -> float:
@@ -106,7 +100,7 @@ class Evaluator:
         """Return a number that is larger for better trajectories; −inf for a singular F."""
         try:
             value = self.value(self.information(trajectory, samples))
-        except SingularInformationError:
+        except fisher.SingularInformationError:
             return -np.inf
         return value if self.criterion.larger_is_better else -value
 

@@ -24,18 +24,10 @@ from expdesign.recheck.limit_check import (
     local_worst,
     worst_sampled,
 )
+from expdesign.solver import phases
 from expdesign.solver.feasibility import GRID_MARGIN, LARGEST_MARGIN, restore_limits
 from expdesign.solver.interior_point import solve_by_interior_point
 from expdesign.solver.ipopt import IPOPT_OPTIONS, solve_with_ipopt
-from expdesign.solver.phases import (
-    Phase,
-    PhaseReport,
-    PhaseResult,
-    StartReporter,
-    continuation_phases,
-    finish_phase,
-    last_phase,
-)
 from expdesign.solver.starts import SearchPlan, StartResult, solve_phase
 from expdesign.trajectory import round_period
 from expdesign.workers import Monitor
@@ -62,13 +54,13 @@ def polish_start(
     Most motions are only compared with others: see `proving` and `settled` of `polish`.
     """
     problem = plan.problem
-    reporter = StartReporter(monitor, start.index, start.kind)
+    reporter = phases.StartReporter(monitor, start.index, start.kind)
     omega = problem.variables.trajectory(start.variables).omega
     bounds = problem.variables.omega_bounds
     if bounds[0] < bounds[1]:
         omega, _ = round_period(omega, bounds, plan.controller_period, plan.hum)
     fixed = problem.with_variables(omega_bounds=(omega, omega))
-    phase = finish_phase(problem, plan.widths, plan.iterations)
+    phase = phases.finish_phase(problem, plan.widths, plan.iterations)
     polished = polish(
         fixed,
         plan.evaluator,
@@ -109,10 +101,10 @@ def _polish_again(plan: SearchPlan, monitor: Monitor, polished: StartResult) -> 
     stuck.
     """
     problem = plan.problem
-    own = finish_phase(problem, plan.widths, plan.iterations)
-    last = continuation_phases(problem, plan.widths, plan.iterations)[-1]
+    own = phases.finish_phase(problem, plan.widths, plan.iterations)
+    last = phases.continuation_phases(problem, plan.widths, plan.iterations)[-1]
     last = replace(last, name=own.name, samples=own.samples)
-    reporter = StartReporter(monitor, polished.index, polished.kind)
+    reporter = phases.StartReporter(monitor, polished.index, polished.kind)
     report = reporter.phase_report(last, problem)
     for _ in range(_MOST_REPETITIONS):
         x, _ = solve_phase(problem, last, polished.variables, report)
@@ -130,10 +122,10 @@ def polish(
     problem: DesignProblem,
     evaluator: Evaluator,
     start: Array,
-    phase: Phase,
+    phase: phases.Phase,
     *,
     rounds: int,
-    report: PhaseReport,
+    report: phases.PhaseReport,
     proving: bool = True,
     settled: bool = False,
 ) -> StartResult:
@@ -165,7 +157,7 @@ def polish(
     proved = proving and not (settled and rounds)
     best, exact = _check(problem, evaluator, x, phase.width, proving=proved)
     candidate, kept = best, x
-    result, last_merit = PhaseResult.start(phase), best.merit
+    result, last_merit = phases.PhaseResult.start(phase), best.merit
     # Worst moments of earlier rounds stay: without their rows their violations come back.
     seen: Mask = np.zeros((grid_points(problem.cost.samples), len(problem.limits.keys)), dtype=bool)
     for number in range(1, rounds + 1):
@@ -173,7 +165,7 @@ def polish(
         # Each round has all iterations of the phase: rows and margins are new. Ipopt, from the
         # optimum of a slightly different program, sometimes needs twice as many.
         ipopt = proving and last
-        present = last_phase(phase, problem.variables.harmonics) if ipopt else phase
+        present = phases.last_phase(phase, problem.variables.harmonics) if ipopt else phase
         instants, mask, margins = _critical_rows(problem, x, exact, present, candidate.check, seen)
         program = problem.program(
             instants,
@@ -267,7 +259,7 @@ def _check(
 
 
 def _critical_rows(
-    problem: DesignProblem, x: Array, exact: Array, phase: Phase, check: Recheck, seen: Mask
+    problem: DesignProblem, x: Array, exact: Array, phase: phases.Phase, check: Recheck, seen: Mask
 ) -> tuple[Array, Mask, Array]:
     """Choose the decisive instants, their rows and margins: (K,), (K, R), (K, R).
 

@@ -16,13 +16,7 @@ from constraints.arrays import Array
 from expdesign.information.criteria import Criterion, criteria
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.runfolder import OpenNumber, described
-from expdesign.solver.interior_point import (
-    RENEWED,
-    STANDSTILL,
-    IterationReport,
-    Solution,
-    Standstill,
-)
+from expdesign.solver import interior_point
 from expdesign.workers import Monitor
 
 MOST_BLUNT_HARMONICS = 5
@@ -34,7 +28,7 @@ _PERTURBED = 0.03
 """First barrier of a hop: the larger, the farther from the perturbed motion it may end."""
 _SETTLED = 1e-3
 """First barrier of a phase that begins near its optimum: from 0.01 it goes far away and returns."""
-_ROUGH = Standstill(1e-3, 3)
+_ROUGH = interior_point.Standstill(1e-3, 3)
 """A third of the iterations less, and refinements end at the same optima (47 starts)."""
 _FINISH_NEAR = 0.1
 _FINISH_RADIUS = 0.2
@@ -69,7 +63,7 @@ class Phase:
     """Initial barrier of the interior point method."""
     renewed: int | None = None
     """Iterations that share the cost's own Hessian; None: all."""
-    standstill: Standstill = STANDSTILL
+    standstill: interior_point.Standstill = interior_point.STANDSTILL
     criterion: Criterion | None = None
     """Criterion instead of the problem's own."""
     harmonics: int | None = None
@@ -101,7 +95,7 @@ class PhaseResult:
         """Return the result of a phase before its first solve."""
         return cls(phase.name, phase.width, phase.level, phase.samples)
 
-    def add(self, solution: Solution, rows: int) -> PhaseResult:
+    def add(self, solution: interior_point.Solution, rows: int) -> PhaseResult:
         """Return the result after one more solve, of a program with so many rows."""
         return replace(
             self,
@@ -118,7 +112,7 @@ class PhaseResult:
         )
 
 
-PhaseReport = Callable[[PhaseResult, int], IterationReport | None]
+PhaseReport = Callable[[PhaseResult, int], interior_point.IterationReport | None]
 """(result of the phase before a round, largest number of the round's iterations) → the report of
 its iterations; None: no report."""
 
@@ -171,7 +165,7 @@ def continuation_phases(
             near=_EVERYTHING,
             radius=None,
             iterations=iterations,
-            renewed=RENEWED,
+            renewed=interior_point.RENEWED,
             standstill=_ROUGH,
             criterion=criteria()["d"] if problem.criterion.flat else None,
             harmonics=few if few < n else None,
@@ -349,7 +343,7 @@ class StartReporter:
         if phase.criterion is not None:
             cost = problem.with_criterion(phase.criterion).cost
 
-        def round_report(done: PhaseResult, most: int) -> IterationReport:
+        def round_report(done: PhaseResult, most: int) -> interior_point.IterationReport:
             def report(number: int, value: float, violation: float, _x: Array) -> bool:
                 objective = cost.criterion_value(value)
                 in_phase = done.iterations + number

@@ -15,6 +15,7 @@ from expdesign.problem.design_problem import DesignProblem
 from expdesign.recheck.certificate import recheck
 from expdesign.recheck.information import Evaluator
 from expdesign.recheck.limit_check import Recheck
+from expdesign.solver import interior_point
 from expdesign.solver.feasibility import (
     GRID_MARGIN,
     InfeasibleLimitsError,
@@ -23,10 +24,6 @@ from expdesign.solver.feasibility import (
     random_start,
     restore_limits,
     shrink_to_limits,
-)
-from expdesign.solver.interior_point import (
-    FEASIBLE,
-    solve_by_interior_point,
 )
 from expdesign.solver.phases import (
     Iteration,
@@ -156,7 +153,7 @@ class StartResult:
         if not self.phases:
             return False, 0, False, -np.inf
         last, going = self.phases[-1], not self.status or self.usable
-        return going, len(self.phases), last.violation <= FEASIBLE, -last.objective
+        return going, len(self.phases), last.violation <= interior_point.FEASIBLE, -last.objective
 
     @property
     def usable(self) -> bool:
@@ -250,7 +247,7 @@ def solve_phase(
             samples=phase.samples,
             box=(x, radius),
         )
-        solution = solve_by_interior_point(
+        solution = interior_point.solve_by_interior_point(
             program,
             x,
             most=most,
@@ -261,7 +258,7 @@ def solve_phase(
         )
         result = result.add(solution, int(np.count_nonzero(mask)))
         violations = problem.smooth_violations(solution.usable, grid, phase.width)
-        broken = (violations > FEASIBLE) & ~mask
+        broken = (violations > interior_point.FEASIBLE) & ~mask
         far = float(np.max(violations[broken], initial=0.0)) > _FAR
         if not far:
             x = solution.usable

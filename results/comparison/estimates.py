@@ -19,6 +19,7 @@ from expdesign.mechanism.terms import parameter_unit
 from expdesign.runfolder.manifest import file_hash
 from results.figures.parameters import ParameterSeries, compared_estimates_figure
 from results.notation import count_text
+from results.views import view
 from results.views.blocks import (
     differences_table,
     estimated_values,
@@ -27,17 +28,6 @@ from results.views.blocks import (
 )
 from results.views.estimate import NAMES
 from results.views.folder import RunFolder
-from results.views.view import (
-    Block,
-    Drawing,
-    Fact,
-    Level,
-    ReportTable,
-    StageVerdict,
-    StageView,
-    TableColumn,
-    TextBlock,
-)
 
 _TWO_SIDED = 1.959963984540054
 """Half-width of a 95 % interval in standard deviations."""
@@ -90,36 +80,36 @@ def common_parameters(found: tuple[ComparedEstimate, ...]) -> tuple[str, ...]:
     return tuple(name for name in first if all(name in other for other in others))
 
 
-def compare_estimates(folders: Mapping[str, RunFolder], *_: object) -> StageView:
+def compare_estimates(folders: Mapping[str, RunFolder], *_: object) -> view.StageView:
     """Return the comparison of the best estimates of folders."""
     found = tuple(
         ComparedEstimate(label, folder, folder.result(EstimationResult))
         for label, folder in folders.items()
     )
     names = common_parameters(found)
-    blocks: list[Block] = [_values_table(found, names)]
+    blocks: list[view.Block] = [_values_table(found, names)]
     if len(found) > 1:
-        blocks.append(Drawing(compared_estimates_figure, estimates_series(found)))
+        blocks.append(view.Drawing(compared_estimates_figure, estimates_series(found)))
     different, tested = 0, 0
     for number, (one, other) in enumerate(combinations(found, 2), start=1):
         title = f"{other.label} − {one.label}"
         reason = not_independent(one, other)
         if reason:
             text = f"{title}: not tested. {reason}"
-            blocks.append(TextBlock(text, Level.CAUTION))
+            blocks.append(view.TextBlock(text, view.Level.CAUTION))
             continue
         covariance = one.difference_covariance(other, names)
         test = difference_test(one.of(names)[0], other.of(names)[0], covariance)
         tested += 1
         different += test.differ
-        blocks.append(TextBlock(_sentence(title, test)))
+        blocks.append(view.TextBlock(_sentence(title, test)))
         caption = f"{title}: each parameter against the uncertainty from noise and tolerances"
         blocks.append(differences_table(f"difference_{number}", caption, names, test))
     for each in found:
         test_of_information = information_test(each.result)
         if test_of_information is not None:
             text = f"{each.label}. {information_sentence(test_of_information)}."
-            blocks.append(TextBlock(text))
+            blocks.append(view.TextBlock(text))
     sentence = f"{count_text(len(found), 'estimate')} of {len(names)} common parameters."
     if tested:
         sentence += (
@@ -127,10 +117,10 @@ def compare_estimates(folders: Mapping[str, RunFolder], *_: object) -> StageView
         )
     elif len(found) > 1:
         sentence += " None of the pairs is independent: no difference could be tested."
-    level = Level.CAUTION if different else Level.NEUTRAL
-    verdict = StageVerdict("Estimates", level, "compared", sentence, "estimates")
-    facts = (Fact("pairs that differ", f"{different} of {tested}", "independent data only"),)
-    return StageView(verdict, tuple(blocks), facts if tested else ())
+    level = view.Level.CAUTION if different else view.Level.NEUTRAL
+    verdict = view.StageVerdict("Estimates", level, "compared", sentence, "estimates")
+    facts = (view.Fact("pairs that differ", f"{different} of {tested}", "independent data only"),)
+    return view.StageView(verdict, tuple(blocks), facts if tested else ())
 
 
 def estimates_series(found: tuple[ComparedEstimate, ...]) -> ParameterSeries:
@@ -181,20 +171,20 @@ def _sentence(title: str, test: Differences) -> str:
     )
 
 
-def _values_table(found: tuple[ComparedEstimate, ...], names: tuple[str, ...]) -> ReportTable:
+def _values_table(found: tuple[ComparedEstimate, ...], names: tuple[str, ...]) -> view.ReportTable:
     units = [parameter_unit(name) for name in names]
     columns = [
-        TableColumn("parameter", kind="parameter", of=names),
-        TableColumn("unit", kind="text", of=units),
+        view.TableColumn("parameter", kind="parameter", of=names),
+        view.TableColumn("unit", kind="text", of=units),
     ]
     for each in found:
         estimator = NAMES.get(each.result.best, each.result.best)
         values, std = each.of(names)
         half = _TWO_SIDED * std
         columns += [
-            TableColumn(f"{each.label}, {estimator}", digits=5, of=values),
-            TableColumn("from", digits=5, of=values - half),
-            TableColumn("to", digits=5, of=values + half),
+            view.TableColumn(f"{each.label}, {estimator}", digits=5, of=values),
+            view.TableColumn("from", digits=5, of=values - half),
+            view.TableColumn("to", digits=5, of=values + half),
         ]
     caption = "Best estimate of every folder with its 95 % interval, SI units"
-    return ReportTable.of("compared_estimates", caption, columns)
+    return view.ReportTable.of("compared_estimates", caption, columns)

@@ -20,6 +20,7 @@ from expdesign.experiment import DesignResult
 from expdesign.information.criteria import criteria
 from expdesign.recheck.limit_check import REACHED, TOLERANCE, LimitCheck
 from expdesign.solver.phases import PHASE_TITLES, Iteration
+from results.figures import motion
 from results.figures.drawing import (
     ALERT,
     EMPHASIS,
@@ -33,12 +34,6 @@ from results.figures.drawing import (
     write_centred,
     write_margin,
     write_small,
-)
-from results.figures.motion import (
-    cardan_angles_figure,
-    excitation_figure,
-    path_figure,
-    struts_figure,
 )
 from results.figures.parameters import precision_figure
 from results.notation import count_text, handy_unit, plain_number, symbol
@@ -325,10 +320,10 @@ def _objective_axis(axes: Axes, result: DesignResult, found: Sequence[Trace]) ->
 
 
 DESIGN_FIGURES = (
-    excitation_figure,
-    path_figure,
-    struts_figure,
-    cardan_angles_figure,
+    motion.excitation_figure,
+    motion.path_figure,
+    motion.struts_figure,
+    motion.cardan_angles_figure,
     limits_used_figure,
     precision_figure,
     eigenvalues_figure,

@@ -16,30 +16,14 @@ from estimation.selection import SelectionRow
 from estimation.uncertainty.intervals import correlation
 from expdesign.experiment import DesignResult
 from expdesign.information.identifiable import IDENTIFIABLE
-from results.figures.drawing import (
-    ALERT,
-    EMPHASIS,
-    ESTIMATOR_LOOKS,
-    FAINT,
-    INK,
-    MUTED,
-    PALETTE,
-    SECOND,
-    add_legend_above,
-    draw_correlation,
-    figure_definition,
-    plain_ticks,
-    set_parameter_axis,
-    write_margin,
-    write_upright,
-)
+from results.figures import drawing
 from results.notation import readable, symbol
 
 _IDENTIFIABLE = 100 * IDENTIFIABLE
 _WIDTH = 0.38
 
 
-@figure_definition(
+@drawing.figure_definition(
     "precision",
     "Predicted standard deviation of every parameter relative to its nominal value, over "
     "one period of the design and over the whole experiment.",
@@ -54,15 +38,15 @@ def precision_figure(figure: Figure, result: DesignResult) -> None:
         [(p.rel_std_percent_per_period, p.rel_std_percent_experiment) for p in parameters]
     )
     series = (
-        (f"one period ({_count(result.samples)} samples)", SECOND, -_WIDTH / 2),
-        (f"{whole}, {_count(experiment.samples)} samples)", EMPHASIS, _WIDTH / 2),
+        (f"one period ({_count(result.samples)} samples)", drawing.SECOND, -_WIDTH / 2),
+        (f"{whole}, {_count(experiment.samples)} samples)", drawing.EMPHASIS, _WIDTH / 2),
     )
     axes = figure.subplots()
     position = np.arange(len(parameters), dtype=float)
     shown = np.append(percents[np.isfinite(percents) & (percents > 0)], _IDENTIFIABLE)
     floor = float(10.0 ** np.floor(np.log10(np.min(shown) / 1.5)))
     axes.set_yscale("log")
-    axes.yaxis.set_major_formatter(plain_ticks())
+    axes.yaxis.set_major_formatter(drawing.plain_ticks())
     axes.set_ylim(floor, 2.0 * np.max(shown))
     handles: list[Container] = []
     for percent, (label, colour, shift) in zip(percents.T, series, strict=True):
@@ -79,12 +63,14 @@ def precision_figure(figure: Figure, result: DesignResult) -> None:
             )
         )
     unknown = ~np.any(np.isfinite(percents), axis=1)
-    write_upright(axes, position[unknown], "nominal value 0")
-    axes.axhline(_IDENTIFIABLE, color=ALERT, linewidth=1.0, zorder=3)
-    write_margin(axes, _IDENTIFIABLE, f"{_IDENTIFIABLE:g} %\nidentifiable\nbelow", ALERT)
-    set_parameter_axis(axes, [parameter.name for parameter in parameters])
+    drawing.write_upright(axes, position[unknown], "nominal value 0")
+    axes.axhline(_IDENTIFIABLE, color=drawing.ALERT, linewidth=1.0, zorder=3)
+    drawing.write_margin(
+        axes, _IDENTIFIABLE, f"{_IDENTIFIABLE:g} %\nidentifiable\nbelow", drawing.ALERT
+    )
+    drawing.set_parameter_axis(axes, [parameter.name for parameter in parameters])
     axes.set(ylabel="Standard deviation / |nominal| (%)", title="Predicted precision")
-    add_legend_above(axes, handles)
+    drawing.add_legend_above(axes, handles)
 
 
 def _count(number: int) -> str:
@@ -94,7 +80,7 @@ def _count(number: int) -> str:
 _SPREAD = 0.5
 
 
-@figure_definition(
+@drawing.figure_definition(
     "estimates",
     "Deviation of every estimate from the a-priori value, in units of the best estimator's "
     "standard deviation, with 95 % intervals. The a-priori values do not enter the estimates.",
@@ -120,18 +106,19 @@ def estimates_figure(figure: Figure, result: EstimationResult) -> None:
                 yerr=(numbers[:, 2] - numbers[:, 0]) / unit[free],
                 capsize=1.5,
                 label=name.upper(),
-                **ESTIMATOR_LOOKS[name] | {"markersize": 3.0, "elinewidth": 1.0, "zorder": 2},
+                **drawing.ESTIMATOR_LOOKS[name]
+                | {"markersize": 3.0, "elinewidth": 1.0, "zorder": 2},
             )
         )
-    write_upright(axes, position[~free], "fixed")
-    axes.axhline(0.0, color=MUTED, linewidth=0.8, zorder=1)
-    set_parameter_axis(axes, names)
+    drawing.write_upright(axes, position[~free], "fixed")
+    axes.axhline(0.0, color=drawing.MUTED, linewidth=0.8, zorder=1)
+    drawing.set_parameter_axis(axes, names)
     axes.set_ylabel(f"(Estimate − a priori) / std of {best.upper()}")
     axes.set_title("Estimates against the a-priori values, 95 % intervals")
-    add_legend_above(axes, handles)
+    drawing.add_legend_above(axes, handles)
 
 
-@figure_definition(
+@drawing.figure_definition(
     "correlation",
     "Correlation between the estimates of the parameters, best estimator.",
     height=4.6,
@@ -142,7 +129,7 @@ def correlation_figure(figure: Figure, result: EstimationResult) -> None:
     free = [k for k, name in enumerate(result.parameters) if name not in result.fixed]
     matrix = correlation(result.best_estimator.covariance)[np.ix_(free, free)]
     axes = figure.subplots()
-    draw_correlation(axes, matrix, [symbol(result.parameters[k]) for k in free], "RdBu_r")
+    drawing.draw_correlation(axes, matrix, [symbol(result.parameters[k]) for k in free], "RdBu_r")
     axes.set_title(f"Correlation of the {result.best.upper()} estimates")
 
 
@@ -174,18 +161,18 @@ def draw_series(axes: Axes, result: ParameterSeries) -> None:
             places + step * (number - (count - 1) / 2),
             values,
             yerr=result.errors.get(label),
-            color=PALETTE[number % len(PALETTE)],
-            marker=MARKERS[number // len(PALETTE) % len(MARKERS)],
+            color=drawing.PALETTE[number % len(drawing.PALETTE)],
+            marker=MARKERS[number // len(drawing.PALETTE) % len(MARKERS)],
             markersize=3.6,
             linestyle="none",
             elinewidth=1.0,
             # A name that begins with an underscore would be left out of the legend.
             label=f"\u200b{label}",
         )
-    set_parameter_axis(axes, result.names)
+    drawing.set_parameter_axis(axes, result.names)
 
 
-@figure_definition(
+@drawing.figure_definition(
     "compared_precision",
     "Predicted standard deviation of every parameter relative to its nominal value, for "
     "the same measuring time and sampling rate.",
@@ -200,7 +187,7 @@ def compared_precision_figure(figure: Figure, result: ParameterSeries) -> None:
     figure.legend(loc="outside upper right", ncols=4)
 
 
-@figure_definition(
+@drawing.figure_definition(
     "compared_estimates",
     "Deviation of every estimate from that of the first folder, in units of the first's "
     "standard deviation, with 95 % intervals.",
@@ -209,7 +196,7 @@ def compared_precision_figure(figure: Figure, result: ParameterSeries) -> None:
 def compared_estimates_figure(figure: Figure, result: ParameterSeries) -> None:
     """Draw the deviation of every estimate from the first folder's, in units of its σ."""
     axes = figure.add_subplot()
-    axes.axhline(0.0, color=MUTED, linewidth=0.8)
+    axes.axhline(0.0, color=drawing.MUTED, linewidth=0.8)
     draw_series(axes, result)
     axes.set_ylabel("Deviation from the first (σ)")
     figure.legend(loc="outside upper right", ncols=4)
@@ -225,7 +212,7 @@ _MOST_STEPS = 14
 """That fit into a figure: the last ones are shown."""
 
 
-@figure_definition(
+@drawing.figure_definition(
     "selection",
     "Selection of terms, step by step: what each candidate is worth in the model. Forward, the one "
     "that is worth most is added (framed) if it is worth more than zero; backward, the one that is "
@@ -247,7 +234,7 @@ def selection_figure(figure: Figure, result: EstimationResult) -> None:
     last = len(numbers)
     for height, name in enumerate(names):
         if name in found.chosen:
-            axes.plot(last, height, "o", color=EMPHASIS, markersize=6)
+            axes.plot(last, height, "o", color=drawing.EMPHASIS, markersize=6)
     directions = {row.step: row.direction for row in found.steps}
     heads = [f"{number}\n{directions[number]}" for number in numbers]
     axes.set_xticks(range(last + 1), [*heads, "result"])
@@ -265,18 +252,27 @@ def _draw_step(axes: Axes, place: int, rows: list[SelectionRow], names: list[str
     largest = max(1.0, *(abs(row.worth) for row in rows))
     for height, name in enumerate(names):
         if name in inside:
-            axes.plot(place, height, "o", color=MUTED, markersize=3)
+            axes.plot(place, height, "o", color=drawing.MUTED, markersize=3)
         if name not in worth:
             continue
         row = worth[name]
         share = np.sqrt(abs(row.worth) / largest)
-        colour = SECOND if row.worth > 0 else FAINT
+        colour = drawing.SECOND if row.worth > 0 else drawing.FAINT
         corner = (place - 0.45, height - 0.4)
         axes.add_patch(Rectangle(corner, 0.9, 0.8, color=colour, alpha=0.15 + 0.55 * share, lw=0))
         if row.chosen:
-            axes.add_patch(Rectangle(corner, 0.9, 0.8, fill=False, edgecolor=EMPHASIS, lw=1.4))
+            axes.add_patch(
+                Rectangle(corner, 0.9, 0.8, fill=False, edgecolor=drawing.EMPHASIS, lw=1.4)
+            )
         weight = "bold" if row.chosen else "normal"
         text = readable(float(f"{row.worth:.3g}"), 3)
         axes.text(
-            place, height, text, ha="center", va="center", color=INK, fontsize=7, weight=weight
+            place,
+            height,
+            text,
+            ha="center",
+            va="center",
+            color=drawing.INK,
+            fontsize=7,
+            weight=weight,
         )

@@ -13,24 +13,7 @@ from estimation.diagnostics.residuals import ForceResiduals
 from estimation.feedforward.result import MEANINGS, CaseName, FeedforwardResult
 from estimation.validation.validate import PredictionResiduals
 from expdesign.mechanism.hexapod import ACTUATORS
-from results.figures.drawing import (
-    ALERT,
-    BLUE,
-    FAINT,
-    GREEN,
-    GREY,
-    MUTED,
-    ORANGE,
-    STRUT_COLOURS,
-    VERMILLION,
-    figure_definition,
-    label_decades,
-    label_figure,
-    name_places,
-    strut_panels,
-    write_centred,
-    write_corner,
-)
+from results.figures import drawing
 from results.notation import handy_unit
 
 _BAND = 1.96
@@ -38,7 +21,7 @@ _REACH = 0.9995
 """Share of the residuals that the panels show: one outlier shall not flatten all six."""
 
 
-@figure_definition(
+@drawing.figure_definition(
     "residuals",
     "Residual force of each actuator over one period, mean over the periods. Dashed: where "
     "the noise alone leaves 95 % of it. F: bias against the scatter between the periods.",
@@ -50,10 +33,10 @@ def residuals_figure(figure: Figure, result: RecordingDiagnosis) -> None:
     for j, axes in enumerate(_residual_panels(figure, rest, rest.time, room=1.25)):
         if not test.refused:
             words = "bias" if test.failed[j] else "no bias"
-            write_corner(axes, f"{words}: F = {test.statistic[j]:.2f}")
+            drawing.write_corner(axes, f"{words}: F = {test.statistic[j]:.2f}")
 
 
-@figure_definition(
+@drawing.figure_definition(
     "prediction",
     "Error of the predicted force of each actuator on a motion that was not used for the "
     "estimate. Dashed: where the noise alone leaves 95 % of it.",
@@ -65,12 +48,12 @@ def prediction_figure(figure: Figure, motion: PredictionResiduals) -> None:
     panels = _residual_panels(figure, rest, rest.time - rest.time[0], room=1.3)
     for j, axes in enumerate(panels):
         if test.refused:
-            write_corner(axes, "not tested")
+            drawing.write_corner(axes, "not tested")
             continue
         words = "fails" if test.failed[j] else "passes"
-        write_corner(axes, f"{words}: F = {test.statistic[j]:.2f}")
+        drawing.write_corner(axes, f"{words}: F = {test.statistic[j]:.2f}")
         if test.failed[j]:
-            axes.texts[-1].set_color(ALERT)
+            axes.texts[-1].set_color(drawing.ALERT)
     figure.suptitle(motion.name, fontsize="medium")
 
 
@@ -80,21 +63,28 @@ def _residual_panels(
     """Draw the residuals with the band in which noise alone leaves 95 % of them."""
     height = 1.1 * float(np.max(np.quantile(np.abs(rest.forces), _REACH, axis=0)))
     height = max(height, 1.3 * _BAND * float(np.max(rest.std)))
-    panels = strut_panels(figure, "Actuator", (3, 2), share=True)
+    panels = drawing.strut_panels(figure, "Actuator", (3, 2), share=True)
     for j, axes in enumerate(panels):
         band = _BAND * rest.std[:, j]
-        axes.plot(time, rest.forces[:, j], color=STRUT_COLOURS[j], linewidth=0.5, zorder=2)
+        axes.plot(time, rest.forces[:, j], color=drawing.STRUT_COLOURS[j], linewidth=0.5, zorder=2)
         for sign in (1, -1):
             axes.plot(
-                time, sign * band, color=MUTED, linewidth=0.8, linestyle=(0, (4, 2)), zorder=3
+                time,
+                sign * band,
+                color=drawing.MUTED,
+                linewidth=0.8,
+                linestyle=(0, (4, 2)),
+                zorder=3,
             )
         axes.set_ylim(-height, room * height)
         axes.set_xlim(time[0], time[-1])
-    label_figure(figure, "Time (s)", "Measured − predicted force, mean over the periods (N)")
+    drawing.label_figure(
+        figure, "Time (s)", "Measured − predicted force, mean over the periods (N)"
+    )
     return panels
 
 
-@figure_definition(
+@drawing.figure_definition(
     "residual_dependence",
     "Residual force of each actuator, averaged in bins of its strut's length, speed, acceleration "
     "and load (the predicted force), with 95 % intervals from the noise. Above: share of the "
@@ -111,7 +101,7 @@ def residual_dependence_figure(figure: Figure, result: RecordingDiagnosis) -> No
         unit = handy_unit(si, [row.centre for row in rows])
         for j in range(ACTUATORS):
             axes = panels[j, column]
-            axes.axhline(0, color=MUTED, linewidth=0.7, zorder=1)
+            axes.axhline(0, color=drawing.MUTED, linewidth=0.7, zorder=1)
             bins = np.array(
                 [(r.centre, r.mean, r.half_width) for r in rows if r.strut == j + 1]
             ).reshape(-1, 3)
@@ -121,7 +111,7 @@ def residual_dependence_figure(figure: Figure, result: RecordingDiagnosis) -> No
                 yerr=bins[:, 2],
                 fmt="o",
                 markersize=1.6,
-                color=STRUT_COLOURS[j],
+                color=drawing.STRUT_COLOURS[j],
                 elinewidth=0.8,
                 zorder=2,
             )
@@ -133,7 +123,7 @@ def residual_dependence_figure(figure: Figure, result: RecordingDiagnosis) -> No
     figure.supylabel("Strut: mean residual force (N)", fontsize="medium")
 
 
-@figure_definition(
+@drawing.figure_definition(
     "position_periodic",
     "Search for forces that are periodic in each strut's length (cogging): statistic over "
     "the pitch, grey in the residuals, coloured with the effects that were found taken out. "
@@ -144,33 +134,35 @@ def position_periodic_figure(figure: Figure, result: RecordingDiagnosis) -> None
     """Draw the statistic over the pitch, of the residuals before and after the compensation."""
     tests = result.tests
     forces = {e.strut: e.force for e in tests.effects if e.force is not None}
-    panels = strut_panels(figure, "Strut", (3, 2), share=True)
+    panels = drawing.strut_panels(figure, "Strut", (3, 2), share=True)
     for strut, (axes, scan) in enumerate(zip(panels, tests.position_periodic, strict=True)):
         rows = [row for row in result.pitches if row.strut == strut + 1]
         if not rows:
-            write_centred(axes, "not scanned", color=MUTED)
+            drawing.write_centred(axes, "not scanned", color=drawing.MUTED)
             continue
         pitch = [1e3 * row.pitch for row in rows]
         if tests.effects:
             first = [row.statistic for row in rows]
-            axes.plot(pitch, first, color=FAINT, linewidth=0.9, zorder=2)
+            axes.plot(pitch, first, color=drawing.FAINT, linewidth=0.9, zorder=2)
         last = [row.statistic_with_effects for row in rows]
-        axes.plot(pitch, last, color=STRUT_COLOURS[strut], linewidth=0.9, zorder=3)
-        axes.axhline(scan.critical, color=ALERT, linewidth=0.9, linestyle=(0, (4, 2)), zorder=4)
+        axes.plot(pitch, last, color=drawing.STRUT_COLOURS[strut], linewidth=0.9, zorder=3)
+        axes.axhline(
+            scan.critical, color=drawing.ALERT, linewidth=0.9, linestyle=(0, (4, 2)), zorder=4
+        )
         force = forces.get(strut)
         if force is not None:
-            write_corner(
+            drawing.write_corner(
                 axes,
                 f"position-periodic:\n{force.amplitude:.3g} ± {force.amplitude_std:.1g} N\n"
                 f"pitch {1e3 * force.pitch:.3f} mm",
             )
     shared, critical = panels[0], tests.position_periodic[0].critical
     shared.set_xscale("log")
-    label_decades(shared.xaxis)
+    drawing.label_decades(shared.xaxis)
     linear = 2 * critical if np.isfinite(critical) else 60.0
     shared.set_yscale("symlog", linthresh=linear, linscale=1.6)
     shared.set_ylim(bottom=0)
-    label_figure(figure, "Pitch (mm)", "Statistic (χ² of sine and cosine)")
+    drawing.label_figure(figure, "Pitch (mm)", "Statistic (χ² of sine and cosine)")
 
 
 DIAGNOSTIC_FIGURES = (residuals_figure, residual_dependence_figure, position_periodic_figure)
@@ -178,15 +170,15 @@ DIAGNOSTIC_FIGURES = (residuals_figure, residual_dependence_figure, position_per
 
 
 _COLOURS: dict[CaseName, str] = {
-    "none": GREY,
-    "gravity": ORANGE,
-    "nominal": VERMILLION,
-    "identified": BLUE,
-    "true": GREEN,
+    "none": drawing.GREY,
+    "gravity": drawing.ORANGE,
+    "nominal": drawing.VERMILLION,
+    "identified": drawing.BLUE,
+    "true": drawing.GREEN,
 }
 
 
-@figure_definition(
+@drawing.figure_definition(
     "feedforward",
     "Error of the position over one period under the same controller, feed-forward by "
     "feed-forward. Above: distance of the TCP from its place; below: rms error of each strut.",
@@ -207,7 +199,7 @@ def feedforward_figure(figure: Figure, result: FeedforwardResult) -> None:
             **look,
         )
     above.set_yscale("log")
-    label_decades(above.yaxis)
+    drawing.label_decades(above.yaxis)
     above.set_xlim(0, result.tracking[0].time[-1])
     above.set_xlabel("Time (s)")
     above.set_ylabel(unit.label("Error of the TCP"))
@@ -218,8 +210,8 @@ def feedforward_figure(figure: Figure, result: FeedforwardResult) -> None:
         middle = np.arange(ACTUATORS) + (place - (len(cases) - 1) / 2) * width
         below.plot(middle, struts.shown(sizes), "o", color=_COLOURS[case], markersize=4.5)
     below.set_yscale("log")
-    label_decades(below.yaxis)
-    name_places(below, [f"strut {j}" for j in range(1, ACTUATORS + 1)])
+    drawing.label_decades(below.yaxis)
+    drawing.name_places(below, [f"strut {j}" for j in range(1, ACTUATORS + 1)])
     below.set_ylabel(struts.label("Rms error"))
     handles = [
         Line2D([], [], color=_COLOURS[case], linewidth=2.0, label=MEANINGS[case]) for case in cases

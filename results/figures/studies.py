@@ -17,26 +17,10 @@ from constraints.arrays import Array
 from estimation.montecarlo.result import StatisticsRow
 from expdesign.configuration.grid import value_text
 from expdesign.experiment.sweep import SweepResult, point_label
-from results.figures.drawing import (
-    BLACK,
-    BLUE,
-    ESTIMATOR_LOOKS,
-    FAINT,
-    GREY,
-    MUTED,
-    PALETTE,
-    add_legend_above,
-    figure_definition,
-    label_decades,
-    plain_ticks,
-    set_parameter_axis,
-    write_centred,
-    write_margin,
-    write_small,
-)
+from results.figures import drawing
 
 Rows = Sequence[StatisticsRow]
-_OTHER_LOOK = ESTIMATOR_LOOKS["ml"] | {"color": BLACK, "marker": "D"}
+_OTHER_LOOK = drawing.ESTIMATOR_LOOKS["ml"] | {"color": drawing.BLACK, "marker": "D"}
 _WIDTH = 0.56
 
 
@@ -67,7 +51,7 @@ def _points(axes: Axes, rows: Rows, estimator: str, values: Array, bars: Array) 
         yerr=np.nan_to_num(np.maximum(bars, 0.0)),
         capsize=0,
         label=f"{estimator.upper()} ({own[0].estimates})",
-        **ESTIMATOR_LOOKS.get(estimator, _OTHER_LOOK),
+        **drawing.ESTIMATOR_LOOKS.get(estimator, _OTHER_LOOK),
     )
 
 
@@ -76,7 +60,7 @@ CLEAR = 3.5
 _LINEAR_BIAS = 12.0
 
 
-@figure_definition(
+@drawing.figure_definition(
     "montecarlo_bias",
     "Mean error of every parameter over all repetitions with its standard error, in units "
     "of the Cramér–Rao bound; in brackets the number of estimates. Within the band, of 3.5 "
@@ -97,20 +81,20 @@ def bias_figure(figure: Figure, rows: Rows) -> None:
         error = np.array([row.bias_std_error / row.bound for row in own])
         largest = max(largest, float(np.nanmax(np.abs(bias) + np.nan_to_num(error))))
         handles.append(_points(axes, rows, estimator, bias, np.stack([error, error])))
-    axes.axhspan(-band, band, color=FAINT, alpha=0.35, linewidth=0, zorder=1)
-    axes.axhline(0.0, color=MUTED, linewidth=0.8, zorder=2)
+    axes.axhspan(-band, band, color=drawing.FAINT, alpha=0.35, linewidth=0, zorder=1)
+    axes.axhline(0.0, color=drawing.MUTED, linewidth=0.8, zorder=2)
     room = 1.25
     if largest > _LINEAR_BIAS * band:
         room = 2.0
         axes.set_yscale("symlog", linthresh=2 * band, linscale=0.8)
-        axes.yaxis.set_major_formatter(plain_ticks())
+        axes.yaxis.set_major_formatter(drawing.plain_ticks())
         decades = 10.0 ** np.arange(np.ceil(np.log10(2 * band)), np.ceil(np.log10(room * largest)))
         axes.set_yticks([*-decades[::-1], 0.0, *decades])
     axes.set_ylim(-room * largest, room * largest)
-    write_margin(axes, 0.0, f"±{CLEAR:g} standard\nerrors at\nthe bound", MUTED)
-    set_parameter_axis(axes, _parameters(rows), parted=True)
+    drawing.write_margin(axes, 0.0, f"±{CLEAR:g} standard\nerrors at\nthe bound", drawing.MUTED)
+    drawing.set_parameter_axis(axes, _parameters(rows), parted=True)
     axes.set(ylabel="Bias / Cramér–Rao bound", title="Bias")
-    add_legend_above(axes, handles)
+    drawing.add_legend_above(axes, handles)
 
 
 NOMINAL = 95.0
@@ -118,7 +102,7 @@ NOMINAL = 95.0
 _LINEAR_RATIO = 3.0
 
 
-@figure_definition(
+@drawing.figure_definition(
     "montecarlo_efficiency",
     "Above: root mean square error of every parameter relative to the Cramér–Rao bound; 1 "
     "cannot be improved. Below: how often the estimators' 95 % intervals hold the truth. Bars are "
@@ -134,14 +118,14 @@ def efficiency_figure(figure: Figure, rows: Rows) -> None:
         handles.append(_points(above, rows, estimator, ratio[:, 0], _bars(ratio)))
         _points(below, rows, estimator, cover[:, 0], _bars(cover))
     for axes, target, label in ((above, 1.0, ""), (below, NOMINAL, "Parameter")):
-        axes.axhline(target, color=MUTED, linewidth=1.0, zorder=2)
-        set_parameter_axis(axes, _parameters(rows), label, parted=True)
+        axes.axhline(target, color=drawing.MUTED, linewidth=1.0, zorder=2)
+        drawing.set_parameter_axis(axes, _parameters(rows), label, parted=True)
     ratios = _interval(rows, "rmse_over_bound")
     if np.max(ratios[np.isfinite(ratios)], initial=0.0) >= _LINEAR_RATIO:
         above.set_yscale("log")
-        label_decades(above.yaxis)
+        drawing.label_decades(above.yaxis)
     above.set(ylabel="RMSE / Cramér–Rao bound", title="Efficiency")
-    add_legend_above(above, handles)
+    drawing.add_legend_above(above, handles)
     below.set_ylim(top=101.0)
     below.set_ylabel("Intervals that hold the truth (%)")
     below.set_title(f"Coverage of the {NOMINAL:g} % intervals")
@@ -177,7 +161,7 @@ _PRECISIONS = {
 }
 
 
-@figure_definition(
+@drawing.figure_definition(
     "sweep",
     "Precision of the designs against their cost: predicted standard deviation of the "
     "experiment over the nominal value, over the time of measuring and over the processor time of "
@@ -210,23 +194,23 @@ def _draw(axes: Axes, result: SweepResult, cost: str, precision: str, looks: _Lo
     """Draw the designs of one panel."""
     points, shown = _designs_of(result, cost, precision)
     if not shown:
-        write_centred(axes, "no design", color=MUTED)
+        drawing.write_centred(axes, "no design", color=drawing.MUTED)
         return
     for k in shown:
         colour = looks.colours[k]
         face = colour if result.designs[k].certified else "white"
         axes.plot(*points[k], "o", color=colour, markerfacecolor=face, markersize=4.5, zorder=4)
     best = _unbeaten(points, shown)
-    axes.plot(*points[best].T, color=GREY, linewidth=0.8, zorder=1.5)
+    axes.plot(*points[best].T, color=drawing.GREY, linewidth=0.8, zorder=1.5)
     for way, each in zip("xy", points[shown].T, strict=True):
         low, high = float(np.min(each)), float(np.max(each))
         if low > 0 and high > _LOGARITHMIC * low:
             axes.set(**{f"{way}scale": "log", f"{way}lim": (low / _AIR, high * _AIR)})
-            label_decades(getattr(axes, f"{way}axis"))
+            drawing.label_decades(getattr(axes, f"{way}axis"))
         else:
             air = _SHARE * ((high - low) or high or 1.0)
             axes.set(**{f"{way}lim": (low - air, high + air)})
-            getattr(axes, f"{way}axis").set_major_formatter(plain_ticks())
+            getattr(axes, f"{way}axis").set_major_formatter(drawing.plain_ticks())
 
 
 def _designs_of(result: SweepResult, cost: str, precision: str) -> tuple[Array, list[int]]:
@@ -250,11 +234,11 @@ def _looks(result: SweepResult) -> _Looks:
     with the fewest. Names are the values of the others.
     """
     grid, others, legend = result.grid, result.varied, []
-    colours = [BLUE] * len(result.designs)
+    colours = [drawing.BLUE] * len(result.designs)
     path = min(others, key=lambda one: len(grid[one]))
-    if len(others) > 1 and len(grid[path]) <= len(PALETTE):
+    if len(others) > 1 and len(grid[path]) <= len(drawing.PALETTE):
         labels = {value_text(v): point_label({path: v}, [path]) for v in grid[path]}
-        by_value = dict(zip(labels, PALETTE, strict=False))
+        by_value = dict(zip(labels, drawing.PALETTE, strict=False))
         others = tuple(one for one in others if one != path)
         colours = [by_value[value_text(point[path])] for point in result.points]
         legend = [
@@ -305,13 +289,15 @@ def label_points(axes: Axes, points: Array, texts: Sequence[str], colours: Seque
 
     for point, text, colour in zip(points, texts, colours, strict=True):
         at = float(point[0]), float(point[1])
-        name = write_small(axes, text, at, (0, 0), color=colour, annotation_clip=False, zorder=5)
+        name = drawing.write_small(
+            axes, text, at, (0, 0), color=colour, annotation_clip=False, zorder=5
+        )
         costs = [cost(_put(name, *place)) for place in _PLACES]
         step, right, up = _PLACES[int(np.argmin(costs))]
         taken.append(_put(name, step, right, up))
         if step > _STEPS[0]:
             line = {"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkB": 3}
-            write_small(axes, "", at, name.get_position(), arrowprops=line)
+            drawing.write_small(axes, "", at, name.get_position(), arrowprops=line)
 
 
 def _put(name: Text, step: float, right: int, up: int) -> Bbox:

@@ -19,12 +19,7 @@ from expdesign.configuration.document import read_text
 from expdesign.configuration.errors import InputError, quote
 from expdesign.configuration.geometry import geometry_at
 from expdesign.configuration.parameters import Drive, Screw
-from expdesign.machines.genhexkins import (
-    BUILT_IN_AXES,
-    BUILT_IN_JOINTS,
-    find_thread,
-    turn_errors,
-)
+from expdesign.machines import genhexkins
 from expdesign.machines.machine import (
     MachineDraft,
     MachineFormat,
@@ -188,7 +183,7 @@ class _Hexapod:
 
     def _joints(self, kind: str) -> Array:
         """Return the joints on the base or the platform, (6, 3), m."""
-        built_in = np.column_stack([BUILT_IN_JOINTS[kind], np.zeros(ACTUATORS)])
+        built_in = np.column_stack([genhexkins.BUILT_IN_JOINTS[kind], np.zeros(ACTUATORS)])
         joints = np.empty((ACTUATORS, 3))
         missing = []
         for j in range(ACTUATORS):
@@ -261,7 +256,7 @@ class _Hexapod:
         given = np.array([np.nan if number is None else number for number in numbers])
         given = given.reshape(ACTUATORS, -1)
         missing = np.isnan(given)
-        axes = np.where(missing, np.array(BUILT_IN_AXES[kind]) if used else 0.0, given)
+        axes = np.where(missing, np.array(genhexkins.BUILT_IN_AXES[kind]) if used else 0.0, given)
         key = _KEYS[kind]
         if used and np.any(missing):
             self.ask(
@@ -285,7 +280,9 @@ class _Hexapod:
         upper = self._axes("platform-n", used=True)
         thread = None
         if home is not None and lower is not None and upper is not None:
-            thread = find_thread(lead, lower, upper, geometry_at(np.array(home), base, platform))
+            thread = genhexkins.find_thread(
+                lead, lower, upper, geometry_at(np.array(home), base, platform)
+            )
         corrected = f"{_KINEMATICS} corrects the lengths for the turn of the struts on their screws"
         if thread is None:
             upper = None
@@ -315,7 +312,7 @@ class _Hexapod:
         radius = float(np.linalg.norm(platform - platform.mean(axis=0), axis=1).max())
         ranges = np.repeat([_MOVED * radius, _TURNED], 3)
         poses = home + ranges * rng.uniform(-1, 1, (_POSES, len(ranges)))
-        errors = turn_errors(lead * self.unit, lower, upper, home, poses, base, platform)
+        errors = genhexkins.turn_errors(lead * self.unit, lower, upper, home, poses, base, platform)
         if np.max(errors) > _EXACT:
             share = float(np.mean(np.max(errors, axis=1) > _EXACT))
             self.ask(

@@ -6,34 +6,25 @@ from dataclasses import replace
 
 import casadi as ca
 
+from expdesign.mechanism import term
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.mechanism.term import (
-    WEIGHT_SCALE,
-    Columns,
-    Constant,
-    Instant,
-    Parameter,
-    Scale,
-    Term,
-    per_actuator,
-)
 
 DRIVE_MASS = "m_drive"
-DRIVE_INERTIA = Term(
+DRIVE_INERTIA = term.Term(
     name="drive_inertia",
     place=30,
     meaning="inertia of the drives, as a mass along each strut",
     parameters=(
-        Parameter(
+        term.Parameter(
             DRIVE_MASS,
             "kg",
             "mass that a drive's inertia makes along its strut, $J\\,(2\\pi/h)^2$, the same in all",
-            Scale("p10", mass=1),
+            term.Scale("p10", mass=1),
             lower=0,
             default=0.0,
         ),
     ),
-    columns=lambda instant: Columns(along=ca.SX(instant.kinematic["strut_acceleration"])),
+    columns=lambda instant: term.Columns(along=ca.SX(instant.kinematic["strut_acceleration"])),
 )
 """Inertia of the drives, reflected through lead or gear as a mass along the strut.
 
@@ -43,33 +34,33 @@ motion with the swinging strut is neglected: the strut's angle α about its firs
 """
 DRIVE_INERTIA_ON_A_THREAD = replace(DRIVE_INERTIA, turning=True)
 """The same for screws that the platform turns (`expdesign.mechanism.strut`)."""
-OFFSET = Term(
+OFFSET = term.Term(
     name="force_offset",
     place=90,
     meaning="constant force of each actuator",
-    parameters=per_actuator(
-        Parameter("o", "N", "constant force of the actuators", WEIGHT_SCALE, default=0.0)
+    parameters=term.per_actuator(
+        term.Parameter("o", "N", "constant force of the actuators", term.WEIGHT_SCALE, default=0.0)
     ),
-    columns=lambda _: Columns(along=ca.SX.eye(ACTUATORS)),
+    columns=lambda _: term.Columns(along=ca.SX.eye(ACTUATORS)),
 )
 """The zero of the force measurement, or the bias of a current."""
-CABLE = Term(
+CABLE = term.Term(
     name="cable",
     place=120,
     meaning="springs along the struts, such as cables and hoses",
-    parameters=per_actuator(
-        Parameter(
+    parameters=term.per_actuator(
+        term.Parameter(
             "k",
             "N/m",
             "stiffness of the spring along a strut",
-            Scale("p10 g / (6 L)", mass=1, gravity=1, length=-1, share=1 / ACTUATORS),
+            term.Scale("p10 g / (6 L)", mass=1, gravity=1, length=-1, share=1 / ACTUATORS),
             default=0.0,
         )
     ),
-    columns=lambda instant: Columns(
+    columns=lambda instant: term.Columns(
         along=ca.diag(instant.kinematic["strut_length"] - instant.constants["rest_length"])
     ),
-    constants=(Constant("rest_length", "m", "length of a strut at which there is no force"),),
+    constants=(term.Constant("rest_length", "m", "length of a strut at which there is no force"),),
 )
 """Cables, hoses and bellows: a force linear in the strut's length, with one rest length for all.
 
@@ -78,37 +69,37 @@ independent of the rest length.
 """
 
 
-def _cogging(instant: Instant, order: int) -> Columns:
+def _cogging(instant: term.Instant, order: int) -> term.Columns:
     """Return the columns of sines, then cosines, of a harmonic of the pitch."""
     angle = 2 * ca.pi * order * instant.kinematic["strut_length"] / instant.constants["pitch"]
-    return Columns(along=ca.horzcat(ca.diag(ca.sin(angle)), ca.diag(ca.cos(angle))))
+    return term.Columns(along=ca.horzcat(ca.diag(ca.sin(angle)), ca.diag(ca.cos(angle))))
 
 
-def _amplitudes(letter: str, order: str) -> tuple[Parameter, ...]:
+def _amplitudes(letter: str, order: str) -> tuple[term.Parameter, ...]:
     """Return the amplitudes of sines, then cosines, with names that begin with a letter."""
     return tuple(
         parameter
         for kind, word in (("s", "sine"), ("c", "cosine"))
-        for parameter in per_actuator(
-            Parameter(
+        for parameter in term.per_actuator(
+            term.Parameter(
                 letter + kind,
                 "N",
                 f"{word} of the actuators' cogging, {order} harmonic",
-                WEIGHT_SCALE,
+                term.WEIGHT_SCALE,
                 default=0.0,
             )
         )
     )
 
 
-COGGING = Term(
+COGGING = term.Term(
     name="cogging",
     place=130,
     meaning="forces of the actuators with the period of a pitch, such as that of their magnets",
     parameters=_amplitudes("c", "first"),
     columns=lambda instant: _cogging(instant, 1),
     constants=(
-        Constant("pitch", "m", "stroke of an actuator in which they repeat", positive=True),
+        term.Constant("pitch", "m", "stroke of an actuator in which they repeat", positive=True),
     ),
 )
 """Cogging of linear motors, and errors of screws and bearings with the period of their turns.
@@ -121,7 +112,7 @@ first harmonic of the pitch τ,
 
 with amplitude² = cs² + cc² and phase = atan2(cc, cs), as in the twin's `experiment.cogging`.
 """
-SECOND_COGGING = Term(
+SECOND_COGGING = term.Term(
     name="cogging_second",
     place=140,
     meaning="second harmonic of the cogging, with half its period",

@@ -12,16 +12,8 @@ import casadi as ca
 import numpy as np
 
 from constraints.arrays import Array
+from expdesign.mechanism import term
 from expdesign.mechanism.bodies import pseudo_inertia
-from expdesign.mechanism.term import (
-    FIRST_MOMENT_SCALE,
-    INERTIA_SCALE,
-    Columns,
-    Instant,
-    Lump,
-    Parameter,
-    Term,
-)
 
 MASS = "p10"
 """Parameter in the scales of others."""
@@ -29,23 +21,23 @@ MASS = "p10"
 _PRODUCTS = {"Ixy": (0, 1), "Ixz": (0, 2), "Iyz": (1, 2)}
 
 
-def _symmetric(instant: Instant) -> Columns:
-    return Columns(ca.horzcat(*_always(instant)))
+def _symmetric(instant: term.Instant) -> term.Columns:
+    return term.Columns(ca.horzcat(*_always(instant)))
 
 
-def _general(instant: Instant) -> Columns:
+def _general(instant: term.Instant) -> term.Columns:
     lateral = [_first_moment(instant, axis) for axis in (0, 1)]
     products = [_inertia(instant, row, column) for row, column in _PRODUCTS.values()]
-    return Columns(ca.horzcat(*_always(instant), *lateral, *products))
+    return term.Columns(ca.horzcat(*_always(instant), *lateral, *products))
 
 
-def _always(instant: Instant) -> list[ca.SX]:
+def _always(instant: term.Instant) -> list[ca.SX]:
     weight = ca.vertcat(instant.acceleration - instant.gravity, ca.SX.zeros(3, 1))
     moments = [_inertia(instant, axis, axis) for axis in range(3)]
     return [*moments, _first_moment(instant, 2), weight]
 
 
-def _inertia(instant: Instant, row: int, column: int) -> ca.SX:
+def _inertia(instant: term.Instant, row: int, column: int) -> ca.SX:
     """Return the wrench of one entry of I about the TCP, platform frame."""
     rotation = instant.kinematic["rotation_matrix"]
     omega = rotation.T @ instant.angular_velocity
@@ -56,7 +48,7 @@ def _inertia(instant: Instant, row: int, column: int) -> ca.SX:
     return ca.vertcat(ca.SX.zeros(3, 1), rotation @ momentum_rate)
 
 
-def _first_moment(instant: Instant, axis: int) -> ca.SX:
+def _first_moment(instant: term.Instant, axis: int) -> ca.SX:
     """Return the wrench of one component of the first moment s, platform frame."""
     arm = instant.kinematic["rotation_matrix"][:, axis]
     omega = instant.angular_velocity
@@ -87,40 +79,44 @@ def _impossible(p: Mapping[str, float]) -> list[str]:
     return []
 
 
-def _lump(parameters: tuple[Parameter, ...]) -> Lump:
+def _lump(parameters: tuple[term.Parameter, ...]) -> term.Lump:
     names = tuple(parameter.name for parameter in parameters)
     meaning = "the platform's mass, first moments and moments of inertia"
-    return Lump(meaning, names, platform_pseudo_inertia)
+    return term.Lump(meaning, names, platform_pseudo_inertia)
 
 
-def _moment_of_inertia(name: str, axis: str, first: str, second: str) -> Parameter:
+def _moment_of_inertia(name: str, axis: str, first: str, second: str) -> term.Parameter:
     meaning = f"$I_{{{axis}{axis}E}} + m_3 \\sum (b_{first}^2 + b_{second}^2)$"
-    return Parameter(name, "kg m^2", meaning, INERTIA_SCALE, lower=0, strict=True)
+    return term.Parameter(name, "kg m^2", meaning, term.INERTIA_SCALE, lower=0, strict=True)
 
 
-_LATERAL = Parameter(
-    "s", "kg m", "lateral first moments; general platform only", FIRST_MOMENT_SCALE, default=0.0
+_LATERAL = term.Parameter(
+    "s",
+    "kg m",
+    "lateral first moments; general platform only",
+    term.FIRST_MOMENT_SCALE,
+    default=0.0,
 )
-_PRODUCT = Parameter(
+_PRODUCT = term.Parameter(
     "I",
     "kg m^2",
     "products of inertia as matrix entries; general platform only",
-    INERTIA_SCALE,
+    term.INERTIA_SCALE,
     default=0.0,
 )
 _FIVE = (
     _moment_of_inertia("p6", "x", "y", "z"),
     _moment_of_inertia("p7", "y", "x", "z"),
     _moment_of_inertia("p8", "z", "x", "y"),
-    Parameter("p9", "kg m", "$s_{zE} + m_3 \\sum b_z$", FIRST_MOMENT_SCALE),
-    Parameter(MASS, "kg", "$m_E + 6\\,m_3$", lower=0, strict=True),
+    term.Parameter("p9", "kg m", "$s_{zE} + m_3 \\sum b_z$", term.FIRST_MOMENT_SCALE),
+    term.Parameter(MASS, "kg", "$m_E + 6\\,m_3$", lower=0, strict=True),
 )
 _TEN = (
     *_FIVE,
     *(replace(_LATERAL, name=name) for name in ("sx", "sy")),
     *(replace(_PRODUCT, name=name) for name in _PRODUCTS),
 )
-SYMMETRIC = Term(
+SYMMETRIC = term.Term(
     name="rigid_platform",
     place=20,
     meaning="the platform as a rigid body, with the sliders' masses at its joints",
