@@ -51,6 +51,9 @@ _MOST = 12
 _MOST_CAUSES = 3
 """Largest number of causes that are believed together; in several struts each counts once."""
 
+_SUSPICIOUS = 0.02
+"""p of the low harmonics given the effects, below which no effect is certain."""
+
 _NOT_PERIODIC = Assumption(
     "no position-periodic force",
     "a force is periodic in the strut's length",
@@ -203,16 +206,20 @@ def doubt_effects(
     causes = {(effect.kind, effect.parameter) for effect in effects if not effect.remainder}
     impossible = any(effect.doubt for effect in effects)
     many = len(causes) > _MOST_CAUSES
-    if not (remains or impossible or many):
+    reasons = {
+        "a lack of fit remains": remains,
+        f"more than {_MOST_CAUSES} causes are needed": many,
+        "another effect has an impossible sign or size": impossible,
+        "a lack of fit may remain": given.log_p < np.log(_SUSPICIOUS),
+    }
+    reason = next((words for words, holds in reasons.items() if holds), "")
+    if not reason:
         return attribution
-    reason = "a lack of fit remains"
-    if not remains:
-        reason = f"more than {_MOST_CAUSES} causes are needed" * many
-        reason = reason or "another effect has an impossible sign or size"
     # Large effects leave an error of linearisation.
-    linear = given.excess < REMAINDER * without.excess and not (impossible or many)
+    linear = given.excess < REMAINDER * without.excess
+    unlisted = (remains and not linear) or many or impossible
     doubted = tuple(replace(each, doubt=each.doubt or reason) for each in effects)
-    return replace(attribution, effects=doubted, unlisted=not linear)
+    return replace(attribution, effects=doubted, unlisted=unlisted)
 
 
 def _effects(

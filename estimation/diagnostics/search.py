@@ -255,11 +255,11 @@ class Search:
             for number, item in enumerate(found):
                 others = exclude(found, item)
                 rivals = self.find_rivals(item, others)
-                conditional = self.projection.conditional_on(column_indices(others))
-                own = self._fit(item, conditional)
-                least = item.log_p(own, self.projection.freedom) - item.limit
-                if not item.is_possible(own.values[0]):
-                    least = 0.0  # any significant candidate within its bounds is better
+                own = self._fit_given(item, others)
+                # Any significant candidate is better than one beyond its bounds.
+                least = 0.0
+                if item.is_possible(own.values[0]):
+                    least = item.log_p(own, self.projection.freedom) - item.limit
                 if rivals and rivals[0][1] - rivals[0][0].limit < least:
                     found, changed = [*found[:number], rivals[0][0], *found[number + 1 :]], True
             found = self.drop_insignificant(found)
@@ -297,8 +297,7 @@ class Search:
                 item, EffectFit(max(least, 0.0), own.rank, own.values, own.covariance)
             ):
                 continue
-            both = self.projection.conditional_on(column_indices([*others, rival]))
-            if self._is_significant(item, self._fit(item, both)):
+            if self._is_significant(item, self._fit_given(item, [*others, rival])):
                 continue
             if rival.name not in found or log_p < found[rival.name][1]:
                 found[rival.name] = (rival, log_p)
@@ -312,16 +311,18 @@ class Search:
         places = item.places[:2] if item.kind == PERIODIC else item.places
         return conditional.fit(places)
 
+    def _fit_given(self, item: EffectCandidate, others: Sequence[EffectCandidate]) -> EffectFit:
+        return self._fit(item, self.projection.conditional_on(column_indices(others)))
+
     def conditional_statistic(
         self, item: EffectCandidate, others: Sequence[EffectCandidate]
     ) -> float:
         """Return χ² of a candidate, given others."""
-        return self._fit(item, self.projection.conditional_on(column_indices(others))).statistic
+        return self._fit_given(item, others).statistic
 
     def conditional_log_p(self, item: EffectCandidate, others: Sequence[EffectCandidate]) -> float:
         """Return log p of a candidate, given others, uncorrected for its family."""
-        fit = self._fit(item, self.projection.conditional_on(column_indices(others)))
-        return item.log_p(fit, self.projection.freedom)
+        return item.log_p(self._fit_given(item, others), self.projection.freedom)
 
 
 def column_indices(items: Sequence[EffectCandidate]) -> Places:
