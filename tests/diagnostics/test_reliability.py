@@ -91,13 +91,14 @@ def test_a_joint_moves_no_parameter_by_more_in_any_direction(lab):
 
 def test_an_effect_with_a_tolerance_is_counted_in_the_intervals_instead(lab):
     palida = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
-    tolerances = {"force_constant": {"each": "1 %"}}
+    terms = {"load_friction": "1 %", "platform_spring": 0}
+    tolerances = {"force_constant": {"each": "1 %"}, "terms": terms}
     robot = robot_from(load_run({"name": "n", "robot": palida | {"tolerances": tolerances}}).robot)
     experiment = lab.experiment(lab.measure(1), lab.noise)
     estimate = lab.estimate([experiment], "ml")
-    effects = diagnose(robot, [experiment], lab.knowledge, estimate).undetected
-    assert "gain" not in {one.kind for one in effects}
-    assert {"force_offset", "joint"} <= {one.kind for one in effects}
+    found = {one.kind for one in diagnose(robot, [experiment], lab.knowledge, estimate).undetected}
+    assert not {"gain", "load_friction", "platform_spring"} & found
+    assert {"force_offset", "joint", "stribeck", "platform_wrench"} <= found
 
 
 def test_the_spread_covers_every_effect(found):
