@@ -45,7 +45,7 @@ _Finder = Callable[[CandidateEffects], Candidates]
 _ALL: Label = ("", None)
 _EACH: tuple[Label, ...] = tuple(("", j) for j in range(ACTUATORS))
 _JOINTS = tuple((end, j) for end in ("base", "platform") for j in range(ACTUATORS))
-_JOINTLY = "`estimate.systematic: estimated`, which includes it in the estimate"
+_JOINTLY = "`ml` among the estimators, which then estimates it, too"
 
 
 def list_hypotheses(
