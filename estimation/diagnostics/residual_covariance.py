@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg as sla
@@ -51,9 +52,14 @@ class ResidualCovariance:
 
     def lagged_covariance(self, channel: int, lag: int) -> float:
         """Return Σ_t Cov(e_t, e_{t + lag}) / σ_j² within the rows of one channel."""
-        own = self.columns[:, channel]
-        ahead = own[:-lag] @ self.kernel
-        return float(np.sum(ahead * own[lag:]) / self.noise.covariance[channel, channel])
+        pairs = self._mapped[:-lag, channel], self.columns[lag:, channel]
+        product = float(np.einsum("ru,ru->", *pairs))
+        return product / float(self.noise.covariance[channel, channel])
+
+    @cached_property
+    def _mapped(self) -> Array:
+        """(R, 6, u), U K, for all lags."""
+        return self.columns @ self.kernel
 
 
 def joint_residual_covariance(
