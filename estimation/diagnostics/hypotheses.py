@@ -38,7 +38,7 @@ _MULTIPLES = 3
 _DELAYS = (-3.0, -1.0, 0.1, 1.0, 3.0)
 """Delays of the tested secants, in steps of the recording; the small one is a derivative."""
 
-STRIBECK_VELOCITIES = (0.02, 0.05, 0.12)
+STRIBECK_VELOCITIES = (0.02, 0.05, 0.12, 0.3)
 """Tested Stribeck velocities, m/s; neighbouring ones overlap."""
 
 _Finder = Callable[[CandidateEffects], Candidates]
@@ -160,14 +160,12 @@ def _all_and_each(columns: Signature) -> Candidates:
     return _candidates(_with_sum(columns), (_ALL, *_EACH))
 
 
-def _with_sum(columns: Signature) -> Signature:
-    """Return the sum of all columns, followed by the columns."""
+def _with_sum(columns: Signature, shares: Array | None = None) -> Signature:
+    """Return the sum of all columns times their shares, one by default, and then the columns."""
     if not columns.count:
         return columns
-    whole = Signature(
-        np.sum(columns.forces, axis=2, keepdims=True),
-        np.sum(columns.lengths, axis=2, keepdims=True),
-    )
+    weights = np.ones((columns.count, 1)) if shares is None else shares[:, None]
+    whole = Signature(columns.forces @ weights, columns.lengths @ weights)
     return Signature.concatenate([whole, columns])
 
 
@@ -197,10 +195,15 @@ def _in_groups(*names: str, groups: Mapping[Label, Sequence[int]]) -> _Finder:
 
 
 def _stribeck(effects: CandidateEffects) -> Candidates:
+    """Return friction near standstill, in all actuators in proportion to their dry friction."""
     speeds, labels = STRIBECK_VELOCITIES if effects.lacks("stribeck") else (), (_ALL, *_EACH)
 
+    values = dict(zip(effects.robot.parameter_names, effects.values, strict=True))
+    dry = np.array([max(values.get(name, 1.0), 0.0) for name in actuator_names("r")])
+    shares = dry / np.mean(dry) if np.any(dry) else np.ones(ACTUATORS)
+
     def of_speed(speed: float) -> Signature:
-        return _with_sum(effects.term("stribeck", velocity=speed))
+        return _with_sum(effects.term("stribeck", velocity=speed), shares)
 
     return Candidates(
         labels=labels * len(speeds),
