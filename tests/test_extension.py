@@ -187,7 +187,7 @@ def test_extensions_are_found_without_another_edit(expdesign, tmp_path):
         estimate={"estimators": ["ls"]},
         count={"factor": 2},
         export=[{"format": "lab", "segment": "1 ms"}],
-        report={},
+        report={"figures": ["svg"]},
     )
     yaml.dump(run, tmp_path / "run.yaml")
     checked = expdesign("check", "run.yaml")

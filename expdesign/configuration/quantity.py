@@ -221,6 +221,7 @@ Positive = require(lambda value: value > 0, "{value:g} is not positive", "a valu
 NotNegative = require(lambda value: value >= 0, "{value:g} is negative", "0 or more")
 
 
+@lru_cache(maxsize=1024)
 def quantity_in(unit: str) -> Quantity:
     """Return the quantity with plain numbers in a unit, ``"1"`` for a bare number.
 
