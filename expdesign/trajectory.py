@@ -7,13 +7,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import (
-    Field,
-    FiniteFloat,
-    GetCoreSchemaHandler,
-    Strict,
-    ValidationInfo,
-)
+from pydantic import Field, FiniteFloat, GetCoreSchemaHandler, Strict, ValidationInfo
 from pydantic_core import CoreSchema, core_schema
 
 from constraints.arrays import Array, Mask

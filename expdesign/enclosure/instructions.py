@@ -12,14 +12,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from expdesign.enclosure import taylor_model as f
-from expdesign.enclosure.arithmetic import (
-    TERMS,
-    add,
-    invert,
-    multiply,
-    take_larger,
-    take_root,
-)
+from expdesign.enclosure.arithmetic import TERMS, add, invert, multiply, take_larger, take_root
 from expdesign.enclosure.taylor_model import TaylorModel
 from expdesign.evaluation.compiled import compiled
 

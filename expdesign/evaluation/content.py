@@ -15,13 +15,7 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache, cached_property, partial
 from importlib.metadata import version
-from types import (
-    BuiltinFunctionType,
-    CodeType,
-    FunctionType,
-    MethodWrapperType,
-    ModuleType,
-)
+from types import BuiltinFunctionType, CodeType, FunctionType, MethodWrapperType, ModuleType
 from typing import Any
 
 import casadi as ca

@@ -26,11 +26,7 @@ import platformdirs
 from constraints.arrays import Array
 from expdesign.evaluation.block_loop import ENTRY, Lanes
 from expdesign.evaluation.content import content_key
-from expdesign.evaluation.vector_code import (
-    UnknownInstructionError,
-    scratch_size,
-    vector_code,
-)
+from expdesign.evaluation.vector_code import UnknownInstructionError, scratch_size, vector_code
 from expdesign.progress import report_progress
 from expdesign.runfolder.files import atomic_write, foreign_access, foreign_folder
 

@@ -13,12 +13,7 @@ from pydantic import Strict
 from constraints.arrays import Array
 from expdesign.enclosure.paths import EnclosedSeries
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.motion.ramp import (
-    FIXED,
-    EnclosedSpline,
-    MotionState,
-    SplineRamp,
-)
+from expdesign.motion.ramp import FIXED, EnclosedSpline, MotionState, SplineRamp
 from expdesign.recheck.certificate import EnclosedMotion
 from expdesign.recheck.limit_check import Motion, states_at
 from expdesign.robot import Robot

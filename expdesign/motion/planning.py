@@ -20,11 +20,7 @@ from expdesign.motion.executable import (
     enclose_segment,
     moving_states,
 )
-from expdesign.motion.ramp import (
-    MotionState,
-    RampProblem,
-    SplineRamp,
-)
+from expdesign.motion.ramp import MotionState, RampProblem, SplineRamp
 from expdesign.motion.ramp_search import (
     NoRampError,
     find_ramp,

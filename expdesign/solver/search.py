@@ -15,13 +15,7 @@ from expdesign.configuration import ComputationError
 from expdesign.progress import report_progress
 from expdesign.solver.finish import polish_start, prove_design
 from expdesign.solver.phases import SearchEvent
-from expdesign.solver.starts import (
-    SearchPlan,
-    StartResult,
-    give_up,
-    report_end,
-    run_start,
-)
+from expdesign.solver.starts import SearchPlan, StartResult, give_up, report_end, run_start
 from expdesign.trajectory import FourierTrajectory
 from expdesign.workers import Job, JobJournal, JobRunner, Monitor, StoppedError
 
