@@ -244,7 +244,7 @@ def _effects(
             value, std = force.amplitude, force.amplitude_std
             if force.pitch > np.ptp(search.part.position[:, item.strut]):
                 doubt = "the pitch is longer than the stroke"
-        elif not item.is_possible(value):
+        elif not item.is_possible(values, covariance):
             doubt = "its sign or size is impossible"
         log_p = search.conditional_log_p(item, exclude(found, item)) - item.limit
         level = _level(search, item.kind)

@@ -232,7 +232,7 @@ def _judge_estimate(
         return judgement
     attributions = [result.attribution for result in results]
     channels = assignment_findings(robot, experiments, priors, attributions)
-    return verdict(results, *channels, *own)
+    return verdict(results, *own, channels=channels)
 
 
 def _diagnose_experiment(
@@ -274,12 +274,13 @@ def _diagnose_experiment(
     tests = _tests(
         case, attribution, explained, (forces, lengths), noises, shares=shares, held_out=held_out
     )
-    attribution = doubt_effects(
-        attribution,
-        tests.harmonic_lack_of_fit,
-        tests.harmonic_lack_of_fit_with_effects,
-        tests.lack_of_fit_with_effects,
-    )
+    if experiment.fit is not None:
+        attribution = doubt_effects(
+            attribution,
+            tests.harmonic_lack_of_fit,
+            tests.harmonic_lack_of_fit_with_effects,
+            tests.lack_of_fit_with_effects,
+        )
     tests = replace(tests, effects=attribution.effects)
     if not case.own_motion and not held_out:
         tests = replace(tests, harmonics_left_out=experiment.harmonics_left_out)

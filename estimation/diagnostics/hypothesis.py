@@ -113,7 +113,7 @@ class Hypothesis(Family, Candidates):
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Bounds of a candidate's first value, SI: those of the first parameter of its term."""
+        """Bounds of a candidate's values, SI: those of the first parameter of its term."""
         term = term_definitions().get(self.kind)
         if term is None:
             return -np.inf, np.inf

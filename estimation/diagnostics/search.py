@@ -42,6 +42,8 @@ RIVAL_LEVEL = 0.001
 """Level at which an effect must remain significant, given a rival, to exclude that rival."""
 _ROUNDS = 4
 """Largest number of rounds of exchanging effects for better ones."""
+_SIGMAS = 3.0
+"""Distance from a bound, in standard deviations, from which a value is impossible."""
 _REACH = 1.2
 """Half the range of the search for a constant, in its logarithm."""
 _TRIALS = 8
@@ -76,7 +78,7 @@ class EffectCandidate:
     contains: str = ""
     sized_by_constant: bool = False
     bounds: tuple[float, float] = (-np.inf, np.inf)
-    """Bounds of its first value, SI."""
+    """Bounds of its values, SI."""
     pitch: float = np.nan
     reach: float = 0.0
     """Reach of the scan that found a position-periodic force."""
@@ -86,10 +88,13 @@ class EffectCandidate:
         """Identity of the candidate; candidates that differ only in a constant are the same."""
         return self.kind, self.strut, self.parameter
 
-    def is_possible(self, value: float) -> bool:
-        """Return whether its first value is within the bounds."""
-        lower, upper = self.bounds
-        return lower <= value <= upper
+    def is_possible(self, values: Array, covariance: Array) -> bool:
+        """Return whether its values are within their bounds, or beyond them by noise alone."""
+        # Without parameters only the first value has bounds; others are auxiliary columns.
+        count = 1 + self.parameter.count(",")
+        (lower, upper), noise = self.bounds, _SIGMAS * np.sqrt(np.diag(covariance)[:count])
+        gaps = np.maximum(lower - values[:count], values[:count] - upper)
+        return bool(np.all(gaps <= noise))
 
     def log_p(self, fit: EffectFit, freedom: float) -> float:
         """Return the logarithm of p of its fit, uncorrected for its family."""
@@ -258,7 +263,7 @@ class Search:
                 own = self._fit_given(item, others)
                 # Any significant candidate is better than one beyond its bounds.
                 least = 0.0
-                if item.is_possible(own.values[0]):
+                if item.is_possible(own.values, own.covariance):
                     least = item.log_p(own, self.projection.freedom) - item.limit
                 if rivals and rivals[0][1] - rivals[0][0].limit < least:
                     found, changed = [*found[:number], rivals[0][0], *found[number + 1 :]], True
@@ -289,10 +294,11 @@ class Search:
                 continue
             if rival.contains == item.kind and rival.strut == item.strut:
                 continue
-            if not rival.is_possible(self._fit(rival, conditional).values[0]):
+            fit = self._fit(rival, conditional)
+            if not rival.is_possible(fit.values, fit.covariance):
                 continue
             # Given a rival, the item's statistic is at least the difference of both statistics.
-            least = own.statistic - self._fit(rival, conditional).statistic
+            least = own.statistic - fit.statistic
             if self._is_significant(
                 item, EffectFit(max(least, 0.0), own.rank, own.values, own.covariance)
             ):

@@ -25,7 +25,7 @@ from estimation.diagnostics.finding import (
 )
 from estimation.diagnostics.noise_tests import NoiseTests, Whiteness
 from estimation.diagnostics.reliability import UndetectedEffect
-from estimation.diagnostics.residuals import ChiSquare
+from estimation.diagnostics.residuals import ChiSquare, HarmonicLackOfFit
 from estimation.diagnostics.significance import CHI_SQUARE
 from estimation.estimators.experiment import Experiment
 
@@ -126,18 +126,21 @@ _MOVING = Assumption(
 def verdict(
     experiments: Sequence[AttributedDiagnosis],
     *of_the_estimate: Finding,
+    channels: Sequence[Finding] = (),
     undetected: Sequence[UndetectedEffect] = (),
 ) -> DiagnosisVerdict:
     """Judge an estimate by its own findings and by those of its experiments.
 
-    `undetected` are the effects that no test would find, the largest error first.
+    `channels` are findings of wrong channels, which explain other failures; `undetected` are the
+    effects that no test would find, the largest error first.
     """
     findings = (
+        *channels,
         *of_the_estimate,
         *(
             finding.of_experiment(number) if len(experiments) > 1 else finding
             for number, experiment in enumerate(experiments, 1)
-            for finding in experiment_findings(experiment)
+            for finding in experiment_findings(experiment, wrong_channels=bool(channels))
         ),
     )
     serious = [f.contradiction for f in findings if f.failed and f.serious]
@@ -166,14 +169,16 @@ def verdict(
     return DiagnosisVerdict(Status.ACCEPTED, summary, findings)
 
 
-def experiment_findings(diagnosis: AttributedDiagnosis) -> list[Finding]:
+def experiment_findings(
+    diagnosis: AttributedDiagnosis, *, wrong_channels: bool = False
+) -> list[Finding]:
     """Return the findings of one experiment, one per assumption."""
     tests, white = diagnosis.tests, diagnosis.tests.whiteness.force_residuals
     if white is None:
         raise AssertionError("forces leave residuals")
     left = "given the effects found" if diagnosis.attribution.effects else ""
     return [
-        _bias(diagnosis),
+        _bias(diagnosis, wrong_channels=wrong_channels),
         position_periodic_finding(diagnosis.attribution),
         *(
             hypothesis_finding(diagnosis.attribution, hypothesis)
@@ -193,57 +198,59 @@ def noise_findings(tests: _OfNoise) -> tuple[Finding, ...]:
     return _noise_white(tests), *_distribution(tests), _periods(tests)
 
 
-def _bias(diagnosis: AttributedDiagnosis) -> Finding:
+def _bias(diagnosis: AttributedDiagnosis, *, wrong_channels: bool) -> Finding:
     """Report a bias, the effects that explain it, and the states on which the rest depends."""
-    tests = diagnosis.tests
+    tests, attribution = diagnosis.tests, diagnosis.attribution
     single, low = tests.lack_of_fit, tests.harmonic_lack_of_fit
-    if single.refused:
+    biased = bool(np.any(single.failed)) or low.failed
+    if single.refused and not attribution.unlisted:
         return _EXPLAINED.skip(single.refused)
-    p, level = _family_p(single.p_values), single.level
-    if low.failed and p >= level:
-        p, level = float(np.exp(low.log_p)), low.level
-    together = ""
-    if not low.refused:
-        together = (
-            f"in all actuators together, up to line {low.lines} of the period, χ² / degrees of "
-            f"freedom = {low.statistic / low.freedom:.3f}, p = {np.exp(low.log_p):.2g}"
-        )
-    effects = diagnosis.attribution.effects
-    unlisted = diagnosis.attribution.unlisted and not diagnosis.pointwise
-    if not (np.any(single.failed) or low.failed or unlisted):
+    if not (biased or attribution.unlisted):
         worst = int(np.nanargmin(single.p_values))
-        numbers = [
+        numbers = (
             f"F = 1 is noise; largest F = {single.statistic[worst]:.3f} in actuator {worst + 1}, "
-            f"p = {single.p_values[worst]:.2g}",
-            together,
-        ]
-        sentence = f"the force residuals are noise ({'; '.join(filter(None, numbers))})"
-        return _EXPLAINED.holds(sentence, p, level)
+            f"p = {single.p_values[worst]:.2g}{'' if low.refused else f'; {_of_all(low)}'}"
+        )
+        sentence = f"the force residuals are noise ({numbers})"
+        return _EXPLAINED.holds(sentence, _family_p(single.p_values), single.level)
     parts = []
+    p, level = float(np.exp(low.log_p)), low.level
     if np.any(single.failed):
+        p, level = _family_p(single.p_values), single.level
         values = ", ".join(f"{value:.3f}" for value in single.statistic[single.failed])
         where = name_channels("actuator", single.failed)
         parts.append(f"the force residuals of {where} exceed the noise (F = {values}; 1 is noise)")
-    where = _biased_actuators(tests)
     if low.failed:
-        parts.append(f"the mean force residuals exceed the noise {together}")
-    words = effect_nouns(diagnosis.attribution)
-    found = join_words(dict.fromkeys(words[effect.kind] for effect in effects))
-    if not unlisted:
-        advice = f"{found} {'explains' if len(effects) == 1 else 'explain'} it"
+        parts.append(f"the mean force residuals exceed the noise ({_of_all(low)})")
+    where, words = _biased_actuators(tests), effect_nouns(attribution)
+    found = join_words(dict.fromkeys(words[effect.kind] for effect in attribution.effects))
+    if not attribution.unlisted:
+        verb = "explains" if len(attribution.effects) == 1 else "explain"
+        rest = tests.harmonic_lack_of_fit_with_effects.failed
+        advice = f"{found} {verb} {'most of ' * rest}it" if found else ""
         if diagnosis.pointwise:
             advice = (
                 "the residuals contain the noise of pointwise differentiation: use "
                 "`differentiation: fourier` first"
             )
         return _EXPLAINED.fails("; ".join(parts), p, level, where, advice)
-    if effects:
-        doubts = join_words(dict.fromkeys(effect.doubt for effect in effects))
+    if found:
+        doubts = join_words(dict.fromkeys(effect.doubt for effect in attribution.effects))
         parts.append(f"the residuals resemble {found}, but {doubts}")
+    if wrong_channels:
+        return _EXPLAINED.fails("; ".join(parts), p, level, where, "correct the channels first")
     where = ", ".join(filter(None, [where, *_name_states(low.shares)]))
-    added = join_words(each.noun for each in diagnosis.attribution.hypotheses if each.modelled)
+    added = join_words(each.noun for each in attribution.hypotheses if each.modelled)
     advice = f"{_UNLISTED.advice}; {added} in the model may only imitate one" if added else ""
-    return _UNLISTED.fails("; ".join(parts), p, level, where, advice)
+    finding = _UNLISTED.fails("; ".join(parts), p, level, where, advice)
+    return finding if biased else replace(finding, p=None, level=None)
+
+
+def _of_all(test: HarmonicLackOfFit) -> str:
+    return (
+        f"all actuators together, up to line {test.lines} of the period: χ² / degrees of freedom "
+        f"= {test.statistic / test.freedom:.3f}, p = {np.exp(test.log_p):.2g}"
+    )
 
 
 def _biased_actuators(tests: RecordingTests) -> str:
