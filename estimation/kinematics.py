@@ -292,9 +292,9 @@ def _p_values(
         curvature = np.einsum("sri,srj->sij", slope, slope)
     else:
         weighted = whiten_rows(noise_filter(residual), inverse, counts**2)
-        score = np.einsum("sri,sr->si", jacobian, noise_filter(weighted))
+        score = np.einsum("sri,sr->si", jacobian, noise_filter.adjoint(weighted))
         gains = noise_filter.gain @ (inverse * counts[0]) @ noise_filter.gain
-        turned = _turn_information(jacobian, gains, float(phases[0]))
+        turned = _turn_information(noise_filter.scale(jacobian), gains, float(phases[0]))
     values = []
     for harmonic in range(motion.harmonics + 1, most + 1):
         sin, cos = np.sin(harmonic * phases), np.cos(harmonic * phases)

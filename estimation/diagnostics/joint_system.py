@@ -283,7 +283,7 @@ class RowWhitening:
         zᵀ times the result is zᵀ W u, for a column z and the whitened rows of u.
         """
         values = np.matmul(self.white.T, rows) * np.sqrt(self.counts)[:, None, None]
-        return values if self.filter is None else self.filter(values)
+        return values if self.filter is None else self.filter.adjoint(values)
 
     def quadratic(self, actuator: int) -> Callable[[Array, Array], Array]:
         """Return a function for zᵀ W y of pairs of series in one actuator, (q, R) each: (q,)."""
@@ -294,7 +294,8 @@ class RowWhitening:
         noise_filter, count = self.filter, float(self.counts[0])
         gains = np.linalg.norm(self.white @ noise_filter.gain[:, :, actuator].T, axis=0) ** 2
         weights = count * gains * multiplicity(noise_filter.samples)
-        return lambda z, y: weights @ (lines_of(z.T).conj() * lines_of(y.T)).real
+        size = 1.0 if noise_filter.size is None else noise_filter.size[:, actuator]
+        return lambda z, y: weights @ (lines_of((z / size).T).conj() * lines_of((y / size).T)).real
 
 
 @dataclass(frozen=True, eq=False)

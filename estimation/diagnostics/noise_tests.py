@@ -13,7 +13,7 @@ whiteness, of drift and of a hum use them; `why_not_compared` states why a recor
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
@@ -23,7 +23,7 @@ from pydantic import Field
 
 from constraints.arrays import Array
 from estimation.diagnostics.significance import NOISE, ChannelTest, OfEach, below_level, no_numbers
-from estimation.processing import NoiseModel, PeriodicRecording
+from estimation.processing import Channels, NoiseModel, PeriodicRecording
 from estimation.processing.noise import NORMAL_MEDIAN
 from estimation.processing.spectrum import WhiteningFilter, contrasts
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -123,6 +123,17 @@ class Normality(ChannelTest):
     ]
     samples: Annotated[int, described("1", "number of samples of each channel")]
     mean: Annotated[OfEach, described("SI", "mean")] = field(default_factory=no_numbers)
+    size_over: Annotated[
+        str,
+        described("", "speed, force or phase, on which the size of the noise depends, or empty"),
+    ] = ""
+    size_ratio: Annotated[
+        OfEach,
+        described("1", "largest over smallest standard deviation; 1: the size does not depend"),
+    ] = field(default_factory=no_numbers)
+    size_weighted: Annotated[
+        bool, described("", "the weights of the estimate account for the size")
+    ] = False
 
     @property
     def failed(self) -> NDArray[np.bool_]:
@@ -299,12 +310,12 @@ def noise_tests(
         Residuals of the recording's rows, used if periods cannot be compared; None: there are none.
     """
     samples, white, normal, change = _test_channels(
-        recording, recording.forces.periods, noise.forces.filter, forces, level
+        recording, recording.forces, noise.forces.filter, forces, level
     )
     if samples is None or normal is None or change is None:
         raise AssertionError("forces leave residuals")
     lengths_tested = _test_channels(
-        recording, recording.lengths.periods, noise.lengths.filter, lengths, level
+        recording, recording.lengths, noise.lengths.filter, lengths, level
     )
     _, length_white, length_normal, length_change = lengths_tested
     counted = noise.forces.lines is not None
@@ -325,33 +336,41 @@ def noise_tests(
 
 def _test_channels(
     recording: PeriodicRecording,
-    periods: Array | None,
+    channels: Channels,
     noise_filter: WhiteningFilter | None,
     rows: Array | None,
     level: float,
 ) -> tuple[Array | None, Whiteness | None, Normality | None, Drift | None]:
     """Return samples of the noise, (K, N, 6), and the tests of forces or lengths."""
-    samples, white, change = None, None, None
-    if periods is not None and len(periods) > 1:
+    samples, white, change, profile = None, None, None, channels.profile
+    periods = measured = channels.periods
+    if periods is not None and measured is not None and len(periods) > 1:
+        periods = periods if profile is None else periods / profile.std
         samples = contrasts(periods)
         white = whiteness(samples, level=level)
         if noise_filter is not None:
-            periods = np.stack([noise_filter(period) for period in periods])
+            periods = np.stack([noise_filter(period) for period in measured])
             # The jump between a period's end and beginning appears as outliers after the filter.
             ends = noise_filter.reach(samples.std(axis=(0, 1)))
             samples = contrasts(periods)[:, ends : noise_filter.samples - ends]
     elif rows is not None:
         samples = rows[None] - rows.mean(axis=0)
     if periods is not None:
-        count, phases, channels = periods.shape
-        values = (periods - periods.mean(axis=0)).reshape(-1, channels)
+        count, phases = periods.shape[:2]
+        values = (periods - periods.mean(axis=0)).reshape(count * phases, -1)
         change = drift(values, np.repeat(np.arange(count), phases), phases, level)
     elif recording.averaged and (reason := why_not_compared(recording)):
         change = Drift(refused=reason, level=level)
     elif rows is not None:
         block = np.arange(len(rows)) * max(1, round(recording.periods)) // len(rows)
         change = drift(rows, block, 0, level)
-    return samples, white, None if samples is None else normality(samples, level), change
+    normal = None if samples is None else normality(samples, level)
+    if normal is not None and profile is not None:
+        weighted = noise_filter is not None and noise_filter.size is not None
+        normal = replace(
+            normal, size_over=profile.over, size_ratio=profile.ratio, size_weighted=weighted
+        )
+    return samples, white, normal, change
 
 
 def why_not_compared(recording: PeriodicRecording) -> str:

@@ -92,6 +92,18 @@ _OUTLIERS_COUNT_LESS = Assumption(
     "find their source; the estimate is hardly affected",
     serious=False,
 )
+_SAME_SIZE = Assumption(
+    "the noise has the same size throughout a period",
+    "the size of the noise depends on the motion",
+    "estimate with the noise of the recording (`estimate.noise: estimated`, `spectrum: auto`), "
+    "whose weights account for its size: the standard deviations do not",
+)
+_SIZE_WEIGHTED = Assumption(
+    _SAME_SIZE.text,
+    _SAME_SIZE.contradiction,
+    "no action needed: weights and standard deviations account for it",
+    serious=False,
+)
 _NORMAL = Assumption(
     "the noise is normal",
     "the noise is not normal",
@@ -394,6 +406,15 @@ def _distribution(tests: _OfNoise) -> Iterator[Finding]:
         for j in np.flatnonzero(test.with_outliers)
     }
     counts = ", ".join(f"{channel}: {count}" for channel, count in outliers.items())
+    changes = [
+        f"{kind}s over the {test.size_over} by up to a factor of {np.max(test.size_ratio):.2g}"
+        for kind, test in done.items()
+        if test.size_over
+    ]
+    if changes:
+        counted = all(test.size_weighted for test in done.values() if test.size_over)
+        size = _SIZE_WEIGHTED if counted else _SAME_SIZE
+        yield size.report_failure(f"the size of the noise changes: {join_words(changes)}")
     absent = "no more outlying samples than in normal noise"
     present = f"more outlying samples than in normal noise ({counts})"
     assumption, taken = _NO_OUTLIERS, tests.normality.taken

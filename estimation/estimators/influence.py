@@ -191,7 +191,7 @@ def _weighted(
             yield part, np.matmul(inverse, values) * counts[part][:, None, None]
         return
     whole = np.concatenate([values for _, values in columns])
-    weighted = noise_filter(np.matmul(inverse, noise_filter(whole)))
+    weighted = noise_filter.adjoint(np.matmul(inverse, noise_filter(whole)))
     yield slice(None), weighted * counts[:, None, None]
 
 
@@ -204,8 +204,10 @@ def _sandwich_covariance(
         lines = None
     if lines is not None and noise.filter is not None:
         loss = 1.0  # The weights at a line are estimated without that line.
+    size = None if noise.filter is None else noise.filter.size
     white, whole = np.zeros(()), []
-    for part, weights in parts:
+    for part, gain in parts:
+        weights = gain if size is None else gain * size[part][:, :, None]
         mixed = np.matmul(noise.covariance, weights) / counts[part][:, None, None]
         rows = weights.reshape(-1, weights.shape[2])
         white = white + loss * (rows.T @ mixed.reshape(rows.shape))

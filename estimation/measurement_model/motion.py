@@ -270,6 +270,9 @@ class Filter(Protocol):
     def __call__(self, values: Array) -> Array:
         """Return the filtered series."""
 
+    def adjoint(self, values: Array) -> Array:
+        """Return Fᵀ y for the filter F."""
+
     def rows(self, values: Array) -> Array:
         """Return rows, (R, 6, …), with the inner products of the filtered series."""
 

@@ -7,9 +7,10 @@ time and nothing is rounded.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,13 @@ from estimation.processing.noise import (
     series_weights,
 )
 from estimation.processing.period import PeriodError, PeriodSource, find_motion_onset, whole_samples
-from estimation.processing.spectrum import NoiseLines, WhiteningFilter, estimated_filter
+from estimation.processing.spectrum import (
+    NoiseLines,
+    WhiteningFilter,
+    estimated_filter,
+    scaling_filter,
+)
+from estimation.processing.variance import VarianceProfile, low_harmonics, variance_profile
 from expdesign.configuration.estimate import SpectrumOrigin
 
 _REPEATED = 2
@@ -56,6 +63,8 @@ class Channels:
     repeats: Array | None = None
     """(M, N, 6), the same with missing samples, and the lost weight of outliers, replaced by the
     mean. None if too many are missing, or all samples at a phase."""
+    profile: VarianceProfile | None = None
+    """Size of the noise over a period; None: it is constant, or cannot be seen."""
 
     def as_weighted(self, noise_filter: WhiteningFilter | None) -> Channels:
         """Return the channels with equal counts, as a whitening filter requires.
@@ -72,24 +81,46 @@ class Channels:
         With too few periods for a spectrum, or without `repeats`, the noise counts as white.
         """
         empirical = self.empirical_noise
-        if spectrum == "auto" or empirical is None or empirical.lines is None:
+        if spectrum == "auto" or empirical is None or self.repeats is None:
             return empirical
-        if spectrum == "white":
-            return replace(empirical, filter=None)
-        if empirical.filter is not None:
-            return empirical
-        return replace(
-            empirical, filter=estimated_filter(empirical.lines, empirical.covariance, always=True)
-        )
+        if spectrum == "estimated" or empirical.lines is None:
+            return self._estimate_noise(always=True)
+        return replace(empirical, lines=NoiseLines.of(self.repeats), filter=None)
 
     @cached_property
     def empirical_noise(self) -> NoiseEstimate | None:
-        """Noise estimated from the repetition, with a filter if it is coloured."""
+        """Noise estimated from the repetition, with a filter if it is coloured or changes."""
+        return self._estimate_noise(always=False)
+
+    def _estimate_noise(self, *, always: bool) -> NoiseEstimate | None:
         repeated, repeats = self.scatter, self.repeats
         if repeated is None or repeats is None or len(repeats) < FEWEST_PERIODS:
             return repeated
-        lines = NoiseLines.of(repeats)
-        return replace(repeated, lines=lines, filter=estimated_filter(lines, repeated.covariance))
+        lines, covariance, size = NoiseLines.of(repeats), repeated.covariance, None
+        if self.profile is not None:
+            size = self.profile.std
+            scaled = NoiseLines.of(repeats / size).covariance
+            # The variances of the scaled noise are those of the scatter.
+            size = size * np.sqrt(np.diag(scaled) / np.diag(covariance))
+            lines = NoiseLines.of(repeats / size)
+            covariance = lines.covariance
+        found = estimated_filter(lines, covariance, always=always)
+        if size is not None and self.profile is not None:
+            found = found or scaling_filter(covariance, lines.samples)
+            words = f"{found.smoothing}, scaled over the {self.profile.over}"
+            found = replace(found, size=size, smoothing=words)
+        return replace(repeated, covariance=covariance, lines=lines, filter=found)
+
+    def with_profile(self, quantities: Mapping[str, Array]) -> Channels:
+        """Return the channels with the size of their noise over one of these quantities."""
+        noise, periods, ends = self.empirical_noise, self.repeats, 0
+        if noise is None or noise.lines is None or periods is None:
+            return self
+        if noise.filter is not None:
+            periods = np.stack([noise.filter(period) for period in periods])
+            ends = noise.filter.reach(np.sqrt(np.diag(noise.covariance)))
+        profile = variance_profile(periods, quantities, ends)
+        return self if profile is None else replace(self, profile=profile)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,12 +227,12 @@ def fold_recording(
     span = complete * whole if whole is not None and average else complete * per_period
     rows = int(np.searchsorted(places, min(int(np.ceil(span * (1 - 1e-12))), available)))
     used = slice(start, start + rows)
-    collected: Callable[[Array], _Collected]
+    collected: Callable[..., _Collected]
     if whole is not None and average:
         origin, periods = 0.0, float(complete)
         phases = _Phases(places[:rows], complete, whole)
         times = data.time[start] + data.step * np.flatnonzero(phases.seen)
-        collected = partial(_mean_period, data.time[used], omega, phases, robust=robust)
+        collected = partial(_mean_period, data.time[used], omega, phases)
     else:
         middle = 0.5 * (data.time[used][0] + data.time[used][-1])
         period = 2 * np.pi / omega
@@ -215,12 +246,25 @@ def fold_recording(
         collected = partial(
             _single_samples, times, omega, per_period, repeated=repeated, robust=robust
         )
+
+    def channels(delay: float, values: Array, **options: Any) -> Channels:
+        return Channels(times - delay, *collected(values[used], **options))
+
+    both = ((data.force_delay, data.forces), (data.length_delay, data.lengths))
+    forces, lengths = (channels(*each) for each in both)
+    if whole is not None and average:
+        forces, lengths = _with_profiles(forces, lengths)
+        if robust:
+            forces, lengths = (
+                replace(channels(*each, robust=True, profile=found), profile=found)
+                for each, found in zip(both, (forces.profile, lengths.profile), strict=True)
+            )
     return PeriodicRecording(
         omega=omega,
         motion_onset=find_motion_onset(data),
         source=source,
-        forces=Channels(times - data.force_delay, *collected(data.forces[used])),
-        lengths=Channels(times - data.length_delay, *collected(data.lengths[used])),
+        forces=forces,
+        lengths=lengths,
         periods=float(periods),
         rows=rows,
         dropped=len(data) - rows,
@@ -231,6 +275,15 @@ def fold_recording(
         lost=int(places[rows - 1]) + 1 - rows if data.lost else 0,
         origin=origin,
     )
+
+
+def _with_profiles(forces: Channels, lengths: Channels) -> tuple[Channels, Channels]:
+    """Look for noise whose size depends on the struts' speeds or the forces, or on the phase."""
+    quantities = {
+        "speed": np.abs(low_harmonics(lengths.values, rate=True)),
+        "force": np.abs(low_harmonics(forces.values)),
+    }
+    return forces.with_profile(quantities), lengths.with_profile(quantities)
 
 
 def _first_row(data: Measurement) -> int:
@@ -272,7 +325,13 @@ class _Phases:
 
 
 def _mean_period(
-    times: Array, omega: float, phases: _Phases, values: Array, *, robust: bool
+    times: Array,
+    omega: float,
+    phases: _Phases,
+    values: Array,
+    *,
+    robust: bool = False,
+    profile: VarianceProfile | None = None,
 ) -> _Collected:
     periods, present, seen = phases.arrange(values), phases.present, phases.seen
     weights = present.astype(float)
@@ -282,7 +341,8 @@ def _mean_period(
         mean = periods.sum(axis=0) / np.maximum(weights.sum(axis=0), 1.0)[:, None]
         periods = np.where(present[:, :, None], periods, mean)
     if robust and len(periods) >= FEWEST_PERIODS:
-        weights = weights * huber_weights(periods)
+        size = 1.0 if profile is None else profile.std
+        weights = weights * huber_weights(periods / size)
     elif robust:
         harmonics = series_harmonics(len(values), phases.samples)
         own = series_weights(times, values, omega, harmonics)[1]

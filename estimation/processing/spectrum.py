@@ -324,7 +324,7 @@ _SHOWN = 0.1
 
 @dataclass(frozen=True, eq=False)
 class WhiteningFilter:
-    """Circular filter for series of one period; the filtered noise is white."""
+    """Scaling and circular filter for series of one period; the filtered noise is white."""
 
     gain: ComplexArray
     """(N // 2 + 1, 6, 6), H, Hermitian."""
@@ -338,21 +338,29 @@ class WhiteningFilter:
     """Degrees of freedom of one line's spectrum; inf if it was given."""
     loss: float
     """Ratio of the actual variance of an estimate to that stated by weights from this spectrum."""
+    size: Array | None = None
+    """(N, 6), size of the noise by which series are divided first; None: it is constant."""
 
     def __call__(self, values: Array) -> Array:
-        """Return series, (N, 6, …), filtered."""
-        return self._through(self.gain, values)
+        """Return series, (N, 6, …), scaled and filtered."""
+        return self._through(self.scale(values))
 
-    def invert(self, values: Array) -> Array:
-        """Return the series, (N, 6, …), before the filter."""
-        return self._through(np.asarray(np.linalg.inv(self.gain), dtype=np.complex128), values)
+    def adjoint(self, values: Array) -> Array:
+        """Return Fᵀ y of series, (N, 6, …), for this linear operation F."""
+        return self.scale(self._through(values))
+
+    def scale(self, values: Array) -> Array:
+        """Return series, (N, 6, …), divided by the size of the noise."""
+        if self.size is None:
+            return values
+        return values / self.size.reshape(*self.size.shape, *(1,) * (values.ndim - 2))
 
     def rows(self, values: Array) -> Array:
         """Return real and imaginary parts of the filtered lines, (2 (N // 2 + 1), 6, …).
 
         Their inner products are those of the filtered series.
         """
-        lines = _apply_gain(self.gain, lines_of(values))
+        lines = _apply_gain(self.gain, lines_of(self.scale(values)))
         lines *= np.sqrt(multiplicity(self.samples)).reshape(-1, *(1,) * (lines.ndim - 1))
         return np.concatenate([lines.real, lines.imag])
 
@@ -365,12 +373,12 @@ class WhiteningFilter:
         """
         impulse = np.zeros((self.samples, ACTUATORS, ACTUATORS))
         impulse[0] = np.diag(std)
-        left = np.abs(np.cumsum(self(impulse)[self.samples // 2 : 0 : -1], axis=0))[::-1]
+        left = np.abs(np.cumsum(self._through(impulse)[self.samples // 2 : 0 : -1], axis=0))[::-1]
         shown = np.any(left > _SHOWN * std[:, None], axis=(1, 2))
         return min(int(np.max(np.flatnonzero(shown) + 1, initial=0)), self.samples // 4)
 
-    def _through(self, gain: ComplexArray, values: Array) -> Array:
-        return series_of(_apply_gain(gain, lines_of(values)), self.samples)
+    def _through(self, values: Array) -> Array:
+        return series_of(_apply_gain(self.gain, lines_of(values)), self.samples)
 
 
 def _apply_gain(gain: ComplexArray, lines: ComplexArray) -> ComplexArray:
@@ -393,6 +401,14 @@ def given_filter(covariance: Array, spectrum: ComplexArray, samples: int) -> Whi
     """Return the filter for noise with a known spectrum at the lines of a period."""
     gain = filter_to(covariance, spectrum)
     return WhiteningFilter(gain, samples, spectrum, "the spectrum given", freedom=np.inf, loss=1.0)
+
+
+def scaling_filter(covariance: Array, samples: int) -> WhiteningFilter:
+    """Return the filter that leaves white noise of this covariance unchanged."""
+    every = (samples // 2 + 1, *covariance.shape)
+    unity = np.broadcast_to(np.eye(len(covariance), dtype=np.complex128), every)
+    spectrum = np.broadcast_to(covariance.astype(np.complex128), every)
+    return WhiteningFilter(unity, samples, spectrum, "white", freedom=np.inf, loss=1.0)
 
 
 def estimated_filter(
