@@ -22,13 +22,17 @@ def exact(trajectory, time):
     """Return pose, rate, acceleration and jerk at a time, 24 numbers in many digits."""
     omega, found = mpmath.mpf(trajectory.omega), []
     for derivative in range(DERIVATIVES):
+        waves = []
+        for k in range(1, trajectory.harmonics + 1):
+            phase = k * omega * time + derivative * mpmath.pi / 2
+            grown = (k * omega) ** (derivative - 1)
+            waves.append((grown * mpmath.sin(phase), grown * mpmath.cos(phase)))
         for i in range(6):
             total = mpmath.mpf(trajectory.lambda0[i]) if derivative == 0 else mpmath.mpf(0)
-            for k in range(1, trajectory.harmonics + 1):
-                phase = k * omega * time + derivative * mpmath.pi / 2
-                mu, nu = (mpmath.mpf(one[i, k - 1]) for one in (trajectory.mu, trajectory.nu))
-                grown = (k * omega) ** (derivative - 1)
-                total += grown * (mu * mpmath.sin(phase) - nu * mpmath.cos(phase))
+            for mu, nu, (sine, cosine) in zip(
+                trajectory.mu[i], trajectory.nu[i], waves, strict=True
+            ):
+                total += mpmath.mpf(mu) * sine - mpmath.mpf(nu) * cosine
             found.append(total)
     return found
 
