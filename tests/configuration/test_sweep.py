@@ -14,6 +14,8 @@ from expdesign.configuration.grid import resolved_cell
 from expdesign.configuration.robot import load_robot_description
 from expdesign.configuration.schema import LONGEST_NAME
 
+LIMITS = load_robot_description("palida").limits
+
 
 def run(**sections):
     return {"name": "run", "robot": "palida", **sections}
@@ -170,8 +172,9 @@ def test_what_stands_in_the_file_is_told_by_its_line(tmp_path):
 
 
 @given(factor=st.floats(0.5, 1.5), key=st.sampled_from(["strut_speed", "tilt", "strut_clearance"]))
+@settings(max_examples=30)
 def test_a_bound_is_multiplied(factor, key):
-    base = load_robot_description("palida").limits[key]
+    base = LIMITS[key]
     (point,) = load_run(run(sweep={f"limits.{key}.scale": [factor]})).grid
     limit = point.configuration.robot.limits[key]
     np.testing.assert_allclose(limit.lower, factor * base.lower, rtol=1e-12)
@@ -180,8 +183,9 @@ def test_a_bound_is_multiplied(factor, key):
 
 
 @given(factor=st.floats(0.7, 1.2))
+@settings(max_examples=30)
 def test_a_range_is_widened_about_its_middle(factor):
-    base = load_robot_description("palida").limits["strut_length"]
+    base = LIMITS["strut_length"]
     (point,) = load_run(run(sweep={"limits.strut_length.scale": [factor]})).grid
     limit = point.configuration.robot.limits["strut_length"]
     np.testing.assert_allclose(limit.lower + limit.upper, base.lower + base.upper, rtol=1e-12)
