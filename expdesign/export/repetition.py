@@ -21,6 +21,8 @@ from expdesign.export.definition import Rows, Settings, TableError, Task
 
 PERIODS = 2
 LEAD_IN, LEAD_OUT = ".lead-in", ".lead-out"
+_ROWS = 20_000
+"""Rows that are collected at once."""
 _SAME_STEP = 0.5e-9
 """s; largest difference of two steps of time that count as equal."""
 _SAME_PERIOD = 1e-10
@@ -172,7 +174,9 @@ def collect(blocks: Iterable[tuple[Array, Array]], settings: Settings) -> Collec
     """
     collector = _Collector(settings)
     for times, values in blocks:
-        collector.add(times, values)
+        for first in range(0, len(times), _ROWS):
+            rows = slice(first, first + _ROWS)
+            collector.add(times[rows], values[rows])
     return collector.finish()
 
 

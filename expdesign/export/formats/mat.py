@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from expdesign.export.definition import (
     TableError,
     TableFormat,
 )
+from expdesign.export.repetition import collect
 from expdesign.export.row_times import COLUMNS
 from expdesign.mechanism.hexapod import actuator_names
 
@@ -30,7 +32,7 @@ _EDGE = 1e-9
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
-    axes = settings.axes
+    axes, rows = settings.axes, rows.expanded()
     data = {
         "command": np.column_stack([rows.times, rows.position]),
         "command_axes": np.array(["t", *axes.names], dtype=object),
@@ -49,6 +51,7 @@ def _read(path: Path, settings: Settings) -> Rows:
         command, motion = data["command"], data["motion"][0, 0]
         names, units = _texts(data["command_axes"]), _texts(data["command_units"])
         record = {c.name: _column(motion[c.name]) for c in COLUMNS}
+        values = np.column_stack([command[:, 1:], *[record[c.name] for c in COLUMNS[1:]]])
     except (
         MatReadError,
         zlib.error,
@@ -69,7 +72,12 @@ def _read(path: Path, settings: Settings) -> Rows:
         raise TableError("window differs from the one that was written")
     if {name: str(unit.item()) for name, unit in _fields(data.get("units"))} != _UNITS:
         raise TableError("units are others than were written")
-    return Rows(command[:, 0], command[:, 1:], columns=record).checked()
+    if not np.array_equal(record["t"], command[:, 0]):
+        raise TableError("the times of command and motion differ")
+    found = collect([(command[:, 0], values)], settings)
+    columns = {"t": found.times}
+    columns |= {c.name: found.values[:, _AXES + k] for k, c in enumerate(COLUMNS[1:])}
+    return replace(found.rows(found.values[:, :_AXES]), columns=columns).checked()
 
 
 def _fields(found: Any) -> list[tuple[str, Any]]:
@@ -126,5 +134,6 @@ FORMAT = TableFormat(
     axes={"strut": actuator_names("S"), "pose": POSE_AXES},
     may_crash="from scipy.io import loadmat; loadmat(sys.argv[1], appendmat=False)",
     uniform=True,
+    repeats=True,
     whole=True,
 )
