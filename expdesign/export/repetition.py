@@ -33,15 +33,16 @@ _AT_EDGE = 1e-7
 
 def shorten(settings: Settings) -> Settings:
     """Return settings whose motion has at most two periods."""
-    if settings.task.motion.periods <= PERIODS:
-        return settings
-    return replace(settings, task=shorten_task(settings.task))
+    task = shorten_task(settings.task)
+    return settings if task is settings.task else replace(settings, task=task)
 
 
 @lru_cache(maxsize=8)
 def shorten_task(task: Task) -> Task:
     """Return a task whose motion has at most two periods."""
-    motion = task.motion.with_periods(min(task.motion.periods, PERIODS))
+    if task.motion.periods <= PERIODS:
+        return task
+    motion = task.motion.with_periods(PERIODS)
     return task if motion is task.motion else replace(task, motion=motion)
 
 
