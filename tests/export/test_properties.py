@@ -37,7 +37,7 @@ def made(name, digits, start):
     units = (form.units,) * 6
     axes = Axes(space, form.axes[space], units, np.arange(6), np.ones(6), np.zeros(6))
     motion = SimpleNamespace(window=(0.0, 1.0), periods=1, duration=10.0)
-    task = SimpleNamespace(name="n", motion=motion)
+    task = SimpleNamespace(name="n", motion=motion, controller_period=1e-3)
     return Settings(section, form, task, axes, digits, 1e-3, 1e-6, start)
 
 
@@ -56,7 +56,8 @@ def test_what_is_written_is_read(name, digits, count, data, tmp_path_factory):
     if form.uniform:
         times = 1e-3 * np.arange(count)
     else:
-        steps = st.floats(1e-4, 1.0)
+        # Rows of G-code are whole servo cycles of 1 ms apart.
+        steps = st.floats(2e-3 if name == "linuxcnc-gcode" else 1e-4, 1.0)
         times = np.concatenate(
             [[0], np.cumsum(data.draw(arrays(float, count - 1, elements=steps)))]
         )

@@ -71,14 +71,14 @@ _LOOP = Loop("o100 repeat [{}]", "o100 endrepeat", "({})")
 
 def _feeds(times: Array, settings: Settings) -> Array:
     """Return F of each row but the first, 1/min, of times in whole servo cycles."""
-    period = planner_limits(settings).period
+    period = _servo_period(settings)
     cycles = np.rint(np.diff(times) / period)
     return np.round(60 / (period * (cycles + _MORE)), _FEED_DIGITS)
 
 
 def _on_cycles(times: Array, settings: Settings) -> Array:
     """Return times, s, rounded to servo cycles."""
-    period = planner_limits(settings).period
+    period = _servo_period(settings)
     return period * np.rint(times / period)
 
 
@@ -141,7 +141,7 @@ def _moves(
 
     Rows before which an output is switched are added to `switched`.
     """
-    period = planner_limits(settings).period
+    period = _servo_period(settings)
     on, off = _commands(settings) if settings.section.trigger is not None else ("", "")
     known: dict[str, list[float]] = {}
     total = number = 0
@@ -273,7 +273,7 @@ def choose_row_times(settings: Settings, place: str) -> Array:
     follows none of them, the table with the smallest deviation is written, and refused.
     """
     motion, given = settings.task.motion, settings.section.segment
-    period = planner_limits(settings).period
+    period = _servo_period(settings)
     longest = _CYCLES[-1] * period if given is None else given
     made = f"{motion.duration:.4g} s in steps of {longest:g} s"
     key = f"{place}.segment" if place else "segment"
@@ -363,7 +363,7 @@ def planner_limits(settings: Settings) -> PlannerLimits:
         for given, default, unit in values
     ]
     return PlannerLimits(
-        options.servo_period or min(settings.task.controller_period, _PERIOD),
+        _servo_period(settings),
         np.concatenate(found[:2]),
         np.concatenate(found[2:]),
         np.inf if options.path_speed is None else metre * options.path_speed,
@@ -371,6 +371,10 @@ def planner_limits(settings: Settings) -> PlannerLimits:
 
 
 _DEGREE = 180 / np.pi
+
+
+def _servo_period(settings: Settings) -> float:
+    return _options(settings).servo_period or min(settings.task.controller_period, _PERIOD)
 
 
 def _round_up(value: float) -> float:
