@@ -81,7 +81,10 @@ class Effect:
     kind: Annotated[str, described("", "position-periodic, or a family of hypotheses")]
     strut: Annotated[Strut, described("1", "number of the strut; null: all of them")]
     parameter: Annotated[
-        str, described("", "parameter of a column; base or platform for a joint; otherwise empty")
+        str,
+        described(
+            "", "parameters; base or platform for a joint; force or length for a lag; else empty"
+        ),
     ]
     log_p: Annotated[
         OpenNumber,

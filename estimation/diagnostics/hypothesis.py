@@ -195,7 +195,7 @@ class CandidateResult:
     """Test of one candidate."""
 
     parameter: Annotated[
-        str, described("", "parameter of the column, or base or platform; or empty")
+        str, described("", "parameters, base or platform, force or length; or empty")
     ]
     actuator: Annotated[Strut, described("1", "number of the actuator; null: all of them")]
     constant: Annotated[OpenNumber, described("SI", "constant of the columns; null: none")]
