@@ -372,14 +372,18 @@ def test_what_no_candidate_explains_counts_as_noise():
     assert judge.try_term("stribeck", ()).statistic == pytest.approx(disturbed_by * statistic)
 
 
-def _selected(force, *candidates):
-    """Return the estimate, with a selection, of a machine with another force."""
+def _with_force(force):
+    """Return a recording of a machine with another force, of the struts' state and the load."""
     data = measured(MOTION, seed=3, periods=6, force_scale=0.1)
     state = MOTION.sample(data.time)
     struts = ROBOT.strut_motion(state.pose, state.rate, state.acceleration)
     load = ROBOT.actuator_forces(state.pose, state.rate, state.acceleration)
-    data = replace(data, forces=data.forces + force(struts, load))
-    return estimate_parameters(selecting(candidates=list(candidates)), data, MOTION)
+    return replace(data, forces=data.forces + force(struts, load))
+
+
+def _selected(force, *candidates):
+    configuration = selecting(candidates=list(candidates))
+    return estimate_parameters(configuration, _with_force(force), MOTION)
 
 
 def _named(result):
@@ -397,6 +401,15 @@ def test_a_term_with_an_impossible_sign_is_not_chosen_and_is_named():
     assert row.bic < 0
     assert not row.possible
     assert "load_friction" in _named(result).contradiction
+
+
+def test_an_added_term_with_an_impossible_sign_is_named():
+    file = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+    robot = file | {"terms": [*file["terms"], "load_friction"]}
+    section = {"estimators": ["gm"], "harmonics": 2}
+    data = _with_force(lambda s, load: -0.06 * np.abs(load) * np.sign(s.length_rate))
+    found = diagnose_estimation(estimate_parameters(run(section, robot=robot), data, MOTION))
+    assert "not plausible for this machine (mu" in found.verdict.summary
 
 
 def test_a_term_that_leaves_most_of_a_lack_of_fit_is_not_kept_and_is_named():
