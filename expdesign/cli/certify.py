@@ -45,10 +45,10 @@ def certify_motions(place: Path, design: Path | None, *, piece: bool, as_json: b
     folder = path
     if not path.is_dir():
         folder = folder_of_table(path) if design is None else design.absolute()
-    configuration = run_configuration(folder)
-    warn_of_changes(folder, "", "design", "export")
+    run_configuration(folder)
     with working("certify") as terminal, consistent_reading(folder):
-        work = Workspace(configuration, folder, terminal)
+        warn_of_changes(folder, "", "design", "export")
+        work = Workspace(run_configuration(folder), folder, terminal)
         if path.is_dir():
             parts = certified_folder(work)
         else:

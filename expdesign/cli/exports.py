@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,8 +18,10 @@ from expdesign.configuration.document import document_from_mapping
 from expdesign.configuration.export import STRUT_ONLY, export_formats
 from expdesign.configuration.schema import validate
 from expdesign.export.formats import table_formats
-from expdesign.runfolder.lock import one_writer
-from expdesign.stages.export import export_one
+from expdesign.export.result import FOLDER
+from expdesign.runfolder.lock import one_writer_to
+from expdesign.stages.execution import refuse_unwritable
+from expdesign.stages.export import export_one, export_path, export_task
 from expdesign.stages.registry import stages
 from expdesign.stages.stage import Workspace, short
 from results.render.terminal import print_view
@@ -55,15 +56,19 @@ def export_motion(
         key: EXPORT_OPTIONS[key].read(text) for key, text in options.items() if text is not None
     }
     section = _section(name, given, configuration)
-    warn_of_changes(folder, "", "design", "export")
-    is_inside = out is None or out.absolute().is_relative_to(folder)
+    target = folder / FOLDER / name if out is None else out.absolute()
+    refuse_unwritable(target.parent)
     with (
         working("export") as terminal,
-        one_writer(folder, "expdesign export") if is_inside else nullcontext(),
+        one_writer_to(target.parent, "expdesign export", folder, target.name) as reading,
     ):
-        outcome = export_one(
-            stages()["export"], section, Workspace(configuration, folder, terminal), out
-        )
+        with reading:
+            warn_of_changes(folder, "", "design", "export")
+            work = Workspace(run_configuration(folder), folder, terminal)
+            work.warn(work.configuration.warnings_before("export"))
+            path = export_path(section, work, out)
+            task = export_task(work)
+        outcome = export_one(stages()["export"], section, work, task, path)
     if as_json:
         write_json({"status": 0, **outcome.summary})
     else:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -33,7 +32,7 @@ from expdesign.progress import report_progress
 from expdesign.robot import Robot, load_robot
 from expdesign.robot.deviation import FORCE_CONSTANT, deviations, estimated_constants
 from expdesign.runfolder.files import atomic_write
-from expdesign.runfolder.lock import one_writer
+from expdesign.runfolder.lock import one_writer_to
 from expdesign.runfolder.manifest import Manifest, file_hash, package_versions
 from expdesign.stages.execution import record_added, refuse_unwritable
 from expdesign.stages.stage import Progress, short
@@ -68,22 +67,31 @@ def write_model(source: str, name: str, out: Path | None, width: str, *, as_json
     ComputationError
         The format cannot be made here, or its self-test fails.
     """
-    speed, folder = _speed(width), Path(source).absolute()
-    if folder.is_dir():
-        warn_of_changes(folder, "", "estimate", "design")
-    is_inside = folder.is_dir() and (out is None or out.absolute().is_relative_to(folder))
+    speed = _speed(width)
+    if name not in FORMATS:
+        message = f"there is no format '{name}'" if name else "no format is given"
+        raise InputError(message, key="--format", allowed=" | ".join(FORMATS))
+    folder = Path(source).absolute() if Path(source).is_dir() else None
+    robot_file = source if folder is None else _identified(folder)
+    place = Path("runs") / load_robot(robot_file).name if folder is None else folder
+    target = (place / FOLDER / name if out is None else out).absolute()
+    refuse_unwritable(target)
     with (
         working("model") as progress,
-        one_writer(folder, "expdesign model") if is_inside else nullcontext(),
+        one_writer_to(target, "expdesign model", folder) as reading,
     ):
-        target, result = _written_model(source, name, out, speed, progress)
-        if is_inside:
+        with reading:
+            if folder is not None:
+                warn_of_changes(folder, "", "estimate", "design")
+            model, motion = _control_model(load_robot(robot_file), folder, speed, progress)
+        result = _written_model(model, motion, name, target, progress)
+        if folder is not None and target.is_relative_to(folder):
             record_added(folder, (target / file for file in (*result.files, result.FILE)))
     if as_json:
         write_json({"status": 0, "folder": str(target), **result.as_data()})
     else:
-        place = short(target)
-        print_view(control_models_view({place: result}), results(), place)
+        shown_as = short(target)
+        print_view(control_models_view({shown_as: result}), results(), shown_as)
 
 
 def _speed(text: str) -> float:
@@ -98,21 +106,13 @@ def _speed(text: str) -> float:
     return speed
 
 
-def _written_model(
-    source: str, name: str, out: Path | None, width: float, progress: Progress
-) -> tuple[Path, ControlModelFile]:
-    """Write a control model; return its folder and its description."""
-    if name not in FORMATS:
-        message = f"there is no format '{name}'" if name else "no format is given"
-        raise InputError(message, key="--format", allowed=" | ".join(FORMATS))
-    folder = Path(source).absolute() if Path(source).is_dir() else None
-    robot = load_robot(source if folder is None else _identified(folder))
+def _control_model(
+    robot: Robot, folder: Path | None, width: float, progress: Progress
+) -> tuple[ControlModel, str]:
+    """Return the control model, with its doubts reported, and the motion of its uncertainty."""
     known, path = robot.description.description.identification, robot.description.source
     if path is None:
         raise InputError("a robot without a file has no control model", key="DIR")
-    place = Path("runs") / robot.name if folder is None else folder
-    target = (place / FOLDER / name if out is None else out).absolute()
-    refuse_unwritable(target)
     report_progress("uncertainty of the forces")
     motion, trajectory = ("", None) if folder is None else _motion(folder)
     uncertainty = _uncertainty(robot, known, trajectory, path)
@@ -124,34 +124,43 @@ def _written_model(
     else:
         for warning in _doubts(model, known, short(path)):
             progress.warn(warning)
+    return model, "" if uncertainty is None else motion
+
+
+def _written_model(
+    model: ControlModel, motion: str, name: str, target: Path, progress: Progress
+) -> ControlModelFile:
+    """Write a control model into a folder; return its description."""
     report_progress(f"writing and testing {name}")
     with TemporaryDirectory(prefix="expdesign-model-") as place_to_work:
         made = FORMATS[name].make(model, Path(place_to_work))
     if made.untested:
         progress.warn(made.untested)
+    (target / ControlModelFile.FILE).unlink(missing_ok=True)
     files = []
     for file_name, content in made.files.items():
         with atomic_write(target / file_name) as beside:
             beside.write_bytes(content)
         files.append(target / file_name)
     files += VECTORS.write(target, model.vectors)
+    uncertainty = model.uncertainty
     if uncertainty is not None:
         files += UNCERTAINTY.write(target, uncertainty)
     result = ControlModelFile(
         model_format=name,
         title=FORMATS[name].title,
-        robot=robot.name,
+        robot=model.robot.name,
         prefix=model.prefix,
         origin=model.origin,
-        sign_width=width,
+        sign_width=model.width,
         files={each.name: file_hash(each) for each in dict.fromkeys(files)},
         tests=made.tests,
         untested=made.untested,
         uncertainty=() if uncertainty is None else by_actuator(uncertainty),
-        motion="" if uncertainty is None else motion,
+        motion=motion,
     )
     result.write(target)  # last: it says that all else is there
-    return target, result
+    return result
 
 
 def _identified(folder: Path) -> Path:

@@ -10,8 +10,14 @@ from expdesign.cli.output import note, say, warn, write_json
 from expdesign.cli.terminal import Terminal, working
 from expdesign.configuration import InputError, RunConfiguration, load_run
 from expdesign.runfolder.files import RUN_FILE
-from expdesign.runfolder.lock import consistent_reading, one_writer
-from expdesign.stages.execution import execute, refuse_run_file, refuse_unwritable, run_folder
+from expdesign.runfolder.lock import one_writer
+from expdesign.stages.execution import (
+    current_configuration,
+    execute,
+    refuse_run_file,
+    refuse_unwritable,
+    run_folder,
+)
 from expdesign.stages.registry import reported_stages, stages
 from expdesign.stages.run import folder_changes, report_of, run
 from expdesign.stages.stage import Sources, StageFailed, Workspace, short
@@ -30,18 +36,15 @@ def execute_stage(
 ) -> None:
     """Execute one stage of a run; the sources replace the inputs that the folder holds."""
     configuration = load_run(config)
-    before = configuration.warnings_before(name)
-    if repetitions is not None:
-        configuration = configuration.with_section("montecarlo", repetitions=repetitions)
-    work = Workspace(
-        configuration,
-        run_folder(configuration, out),
-        Terminal(quiet=as_json),
-        Sources(**(sources or {})),
-        resume,
-    )
-    refuse_unwritable(work.folder)
-    with one_writer(work.folder, f"expdesign {name}"):
+    folder = run_folder(configuration, out)
+    refuse_unwritable(folder)
+    with one_writer(folder, f"expdesign {name}"):
+        configuration = current_configuration(configuration, folder)
+        before = configuration.warnings_before(name)
+        if repetitions is not None:
+            configuration = configuration.with_section("montecarlo", repetitions=repetitions)
+        inputs = Sources(**(sources or {}))
+        work = Workspace(configuration, folder, Terminal(quiet=as_json), inputs, resume)
         work.warn(before)
         outcome = execute(stages()[name], work)
     if strict and outcome.doubt:
@@ -95,7 +98,7 @@ def compare_folders(
         warn_of_changes(path, short(path))
     if not quick and not as_json and any((path / "design.json").is_file() for path in paths):
         note("one solve per design for the costs of its limits (--quick leaves them out) …")
-    with working("compare"), one_writer(place, "expdesign compare"), consistent_reading(*paths):
+    with working("compare"), one_writer(place, "expdesign compare"):
         written = write_comparison(paths, place, reported_stages(), precision=share, quick=quick)
     if as_json:
         write_json(

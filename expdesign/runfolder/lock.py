@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,7 +21,7 @@ from filelock import FileLock, Timeout
 from expdesign.configuration import ComputationError, InputError
 from expdesign.runfolder.fields import described
 from expdesign.runfolder.files import RUN_FILE
-from expdesign.runfolder.manifest import Manifest, known_hash
+from expdesign.runfolder.manifest import Manifest, known_hash, text_hash
 from expdesign.runfolder.store import JsonFile
 
 LOCK = ".expdesign-lock"
@@ -74,33 +74,61 @@ def one_writer(folder: Path, command: str) -> Iterator[None]:
 
 
 @contextmanager
-def _locked(folder: Path, command: str) -> Iterator[None]:
+def one_writer_to(
+    place: Path, command: str, source: Path | None, name: str = ""
+) -> Iterator[AbstractContextManager[None]]:
+    """Hold the lock of the run folder that contains a folder; outside of any, of the folder itself.
+
+    Outside of run folders others may write other files than `name`. It provides the context in
+    which the run folder `source` is read: another command may write to it, unless its lock is held.
+
+    Raises
+    ------
+    InputError
+        Another command writes there.
+    """
+    folders = (place, *place.parents)
+    owner = next((p for p in folders if p == source or (p / Manifest.FILE).is_file()), None)
+    alone = _locked(place, command, f"-{text_hash(name)[:8]}" if name else "")
+    with alone if owner is None else one_writer(owner, command):
+        yield nullcontext() if source in (None, owner) else consistent_reading(source)
+
+
+@contextmanager
+def _locked(folder: Path, command: str, suffix: str = "") -> Iterator[None]:
     created = [place for place in (folder, *folder.parents) if not place.exists()]
     folder.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(folder / LOCK, timeout=_PATIENCE, poll_interval=_POLL)
+    file, holder = (folder / f"{LOCK}{suffix}{ending}" for ending in ("", ".json"))
+    lock = FileLock(file, timeout=_PATIENCE, poll_interval=_POLL)
     try:
         lock.acquire()
     except Timeout:
-        raise InputError(
-            _who_writes(folder), folder, allowed="wait until it has ended, or use another folder"
-        ) from None
+        allowed = "wait until it has ended, or use another folder"
+        raise InputError(_who_writes(holder), folder, allowed=allowed) from None
     since = datetime.now(UTC).isoformat(timespec="seconds")
     try:
-        Holder(command, os.getpid(), platform.node(), since).write(folder)
+        Holder(command, os.getpid(), platform.node(), since).write_as(holder)
         yield
     finally:
-        # Removed while it is held: whoever has opened it by now finds that and opens a new one.
-        for file in (folder / Holder.FILE, folder / LOCK):
-            with suppress(OSError):
-                file.unlink()
-        lock.release()
+        _release(lock, holder, file)
         for place in created:
             with suppress(OSError):
                 place.rmdir()
 
 
-def _who_writes(folder: Path) -> str:
-    holder = Holder.known(folder)
+def _release(lock: FileLock, *files: Path) -> None:
+    """Release a lock and remove its files.
+
+    They are removed while it is held: a process that has opened them by now opens new ones.
+    """
+    for file in files:
+        with suppress(OSError):
+            file.unlink()
+    lock.release()
+
+
+def _who_writes(file: Path) -> str:
+    holder = Holder.known(file)
     if holder is None:
         return "another command is writing to this folder"
     return (
@@ -136,13 +164,14 @@ def consistent_reading(*folders: Path) -> Iterator[None]:
 
 def _manifest_if_unlocked(folder: Path) -> str:
     """Return the hash of a folder's manifest; refuse a folder that another command writes to."""
-    if (folder / LOCK).exists():
-        lock = FileLock(folder / LOCK, timeout=0)
+    file, holder = folder / LOCK, folder / Holder.FILE
+    if file.exists():
+        lock = FileLock(file, timeout=0)
         with suppress(OSError):
             try:
                 lock.acquire()
             except Timeout:
-                message = f"{folder}: {_who_writes(folder)}; run it again when that has ended"
+                message = f"{folder}: {_who_writes(holder)}; run it again when that has ended"
                 raise ComputationError(message) from None
-            lock.release()
+            _release(lock, holder, file)
     return known_hash(folder / Manifest.FILE)

@@ -328,6 +328,17 @@ def run_folder(configuration: RunConfiguration, out: Place | None) -> Path:
     return folder
 
 
+def current_configuration(configuration: RunConfiguration, folder: Path) -> RunConfiguration:
+    """Return the configuration; read that of the folder's own `run.yaml` again, under its lock.
+
+    Another command may have written it meanwhile.
+    """
+    file = configuration.file
+    if file is None or file.absolute() != folder / RUN_FILE:
+        return configuration
+    return load_run(file)
+
+
 def refuse_long(folder: Path) -> None:
     """Refuse a folder with a name that is too long for the system."""
     longest = max(len(os.fsencode(part)) for part in folder.parts)

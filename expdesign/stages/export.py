@@ -45,7 +45,6 @@ from expdesign.stages.execution import (
     clear_outdated,
     keep_configuration,
     record_added,
-    refuse_unwritable,
     view_result,
 )
 from expdesign.stages.stage import (
@@ -126,7 +125,26 @@ def _export_all(
         remove_leftovers(target)
 
 
-def export_one(stage: Stage, section: ExportSection, work: Workspace, out: Path | None) -> Outcome:
+def export_path(section: ExportSection, work: Workspace, out: Path | None) -> Path:
+    """Return the path of a table, ``exports/`` of the run folder by default; refuse unusable ones.
+
+    Raises
+    ------
+    InputError
+        A library is missing, or the file cannot have this name.
+    """
+    refuse_missing_library(section)
+    target = work.folder / FOLDER
+    path = target / file_name(section) if out is None else out.absolute()
+    refuse_unreadable_name(section, path, "--out")
+    if path.parent.resolve() == target.resolve():
+        _refuse_taken_name(path, "--file" if out is None else "--out")
+    return path
+
+
+def export_one(
+    stage: Stage, section: ExportSection, work: Workspace, task: Task, path: Path
+) -> Outcome:
     """Write one table, as `expdesign export` does.
 
     Parameters
@@ -135,19 +153,13 @@ def export_one(stage: Stage, section: ExportSection, work: Workspace, out: Path 
     section : ExportSection
     work : Workspace
         Workspace of the run folder with the design.
-    out : Path or None
-        The file; in ``exports/`` of the run folder by default.
+    task : Task
+        Of that folder, from `export_task`.
+    path : Path
+        From `export_path`.
     """
-    refuse_missing_library(section)
     target = work.folder / FOLDER
-    path = target / file_name(section) if out is None else out.absolute()
-    refuse_unreadable_name(section, path, "--out")
     in_folder = path.parent.resolve() == target.resolve()
-    if in_folder:
-        _refuse_taken_name(path, "--file" if out is None else "--out")
-    refuse_unwritable(path.parent)
-    work.warn(work.configuration.warnings_before("export"))
-    task = export_task(work)
     with progress_prefix(path.name):
         made = export_table(section, task, path)
     if made.note:

@@ -13,6 +13,7 @@ from expdesign.runfolder.manifest import Manifest
 from expdesign.stages.execution import (
     Place,
     clear_leftovers,
+    current_configuration,
     execute,
     input_hash,
     is_done,
@@ -67,15 +68,21 @@ def run(
     """
     configuration = load_run(config)
     folder = run_folder(configuration, out)
-    work = Workspace(
-        configuration, folder, progress or Progress(), stages=reported_stages(), resume=resume
-    )
     refuse_unfit(configuration)
     if missing := missing_design(configuration, folder):
         raise InputError(missing)
     refuse_unwritable(folder)
     with one_writer(folder, "expdesign run"):
-        return _run_stages(work)
+        configuration = current_configuration(configuration, folder)
+        return _run_stages(
+            Workspace(
+                configuration,
+                folder,
+                progress or Progress(),
+                stages=reported_stages(),
+                resume=resume,
+            )
+        )
 
 
 def _run_stages(work: Workspace) -> RunResult:

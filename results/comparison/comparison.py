@@ -11,6 +11,7 @@ from pathlib import Path
 from expdesign.configuration import InputError, Problem
 from expdesign.progress import track
 from expdesign.runfolder.files import write_text
+from expdesign.runfolder.lock import consistent_reading
 from expdesign.runfolder.manifest import file_hash
 from results.notation import count_text
 from results.render.figures import draw_figures
@@ -61,7 +62,6 @@ def write_comparison(
     InputError
         The folders cannot be compared, or a file of one is missing or invalid.
     """
-    folders = open_folders(paths, stages)
     if out.resolve() in {path.resolve() for path in paths}:
         raise InputError(
             "the comparison would overwrite the report of a compared folder",
@@ -69,7 +69,9 @@ def write_comparison(
             key="--out",
             allowed="another folder",
         )
-    views = _compare(folders, stages, precision, quick=quick)
+    with consistent_reading(*paths):
+        folders = open_folders(paths, stages)
+        views = _compare(folders, stages, precision, quick=quick)
     written = [file for view in views for file in draw_figures(view, out, _FORMATS)]
     page = _page(folders, views, out)
     for table in page.tables:
