@@ -10,7 +10,6 @@ import re
 import signal
 import subprocess
 import sys
-import tempfile
 import traceback
 import warnings
 from pathlib import Path
@@ -50,23 +49,45 @@ def ended_at(moment, number, arguments):
 
 
 def ended_in_copy(moment, number, arguments):
-    """Run it in a copy of this process, which has loaded and built already what a run takes.
+    """Run a command that gets a signal at its moment as a `CopiedRun`; return how it ended."""
+    status, said = CopiedRun(arguments, moment=moment, number=number).end()
+    return subprocess.CompletedProcess(arguments, status, *said)
+
+
+class CopiedRun:
+    """A command in a copy of this process, which has loaded and built already what a run takes.
 
     The command line, what is on the disk and how it ends are those of a process of its own; only
     the seconds that one needs before it does anything are saved.
     """
-    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+
+    def __init__(self, arguments, folder=".", moment=None, number=0):
+        self.streams = [os.fdopen(os.memfd_create(name), "w+b") for name in ("out", "err")]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # threads: the copy uses none
-            child = os.fork()
-        if child == 0:
-            _be_the_run(moment, number, arguments, (out, err))
-        _, status = os.waitpid(child, 0)
+            self.process = os.fork()
+        if self.process == 0:
+            os.chdir(folder)
+            _be_the_run(moment, number, arguments, self.streams)
+
+        self.status = None
+
+    def is_running(self):
+        if self.status is None:
+            process, status = os.waitpid(self.process, os.WNOHANG)
+            self.status = status if process else None
+        return self.status is None
+
+    def end(self):
+        """Wait for its end; return its exit status, its output and its messages."""
+        if self.status is None:
+            _, self.status = os.waitpid(self.process, 0)
         said = []
-        for stream in (out, err):
+        for stream in self.streams:
             stream.seek(0)
             said.append(stream.read().decode())
-    return subprocess.CompletedProcess(arguments, os.waitstatus_to_exitcode(status), *said)
+            stream.close()
+        return os.waitstatus_to_exitcode(self.status), tuple(said)
 
 
 def _be_the_run(moment, number, arguments, streams):

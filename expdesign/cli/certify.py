@@ -14,7 +14,7 @@ from expdesign.cli.terminal import working
 from expdesign.configuration import InputError, quantity_text
 from expdesign.export.certification import BROKEN, IN_PART, PROVED, PathCertificate
 from expdesign.export.result import FOLDER, RECORD, ExportResult
-from expdesign.export.table_file import certify_file, find_table_file
+from expdesign.export.table_file import certify_file, find_table_file, unlisted_files
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.planning import check_motion
 from expdesign.progress import progress_prefix
@@ -157,9 +157,13 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
         found = [_design(robot, trajectory)]
     place = work.folder / FOLDER
     result = ExportResult.known(place / RECORD)
+    tables, others = unlisted_files(place, result)
+    left = [_left_out(name, "a table without a description", _UNLISTED) for name in tables]
+    if others:
+        work.progress.note(f"in {FOLDER}/ and not examined: {', '.join(others)}")
     if result is None:
         work.progress.note("no table was exported, and therefore no lead-in and lead-out planned")
-        return found
+        return found + left
     motion = _executable(result, trajectory, robot)
     title = "the motion from rest to rest"
     if motion is None:
@@ -174,7 +178,10 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
         except InputError as error:
             reason = "; ".join(problem.message for problem in error.problems)
             found.append(_left_out(name, table.title, reason))
-    return found
+    return found + left
+
+
+_UNLISTED = f"not examined, since {RECORD} does not describe it"
 
 
 def _left_out(name: str, title: str, reason: str) -> CertifiedPart:

@@ -86,7 +86,10 @@ def write_model(source: str, name: str, out: Path | None, width: str, *, as_json
             model, motion = _control_model(load_robot(robot_file), folder, speed, progress)
         result = _written_model(model, motion, name, target, progress)
         if folder is not None and target.is_relative_to(folder):
-            record_added(folder, (target / file for file in (*result.files, result.FILE)))
+            places = [target / file for file in (*result.files, result.FILE)]
+            sources = (folder / name for name in (IDENTIFIED, TrajectoryFile.FILE))
+            made_from = {one.name: file_hash(one) for one in sources if one.is_file()}
+            record_added(folder, places, places[-1], made_from)
     if as_json:
         write_json({"status": 0, "folder": str(target), **result.as_data()})
     else:

@@ -49,7 +49,7 @@ COUNTS = "counts"
 _COUNT_DIGITS = 3
 _MORE_DIGITS = {"m": 3, "mm": 0, "um": -3, "in": 2}
 
-_BAG = ".mcap"
+BAG = ".mcap"
 
 
 class ExportError(ComputationError):
@@ -113,15 +113,15 @@ def refuse_unreadable_name(section: ExportSection, path: Path, key: str) -> None
     """Refuse a name that makes the file unreadable: a bag is recognised by its ending."""
     if section.binary_suffix not in ("", path.suffix):
         raise InputError(
-            f"'{path.name}' does not end in {_BAG}: ROS 2 would not know it for an MCAP bag",
+            f"'{path.name}' does not end in {BAG}: ROS 2 would not know it for an MCAP bag",
             key=key,
-            allowed=f"a file with the ending {_BAG}",
+            allowed=f"a file with the ending {BAG}",
         )
 
 
 def refuse_missing_library(section: ExportSection, place: str = "") -> None:
     """Refuse a table whose library is not installed; the message says how to install it."""
-    if section.binary_suffix == _BAG and find_spec("rosbags") is None:
+    if section.binary_suffix == BAG and find_spec("rosbags") is None:
         raise InputError(
             "MCAP bags are written with the library rosbags, which is not installed",
             key=f"{place}.encoding" if place else "encoding",

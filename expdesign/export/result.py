@@ -27,7 +27,7 @@ from expdesign.motion.executable import LeadRamps, lead_ramps
 from expdesign.recheck.limit_check import TOLERANCE, LimitCheck, Unlimited, unlimited
 from expdesign.runfolder import JsonFile, OpenNumber, described
 
-FOLDER, RECORD = "exports", "exports.json"
+FOLDER, RECORD, README = "exports", "exports.json", "README.txt"
 
 _POINTS = 4001
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]

@@ -13,9 +13,10 @@ from expdesign.configuration import InputError, Problem, export_section
 from expdesign.export.certification import PathCertificate, certify_table
 from expdesign.export.definition import Settings, TableError, Task
 from expdesign.export.execution import Executed, ExecutedTable
-from expdesign.export.exporting import refuse_missing_library, resolve_settings
+from expdesign.export.exporting import BAG, refuse_missing_library, resolve_settings
+from expdesign.export.formats import table_formats
 from expdesign.export.read_back import check_controller
-from expdesign.export.result import RECORD, ExportedTable, ExportResult, result_file
+from expdesign.export.result import README, RECORD, ExportedTable, ExportResult, result_file
 from expdesign.export.whole_table import (
     controller_faults,
     departure,
@@ -193,6 +194,24 @@ def certify_file(file: TableFile, *, piece: bool = False) -> PathCertificate:
         unchecked=tuple(unchecked),
         remarks=tuple(remarks),
     )
+
+
+def unlisted_files(place: Path, result: ExportResult | None) -> tuple[list[str], list[str]]:
+    """Return the names of files in `exports/` that its `exports.json` does not describe.
+
+    The first ones have the ending of a table, the others do not.
+    """
+    known = {RECORD, README}
+    for name, entry in {} if result is None else result.files.items():
+        known |= {name, *entry.beside}
+    found = sorted(
+        path.name
+        for path in (place.iterdir() if place.is_dir() else ())
+        if path.is_file() and path.name not in known and not path.name.startswith(".")
+    )
+    endings = (BAG, *(form.suffix for form in table_formats().values()))
+    tables = [name for name in found if name.endswith(endings)]
+    return tables, [name for name in found if name not in tables]
 
 
 def _short_accelerations(table: ExecutedTable) -> list[str]:

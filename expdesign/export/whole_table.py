@@ -30,7 +30,7 @@ _STEP = 1e-9
 _STEP_SHARE = 1e-6
 _COMPUTED = 1e-9
 _PROGRAMS = (".py",)
-"""Companions that read the table itself: users may change them or use others."""
+"""Companions that read the table itself: users may use others in their stead."""
 _DIGITS = 9
 
 
@@ -211,7 +211,12 @@ def wrong_companions(settings: Settings, rows: Rows, path: Path) -> list[str]:
     for ending, expected in settings.form.beside.items():
         wanted = expected(rows, settings)
         file = path.with_name(f"{path.stem}{ending}")
-        if not wanted or file.suffix in _PROGRAMS:
+        if not wanted:
+            continue
+        if file.suffix in _PROGRAMS:
+            text = "".join(f"{line}\n" for line in wanted)
+            if file.is_file() and file.read_bytes() != text.encode():
+                found.append(f"{file.name} is not that of the export, and was not examined")
             continue
         if not file.is_file():
             found.append(f"{file.name} is missing")

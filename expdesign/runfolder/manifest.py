@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from fnmatch import fnmatch
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -58,6 +59,10 @@ class Manifest(JsonFile):
     added: Annotated[
         dict[str, str], described("", "SHA-256 of further files, of `expdesign export`")
     ] = field(default_factory=dict)
+    added_from: Annotated[
+        dict[str, dict[str, str]],
+        described("", "`made_from` of tables and control models of these"),
+    ] = field(default_factory=dict)
     run_file: Annotated[str, described("", "SHA-256 of `run.yaml` as it was written")] = ""
     checksum: Annotated[str, described("", "SHA-256 of the other keys")] = ""
 
@@ -92,10 +97,13 @@ class Manifest(JsonFile):
         now = {str(file.relative_to(folder)): file_hash(file) for file in files}
         return replace(self, stages=self._with(now))
 
-    def with_added(self, folder: Path, files: Iterable[Path]) -> Manifest:
-        """Return the manifest with further files of the folder as they are now."""
+    def with_added(
+        self, folder: Path, files: Iterable[Path], main: Path, made_from: Mapping[str, str]
+    ) -> Manifest:
+        """Return the manifest with further files of the folder, the main one with its inputs."""
         now = {str(file.relative_to(folder)): file_hash(file) for file in files}
-        return replace(self, added=self.added | now)
+        inputs = {str(main.relative_to(folder)): dict(made_from)}
+        return replace(self, added=self.added | now, added_from=self.added_from | inputs)
 
     def _with(self, now: dict[str, str]) -> dict[str, StageEntry]:
         return {
@@ -103,12 +111,15 @@ class Manifest(JsonFile):
             for key, stage in self.stages.items()
         }
 
+    @property
+    def files(self) -> dict[str, str]:
+        """SHA-256 of all files that stages and commands wrote, by path."""
+        written = [entry.files for entry in self.stages.values()]
+        return {file: digest for files in (self.added, *written) for file, digest in files.items()}
+
     def changed_files(self, folder: Path) -> list[str]:
         """Return the files that are others now than when a stage or command wrote them."""
-        known = dict(self.added)
-        for entry in self.stages.values():
-            known |= entry.files
-        return [file for file, digest in known.items() if known_hash(folder / file) != digest]
+        return [file for file, digest in self.files.items() if known_hash(folder / file) != digest]
 
     def is_done(
         self, name: str, inputs: str, folder: Path, *, growing: Collection[str] = ()
@@ -126,77 +137,126 @@ class Manifest(JsonFile):
         )
 
 
+@dataclass(frozen=True)
+class WatchedStage:
+    """Files of a stage, and hashes of its sections of `run.yaml`."""
+
+    file: str
+    """File without which a folder does not hold the stage."""
+    writes: tuple[str, ...]
+    """Patterns of further files."""
+    sections: str
+    """Of the sections that the stage depends on."""
+    shared_sections: str
+    """Of these without the stage's own, for files that a command has added."""
+
+
+@dataclass(frozen=True)
+class FolderChanges:
+    """Changes in a run folder that none of its commands has made, in sentences."""
+
+    folder: tuple[str, ...] = ()
+    """Of `run.yaml` and `manifest.json`."""
+    stages: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Of the files of each stage, such as a table, and of the inputs of each file."""
+    pages: tuple[str, ...] = ()
+    """Of figures and control models, which only pages show."""
+
+    def of(self, *stages: str) -> tuple[str, ...]:
+        """Return the changes of stages."""
+        return tuple(text for stage in stages for text in self.stages.get(stage, ()))
+
+    @property
+    def all(self) -> tuple[str, ...]:
+        """All changes."""
+        return tuple(dict.fromkeys((*self.folder, *self.of(*self.stages), *self.pages)))
+
+
 def find_changes(
-    folder: Path,
-    manifest: Manifest | None,
-    stages: Mapping[str, str],
-    sections: Mapping[str, str],
-) -> dict[str, tuple[str, ...]]:
-    """Return the changes in a run folder that none of its commands has made, in sentences.
+    folder: Path, manifest: Manifest | None, stages: Mapping[str, WatchedStage]
+) -> FolderChanges:
+    """Return the changes in a run folder that none of its commands has made.
 
     Parameters
     ----------
     folder : Path
     manifest : Manifest or None
         That of the folder.
-    stages : mapping of str to str
-        The file without which the folder does not hold a stage, by the stage's name.
-    sections : mapping of str to str
-        Hash of the sections of `run.yaml` that a stage depends on, by its name.
-
-    Returns
-    -------
-    dict
-        By stage: files that it wrote and inputs that are others now; under an empty name changes
-        of `run.yaml` and `manifest.json`, under ``"shown"`` those of figures and control models,
-        which only pages show. Without changes it is empty.
+    stages : mapping of str to WatchedStage
+        By name.
     """
     if manifest is None:
-        return {"": (f"there is no usable {Manifest.FILE}: changes by hand are not known",)}
-    found: dict[str, list[str]] = {"": []}
-    if not manifest.is_intact:
-        found[""].append(f"{Manifest.FILE} was changed by hand")
+        return FolderChanges(
+            (f"there is no usable {Manifest.FILE}: changes by hand are not known",)
+        )
+    own = [] if manifest.is_intact else [f"{Manifest.FILE} was changed by hand"]
     if manifest.run_file != known_hash(folder / RUN_FILE):
-        found[""].append(f"{RUN_FILE} was changed by hand")
-    for name, file in stages.items():
-        if not (folder / file).exists():
+        own.append(f"{RUN_FILE} was changed by hand")
+    found = {}
+    for name, stage in stages.items():
+        if not (folder / stage.file).exists():
             continue
         entry = manifest.stages.get(name)
-        made = {} if entry is None else entry.files
-        if file.startswith(f"{name}s/"):  # exports/, to which `expdesign export` adds
-            made = made | manifest.added
-        found[name] = [
-            f"{written} was changed by hand"
-            for written, digest in made.items()
-            if known_hash(folder / written) not in ("", digest)
-            and not (written.startswith(_SHOWN) or written.endswith(_UNREAD))
-        ]
-        if file not in made:
-            found[name].append(f"{file} was made by hand")
-        sources = {} if entry is None else entry.made_from
-        found[name] += [
-            f"{source} has changed since {file} was made"
-            for source, digest in sources.items()
-            if source != RUN_FILE and known_hash(folder / source) not in ("", digest)
-        ]
-        if sources.get(RUN_FILE, sections.get(name)) != sections.get(name):
-            found[name].append(f"{RUN_FILE} has changed since {file} was made")
-    found["shown"] = [
-        f"{file} was changed by hand"
-        for file in manifest.changed_files(folder)
-        if file.startswith(_SHOWN) and (folder / file).exists()
-    ]
-    return {name: tuple(texts) for name, texts in found.items() if texts}
+        made = {} if entry is None else dict(entry.files)
+        sources = {} if entry is None else {stage.file: entry.made_from}
+        for file, digest in manifest.added.items():
+            if any(fnmatch(file, pattern) for pattern in stage.writes):
+                made[file], sources[file] = digest, manifest.added_from.get(file, {})
+        texts = _changed(folder, {file: made[file] for file in made if not _is_unread(file)})
+        if stage.file not in made:
+            texts.append(f"{stage.file} was made by hand")
+        for file, inputs in sources.items():
+            is_added = file in manifest.added
+            sections = stage.shared_sections if is_added else stage.sections
+            texts += _changed_since(folder, file, inputs, sections)
+        found[name] = tuple(dict.fromkeys(texts))
+    shown = {file: d for file, d in manifest.files.items() if file.startswith(_SHOWN)}
+    pages = _changed(folder, shown)
+    for file, inputs in manifest.added_from.items():
+        if file.startswith(_SHOWN):
+            pages += _changed_since(folder, file, inputs, "")
+    stages_found = {name: texts for name, texts in found.items() if texts}
+    return FolderChanges(tuple(own), stages_found, tuple(pages))
 
 
 _SHOWN = ("figures/", "model/")
-_UNREAD = (".tex", "README.txt")
-"""Endings of files that no command reads."""
+
+
+def _is_unread(file: str) -> bool:
+    """Return whether no stage reads a file."""
+    return file.startswith(_SHOWN) or file.endswith((".tex", "README.txt"))
+
+
+def _changed(folder: Path, files: Mapping[str, str]) -> list[str]:
+    """Return the files, with their hashes, that are others now."""
+    return [
+        f"{file} was changed by hand"
+        for file, digest in files.items()
+        if known_hash(folder / file) not in ("", digest)
+    ]
+
+
+def _changed_since(
+    folder: Path, file: str, inputs: Mapping[str, str], sections: str
+) -> Iterator[str]:
+    """Yield the inputs of a file that are others now, if the file is there."""
+    for source, digest in inputs.items() if (folder / file).exists() else ():
+        now = sections if source == RUN_FILE else known_hash(folder / source)
+        if now not in ("", digest):
+            yield f"{source} has changed since {file} was made"
 
 
 def sections_text(configuration: RunConfiguration, sections: Mapping[str, Any]) -> str:
     """Return sections of the run as JSON."""
     return configuration.run.model_dump_json(include=dict(sections))
+
+
+def sections_hash(
+    configuration: RunConfiguration, sections: Mapping[str, Any] | None, without: str = ""
+) -> str:
+    """Return the hash of sections of a run, perhaps without one of them."""
+    kept = {name: keys for name, keys in (sections or {}).items() if name != without}
+    return text_hash(sections_text(configuration, kept))
 
 
 def known_hash(path: Path) -> str:

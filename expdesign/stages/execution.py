@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from fnmatch import fnmatch
@@ -35,6 +35,7 @@ from expdesign.runfolder.manifest import (
     file_hash,
     known_hash,
     package_versions,
+    sections_hash,
     sections_text,
     text_hash,
 )
@@ -148,7 +149,8 @@ def input_hash(stage: Stage, work: Workspace) -> str:
 
 def origins(stage: Stage, work: Workspace) -> dict[str, str]:
     """Return a hash of each input of a stage by its path; of `run.yaml` that of its sections."""
-    found = {} if stage.sections is None else {RUN_FILE: sections_hash(stage, work.configuration)}
+    sections = stage.sections
+    found = {} if sections is None else {RUN_FILE: sections_hash(work.configuration, sections)}
     for need in stage.inputs(work.configuration):
         for path in work.input_files(need):
             inside = path.is_relative_to(work.folder)
@@ -157,24 +159,22 @@ def origins(stage: Stage, work: Workspace) -> dict[str, str]:
     return found
 
 
-def sections_hash(stage: Stage, configuration: RunConfiguration) -> str:
-    """Return the hash of the sections of a run that a stage depends on."""
-    return text_hash(sections_text(configuration, stage.sections or {}))
-
-
 def changed_inputs(stage: Stage, work: Workspace) -> Iterator[str]:
     """Yield the changes by hand of the files that a stage reads, in sentences.
 
-    Results in memory are not read.
+    A table is read with its description in the same folder. Results in memory are not read.
     """
     for need in stage.inputs(work.configuration):
         for path in work.input_files(need):
-            folder = path.parent
+            folder = next((p for p in path.parents if (p / Manifest.FILE).is_file()), path.parent)
             manifest = Manifest.known(folder)
             if manifest is None or (folder == work.folder and work.made):
                 continue
-            if path.name in manifest.changed_files(folder):
-                yield f"{short(path)} was changed by hand"
+            own = path.relative_to(folder)
+            for file in map(Path, manifest.changed_files(folder)):
+                in_place = file.parent == own.parent != Path() and file.suffix == ".json"
+                if (file == own or in_place) and (folder / file).exists():
+                    yield f"{short(folder / file)} was changed by hand"
 
 
 def stage_changes(stage: Stage, folder: Path) -> list[str]:
@@ -276,11 +276,13 @@ def add_to_files(folder: Path, files: Iterable[Path]) -> Iterator[None]:
         before.with_files(folder, intact).write(folder)
 
 
-def record_added(folder: Path, files: Iterable[Path]) -> None:
-    """Write files that no stage has written into the manifest, as they are now."""
+def record_added(
+    folder: Path, files: Iterable[Path], main: Path, made_from: Mapping[str, str]
+) -> None:
+    """Write files that no stage has written into the manifest; of the main one also its inputs."""
     known = Manifest.known(folder)
     if known is not None:
-        known.with_added(folder, files).write(folder)
+        known.with_added(folder, files, main, made_from).write(folder)
 
 
 def clear_outdated(stage: str, work: Workspace) -> set[Path]:

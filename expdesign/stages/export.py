@@ -26,6 +26,7 @@ from expdesign.export.exporting import (
 from expdesign.export.readme import readme
 from expdesign.export.result import (
     FOLDER,
+    README,
     RECORD,
     ExportedMotion,
     ExportedTable,
@@ -38,12 +39,18 @@ from expdesign.motion.executable import ExecutableMotion, has_enclosure
 from expdesign.motion.planning import check_motion, executable_motion
 from expdesign.progress import forward_progress, progress_prefix, report_progress
 from expdesign.robot import robot_from
-from expdesign.runfolder.files import remove_leftovers, write_text
-from expdesign.runfolder.manifest import package_versions, sections_text, text_hash
+from expdesign.runfolder.files import RUN_FILE, remove_leftovers, write_text
+from expdesign.runfolder.manifest import (
+    package_versions,
+    sections_hash,
+    sections_text,
+    text_hash,
+)
 from expdesign.stages.execution import (
     add_to_files,
     clear_outdated,
     keep_configuration,
+    origins,
     record_added,
     view_result,
 )
@@ -59,8 +66,6 @@ from expdesign.trajectory import FourierTrajectory
 from expdesign.workers import Job, Monitor, run_jobs
 from results.views.export import export_view
 from results.views.folder import StageViews
-
-README = "README.txt"
 
 
 def run_export(work: Workspace) -> Outcome:
@@ -166,12 +171,15 @@ def export_one(
         work.progress.note(made.note)
     motion, entry = exported_motion(task), {path.name: exported_table(made)}
     if in_folder:
+        made_from = origins(stage, work) | {
+            RUN_FILE: sections_hash(work.configuration, stage.sections, without=stage.name)
+        }
         known = ExportResult.known(target / RECORD)
         others = _files_of_motion(known, motion, {path.name}, work)
         places = target / RECORD, target / README
         with add_to_files(work.folder, places):
             _describe(ExportResult(motion, others | entry), *places)
-        record_added(work.folder, (path, *made.beside, *places))
+        record_added(work.folder, (path, *made.beside, *places), path, made_from)
     else:
         _describe_beside(path, ExportResult(motion, entry))
     files = (path, *made.beside)

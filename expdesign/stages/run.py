@@ -130,9 +130,7 @@ def folder_changes(folder: Path, configuration: RunConfiguration, *names: str) -
     """
     stages = reported_stages()
     changes = RunFolder(folder, stages, configuration, Manifest.known(folder)).changes
-    yield from dict.fromkeys(
-        text for name in ("", *(names or (*stages, "shown"))) for text in changes.get(name, ())
-    )
+    yield from changes.all if not names else (*changes.folder, *changes.of(*names))
 
 
 def refuse_unfit(configuration: RunConfiguration) -> None:

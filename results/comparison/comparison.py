@@ -126,8 +126,7 @@ def _page(folders: Mapping[str, RunFolder], views: Sequence[StageView], out: Pat
             *(
                 f"{label}: {change}"
                 for label, folder in folders.items()
-                for changes in folder.changes.values()
-                for change in changes
+                for change in folder.changes.all
             ),
             *(warning for view in views for warning in view.warnings),
         ),

@@ -112,7 +112,7 @@ def run_page(folder: RunFolder, views: Mapping[str, StageView]) -> Page:
     if further := other_figures(folder.path, known):
         sections.append(PageSection("further", "Further figures", further))
     sections.append(_provenance(folder))
-    changed = (*folder.changes.get("", ()), *folder.changes.get("shown", ()))
+    changed = (*folder.changes.folder, *folder.changes.pages)
     warnings = [text for view in views.values() for text in view.warnings]
     return Page(
         title=run.report.title or run.name,

@@ -96,7 +96,7 @@ def limits_table(result: DesignResult) -> ReportTable:
         *(reserved if kept else ()),
         TableColumn("unit", kind="text", of=lambda check: unit(check).symbol or "–"),
         TableColumn("used", "%", of="used", factor=100),
-        TableColumn("left", "%", digits=3, of="proved", factor=-100),
+        TableColumn("left", "%", digits=3, of="proved", factor=-100, proof=True),
         TableColumn("time", "s", of="time"),
     )
     caption = (

@@ -11,7 +11,8 @@ from estimation.controlmodel.formats import ControlModelFile
 from expdesign.configuration.tolerances import IDENTIFIED_ROBOT as IDENTIFIED
 from expdesign.experiment import DesignResult
 from expdesign.export.certification import LIMIT_SHARE
-from expdesign.export.result import ExportedTable, ExportResult
+from expdesign.export.result import README, ExportedTable, ExportResult
+from expdesign.export.table_file import unlisted_files
 from expdesign.runfolder.manifest import file_hash
 from results.figures.motion import RestToRestMotion, motion_figure
 from results.notation import count_text, percent, readable
@@ -69,6 +70,12 @@ def export_view(folder: RunFolder) -> StageView:
     if changed:
         sentence += f" Changed since the check: {', '.join(changed)}."
     level, word = (Level.CAUTION, "beyond limits") if beyond else (Level.GOOD, "checked")
+    # The result of a command has its own tables only.
+    unlisted, others = ([], []) if folder.brief else unlisted_files(place, result)
+    if unlisted or others:
+        sentence += f" Not described and not checked: {', '.join(unlisted + others)}."
+    if unlisted and not beyond:
+        level, word = Level.CAUTION, "checked in part"
     if changed:
         level, word = Level.CAUTION, "changed"
     verdict = StageVerdict(
@@ -98,9 +105,9 @@ def export_view(folder: RunFolder) -> StageView:
         _read_back_table(listed),
         _axes_table(files),
     ]
-    readme = place / "README.txt"
+    readme = place / README
     if readme.is_file():
-        title = "README.txt: how to run each table, and what to record"
+        title = f"{README}: how to run each table, and what to record"
         blocks.append(ListingBlock(title, readme.read_text(encoding="utf-8", errors="replace")))
     return StageView(verdict, tuple(blocks))
 
@@ -161,7 +168,7 @@ def _read_back_table(files: Sequence[_File]) -> ReportTable:
         ),
         TableColumn("force off by", "%", digits=2, of=force, factor=100, screen=False),
         TableColumn("tightest limit, used", kind="text", of=_tightest),
-        TableColumn("limits proved", kind="text", of=proved),
+        TableColumn("limits proved", kind="text", of=proved, proof=True),
         TableColumn("change of log det F", digits=2, of=f"{change}.log_det_change", screen=False),
         TableColumn(
             "change of σ", "%", digits=2, of=f"{change}.std_change", factor=100, screen=False

@@ -11,13 +11,22 @@ from typing import Any, Protocol, TypeVar
 from expdesign.configuration import InputError, RunConfiguration, load_run
 from expdesign.runfolder import JsonFile
 from expdesign.runfolder.manifest import (
+    FolderChanges,
     Manifest,
     StageEntry,
+    WatchedStage,
     find_changes,
-    sections_text,
-    text_hash,
+    sections_hash,
 )
-from results.views.view import Level, StageView, TextBlock
+from results.views.view import (
+    Block,
+    FindingsBlock,
+    Level,
+    ListingBlock,
+    ReportTable,
+    StageView,
+    TextBlock,
+)
 
 
 @dataclass(frozen=True)
@@ -35,11 +44,13 @@ class StageViews:
 class ViewedStage(Protocol):
     """A stage with its view, such as a `Stage`.
 
-    A folder without its `file` does not hold the stage; `compared` is the table by whose hash
-    comparisons identify its result, empty for a stage that is not compared.
+    A folder without its `file` does not hold the stage; `writes` has patterns of its other files.
+    `compared` is the table by whose hash comparisons identify its result, empty for a stage that is
+    not compared.
     """
 
     file: str
+    writes: tuple[str, ...]
     compared: str
     sections: Mapping[str, Any] | None
 
@@ -93,19 +104,27 @@ class RunFolder:
         )
 
     @cached_property
-    def changes(self) -> dict[str, tuple[str, ...]]:
-        """Changes by hand of the files, by stage, as `find_changes`."""
-        hashes = {
-            name: text_hash(sections_text(self.configuration, stage.sections or {}))
+    def changes(self) -> FolderChanges:
+        """Changes by hand of the files."""
+        watched = {
+            name: WatchedStage(
+                stage.file,
+                stage.writes,
+                sections_hash(self.configuration, stage.sections),
+                sections_hash(self.configuration, stage.sections, without=name),
+            )
             for name, stage in self.stages.items()
         }
-        files = {name: stage.file for name, stage in self.stages.items()}
-        return find_changes(self.path, self.manifest, files, hashes)
+        return find_changes(self.path, self.manifest, watched)
 
     def view(self, stage: str) -> StageView:
-        """Return the view of a stage; a good verdict and facts of changed files are left out."""
+        """Return the view of a stage; that of changed files or inputs without its claims.
+
+        Claims are a good verdict, facts, findings, instructions, and columns with a proof or an
+        outcome.
+        """
         view = self.stages[stage].views().view(self)
-        changes = self.changes.get(stage, ())
+        changes = self.changes.of(stage)
         if not changes:
             return view
         said, verdict = "; ".join(changes), view.verdict
@@ -114,8 +133,9 @@ class RunFolder:
         else:
             sentence = f"{said}: the results of this stage may not hold for these files"
             verdict = replace(verdict, level=Level.CAUTION, word="changed", sentence=sentence)
-        blocks = (TextBlock(f"{said}.", Level.CAUTION), *view.blocks)
-        return replace(view, verdict=verdict, blocks=blocks, facts=())
+        blocks = (TextBlock(f"{said}.", Level.CAUTION), *map(_without_claims, view.blocks))
+        left = tuple(block for block in blocks if block is not None)
+        return replace(view, verdict=verdict, blocks=left, facts=())
 
     @property
     def held(self) -> tuple[str, ...]:
@@ -151,6 +171,14 @@ class RunFolder:
         """Return the name of a file in a report: relative to the folder, or the name alone."""
         path = Path(file)
         return str(path.relative_to(self.path)) if path.is_relative_to(self.path) else path.name
+
+
+def _without_claims(block: Block) -> Block | None:
+    """Return a block without its claims; None if it has nothing else."""
+    if isinstance(block, ReportTable):
+        return block.without_claims()
+    is_good = isinstance(block, TextBlock) and block.level is Level.GOOD
+    return None if is_good or isinstance(block, FindingsBlock | ListingBlock) else block
 
 
 def _refused(path: Path, message: str) -> InputError:

@@ -61,7 +61,7 @@ def _promised(configuration: RunConfiguration) -> tuple[TableColumn, ...]:
         TableColumn("of", kind="parameter", of="worst_parameter"),
         TableColumn("measuring", "s", of="measuring_time"),
         TableColumn("search", "s", digits=3, of="cpu_seconds"),
-        TableColumn("proved", of="certified"),
+        TableColumn("proved", of="certified", proof=True),
     )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
 
@@ -104,6 +104,8 @@ class TableColumn:
         Numbers are shown times this factor, for a handier unit.
     screen : bool
         Whether the terminal shows the column.
+    proof : bool
+        Whether it states what is proved, which holds only for unchanged files.
     """
 
     title: str
@@ -113,6 +115,7 @@ class TableColumn:
     of: str | Callable[[Any], Value] | Sequence[Value] | NDArray[Any] = ""
     factor: float = 1
     screen: bool = True
+    proof: bool = False
 
     @property
     def heading(self) -> str:
@@ -195,6 +198,15 @@ class ReportTable:
                 raise ValueError(f"{key}: every row needs {len(columns)} values")
             rows.append(tuple(column.cell(item, k) for k, column in enumerate(columns)))
         return cls(key, caption, tuple(columns), tuple(rows), folded, screen, latex)
+
+    def without_claims(self) -> ReportTable:
+        """Return the table with empty columns of proofs and outcomes."""
+        is_claim = [column.proof or column.kind == "outcome" for column in self.columns]
+        rows = tuple(
+            tuple(None if claim else value for value, claim in zip(row, is_claim, strict=True))
+            for row in self.rows
+        )
+        return replace(self, rows=rows)
 
 
 def cell_text(column: TableColumn, value: Value) -> str:

@@ -256,6 +256,29 @@ def test_what_is_left_out_is_not_called_proved(expdesign, folder):
     assert "hal is missing" in left["linuxcnc-gcode.ngc"]["unchecked"][0]
 
 
+def test_files_without_a_description_are_not_called_proved(expdesign, folder):
+    exports = folder / "exports"
+    (exports / "photo.jpg").write_bytes(b"")
+    status, _, messages = expdesign("certify", folder)
+    assert (status, "not examined: photo.jpg" in messages) == (0, True)
+    shutil.copy(exports / "xps-pvt.trj", exports / "again.trj")
+    status, verdict, left = verdict_of(expdesign, folder)
+    assert (status, verdict, list(left)) == (1, "proved in part", ["again.trj"])
+
+
+def test_a_changed_program_of_a_table_is_named(expdesign, folder):
+    assert expdesign("export", folder, "--format", "ros2")[0] == 0
+    table = folder / "exports" / "ros2.yaml"
+    program = table.with_name("ros2.publish.py")
+    assert verdict_of(expdesign, table)[0] == 0
+    program.write_text(program.read_text(encoding="utf-8") + "\n", encoding="utf-8")
+    status, verdict, left = verdict_of(expdesign, table)
+    assert (status, verdict) == (1, "proved in part")
+    assert program.name in left[table.name]["unchecked"][0]
+    program.unlink()
+    assert verdict_of(expdesign, table)[0] == 0, "a program of the user's own runs the table"
+
+
 @pytest.mark.parametrize(
     ("ending", "change"),
     [("hal", ("platform.0.x ", "platform.0.x 1")), ("ini", ("MAX_ACCELERATION = ", "\\g<0>1"))],

@@ -1,6 +1,7 @@
 """A run folder with one byte or one number changed: said, or harmless; never a traceback."""
 
 import json
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -32,7 +33,7 @@ def change_byte(path):
 
 def changes(folder):
     opened = RunFolder.open(folder, reported_stages())
-    return {text for texts in opened.changes.values() for text in texts}
+    return set(opened.changes.all)
 
 
 def test_every_file_that_is_read_is_watched(folder):
@@ -79,6 +80,33 @@ def test_another_force_in_the_run_file_is_said(folder, expdesign_says):
     status, said, _ = expdesign_says("report", folder)
     assert status == 0
     assert "run.yaml has changed since estimate.json was made" in said
+
+
+def test_a_table_whose_inputs_changed_keeps_no_claim(folder, expdesign_says):
+    status, said, _ = expdesign_says("export", folder, "--format", "csv")
+    assert status == 0, said
+    proofs = "limits proved"
+
+    def exported():
+        view = RunFolder.open(folder, reported_stages()).view("export")
+        table = next(block for block in view.blocks if getattr(block, "key", "") == "read_back")
+        place = [column.title for column in table.columns].index(proofs)
+        return view, [row[place] for row in table.rows]
+
+    view, proved = exported()
+    assert (view.verdict.word, proved) == ("checked", ["yes"])
+    file, text = folder / "run.yaml", (folder / "run.yaml").read_text(encoding="utf-8")
+    file.write_text(text.replace("actuator_force: 230", "actuator_force: 2300"), encoding="utf-8")
+    view, proved = exported()
+    assert (view.verdict.word, view.verdict.level, proved) == ("changed", Level.CAUTION, [None])
+    assert "run.yaml has changed since exports/csv.csv was made" in view.verdict.sentence
+    assert not [block for block in view.blocks if block.kind == "listing"]
+    file.write_text(text, encoding="utf-8")
+
+    change_byte(folder / "exports" / "csv.csv")
+    assert "exports/csv.csv was changed by hand" in exported()[0].verdict.sentence
+    shutil.copy(folder / "exports" / "csv.csv", folder / "exports" / "further.csv")
+    assert "not checked: further.csv" in exported()[0].verdict.sentence
 
 
 def keys_of(data, key=()):

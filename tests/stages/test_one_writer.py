@@ -6,13 +6,21 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from ruamel.yaml import YAML
 
 from expdesign.configuration import ComputationError, InputError
-from expdesign.runfolder.lock import LOCK, Holder, consistent_reading, is_empty, one_writer
+from expdesign.runfolder.lock import (
+    LOCK,
+    Holder,
+    consistent_reading,
+    is_empty,
+    one_writer,
+    one_writer_to,
+)
 from expdesign.runfolder.manifest import Manifest, file_hash
 from tests.killed_runs import environment
 from tests.tiny_run import tiny_run
@@ -75,6 +83,40 @@ def test_a_folder_that_changes_while_it_is_read_is_noticed(tmp_path):
         pass
     with pytest.raises(ComputationError, match="while it was read"), consistent_reading(tmp_path):
         (tmp_path / Manifest.FILE).write_text("{}", encoding="utf-8")
+
+
+def test_a_reader_leaves_no_lock(tmp_path):
+    (tmp_path / LOCK).touch()  # of a process that was killed
+    with consistent_reading(tmp_path):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
+def test_two_writers_of_one_file_do_not_mix(tmp_path):
+    source, away = tmp_path / "run", tmp_path / "away"
+    source.mkdir()
+    with one_writer_to(away, "expdesign export", source, "a.csv") as reading:
+        with reading:
+            pass
+        with one_writer_to(away, "expdesign export", source, "b.csv"):
+            pass
+        with (
+            pytest.raises(InputError, match="`expdesign export`, process"),
+            one_writer_to(away, "expdesign export", source, "a.csv"),
+        ):
+            pytest.fail("it is held")
+        with pytest.raises(ComputationError, match="while it was read"), reading_of(source):
+            (source / Manifest.FILE).write_text("{}", encoding="utf-8")
+    assert not away.exists()
+    with one_writer_to(source / "exports", "expdesign export", source, "a.csv") as reading, reading:
+        assert Holder.read(source).command == "expdesign export"
+    assert [path.name for path in source.iterdir()] == [Manifest.FILE]
+
+
+@contextmanager
+def reading_of(source):
+    with one_writer_to(source.parent / "away", "expdesign model", source, "c") as reading, reading:
+        yield
 
 
 @pytest.mark.slow
