@@ -103,7 +103,14 @@ MODULES = {
         from expdesign.runfolder import StageResult, described
         from expdesign.stages.stage import Outcome, Stage, StageFunctions, run_sections
         from results.views.folder import StageViews
-        from results.views.view import Fact, Level, StageVerdict, StageView
+        from results.views.view import (
+            Fact,
+            Level,
+            ReportTable,
+            StageVerdict,
+            StageView,
+            TableColumn,
+        )
 
 
         class CountSection(StageSection):
@@ -122,6 +129,7 @@ MODULES = {
             name = "count"
             does = "counts the parameters of the robot"
             file = "count.json"
+            compared = "count.json"
             sections = run_sections("count")
 
             def functions(self):
@@ -135,9 +143,11 @@ MODULES = {
 
 
         def count_view(folder):
-            count = folder.result(CountResult).count
+            result = folder.result(CountResult)
             verdict = StageVerdict("Count", Level.GOOD, "counted", "Parameters.", "count")
-            return StageView(verdict, (), (Fact("count", str(count)),))
+            column = TableColumn("parameters", of="count")
+            table = ReportTable.of("counts", "Counts", (column,), [result], screen=True)
+            return StageView(verdict, (table,), (Fact("count", str(result.count)),))
     ''',
 }
 
@@ -195,7 +205,9 @@ def test_extensions_are_found_without_another_edit(expdesign, tmp_path):
     listed = expdesign("export", "--format", "list")
     assert "table of the laboratory" in " ".join(listed.split())
 
-    expdesign("run", "run.yaml", "--out", "made")
+    said = expdesign("run", "run.yaml", "--out", "made")
+    assert "Count: counted. Parameters." in said
+    assert "Counts:" in said
     folder = tmp_path / "made"
     design = json.loads((folder / "design.json").read_text(encoding="utf-8"))
     assert design["limits"]["sway"]["certified"]
@@ -203,6 +215,8 @@ def test_extensions_are_found_without_another_edit(expdesign, tmp_path):
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "root of the trace of F" in page
     assert 'id="count"' in page
+    assert 'id="table-counts"' in page
+    assert "count: done already" in expdesign("run", "run.yaml", "--out", "made")
     robot_parameters = len(design["parameters"])
     assert json.loads((folder / "count.json").read_text())["count"] == 2 * robot_parameters
     assert list((folder / "exports").glob("*.lab"))
@@ -215,6 +229,17 @@ def test_extensions_are_found_without_another_edit(expdesign, tmp_path):
         (tmp_path / place / "estimates.csv").read_text() for place in ("made", "again")
     )
     assert first == second
+
+    for name, factor in (("two", 2), ("three", 3)):
+        alone = {"name": name, "robot": "palida", "count": {"factor": factor}, "report": {}}
+        (tmp_path / f"{name}.yaml").write_text(json.dumps(alone), encoding="utf-8")
+        expdesign("run", f"{name}.yaml", "--out", name)
+    stages = json.loads((tmp_path / "two" / "manifest.json").read_text())["stages"]
+    assert set(stages) == {"count", "report"}
+    expdesign("compare", "two", "three", "--out", "both")
+    table = (tmp_path / "both/tables/compared_count.csv").read_text(encoding="utf-8")
+    shipped = len(yaml.load(robot_files()["palida"])["parameters"])
+    assert table.splitlines()[2] == f"count,{2 * shipped},{3 * shipped}"
 
     manual = tmp_path / "manual.md"
     manual.write_text("<!-- count.json -->\n<!-- end -->\n", encoding="utf-8")
