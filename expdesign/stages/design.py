@@ -247,20 +247,19 @@ def _end(result: SweepResult) -> tuple[str, str]:
     """Return the status of a sweep for the manifest, and one line about it."""
     total, failed = result.point_count, sum(one.wrong for one in result.designs)
     complete = sum(one.complete for one in result.designs)
-    if result.interrupted:
-        return "interrupted", f"interrupted after {complete} of {total} designs"
-    if not failed:
+    if not (failed or result.interrupted):
         return "done", f"{total} designs"
     reasons = [
         f"{label}: {one.reason}"
         for label, one in zip(result.labels, result.designs, strict=True)
-        if one.wrong
+        if (one.status == INTERRUPTED if result.interrupted else one.wrong)
     ]
     more = "; …" if len(reasons) > _MOST_REASONS else ""
-    return (
-        "incomplete",
-        f"{failed} of {total} designs failed: {'; '.join(reasons[:_MOST_REASONS])}{more}",
-    )
+    listed_reasons = f": {'; '.join(reasons[:_MOST_REASONS])}{more}" if reasons else ""
+    if result.interrupted:
+        message = f"interrupted after {complete} of {total} designs{listed_reasons}"
+        return "interrupted", message
+    return "incomplete", f"{failed} of {total} designs failed{listed_reasons}"
 
 
 def _continuation(result: SweepResult, folder: Path) -> str:
