@@ -147,12 +147,14 @@ class KillTrials:
         return found
 
     def _files(self) -> dict[str, Any]:
-        """Return the content of the files without processor times."""
+        """Return the content of the files without processor times and orders of ends."""
         found = contents(self.folder)
         if table := found.get("tables/sweep.csv"):
             found["tables/sweep.csv"] = (
                 pd.read_csv(BytesIO(table)).drop(columns="cpu_seconds").to_csv()
             )
+        if journal := found.get(_JOURNALS["montecarlo"]):
+            found[_JOURNALS["montecarlo"]] = sorted(journal.splitlines())  # in the order of ends
         left_out = ("manifest.json", "run.yaml")  # the latter states the cluster
         return {name: found[name] for name in found if not name.endswith(left_out)}
 

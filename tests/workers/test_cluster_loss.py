@@ -122,3 +122,14 @@ def test_a_stop_does_not_wait_for_a_long_job(cluster):
     results = cluster_jobs(cluster.address, build, deque(jobs(seconds=30)), stop.is_set)
     assert list(results) == []
     assert time.monotonic() - began < 15
+
+
+@pytest.mark.parametrize(
+    ("command", "target"), [("sweep", "workers"), ("sweep", "scheduler"), ("montecarlo", "both")]
+)
+def test_a_command_that_loses_its_cluster_goes_on(command, target, tmp_path, monkeypatch):
+    from benchmarks.kills import KillTrials
+
+    monkeypatch.setattr("expdesign.workers.cluster._RETURN_SECONDS", 3)
+    row = KillTrials(command, tmp_path / "trials").judge(target, ended=2, later=0.0)
+    assert row["findings"] == ""
