@@ -11,7 +11,7 @@ from estimation.controlmodel.formats import ControlModelFile
 from expdesign.configuration.tolerances import IDENTIFIED_ROBOT as IDENTIFIED
 from expdesign.experiment import DesignResult
 from expdesign.export.certification import LIMIT_SHARE
-from expdesign.export.result import README, ExportedTable, ExportResult
+from expdesign.export.result import README, RECORD, ExportedTable, ExportResult
 from expdesign.export.table_file import unlisted_files
 from expdesign.runfolder.manifest import file_hash
 from results.figures.motion import RestToRestMotion, motion_figure
@@ -72,8 +72,6 @@ def export_view(folder: RunFolder) -> StageView:
     level, word = (Level.CAUTION, "beyond limits") if beyond else (Level.GOOD, "checked")
     # The result of a command has its own tables only.
     unlisted, others = ([], []) if folder.brief else unlisted_files(place, result)
-    if unlisted or others:
-        sentence += f" Not described and not checked: {', '.join(unlisted + others)}."
     if unlisted and not beyond:
         level, word = Level.CAUTION, "checked in part"
     if changed:
@@ -100,6 +98,7 @@ def export_view(folder: RunFolder) -> StageView:
     listed = [_File(name, entry) for name, entry in files.items()]
     blocks: list[Block] = [
         details,
+        *_unlisted_text(unlisted + others),
         *_motion_drawings(folder, result),
         _files_table(listed),
         _read_back_table(listed),
@@ -110,6 +109,11 @@ def export_view(folder: RunFolder) -> StageView:
         title = f"{README}: how to run each table, and what to record"
         blocks.append(ListingBlock(title, readme.read_text(encoding="utf-8", errors="replace")))
     return StageView(verdict, tuple(blocks))
+
+
+def _unlisted_text(names: Sequence[str]) -> tuple[TextBlock, ...]:
+    text = f"Not described in {RECORD}, and not checked: {', '.join(names)}."
+    return (TextBlock(text, Level.CAUTION),) if names else ()
 
 
 def _motion_drawings(folder: RunFolder, result: ExportResult) -> tuple[Drawing, ...]:

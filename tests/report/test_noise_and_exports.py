@@ -13,6 +13,7 @@ from expdesign.export.exporting import export_table
 from expdesign.export.readme import readme
 from expdesign.export.result import ExportResult, exported_motion, exported_table
 from expdesign.runfolder.files import write_text
+from expdesign.stages.execution import record_added
 from expdesign.stages.registry import reported_stages
 from results.render.run_report import run_page, write_report
 from results.views.folder import RunFolder
@@ -92,6 +93,7 @@ def exported(tmp_path_factory):
 @pytest.fixture
 def with_tables(folder, exported):
     shutil.copytree(exported, folder / "exports")
+    record_added(folder, (folder / "exports").iterdir(), folder / "exports/exports.json", {})
     return folder
 
 
