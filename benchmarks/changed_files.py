@@ -1,8 +1,9 @@
 """One digit changed in every file of a run folder, and every command that may read it.
 
-A command *says* so if it names the file and does not name it when nothing was changed; it *refuses*
-the folder with exit status 2; the change is *harmless* if answer, exit status and all written files
-are those of the unchanged folder. Anything else is a finding: *silent*. The files are those of a
+A command *says* so if it names the file and does not name it when nothing was changed, or *refuses*
+the folder with exit status 2. The change is *harmless* if exit status and all written files are
+those of the unchanged folder, without doubt if the file is *not read*. Anything else is a finding:
+*silent*. The files are those of a
 run with every stage, with a table and a control model that were added by hand, and of a sweep; of
 figures and LaTeX tables one stands for all.
 """
@@ -10,8 +11,12 @@ figures and LaTeX tables one stands for all.
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import signal
+import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import chdir
 from pathlib import Path
@@ -76,7 +81,9 @@ def rows() -> Iterator[dict[str, Any]]:
 def summary(table: pd.DataFrame) -> str:
     """Return the number of silent changes."""
     cells = table.drop(columns="file").stack()
-    counts = {word: int((cells == word).sum()) for word in ("said", "refused", "harmless")}
+    counts = {
+        word: int((cells == word).sum()) for word in ("said", "refused", "harmless", "not read")
+    }
     counted = ", ".join(f"{count} {word}" for word, count in counts.items())
     return f"{int((cells == 'silent').sum())} silent changes; {counted}."
 
@@ -87,7 +94,7 @@ class _Trials:
     def __init__(self, place: Path) -> None:
         self.place, self.template = place, place / "template"
         self.template.mkdir()
-        self.unchanged: dict[str, tuple[int, str, dict[str, Any]]] = {}
+        self.unchanged: dict[str, tuple[int, str, dict[str, Any], set[str]]] = {}
         for name, changes in _RUNS.items():
             made = tiny_run(robot=quick_robot(), design=_DESIGN, **changes)
             file = self.template / f"{name}.yaml"
@@ -119,31 +126,56 @@ class _Trials:
         """Return the outcome of a command after a change in a file."""
         if line not in self.unchanged:
             self.unchanged[line] = self._outcome(line)
-        status, said, files = self._outcome(line, file)
-        known_status, known, known_files = self.unchanged[line]
-        name = Path(file).name
+        known_status, known, known_files, opened = self.unchanged[line]
+        if file not in opened:
+            return "not read"
+        most = known.count(Path(file).name)
+        status, said, files, _ = self._outcome(line, file, most)
+        if said.count(Path(file).name) > most:
+            return "refused" if status == 2 else "said"  # noqa: PLR2004
         if status not in (0, 1, 2) or "Traceback" in said:
             return f"exit status {status}"
-        if said.count(name) > known.count(name):
-            return "refused" if status == 2 else "said"  # noqa: PLR2004
-        same = {key for key in files.keys() | known_files if files.get(key) == known_files.get(key)}
-        other = (files.keys() | known_files) - same - {file}
-        return "harmless" if status == known_status and not other else "silent"
+        keys = (files.keys() | known_files) - {file}
+        same = all(files.get(key) == known_files.get(key) for key in keys)
+        return "harmless" if same and status == known_status else "silent"
 
-    def _outcome(self, line: str, changed: str = "") -> tuple[int, str, dict[str, Any]]:
-        """Return exit status, output and files of a command in a copy of the folders."""
+    def _outcome(
+        self, line: str, changed: str = "", most: int = 0
+    ) -> tuple[int, str, dict[str, Any], set[str]]:
+        """Return exit status, output, files and opened files of a command in a copy of the folders.
+
+        The command ends as soon as it names the changed file more than `most` times.
+        """
         folder = self.place / "copy"  # every copy has the same path, which some files contain
         shutil.copytree(self.template, folder)
         if changed:
             change_digit(folder / changed)
-        status, said = CopiedRun(line.split(), folder).end()
+        opened = os.memfd_create("opened")
+
+        def trace(event: str, arguments: tuple[Any, ...]) -> None:
+            if event == "open" and not isinstance(arguments[0], int):
+                path = os.path.realpath(os.fsdecode(arguments[0]))
+                os.write(opened, f"{path}\n".encode())
+
+        made = CopiedRun(line.split(), folder, prepare=lambda: sys.addaudithook(trace))
+        while made.is_running():
+            time.sleep(0.1)
+            if changed and made.said().count(Path(changed).name) > most:
+                # Long enough for a refusal to end it.
+                time.sleep(1)
+                if made.is_running():
+                    os.kill(made.process, signal.SIGKILL)
+        status, said = made.end()
         files = {
             name: content
             for name, content in contents(folder).items()
             if not name.endswith("manifest.json")
         }
+        paths = os.pread(opened, 2**24, 0).decode().splitlines()
+        os.close(opened)
         shutil.rmtree(folder)
-        return status, " ".join(" ".join(said).split()), files
+        inside = {str(Path(path).relative_to(folder)) for path in paths if str(folder) in path}
+        return status, " ".join(" ".join(said).split()), files, inside
 
 
 def change_digit(path: Path) -> None:

@@ -46,5 +46,92 @@ NAMES = (
     "speed",
     "physical_consistency",
     "mutants",
+    "unknowns",
+    "long_tables",
     "folders",
     "kills",
+    "changed_files",
+)
+
+
+def main() -> None:
+    """Run the benchmarks named on the command line, all by default."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help=f"of {', '.join(NAMES)}; sections of a benchmark may follow its name",
+    )
+    parser.add_argument(
+        "--repetitions", type=int, metavar="K", help="of the sections that repeat something"
+    )
+    arguments = parser.parse_args()
+    for name, section in _wanted(arguments.names or list(NAMES), parser):
+        measure(name, section, arguments.repetitions)
+
+
+def _wanted(words: list[str], parser: argparse.ArgumentParser) -> list[tuple[str, str | None]]:
+    """Return benchmarks with their sections, None for those that have none."""
+    chosen: list[tuple[str, list[str]]] = []
+    for word in words:
+        # Of a word that is both, the section of the benchmark before it is meant.
+        if chosen and word in _sections(chosen[-1][0]):
+            chosen[-1][1].append(word)
+        elif word in NAMES:
+            chosen.append((word, []))
+        else:
+            known = f"; its sections are {', '.join(_sections(chosen[-1][0]))}" if chosen else ""
+            parser.error(f"unknown benchmark '{word}'; there are {', '.join(NAMES)}{known}")
+    wanted: list[tuple[str, str | None]] = []
+    for name, sections in chosen:
+        named = sections or _sections(name)
+        wanted += [(name, section) for section in named] or [(name, None)]
+    return wanted
+
+
+def _module(name: str) -> Any:
+    return importlib.import_module(f"benchmarks.{name}")
+
+
+def _sections(name: str) -> list[str]:
+    return list(getattr(_module(name), "SECTIONS", ()))
+
+
+def measure(name: str, section: str | None = None, repetitions: int | None = None) -> None:
+    """Run one benchmark, or a section of it; its table is complete as far as it got."""
+    module = _module(name)
+    called = name if section is None else f"{name} {section}"
+    title = module.TITLE if section is None else f"{module.TITLE}: {section}"
+    command = called if repetitions is None else f"{called} --repetitions {repetitions}"
+    rows: Iterator[dict[str, object]]
+    rows = module.rows() if section is None else module.rows(section, repetitions)
+    done: list[dict[str, object]] = []
+    for row in rows:
+        done.append(row)
+        print(f"{called}: {row}", flush=True)
+        write(called, title, command, pd.DataFrame(done), "")
+    if not done:  # It has said why; what was measured before stays.
+        return
+    table = pd.DataFrame(done)
+    text = module.summary(table)
+    print(f"{called}: {text}", flush=True)
+    write(called, title, command, table, text)
+
+
+def write(name: str, title: str, command: str, table: pd.DataFrame, text: str) -> None:
+    """Write a table as Markdown."""
+    head = "| " + " | ".join(table.columns) + " |"
+    rule = "|" + "---|" * len(table.columns)
+    body = ["| " + " | ".join(str(v) for v in row) + " |" for row in table.itertuples(index=False)]
+    today = datetime.datetime.now(datetime.UTC).date().isoformat()
+    machine = f"Python {platform.python_version()}, {os.cpu_count()} cores"
+    arguments = command if " " not in command else f'"{command}"'
+    origin = f"`make bench ARGS={arguments}`, {today}, {machine}"
+    path = Path(__file__).parent / "tables" / f"{name.replace(' ', '_').replace('-', '_')}.md"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("\n".join([f"# {title}", "", origin, "", head, rule, *body, "", text, ""]))
+
+
+if __name__ == "__main__":
+    main()

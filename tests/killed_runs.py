@@ -61,13 +61,15 @@ class CopiedRun:
     the seconds that one needs before it does anything are saved.
     """
 
-    def __init__(self, arguments, folder=".", moment=None, number=0):
+    def __init__(self, arguments, folder=".", moment=None, number=0, prepare=None):
         self.streams = [os.fdopen(os.memfd_create(name), "w+b") for name in ("out", "err")]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # threads: the copy uses none
             self.process = os.fork()
         if self.process == 0:
             os.chdir(folder)
+            if prepare is not None:
+                prepare()
             _be_the_run(moment, number, arguments, self.streams)
 
         self.status = None
@@ -77,6 +79,11 @@ class CopiedRun:
             process, status = os.waitpid(self.process, os.WNOHANG)
             self.status = status if process else None
         return self.status is None
+
+    def said(self):
+        """Return its output and messages so far."""
+        found = [os.pread(each.fileno(), 2**24, 0) for each in self.streams]
+        return b" ".join(found).decode(errors="replace")
 
     def end(self):
         """Wait for its end; return its exit status, its output and its messages."""
