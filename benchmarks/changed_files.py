@@ -59,7 +59,7 @@ _RUNS: dict[str, dict[str, Any]] = {
     "alone": _STAGES,
     "whole": _STAGES
     | {
-        "feedforward": {},
+        "feedforward": {"bandwidth": "4 Hz"},
         "export": [{"format": "xps-pvt", "segment": 0.02, "tolerance": 2e-4, "scale": 0.3}],
         "report": {"figures": ["svg"]},
     },
