@@ -24,10 +24,10 @@ from typing import Any
 
 import pandas as pd
 
-from benchmarks.folders import quick_robot
+from benchmarks.folders import quick_robot, timeless_files
 from expdesign.cli.app import app, run
 from tests.blank_figures import blank_figures
-from tests.killed_runs import CopiedRun, contents
+from tests.killed_runs import CopiedRun
 from tests.tiny_run import tiny_run
 
 TITLE = "One digit changed in every file of a run folder"
@@ -166,11 +166,7 @@ class _Trials:
                 if made.is_running():
                     os.kill(made.process, signal.SIGKILL)
         status, said = made.end()
-        files = {
-            name: content
-            for name, content in contents(folder).items()
-            if not name.endswith("manifest.json")
-        }
+        files = timeless_files(folder)
         paths = os.pread(opened, 2**24, 0).decode().splitlines()
         os.close(opened)
         shutil.rmtree(folder)

@@ -14,6 +14,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import chdir
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -187,8 +188,19 @@ def _answers(names: Sequence[str], ends: Sequence[tuple[int, tuple[str, str]]]) 
 
 
 def _state(folder: Path, answers: dict[str, Any]) -> dict[str, Any]:
+    return timeless_files(folder) | answers
+
+
+def timeless_files(folder: Path) -> dict[str, Any]:
+    """Return the content of the files, except for times: those of a sweep are in its table."""
     files = contents(folder)
-    return {name: files[name] for name in files if not name.endswith(Manifest.FILE)} | answers
+    for name in [name for name in files if name.endswith("tables/sweep.csv")]:
+        table = pd.read_csv(BytesIO(files[name])).drop(columns="cpu_seconds")
+        files[name] = table.to_csv(index=False)
+        run = name.removesuffix("tables/sweep.csv")
+        for shown in ("tables/sweep.tex", "report.html", "figures/sweep.svg"):
+            files.pop(f"{run}{shown}", None)
+    return {name: files[name] for name in files if not name.endswith(Manifest.FILE)}
 
 
 def _amiss(ends: Sequence[tuple[int, tuple[str, str]]]) -> Iterator[str]:

@@ -19,7 +19,6 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -27,10 +26,11 @@ from unittest.mock import patch
 import pandas as pd
 from distributed.cli import dask_scheduler, dask_worker
 
-from benchmarks.folders import quick_robot
+from benchmarks.folders import quick_robot, timeless_files
 from expdesign.cli.app import app, run
+from expdesign.runfolder.files import RUN_FILE
 from tests.blank_figures import blank_figures
-from tests.killed_runs import CopiedRun, contents
+from tests.killed_runs import CopiedRun
 from tests.tiny_run import tiny_run
 
 TITLE = "Workers and schedulers killed"
@@ -147,16 +147,12 @@ class KillTrials:
         return found
 
     def _files(self) -> dict[str, Any]:
-        """Return the content of the files without processor times and orders of ends."""
-        found = contents(self.folder)
-        if table := found.get("tables/sweep.csv"):
-            found["tables/sweep.csv"] = (
-                pd.read_csv(BytesIO(table)).drop(columns="cpu_seconds").to_csv()
-            )
+        """Return the content of the files, except for times, orders of ends and the cluster."""
+        found = timeless_files(self.folder)
         if journal := found.get(_JOURNALS["montecarlo"]):
             found[_JOURNALS["montecarlo"]] = sorted(journal.splitlines())  # in the order of ends
-        left_out = ("manifest.json", "run.yaml")  # the latter states the cluster
-        return {name: found[name] for name in found if not name.endswith(left_out)}
+        # run.yaml states the cluster.
+        return {name: found[name] for name in found if not name.endswith(RUN_FILE)}
 
     def _is_needed(self, job: str) -> bool:
         """Return whether a job has to be kept: a complete design of a sweep has no journal."""

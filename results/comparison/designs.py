@@ -50,7 +50,12 @@ def compare_designs(
 ) -> StageView:
     """Return the comparison of the designs of folders; a quick one without the costs of limits."""
     designs = tuple(
-        ComparedDesign(label, folder.result(DesignResult)) for label, folder in folders.items()
+        ComparedDesign(
+            label,
+            folder.result(DesignResult),
+            folder.entry("design") is not None and bool(folder.changes.of("design")),
+        )
+        for label, folder in folders.items()
     )
     comparison = DesignComparison(designs, precision)
     blocks: list[Block] = []
@@ -95,6 +100,13 @@ class ComparedDesign:
 
     label: str
     result: DesignResult
+    changed: bool = False
+    """Whether its files or inputs were changed by hand: its claims may not hold for them."""
+
+    @property
+    def status(self) -> str:
+        """Status of the design, or that it was changed."""
+        return "changed" if self.changed else self.result.status
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -401,7 +413,7 @@ def _effort_table(comparison: DesignComparison) -> ReportTable:
     median, most, decisive, time = zip(*efforts, strict=True)
     columns = (
         TableColumn("design", kind="text", of=[design.label for design in designs]),
-        TableColumn("status", kind="outcome", of=[result.status for result in results]),
+        TableColumn("status", kind="outcome", of=[design.status for design in designs]),
         TableColumn("criterion", kind="text", of=[result.criterion for result in results]),
         TableColumn("harmonics", of=[result.harmonics for result in results]),
         TableColumn("period", "s", of=[result.trajectory.period for result in results]),
@@ -438,7 +450,7 @@ def _limits_table(designs: tuple[ComparedDesign, ...]) -> ReportTable:
     checks = {design.label: design.result.checks for design in designs}
     titles = {check.key: check.title for own in checks.values() for check in own}
     columns = [TableColumn("limit", kind="text", of=titles.get)]
-    for label, own in checks.items():
-        used = {check.key: check.used for check in own}
-        columns.append(TableColumn(label, "%", of=used.get, factor=100))
+    for design in designs:
+        used = {check.key: check.used for check in design.result.checks if not design.changed}
+        columns.append(TableColumn(design.label, "%", of=used.get, factor=100))
     return ReportTable.of("compared_limits", "Used share of every limit", columns, titles)
