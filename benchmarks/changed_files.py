@@ -1,6 +1,6 @@
 """One digit changed in every file of a run folder, and every command that may read it.
 
-A command *says* so if it names the file and does not name it when nothing was changed, or *refuses*
+A command *says* so if it or its page names the file more often than without a change, or *refuses*
 the folder with exit status 2. The change is *harmless* if exit status and all written files are
 those of the unchanged folder, without doubt if the file is *not read*. Anything else is a finding:
 *silent*. The files are those of a
@@ -133,6 +133,10 @@ class _Trials:
         status, said, files, _ = self._outcome(line, file, most)
         if said.count(Path(file).name) > most:
             return "refused" if status == 2 else "said"  # noqa: PLR2004
+        pages = [text for name, text in files.items() if name.endswith(".html")]
+        known_pages = [text for name, text in known_files.items() if name.endswith(".html")]
+        if _count(file, pages) > _count(file, known_pages):
+            return "said"
         if status not in (0, 1, 2) or "Traceback" in said:
             return f"exit status {status}"
         keys = (files.keys() | known_files) - {file}
@@ -172,6 +176,11 @@ class _Trials:
         shutil.rmtree(folder)
         inside = {str(Path(path).relative_to(folder)) for path in paths if str(folder) in path}
         return status, " ".join(" ".join(said).split()), files, inside
+
+
+def _count(file: str, pages: list[bytes]) -> int:
+    """Return how often pages name a file."""
+    return sum(page.count(Path(file).name.encode()) for page in pages)
 
 
 def change_digit(path: Path) -> None:
