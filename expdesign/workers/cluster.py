@@ -378,6 +378,8 @@ def _unchanged(content: bytes) -> bytes:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Silence the library's own messages about lost connections: the error names the cluster."""
+    # Tasks of a lost connection are reported when they are collected, which may be much later.
+    logging.getLogger("asyncio").addFilter(_is_of_others)
     names = [n for n in logging.root.manager.loggerDict if n.split(".")[0] in {"distributed"}]
     loggers = [logging.getLogger(name) for name in (*names, "tornado", "asyncio")]
     levels = [logger.level for logger in loggers]
@@ -388,6 +390,12 @@ def _quiet() -> Iterator[None]:
     finally:
         for logger, level in zip(loggers, levels, strict=True):
             logger.setLevel(level)
+
+
+def _is_of_others(record: logging.LogRecord) -> bool:
+    """Return whether a message is not about an exception that the library defines."""
+    kind = record.exc_info[0] if record.exc_info else None
+    return kind is None or not kind.__module__.startswith("distributed.")
 
 
 def _library() -> tuple[Any, type[BaseException]]:
