@@ -38,6 +38,8 @@ from estimation.processing.variance import VarianceProfile, low_harmonics, varia
 from expdesign.configuration.estimate import SpectrumOrigin
 
 _REPEATED = 2
+_EXACT = 1e-24
+"""Variance of a channel without noise, N² or m²."""
 
 _MOST_LOST = 0.1
 """Largest share of missing samples, or of lost weight, for a spectrum of the noise."""
@@ -113,7 +115,10 @@ class Channels:
 
     def with_profile(self, quantities: Mapping[str, Array]) -> Channels:
         """Return the channels with the size of their noise over one of these quantities."""
-        noise, periods, ends = self.empirical_noise, self.repeats, 0
+        periods, ends = self.repeats, 0
+        if self.scatter is None or np.any(np.diag(self.scatter.covariance) <= _EXACT):
+            return self
+        noise = self.empirical_noise
         if noise is None or noise.lines is None or periods is None:
             return self
         if noise.filter is not None:

@@ -74,7 +74,9 @@ def variance_profile(
     """
     inside = slice(ends, periods.shape[1] - ends)
     size = np.abs(contrasts(periods)[:, inside])
-    size = np.minimum(size, _CUT / NORMAL_MEDIAN * np.median(size, axis=(0, 1)))
+    middle = np.median(size, axis=(0, 1))
+    # With more than half exactly zero, as after coarse quantisation, nothing is an outlier.
+    size = np.minimum(size, np.where(middle > 0, _CUT / NORMAL_MEDIAN * middle, np.inf))
     tests = {over: _changes(size, values[inside]) for over, values in quantities.items()}
     over = min(tests, key=lambda each: float(np.sum(tests[each])))
     found = None
