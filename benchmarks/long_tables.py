@@ -1,6 +1,6 @@
 """Controller tables of a million rows, PaLiDA: written, read back and certified.
 
-Every table is made in a process of its own: processor time, and memory beyond that at its start.
+Each table is made in a separate process: processor time, and memory beyond that at its start.
 """
 
 from __future__ import annotations

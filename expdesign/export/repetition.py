@@ -50,8 +50,8 @@ def shorten_task(task: Task) -> Task:
 def repeat_rows(rows: Rows, settings: Settings) -> Rows | None:
     """Return rows of the motion with two periods as those of the whole motion.
 
-    The second period gets the values of the first, to the last digit. None if the rows do not
-    repeat, since a period is no whole number of steps.
+    The second period gets the values of the first, to the last digit. None if a period is not a
+    whole number of steps.
     """
     found = _find_periods(rows.times, shorten(settings))
     if found is None:
