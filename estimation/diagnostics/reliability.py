@@ -13,6 +13,7 @@ any information, such as a common factor of all forces, have no limit: both are 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -31,7 +32,7 @@ from estimation.diagnostics.significance import Strut
 from expdesign.runfolder import described
 
 _Key = tuple[str, str, int | None, float | None]
-RECTANGULAR = np.sqrt(3.0)
+RECTANGULAR = math.sqrt(3.0)
 """Ratio of half the width of a rectangular distribution to its standard deviation (GUM 4.3.7): an
 effect that was not found may have any size up to the detectable one."""
 
