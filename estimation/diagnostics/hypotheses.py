@@ -321,6 +321,7 @@ _FAMILIES = (
         _stribeck,
         advice="add `stribeck`, with a `velocity` near this one, to the robot's `terms`: it "
         "becomes a parameter of the estimate, and so does the velocity with `estimate: true`",
+        lower=0.0,
         unit="N",
     ),
     _term("load_friction", "friction by load", scale=100.0, unit="%"),

@@ -78,6 +78,8 @@ class Family:
     """Whether values are pairs of sine and cosine; their amplitudes are displayed."""
     phrase: str = "{noun} {place}"
     """Format of the noun and the place of an effect."""
+    lower: float = -np.inf
+    """Smallest value of a physical effect, SI, where the parameters of its term may be smaller."""
     contains: str = ""
     """Kind of the effects that are special cases of this one, and therefore no rivals."""
 
@@ -113,11 +115,11 @@ class Hypothesis(Family, Candidates):
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Bounds of a candidate's values, SI: those of the first parameter of its term."""
+        """Bounds of a candidate's values, SI: also those of the first parameter of its term."""
         term = term_definitions().get(self.kind)
         if term is None:
-            return -np.inf, np.inf
-        return term.parameters[0].lower, term.parameters[0].upper
+            return self.lower, np.inf
+        return max(self.lower, term.parameters[0].lower), term.parameters[0].upper
 
     @property
     def candidates(self) -> int:

@@ -188,7 +188,6 @@ STRIBECK = _friction_of_actuators(
         "N",
         "friction of the actuators at standstill, beyond the dry one",
         WEIGHT_SCALE,
-        lower=0,
         default=0.0,
     ),
     lambda instant: (
