@@ -103,7 +103,7 @@ CASES = {
     "slow_stribeck": _case("% of dry", 100, (7, 14, 28), "stribeck"),
     "cable_drag": _case("N", 1, (0.3, 0.6, 0.9, 2.4), "platform_drag", "platform_spring"),
     "base_on_springs": _case("Hz", 1, (15, 11, 8)),
-    "products_of_inertia": _case("g m^2", 1e3, (0.25, 0.5, 0.75, 8), "general_platform"),
+    "products_of_inertia": _case("g m^2", 1e3, (0.2, 0.3, 0.4, 8), "general_platform"),
     "low_pass": _case("ms", 1e3, (0.25, 0.35, 0.5), "delay", "lag"),
     "position_friction": _case("%", 100, (10, 15, 20, 40), "position_friction"),
     "direction_friction": _case("%", 100, (1, 2, 4), "asymmetric_friction", "force_offset"),
@@ -457,12 +457,19 @@ def _row(outcomes: Sequence[Outcome], kinds: frozenset[str]) -> Row:
         "friction": _percent(x for each in accepted for x in each.covered(False)),
         "widened: rigid": _percent(x for each in accepted for x in each.covered(True, True)),
         "widened: friction": _percent(x for each in accepted for x in each.covered(False, True)),
+        "median widening": _widening(accepted),
         "right kind first": _percent(each.named_right(kinds) for each in outcomes),
         "not in the list": _percent(each.named_nothing() for each in outcomes),
         "wrong and sure": _percent(each.wrong_and_sure(kinds) for each in outcomes),
         "first causes": ", ".join(f"{name} {count}" for name, count in firsts.most_common(3)),
         "seconds": f"{np.mean([each.seconds for each in outcomes]):.2f}",
     }
+
+
+def _widening(outcomes: Sequence[Outcome]) -> str:
+    """Return the median factor of the half widths that `std_undetected` makes."""
+    shares = [share for each in outcomes for share in each.undetected.values()]
+    return f"{np.median(np.hypot(1, shares)):.2f}" if shares else ""
 
 
 def _first_cause(outcome: Outcome) -> str:
