@@ -151,7 +151,7 @@ class Outcome:
     errors: dict[str, float]
     """Estimate less truth in half widths of the 95 % interval."""
     undetected: dict[str, float]
-    """`std_undetected` over `std`; empty without that column."""
+    """`std_undetected` over `std`."""
     seconds: float
 
     def covered(self, rigid: bool, widened: bool = False) -> list[bool]:
@@ -243,7 +243,7 @@ def _judge(result: EstimationResult, truth: Mapping[str, float], seconds: float)
             row.parameter: 2 * (row.value - truth[row.parameter]) / (row.ci_high - row.ci_low)
             for row in rows
         },
-        undetected={row.parameter: getattr(row, "std_undetected", 0.0) / row.std for row in rows},
+        undetected={row.parameter: row.std_undetected / row.std for row in rows},
         seconds=seconds,
     )
 
