@@ -32,9 +32,6 @@ from estimation.diagnostics.significance import Strut
 from expdesign.runfolder import described
 
 _Key = tuple[str, str, int | None, float | None]
-RECTANGULAR = math.sqrt(3.0)
-"""Ratio of half the width of a rectangular distribution to its standard deviation (GUM 4.3.7): an
-effect that was not found may have any size up to the detectable one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +42,7 @@ class UndetectedEffect:
     strut: Annotated[Strut, described("1", "number of the strut; null: all of them")]
     parameter: Annotated[str, described("", "as for a cause")]
     constant: Annotated[float | None, described("SI", "constant of its columns; null: none")]
+    freedom: Annotated[int, described("1", "number of its values that the data determine")]
     size: Annotated[
         float, described("SI", "smallest size that is detected; of several values, their norm")
     ]
@@ -68,6 +66,7 @@ class CandidateReliability:
     hypothesis: Hypothesis
     number: int
     """Family, and number of the candidate in it."""
+    freedom: int
     noncentrality: float
     covariance: Array
     """(q, q), I⁻¹."""
@@ -134,6 +133,7 @@ def candidate_reliability(
                 CandidateReliability(
                     hypothesis,
                     number,
+                    fit.rank,
                     _noncentrality(family.limit, fit.rank),
                     fit.covariance,
                     shift[:, places],
@@ -198,6 +198,7 @@ def _combine(
         strut=strut,
         parameter=name,
         constant=constant,
+        freedom=best.freedom,
         size=size,
         text=describe_candidate(best.hypothesis, name, strut, size),
         shifts=dict(zip(names, shifts.tolist(), strict=True)),
@@ -210,10 +211,17 @@ def _combine(
 def undetected_std(effects: Sequence[UndetectedEffect]) -> dict[str, float]:
     """Return the standard deviation that one undetected effect may add to every parameter.
 
+    An effect of q values that was not found may have any size below the detectable one: uniformly
+    distributed within cᵀ I c ≤ λ it has the covariance λ I⁻¹/(q + 2); a single value that of a
+    rectangular distribution (GUM 4.3.7).
+
     Examples
     --------
     >>> undetected_std(())
     {}
     """
     names = effects[0].shifts if effects else {}
-    return {name: max(effect.shifts[name] for effect in effects) / RECTANGULAR for name in names}
+    return {
+        name: max(effect.shifts[name] / math.sqrt(effect.freedom + 2) for effect in effects)
+        for name in names
+    }

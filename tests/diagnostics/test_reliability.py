@@ -101,11 +101,27 @@ def test_an_effect_with_a_tolerance_is_counted_in_the_intervals_instead(lab):
     assert {"force_offset", "joint", "stribeck", "platform_wrench"} <= found
 
 
-def test_the_spread_covers_every_effect(found):
-    spread = undetected_std(tuple(found.values()))
-    for effect in found.values():
-        for name, shift in effect.shifts.items():
-            assert spread[name] >= shift / 2
+def test_the_spread_is_that_of_sizes_below_the_detectable_one(lab):
+    """Random effects of one kind at a time, uniform in size or within the ellipsoid."""
+    experiment = lab.experiment(lab.measure(1), lab.noise)
+    estimate = lab.estimate([experiment], "ml")
+    diagnosis = diagnose(lab.robot, [experiment], lab.knowledge, estimate)
+    (recording,) = diagnosis.recordings
+    spread = undetected_std(diagnosis.undetected)
+    rng, largest = np.random.default_rng(2), np.zeros(len(spread))
+    for candidate in recording.reliability:
+        sizes, axes = np.linalg.eigh(candidate.covariance * candidate.noncentrality)
+        seen = sizes > 1e-9 * sizes[-1]
+        assert np.count_nonzero(seen) == candidate.freedom
+        root = axes[:, seen] * np.sqrt(sizes[seen])
+        directions = rng.standard_normal((20000, candidate.freedom))
+        inside = directions * (
+            rng.uniform(size=(20000, 1)) ** (1 / candidate.freedom)
+            / np.linalg.norm(directions, axis=1)[:, None]
+        )
+        moved = inside @ (candidate.shift @ root).T
+        largest = np.maximum(largest, np.std(moved, axis=0))
+    np.testing.assert_allclose(list(spread.values()), largest, rtol=0.05)
 
 
 def test_held_out_data_have_none(lab):
