@@ -179,8 +179,8 @@ class _Trials:
 
 
 def _count(file: str, pages: list[bytes]) -> int:
-    """Return how often pages name a file."""
-    return sum(page.count(Path(file).name.encode()) for page in pages)
+    """Return how often pages say that a file was changed."""
+    return sum(page.count(f"{Path(file).name} was changed".encode()) for page in pages)
 
 
 def change_digit(path: Path) -> None:

@@ -223,8 +223,8 @@ _SHOWN = ("figures/", "model/")
 
 
 def _is_unread(file: str) -> bool:
-    """Return whether no stage reads a file."""
-    return file.startswith(_SHOWN) or file.endswith((".tex", "README.txt"))
+    """Return whether no stage and no section of a report reads a file."""
+    return file.startswith(_SHOWN) or file.endswith(".tex")
 
 
 def _changed(folder: Path, files: Mapping[str, str]) -> list[str]:

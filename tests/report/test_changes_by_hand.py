@@ -14,7 +14,7 @@ from expdesign.stages.registry import reported_stages
 from results.views.folder import RunFolder
 from results.views.view import Level
 
-UNREAD = (".tex", "README.txt", ".html", ".jsonl")
+UNREAD = (".tex", ".html", ".jsonl")
 """Files that no command reads: they are written again, or their lines carry a hash."""
 VALUES = [
     *(1e300, -1e300, 1e149, -1e149, 5e-324, -5e-324, 1e-160, 0, -1, 2**70, 10**400),
