@@ -208,7 +208,7 @@ def parameter_rows():
         for p in term.parameters:
             bound = "" if p.lower == -np.inf else f"{'>' if p.strict else '≥'} {p.lower:g}"
             bound = bound if p.upper == np.inf else f"≤ {p.upper:g}"
-            unit = p.unit.replace("^2", "²")
+            unit = p.unit.replace("^2", "²").replace("^3", "³")
             rest = f"{unit} | {bound} | {p.scale.text} | `{term.name}` | {p.meaning}"
             rows.setdefault(rest, []).append(f"`{p.name}`")
     return [

@@ -81,8 +81,8 @@ def test_the_planner_does_what_the_export_says(name, scale, tmp_path):
     off, stated = np.abs(played - struts).max(), made.check.deviation.position
     assert off == pytest.approx(stated, abs=MICROMETRE)
     sys.stdout.write(
-        f"\n| {name} | {scale:g} | {designed:.3f} s | {duration:.3f} s | {1e3 * off:.3f} of "
-        f"{1e3 * stated:.3f} mm | {acceleration:.2f} of {said.acceleration:.2f} m/s² | "
+        f"\n| {name} | {scale:g} | {designed:.3f} s | {duration:.3f} s | {1e3 * off:.3f} mm | "
+        f"{1e3 * stated:.3f} mm | {acceleration:.2f} m/s² | {said.acceleration:.2f} m/s² | "
         f"{1e9 * apart:.0f} nm |\n"
     )
 
