@@ -114,17 +114,23 @@ class Channels:
         return replace(repeated, covariance=covariance, lines=lines, filter=found)
 
     def with_profile(self, quantities: Mapping[str, Array]) -> Channels:
-        """Return the channels with the size of their noise over one of these quantities."""
+        """Return the channels with the size of their noise over one of these quantities.
+
+        Coarse rounding hides the noise wherever the signal is far from a rounding threshold: its
+        scatter is no size of the noise. A channel with mostly equal samples in successive periods
+        is left out.
+        """
         periods, ends = self.repeats, 0
         if self.scatter is None or np.any(np.diag(self.scatter.covariance) <= _EXACT):
             return self
         noise = self.empirical_noise
         if noise is None or noise.lines is None or periods is None:
             return self
+        rounded = np.median(np.abs(np.diff(periods, axis=0)), axis=(0, 1)) == 0
         if noise.filter is not None:
             periods = np.stack([noise.filter(period) for period in periods])
             ends = noise.filter.reach(np.sqrt(np.diag(noise.covariance)))
-        profile = variance_profile(periods, quantities, ends)
+        profile = variance_profile(np.where(rounded, 0.0, periods), quantities, ends)
         return self if profile is None else replace(self, profile=profile)
 
 

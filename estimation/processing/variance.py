@@ -27,6 +27,8 @@ _REMAINING = 1.6
 _MOST_BINS, _BINS_OF_PHASE, _PER_BIN = 8, 24, 100
 _CUT = 6.0
 """Normalised size at which outliers are cut off."""
+_SMALLEST = 0.1
+"""Smallest size, relative to its root mean square: weights stay bounded."""
 _ENOUGH = 0.2
 """Largest share of the harmonics of a period that describe the motion."""
 _MOST_HARMONICS = 12
@@ -53,7 +55,8 @@ def variance_profile(
     """Return the size of the noise over the quantity that explains its changes.
 
     It is the quantity with the most significant changes, or the phase if changes over the phase
-    remain after scaling. None if the size does not change to a relevant extent.
+    remain after scaling. None if the size does not change to a relevant extent. A channel with
+    more than half of its contrasts at zero has no profile.
 
     Parameters
     ----------
@@ -102,7 +105,7 @@ def _changes(size: Array, values: Array, least: float = _NOTICEABLE) -> Array:
     count, samples, channels = size.shape
     bins = min(_MOST_BINS, count * samples // _PER_BIN)
     result = np.zeros(channels)
-    for j in range(channels if bins > 1 else 0):
+    for j in np.flatnonzero((np.median(size, axis=(0, 1)) > 0) & (bins > 1)):
         groups = [size[:, part, j].ravel() for part in _split(values[:, j], bins)]
         means = [group.mean() for group in groups]
         statistic = float(scipy.stats.f_oneway(*groups).statistic)
@@ -123,6 +126,7 @@ def _shape(
         parts = _split(seen, bins)
         means = [size[:, part, j].mean() for part in parts]
         std[:, j] = np.interp(values[:, j], [seen[part].mean() for part in parts], means)
+    std = np.maximum(std, _SMALLEST * np.sqrt(np.mean(std**2, axis=0)))
     return std / np.sqrt(np.mean(std**2, axis=0))
 
 

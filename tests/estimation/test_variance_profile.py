@@ -95,6 +95,37 @@ def test_noise_of_a_part_of_the_period():
     assert np.mean(profile.std[220:280]) == pytest.approx(3 * np.mean(profile.std[400:]), rel=0.1)
 
 
+@pytest.mark.parametrize("step", [2.5, 5.0, 50.0])
+def test_rounding_is_no_profile(step):
+    for seed in range(5):
+        data = measured(MOTION, seed, force_scale=0.3)
+        grid = step * np.sqrt(np.diag(ROBOT.description.noise.length_covariance))
+        rounded = replace(data, lengths=np.round(data.lengths / grid) * grid)
+        fold = fold_recording(rounded, MOTION.omega, PeriodSource.DESIGN)
+        assert fold.lengths.scatter is not None
+        assert fold.lengths.profile is None
+
+
+def test_one_rounded_channel_leaves_the_profile_of_the_others():
+    data = recording(1, "speed")
+    forces = data.forces.copy()
+    step = 5 * np.sqrt(ROBOT.description.noise.force_covariance[2, 2])
+    forces[:, 2] = np.round(forces[:, 2] / step) * step
+    rounded = replace(data, forces=forces)
+    profile = fold_recording(rounded, MOTION.omega, PeriodSource.DESIGN).forces.profile
+    assert profile.over == "speed"
+    assert np.all(profile.std[:, 2] == 1)
+    assert np.all(np.delete(profile.ratio, 2) > 2)
+
+
+def test_a_size_near_zero_has_a_bounded_weight():
+    speed = np.abs(np.cos(np.linspace(0, 2 * np.pi, 800, endpoint=False)))[:, None] * np.ones(6)
+    noise = np.random.default_rng(0).standard_normal((8, 800, 6)) * speed**4
+    std = variance_profile(noise, {"speed": speed}).std
+    assert np.min(std) > 0.09
+    np.testing.assert_allclose(np.mean(std**2, axis=0), 1)
+
+
 def _coverage(count, **options):
     inside = []
     for seed in range(count):
