@@ -141,6 +141,20 @@ def _sample_limits(table: ExecutedTable, model: LimitModel) -> tuple[LimitCheck,
     return worst_of_each(checks)
 
 
+def single_cycle_checks(table: ExecutedTable, *, piece: bool = False) -> tuple[LimitCheck, ...]:
+    """Return the worst cycle, by its own differences, of each limit on accelerations and forces.
+
+    Of a controller that plans between the rows; `certify_table` judges means over a row, which
+    level a motion of one servo cycle.
+    """
+    if table.row_times is None:
+        return ()
+    limits = tuple(limit for limit in LimitModel.of(table.robot).limits if _is_dynamic(limit))
+    if not limits:
+        return ()
+    return _at_rows(replace(table, stride=1), LimitModel(table.robot, limits), piece=piece)
+
+
 def _at_rows(table: ExecutedTable, model: LimitModel, *, piece: bool) -> tuple[LimitCheck, ...]:
     """Return the worst row of each limit; second differences approximate accelerations.
 

@@ -27,6 +27,8 @@ _SAME_STEP = 0.5e-9
 """s; largest difference of two steps of time that count as equal."""
 _SAME_PERIOD = 1e-10
 """s; largest difference between the rows of a period and the period: it adds up."""
+_LOST_DIGITS = 1e-9
+"""s; largest rounding error of a difference of late times."""
 _AT_EDGE = 1e-7
 """s; largest distance of a row from the beginning of its period."""
 
@@ -228,9 +230,10 @@ class _Collector:
         # The difference of late times has lost digits, which the controller's clock has not.
         step = self._short.step
         if step is not None:
-            times[last + 1 :] = step * np.rint(times[last + 1 :] / step)
+            exact = np.append(times[: last + 1], step * np.rint(times[last + 1 :] / step))
         else:
-            times = self._short.form.written_times(times, self._short)
+            exact = self._short.form.written_times(times, self._short)
+        times = np.where(np.abs(times - exact) < _LOST_DIGITS, exact, times)
         return Collected(times, values, self._repeats, self._block)
 
     @property

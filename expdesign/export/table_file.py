@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,12 +11,11 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, Problem, export_section
-from expdesign.export.certification import PathCertificate, certify_table
+from expdesign.export.certification import PathCertificate, certify_table, single_cycle_checks
 from expdesign.export.definition import Settings, TableError, Task
 from expdesign.export.execution import Executed, ExecutedTable
 from expdesign.export.exporting import BAG, refuse_missing_library, resolve_settings
 from expdesign.export.formats import table_formats
-from expdesign.export.read_back import check_controller
 from expdesign.export.result import README, RECORD, ExportedTable, ExportResult, result_file
 from expdesign.export.whole_table import (
     controller_faults,
@@ -28,11 +28,14 @@ from expdesign.export.whole_table import (
 )
 from expdesign.robot import Robot
 from expdesign.runfolder import MissingFileError
+from expdesign.runfolder.files import is_temporary
+from expdesign.runfolder.lock import LOCK
 from expdesign.runfolder.manifest import file_hash
 from expdesign.trajectory import FourierTrajectory
 from expdesign.workers.local import EndlessError, run_isolated
 
 _AGAIN = "a table as `expdesign export` wrote it, with its exports.json; export it again"
+_LOCK = re.compile(rf"{re.escape(LOCK)}(-[0-9a-f]{{8}})?(\.json)?")
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,10 +170,14 @@ def certify_file(file: TableFile, *, piece: bool = False) -> PathCertificate:
     table = file.executed
     settings, rows = executed_settings(file.settings, table), table.as_written.rows
     faults = find_faults(settings, table, file.longest_step, piece=piece)
-    if not (faults or piece):
-        faults = controller_faults(table)
+    if not faults:
+        faults = controller_faults(table, piece=piece)
     unchecked = wrong_companions(file.settings, rows, file.path)
-    unchecked += _short_accelerations(table)
+    unchecked += [
+        f"in single servo cycles {check}: means over a row were judged"
+        for check in single_cycle_checks(table, piece=piece)
+        if not check.kept
+    ]
     if piece:
         if rows.columns:
             unchecked.append("its further columns: a piece has no place in the design")
@@ -197,38 +204,23 @@ def certify_file(file: TableFile, *, piece: bool = False) -> PathCertificate:
 
 
 def unlisted_files(place: Path, result: ExportResult | None) -> tuple[list[str], list[str]]:
-    """Return the names of files in `exports/` that its `exports.json` does not describe.
+    """Return the files in `exports/` and its folders that its `exports.json` does not describe.
 
-    The first ones have the ending of a table, the others do not.
+    The first ones have the ending of a table, in capitals or not, the others do not.
     """
     known = {RECORD, README}
     for name, entry in {} if result is None else result.files.items():
         known |= {name, *entry.beside}
     found = sorted(
-        path.name
-        for path in (place.iterdir() if place.is_dir() else ())
-        if path.is_file() and path.name not in known and not path.name.startswith(".")
+        name
+        for path in place.rglob("*")
+        if path.is_file()
+        and (name := path.relative_to(place).as_posix()) not in known
+        and not (is_temporary(name) or _LOCK.fullmatch(name))
     )
     endings = (BAG, *(form.suffix for form in table_formats().values()))
-    tables = [name for name in found if name.endswith(endings)]
+    tables = [name for name in found if name.casefold().endswith(endings)]
     return tables, [name for name in found if name not in tables]
-
-
-def _short_accelerations(table: ExecutedTable) -> list[str]:
-    """Return the excess of a controller's motion in single cycles over the acceleration limit.
-
-    The limits are judged by means over a row, which level what lasts for one servo cycle.
-    """
-    limit = table.robot.limit("strut_acceleration")
-    if table.row_times is None or limit is None:
-        return []
-    largest = check_controller(table).acceleration
-    if largest <= np.max(np.maximum(-limit.lower, limit.upper)):
-        return []
-    return [
-        f"in single servo cycles a strut accelerates by {largest:.3g} m/s², beyond its limit: "
-        "means over a row were judged"
-    ]
 
 
 def _refusal(message: str, path: Path, allowed: str = _AGAIN) -> InputError:

@@ -18,6 +18,7 @@ from constraints.arrays import Array
 from expdesign.configuration.schema import LARGEST_COUNT
 from expdesign.export.definition import Rows, Settings, TableError, edge_rows, in_window
 from expdesign.export.repetition import collect
+from expdesign.runfolder.files import LARGEST_NUMBER
 
 _BLOCK = 1 << 20
 """Bytes that are read at once; the longest line."""
@@ -25,6 +26,8 @@ _KNOWN = 50_000
 """Lines whose numbers are remembered: those of a period are."""
 _ROWS = 20_000
 """Rows of a block of numbers."""
+_MOST_TICKS = 2.0**53
+"""Of a clock: floating-point numbers count further ones in steps."""
 _PLAIN = r"[-+0-9.,\s]*"
 _ORDINARY = re.compile(rf"{_PLAIN}(?:[eE][-+]?\d{{1,3}}(?!\d){_PLAIN})*")
 """Of these characters Python reads as numbers what `_NUMBER` says, however long."""
@@ -189,7 +192,10 @@ def number(text: str, line: int, what: str) -> float:
     """Return a plain decimal number."""
     if not _NUMBER.fullmatch(text):
         raise TableError(f"line {line}: the {what} '{text[:40]}' is not a number")
-    return float(text)
+    value = float(text)
+    if not abs(value) <= LARGEST_NUMBER:
+        raise TableError(f"line {line}: the {what} '{text[:40]}' is beyond {LARGEST_NUMBER:g}")
+    return value
 
 
 def numbers(
@@ -250,7 +256,8 @@ def _ordinary(row: str, cells: Sequence[str]) -> list[float] | None:
     """Return a row of ordinary numbers, ten times faster than one by one; None for another."""
     if _ORDINARY.fullmatch(row) and max(map(len, cells)) <= _LONGEST:
         with contextlib.suppress(ValueError):
-            return list(map(float, cells))
+            values = list(map(float, cells))
+            return values if max(map(abs, values)) <= LARGEST_NUMBER else None
     return None
 
 
@@ -286,10 +293,18 @@ def add_times(
         Ticks of the file's clock in a unit of the column.
     ticks : int
         Ticks in a second. Whole ticks are added, so that rounding errors do not accumulate.
+
+    Raises
+    ------
+    TableError
+        The times are too long for the clock.
     """
     total = 0
     for block in blocks:
-        counted = total + np.cumsum(np.rint(block[:, 0] * ticks_per_cell).astype(np.int64))
+        steps = np.rint(block[:, 0] * ticks_per_cell)
+        if not abs(total) + np.sum(np.abs(steps)) <= _MOST_TICKS:
+            raise TableError(f"the times add up to more than {_MOST_TICKS / ticks:.3g} s")
+        counted = total + np.cumsum(steps.astype(np.int64))
         total = int(counted[-1])
         yield counted / ticks, block
 

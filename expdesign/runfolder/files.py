@@ -228,6 +228,11 @@ def temporary_prefix() -> str:
     return f".expdesign-{_host()}-{os.getpid()}-{_TOKEN}-"
 
 
+def is_temporary(name: str) -> bool:
+    """Return whether a file or folder is temporary, of this process or another."""
+    return _NAME.match(name) is not None
+
+
 def remove_leftovers(folder: Path) -> None:
     """Remove the temporary files and folders in a folder whose process has ended.
 

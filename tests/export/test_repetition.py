@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.io import loadmat, savemat
 
 from expdesign.configuration import InputError, export_section, load_run
+from expdesign.export.certification import PROVED
 from expdesign.export.exporting import export_table, file_name, resolve_settings
 from expdesign.export.read_back import read_back
-from expdesign.export.table_file import read_table_file
+from expdesign.export.table_file import certify_file, read_table_file
 from expdesign.stages.registry import performed_stages, stages
 from tests.estimation.cases import ROBOT, trajectory
 from tests.export import reading
@@ -99,6 +101,28 @@ def test_a_period_that_differs_is_seen(name, tmp_path):
     assert "apart" in found.failures[0]
     fewer = [*lines[: numbered[0]], *lines[numbered[len(numbered) // 2] :]]
     made.path.write_text("\n".join(fewer) + "\n")
+    assert not read_back(made.path, made.settings).passed
+
+
+@pytest.mark.parametrize("name", ["csv", "mat"])
+def test_shifted_times_behind_the_periods_are_seen(name, tmp_path):
+    made = exported(name, tmp_path)
+    assert certify_file(read_table_file(made.path, made.settings)).verdict == PROVED
+    if name == "csv":
+        head, *lines = made.path.read_text().splitlines()
+        for k in range(-30, -1):
+            time, _, values = lines[k].partition(",")
+            lines[k] = f"{float(time) + (-1) ** k * 0.45e-3!r},{values}"
+        made.path.write_text("\n".join([head, *lines]) + "\n")
+    else:
+        data = {k: v for k, v in loadmat(made.path).items() if not k.startswith("__")}
+        shift = 0.45e-3 * (-1.0) ** np.arange(-30, -1)
+        data["command"][-30:-1, 0] += shift
+        data["motion"]["t"][0, 0][-30:-1, 0] += shift
+        savemat(made.path, data)
+    found = read_table_file(made.path, made.settings)
+    assert found.executed.rows.repeated == PERIODS - 2
+    assert certify_file(found).verdict != PROVED
     assert not read_back(made.path, made.settings).passed
 
 

@@ -59,6 +59,8 @@ _MORE = 0.002
 """Of a servo cycle, that F makes a row longer: the planner drops it. In rows of whole cycles
 rounding would decide in which of two cycles they end."""
 _SAME_FEED = 1e-7
+_SLOWEST = 1e-9
+"""1/min; F of a row is above."""
 _LONGER = 2.0
 _BLEND_DIGITS = 8
 _KNOWN = 50_000
@@ -199,8 +201,8 @@ def _read_move(code: str, line: int, period: float, *, start: bool) -> list[floa
         if feed != START_FEED:
             raise TableError(f"F of the move to the start is {feed:g}, not {START_FEED:g}")
         return [*position, 0]
-    cycles = round(60 / (period * feed) - _MORE) if feed > 0 else 0
-    if abs(feed * period * (cycles + _MORE) / 60 - 1) > _SAME_FEED:
+    cycles = round(60 / (period * feed) - _MORE) if _SLOWEST < feed < 60 / period else 0
+    if not cycles or abs(feed * period * (cycles + _MORE) / 60 - 1) > _SAME_FEED:
         raise TableError(f"line {line}: F {feed:.10g} is not that of whole servo cycles")
     return [*position, cycles]
 
@@ -374,7 +376,9 @@ _DEGREE = 180 / np.pi
 
 
 def _servo_period(settings: Settings) -> float:
-    return _options(settings).servo_period or min(settings.task.controller_period, _PERIOD)
+    """Return the servo period, s: whole nanoseconds, as the INI file states it."""
+    period = _options(settings).servo_period or min(settings.task.controller_period, _PERIOD)
+    return max(1, round(1e9 * period)) / 1e9
 
 
 def _round_up(value: float) -> float:
@@ -513,17 +517,19 @@ FORMAT = TableFormat(
             "the HAL file, replace the setp lines of genhexkins: the geometry has to be that of "
             "the robot file. In the INI file, take over the limits of the axes, the servo period "
             "and ARC_BLEND_ENABLE: with others the planner makes another motion of the table, and "
-            "every other move obeys them too. Load no tool offset (G49), set the feed override to "
-            "100 % and the largest velocity to its end."
+            "every other move obeys them too. Work offsets, a rotation and a tool offset would "
+            "shift the whole motion: set all values of G54 to zero (G10 L2 P1 X0 Y0 Z0 A0 B0 C0 "
+            "R0), then G54, G92.1 and G49. Set the feed override to 100 % and the largest velocity "
+            "to its end."
         ),
         load=(
             "Load the file. Every line is one move with its own duration (G93: F is 1/minutes). A, "
             "B and C are roll, pitch and yaw about the fixed axes x, y, z: R = Rz(C) Ry(B) Rx(A)."
         ),
         run=(
-            "Home the machine, move it to the start above with a slow G1 in MDI, and run the file. "
-            "Its first line goes to the start in 10 s; at the start it does not move. Abort stops "
-            "the motion."
+            "Home the machine, move it to the start above with a slow G53 G1 in MDI, and run the "
+            "file. Its first line goes to the start in 10 s; at the start it does not move: if it "
+            "does, an offset is left, so abort. Abort stops the motion."
         ),
         record=(
             "These are times of the planner's motion: they differ by some cycles from the design's."
