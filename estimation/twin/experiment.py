@@ -258,8 +258,6 @@ def drop_samples(measurement: Measurement, kept: Mask) -> Measurement:
 
 
 _ROUNDING = 1e-12
-_WHOLE = 1e-6
-"""Largest error of the last period, in samples, for equal periods of whole samples."""
 
 
 @dataclass(frozen=True)
@@ -287,20 +285,22 @@ class SampleGrid:
         InputError
             There is no sample, or there are too many for the memory.
         """
-        steps = period * experiment.sampling
-        nearest = round(steps)
-        alike = nearest >= 1 and abs(steps - nearest) * experiment.periods < _WHOLE
-        exact = experiment.periods * (nearest if alike else steps)
+        steps = experiment.samples_per_period(period)
+        exact = experiment.periods * steps
         made = f"{experiment.periods} periods of {period:.6g} s at {experiment.sampling:g} Hz"
         if exact * (1 + _ROUNDING) < 1:
             message = f"{made} are {exact:.4g} samples"
             raise InputError(message, file, key="experiment.sampling", allowed="1 sample or more")
-        count = int(exact * (1 + _ROUNDING))
-        require_at_most(count, MOST_SAMPLES, made, file, "experiment.periods")
+        most = experiment.count_samples(period)
+        require_at_most(most, MOST_SAMPLES, made, file, "experiment.periods")
         # All samples from the beginning to the end of the last period, without the end.
         count = int(np.ceil(exact * (1 - _ROUNDING)))
         return cls(
-            experiment.sampling, period, experiment.periods, count, nearest if alike else None
+            experiment.sampling,
+            period,
+            experiment.periods,
+            count,
+            steps if isinstance(steps, int) else None,
         )
 
     @property

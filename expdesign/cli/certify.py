@@ -161,11 +161,14 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
     left = [_left_out(name, "a table without a description", _UNLISTED) for name in tables]
     if others:
         work.progress.note(f"in {FOLDER}/ and not examined: {', '.join(others)}")
+    title = "the motion from rest to rest"
+    if result is None and (place / RECORD).exists():
+        found.append(_left_out("motion", title, f"{RECORD} is damaged"))
+        return found + left
     if result is None:
         work.progress.note("no table was exported, and therefore no lead-in and lead-out planned")
         return found + left
     motion = _executable(result, trajectory, robot)
-    title = "the motion from rest to rest"
     if motion is None:
         found.append(_left_out("motion", title, f"{RECORD} has those of another design"))
     else:

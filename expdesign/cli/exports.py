@@ -43,7 +43,7 @@ def export_motion(
         return
     if folder is None:
         raise InputError("no run folder is given", allowed="expdesign export DIR")
-    folder = folder.absolute()
+    folder = folder.resolve()
     configuration = run_configuration(folder)
     if not name:
         alone = out is None and all(text is None for text in options.values())
@@ -55,9 +55,11 @@ def export_motion(
     given = {
         key: EXPORT_OPTIONS[key].read(text) for key, text in options.items() if text is not None
     }
-    section = _section(name, given, configuration)
-    target = folder / FOLDER / name if out is None else out.absolute()
+    place = folder / FOLDER
+    target = place / name if out is None else out.absolute()
     refuse_unwritable(target.parent)
+    parent = target.parent.resolve()
+    target = (place if parent == place.resolve() else parent) / target.name
     with (
         working("export") as terminal,
         one_writer_to(target.parent, "expdesign export", folder, target.name) as reading,
@@ -66,7 +68,8 @@ def export_motion(
             warn_of_changes(folder, "", "design", "export")
             work = Workspace(run_configuration(folder), folder, terminal)
             work.warn(work.configuration.warnings_before("export"))
-            path = export_path(section, work, out)
+            section = _section(name, given, work.configuration)
+            path = export_path(section, work, None if out is None else target)
             task = export_task(work)
         outcome = export_one(stages()["export"], section, work, task, path)
     if as_json:

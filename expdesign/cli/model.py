@@ -71,11 +71,12 @@ def write_model(source: str, name: str, out: Path | None, width: str, *, as_json
     if name not in FORMATS:
         message = f"there is no format '{name}'" if name else "no format is given"
         raise InputError(message, key="--format", allowed=" | ".join(FORMATS))
-    folder = Path(source).absolute() if Path(source).is_dir() else None
+    folder = Path(source).resolve() if Path(source).is_dir() else None
     robot_file = source if folder is None else _identified(folder)
     place = Path("runs") / load_robot(robot_file).name if folder is None else folder
     target = (place / FOLDER / name if out is None else out).absolute()
     refuse_unwritable(target)
+    target = target if out is None else target.resolve()
     with (
         working("model") as progress,
         one_writer_to(target, "expdesign model", folder) as reading,
@@ -89,7 +90,7 @@ def write_model(source: str, name: str, out: Path | None, width: str, *, as_json
             places = [target / file for file in (*result.files, result.FILE)]
             sources = (folder / name for name in (IDENTIFIED, TrajectoryFile.FILE))
             made_from = {one.name: file_hash(one) for one in sources if one.is_file()}
-            record_added(folder, places, places[-1], made_from)
+            record_added(folder, places, {places[-1]: made_from})
     if as_json:
         write_json({"status": 0, "folder": str(target), **result.as_data()})
     else:

@@ -29,6 +29,9 @@ from expdesign.configuration.robot import RobotSource
 from expdesign.mechanism.hexapod import ACTUATORS
 
 _Harmonic = Annotated[int, schema.whole(1, 1000)]
+_ROUNDING = 1e-12
+_WHOLE = 1e-6
+"""Largest error of the last period, in samples, for equal periods of whole samples."""
 
 
 class TrackingError(schema.Section):
@@ -166,6 +169,23 @@ class ExperimentSection(schema.Section):
     def step(self) -> float:
         """Time between two samples, s."""
         return 1 / self.sampling
+
+    def samples_per_period(self, period: float) -> int | float:
+        """Return the samples of a period, whole where all periods have the same phases."""
+        steps = period * self.sampling
+        nearest = round(steps)
+        alike = nearest >= 1 and abs(steps - nearest) * self.periods < _WHOLE
+        return nearest if alike else steps
+
+    def count_samples(self, period: float) -> int:
+        """Return the number of samples of all periods.
+
+        Examples
+        --------
+        >>> ExperimentSection(periods=10, sampling=500).count_samples(2.0)
+        10000
+        """
+        return int(self.periods * self.samples_per_period(period) * (1 + _ROUNDING))
 
 
 _ALLOWED = 'a force above 0 such as "5 N", or a share of the range such as "3 %", 100 % at most'

@@ -87,7 +87,11 @@ def one_writer_to(
     InputError
         Another command writes there.
     """
-    folders = (place, *place.parents)
+    source = None if source is None else source.resolve()
+    # A folder of the run folder may be a link out of it; with `..` only the real path counts.
+    named = () if ".." in place.parts else (place, *place.parents)
+    real = place.resolve()
+    folders = (one.resolve() for one in (*named, real, *real.parents))
     owner = next((p for p in folders if p == source or (p / Manifest.FILE).is_file()), None)
     alone = _locked(place, command, f"-{text_hash(name)[:8]}" if name else "")
     with alone if owner is None else one_writer(owner, command):

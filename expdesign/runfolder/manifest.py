@@ -88,9 +88,14 @@ class Manifest(JsonFile):
         """Return the manifest with one stage set.
 
         Where it wrote a file that another stage wrote before (`columns.json`, to which both add),
-        the file as it is now counts for both.
+        the file as it is now counts for both. A file that a command had added is then the stage's.
         """
-        return replace(self, stages={**self._with(entry.files), name: entry})
+        return replace(
+            self,
+            stages={**self._with(entry.files), name: entry},
+            added={file: d for file, d in self.added.items() if file not in entry.files},
+            added_from={file: d for file, d in self.added_from.items() if file not in entry.files},
+        )
 
     def with_files(self, folder: Path, files: Iterable[Path]) -> Manifest:
         """Return the manifest with these files as they are now, for the stages that wrote them."""
@@ -98,11 +103,11 @@ class Manifest(JsonFile):
         return replace(self, stages=self._with(now))
 
     def with_added(
-        self, folder: Path, files: Iterable[Path], main: Path, made_from: Mapping[str, str]
+        self, folder: Path, files: Iterable[Path], made_from: Mapping[Path, Mapping[str, str]]
     ) -> Manifest:
-        """Return the manifest with further files of the folder, the main one with its inputs."""
+        """Return the manifest with further files of the folder, some of them with their inputs."""
         now = {str(file.relative_to(folder)): file_hash(file) for file in files}
-        inputs = {str(main.relative_to(folder)): dict(made_from)}
+        inputs = {str(file.relative_to(folder)): dict(d) for file, d in made_from.items()}
         return replace(self, added=self.added | now, added_from=self.added_from | inputs)
 
     def _with(self, now: dict[str, str]) -> dict[str, StageEntry]:
@@ -186,9 +191,9 @@ def find_changes(
         By name.
     """
     if manifest is None:
-        return FolderChanges(
-            (f"there is no usable {Manifest.FILE}: changes by hand are not known",)
-        )
+        unknown = (f"there is no usable {Manifest.FILE}: changes by hand are not known",)
+        held = (name for name, stage in stages.items() if (folder / stage.file).exists())
+        return FolderChanges(unknown, dict.fromkeys(held, unknown))
     own = [] if manifest.is_intact else [f"{Manifest.FILE} was changed by hand"]
     if manifest.run_file != known_hash(folder / RUN_FILE):
         own.append(f"{RUN_FILE} was changed by hand")
@@ -200,14 +205,17 @@ def find_changes(
         made = {} if entry is None else dict(entry.files)
         sources = {} if entry is None else {stage.file: entry.made_from}
         for file, digest in manifest.added.items():
-            if any(fnmatch(file, pattern) for pattern in stage.writes):
-                made[file], sources[file] = digest, manifest.added_from.get(file, {})
+            if not any(fnmatch(file, pattern) for pattern in stage.writes):
+                continue
+            if file in manifest.added_from:
+                made[file], sources[file] = digest, manifest.added_from[file]
+            else:  # a description, to which the command has added
+                made.setdefault(file, digest)
         texts = _changed(folder, {file: made[file] for file in made if not _is_unread(file)})
         if stage.file not in made:
             texts.append(f"{stage.file} was made by hand")
         for file, inputs in sources.items():
-            is_added = file in manifest.added
-            sections = stage.shared_sections if is_added else stage.sections
+            sections = stage.sections if file == stage.file else stage.shared_sections
             texts += _changed_since(folder, file, inputs, sections)
         found[name] = tuple(dict.fromkeys(texts))
     shown = {file: d for file, d in manifest.files.items() if file.startswith(_SHOWN)}

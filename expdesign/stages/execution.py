@@ -277,12 +277,12 @@ def add_to_files(folder: Path, files: Iterable[Path]) -> Iterator[None]:
 
 
 def record_added(
-    folder: Path, files: Iterable[Path], main: Path, made_from: Mapping[str, str]
+    folder: Path, files: Iterable[Path], made_from: Mapping[Path, Mapping[str, str]]
 ) -> None:
-    """Write files that no stage has written into the manifest; of the main one also its inputs."""
+    """Write files that no stage has written into the manifest, some of them with their inputs."""
     known = Manifest.known(folder)
     if known is not None:
-        known.with_added(folder, files, main, made_from).write(folder)
+        known.with_added(folder, files, made_from).write(folder)
 
 
 def clear_outdated(stage: str, work: Workspace) -> set[Path]:

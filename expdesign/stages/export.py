@@ -136,14 +136,19 @@ def export_path(section: ExportSection, work: Workspace, out: Path | None) -> Pa
     Raises
     ------
     InputError
-        A library is missing, or the file cannot have this name.
+        A library is missing, the file cannot have this name, or it is in another run folder.
     """
     refuse_missing_library(section)
     target = work.folder / FOLDER
     path = target / file_name(section) if out is None else out.absolute()
     refuse_unreadable_name(section, path, "--out")
-    if path.parent.resolve() == target.resolve():
+    place = path.parent.resolve()
+    if place == target.resolve():
         _refuse_taken_name(path, "--file" if out is None else "--out")
+    elif place.name == FOLDER and (place.parent / RUN_FILE).is_file():
+        message = f"{short(place)} has the tables of another run folder"
+        allowed = f"{short(target)}, or a folder outside of run folders"
+        raise InputError(message, key="--out", allowed=allowed)
     return path
 
 
@@ -179,7 +184,8 @@ def export_one(
         places = target / RECORD, target / README
         with add_to_files(work.folder, places):
             _describe(ExportResult(motion, others | entry), *places)
-        record_added(work.folder, (path, *made.beside, *places), path, made_from)
+        own = (path, *made.beside)
+        record_added(work.folder, (*own, *places), dict.fromkeys(own, made_from))
     else:
         _describe_beside(path, ExportResult(motion, entry))
     files = (path, *made.beside)
@@ -286,7 +292,7 @@ def _files_of_motion(
 def _describe_beside(path: Path, result: ExportResult) -> None:
     """Write the description of one table next to it, under names that begin with the table's.
 
-    Where the table has replaced one of another run's `exports/`, the old description is removed.
+    Where the table has replaced one in a copy of an `exports/`, the old description is removed.
     """
     _describe(result, result_file(path), path.with_name(f"{path.name}.{README}"))
     shared, guide = path.with_name(RECORD), path.with_name(README)

@@ -10,7 +10,6 @@ from types import MappingProxyType
 
 from constraints.plugins import declared_classes
 from expdesign.configuration import Problem, RunConfiguration
-from expdesign.configuration.schema import MOST_SAMPLES
 from expdesign.stages.stage import (
     ESTIMATE_FILE,
     FIGURES,
@@ -20,6 +19,7 @@ from expdesign.stages.stage import (
     StageFunctions,
     run_sections,
     short,
+    too_long_to_simulate,
 )
 
 
@@ -67,10 +67,7 @@ class ExperimentStage(Stage):
         run = configuration.run
         if run.data.file is not None:
             return f"the data is measured: {short(Path(run.data.file))}"
-        samples = run.experiment.periods * run.experiment.sampling / run.trajectory.frequency[1]
-        if samples > MOST_SAMPLES:
-            return f"{samples:.4g} samples are too many to be simulated, {MOST_SAMPLES} at most"
-        return super().reason_left_out(configuration)
+        return too_long_to_simulate(run) or super().reason_left_out(configuration)
 
 
 class NoiseStage(Stage):
@@ -107,6 +104,11 @@ class MonteCarloStage(Stage):
         from expdesign.stages.experiment import MONTE_CARLO
 
         return MONTE_CARLO
+
+    def reason_left_out(self, configuration: RunConfiguration) -> str:
+        """Return the reason against the simulations: their length, or a sweep."""
+        left_out = super().reason_left_out(configuration)
+        return left_out or too_long_to_simulate(configuration.run)
 
 
 class EstimateStage(Stage):

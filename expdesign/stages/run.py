@@ -68,12 +68,12 @@ def run(
     """
     configuration = load_run(config)
     folder = run_folder(configuration, out)
-    refuse_unfit(configuration)
-    if missing := missing_design(configuration, folder):
-        raise InputError(missing)
     refuse_unwritable(folder)
     with one_writer(folder, "expdesign run"):
         configuration = current_configuration(configuration, folder)
+        refuse_unfit(configuration)
+        if missing := missing_design(configuration, folder):
+            raise InputError(missing)
         return _run_stages(
             Workspace(
                 configuration,
@@ -130,7 +130,8 @@ def folder_changes(folder: Path, configuration: RunConfiguration, *names: str) -
     """
     stages = reported_stages()
     changes = RunFolder(folder, stages, configuration, Manifest.known(folder)).changes
-    yield from changes.all if not names else (*changes.folder, *changes.of(*names))
+    found = (*changes.folder, *changes.of(*names))
+    yield from dict.fromkeys(found) if names else changes.all
 
 
 def refuse_unfit(configuration: RunConfiguration) -> None:

@@ -9,7 +9,13 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from expdesign.configuration import ComputationError, InputError, RunConfiguration
+from expdesign.configuration import (
+    ComputationError,
+    InputError,
+    RunConfiguration,
+    RunDescription,
+)
+from expdesign.configuration.schema import MOST_SAMPLES
 from expdesign.configuration.tolerances import machine_name
 from expdesign.evaluation.machine_code import cache_warning
 from expdesign.progress import Listener, report_progress
@@ -96,9 +102,21 @@ class Stage(ABC):
 
     def reason_left_out(self, configuration: RunConfiguration) -> str:
         """Return the reason why a run that names the stage leaves it out; empty: it is done."""
-        if self.in_sweep or configuration.run.sweep is None:
-            return ""
-        return "the sweep makes several designs; `expdesign run` of the run.yaml of one does it"
+        run, needs = configuration.run, self.inputs(configuration)
+        if not self.in_sweep and run.sweep is not None:
+            return "the sweep makes several designs; `expdesign run` of the run.yaml of one does it"
+        simulated = run.data.file is None and "experiment" in run.stages
+        needed = "recording" in needs or ("estimate" in needs and "estimate" in run.stages)
+        reason = too_long_to_simulate(run) if simulated and needed else ""
+        return f"there is no recording: {reason}" if reason else ""
+
+
+def too_long_to_simulate(run: RunDescription) -> str:
+    """Return the reason against a simulation of the experiment with its longest period."""
+    samples = run.experiment.count_samples(1 / run.trajectory.frequency[0])
+    if samples <= MOST_SAMPLES:
+        return ""
+    return f"{samples:.4g} samples are too many to be simulated, {MOST_SAMPLES} at most"
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,7 +53,7 @@ def compare_designs(
         ComparedDesign(
             label,
             folder.result(DesignResult),
-            folder.entry("design") is not None and bool(folder.changes.of("design")),
+            bool(folder.changes.of("design")),
         )
         for label, folder in folders.items()
     )
@@ -78,7 +78,8 @@ def compare_designs(
             for design in track("cost of each limit", designs)
         }
         blocks.append(gains_table(costs, "the optimum next to the design"))
-        found = (costliest_fact(cost, f"{label}: ") for label, cost in costs.items())
+        sound = (design.label for design in designs if not design.changed)
+        found = (costliest_fact(costs[label], f"{label}: ") for label in sound)
         facts += [fact for fact in found if fact is not None]
         if any(each.unexplained > EXPLAINED for each in costs.values()):
             text = (
@@ -87,9 +88,9 @@ def compare_designs(
             )
             blocks.append(TextBlock(text, Level.CAUTION))
     # No column of a table: tables are the same bytes whenever the same seeds were used.
-    seconds = {design.label: design.result.solver.seconds for design in designs}
+    seconds = {d.label: d.result.solver.seconds for d in designs if not d.changed}
     each = ", ".join(f"{label}: {duration(value)}" for label, value in seconds.items())
-    facts.append(Fact("search", duration(sum(seconds.values())), each))
+    facts += [Fact("search", duration(sum(seconds.values())), each)] if seconds else []
     verdict = StageVerdict("Designs", Level.NEUTRAL, "compared", sentence, "designs")
     return StageView(verdict, tuple(blocks), tuple(facts), tuple(_differences(comparison)))
 
@@ -207,14 +208,18 @@ class DesignComparison:
     def efficiencies(self) -> dict[str, float | None]:
         """D-efficiency of each design relative to the best of its machine.
 
-        None where F is singular, and for the only design of a machine among several machines.
+        None where F is singular, for a changed design, and for the only other one of a machine
+        among several designs.
         """
         count = len(self.designs[0].names)
         found: dict[str, float | None] = {}
         for designs in self.machines:
-            values = {design.label: design.log_det(self.samples) for design in designs}
+            values = {
+                design.label: None if design.changed else design.log_det(self.samples)
+                for design in designs
+            }
             best = max((value for value in values.values() if value is not None), default=0.0)
-            alone = len(designs) == 1 and len(self.machines) > 1
+            alone = sum(not design.changed for design in designs) == 1 < len(self.designs)
             for label, value in values.items():
                 found[label] = None
                 if value is not None and not alone:

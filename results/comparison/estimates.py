@@ -41,6 +41,11 @@ class ComparedEstimate:
     folder: RunFolder
     result: EstimationResult
 
+    @property
+    def changed(self) -> bool:
+        """Whether its files or inputs were changed by hand: its claims may not hold for them."""
+        return bool(self.folder.changes.of("estimate"))
+
     def of(self, names: tuple[str, ...]) -> tuple[Array, Array]:
         """Return values, (m,), and standard deviations, NaN for fixed ones, of parameters, SI."""
         variance = np.diag(self.covariance(names))
@@ -93,7 +98,8 @@ def compare_estimates(folders: Mapping[str, RunFolder], *_: object) -> view.Stag
     different, tested = 0, 0
     for number, (one, other) in enumerate(combinations(found, 2), start=1):
         title = f"{other.label} − {one.label}"
-        reason = not_independent(one, other)
+        changed = " and ".join(each.label for each in (one, other) if each.changed)
+        reason = f"Changed: {changed}." if changed else not_independent(one, other)
         if reason:
             text = f"{title}: not tested. {reason}"
             blocks.append(view.TextBlock(text, view.Level.CAUTION))
@@ -107,7 +113,7 @@ def compare_estimates(folders: Mapping[str, RunFolder], *_: object) -> view.Stag
         blocks.append(differences_table(f"difference_{number}", caption, names, test))
     for each in found:
         test_of_information = information_test(each.result)
-        if test_of_information is not None:
+        if test_of_information is not None and not each.changed:
             text = f"{each.label}. {information_sentence(test_of_information)}."
             blocks.append(view.TextBlock(text))
     sentence = f"{count_text(len(found), 'estimate')} of {len(names)} common parameters."
@@ -116,7 +122,9 @@ def compare_estimates(folders: Mapping[str, RunFolder], *_: object) -> view.Stag
             f" {different} of {count_text(tested, 'independent pair')} differ significantly."
         )
     elif len(found) > 1:
-        sentence += " None of the pairs is independent: no difference could be tested."
+        is_changed = any(each.changed for each in found)
+        sound = "independent and unchanged" if is_changed else "independent"
+        sentence += f" None of the pairs is {sound}: no difference could be tested."
     level = view.Level.CAUTION if different else view.Level.NEUTRAL
     verdict = view.StageVerdict("Estimates", level, "compared", sentence, "estimates")
     facts = (view.Fact("pairs that differ", f"{different} of {tested}", "independent data only"),)

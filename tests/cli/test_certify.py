@@ -256,6 +256,13 @@ def test_what_is_left_out_is_not_called_proved(expdesign, folder):
     assert "hal is missing" in left["linuxcnc-gcode.ngc"]["unchecked"][0]
 
 
+def test_a_damaged_description_is_not_a_missing_one(expdesign, folder):
+    (folder / "exports" / "exports.json").write_text("{", encoding="utf-8")
+    status, answer, messages = expdesign("certify", folder, "--json")
+    assert (status, "no table was exported" in messages) == (1, False)
+    assert "exports.json is damaged" in answer + messages
+
+
 def test_files_without_a_description_are_not_called_proved(expdesign, folder):
     exports = folder / "exports"
     (exports / "photo.jpg").write_bytes(b"")

@@ -8,8 +8,11 @@ import pytest
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.export.formats import table_formats
 from expdesign.motion.ramp_search import NoRampError
+from expdesign.runfolder.lock import one_writer_to
 from expdesign.runfolder.manifest import file_hash
+from expdesign.stages.registry import reported_stages
 from expdesign.trajectory import FourierTrajectory
+from results.views.folder import RunFolder
 from tests.export.motions import motion_of, spline_motion_of, task
 
 COARSE = {"segment": "4 ms", "tolerance": "0.2 mm"}
@@ -461,6 +464,63 @@ def test_a_run_keeps_what_is_told_of_tables_exported_by_hand(expdesign, folder, 
     bad = measured_run(run_file(["linuxcnc-strut"]), COARSE | {"segment": "80 ms"})
     assert expdesign("run", bad, "--out", folder)[0] == 1
     assert described() == {"xps-pvt.trj"}
+
+
+def said_changes(folder):
+    return set(RunFolder.open(folder, reported_stages()).changes.of("export"))
+
+
+def test_neither_order_of_stage_and_command_is_a_change_by_hand(expdesign, folder, run_file):
+    file = measured_run(run_file(["linuxcnc-strut"]), COARSE)
+    by_hand = ("export", folder, "--format", "xps-pvt", *BY_HAND)
+    assert expdesign("run", file, "--out", folder)[0] == 0
+    assert said_changes(folder) == set()
+    assert expdesign(*by_hand)[0] == 0
+    assert said_changes(folder) == set()
+    # The stage's own table, by the command, and by the stage again.
+    assert expdesign("export", folder, "--format", "linuxcnc-strut", "--segment", "2 ms")[0] == 0
+    assert said_changes(folder) == set()
+    assert expdesign("run", file, "--out", folder)[0] == 0
+    assert said_changes(folder) == set()
+    # The stage's inputs count for its description also after the command has added to it.
+    assert expdesign(*by_hand)[0] == 0
+    run, text = folder / "run.yaml", (folder / "run.yaml").read_text(encoding="utf-8")
+    run.write_text(text.replace("sampling: 500", "sampling: 250"), encoding="utf-8")
+    assert "run.yaml has changed since exports/exports.json was made" in said_changes(folder)
+
+
+def test_a_table_is_not_exported_into_another_run_folder(expdesign, folder, tmp_path):
+    other = tmp_path / "other"
+    shutil.copytree(folder, other)
+    (other / "exports").mkdir()
+    out = other / "exports" / "x.trj"
+    status, _, messages = expdesign("export", folder, "--format", "xps-pvt", *BY_HAND, "--out", out)
+    assert (status, "tables of another run folder" in " ".join(messages.split())) == (2, True)
+    assert names(other / "exports") == []
+
+
+@pytest.mark.parametrize("place", ["run/../run/exports", "link/exports"])
+def test_the_folder_is_the_same_by_another_path(place, expdesign, folder, tmp_path):
+    (tmp_path / "link").symlink_to(folder, target_is_directory=True)
+    assert expdesign("export", folder, "--format", "xps-pvt", *BY_HAND)[0] == 0
+    out = f"{tmp_path}/{place}/x.trj"
+    status, _, messages = expdesign("export", folder, "--format", "xps-pvt", *BY_HAND, "--out", out)
+    assert status == 0, messages
+    assert names(folder / "exports") == ["README.txt", "exports.json", "x.trj", "xps-pvt.trj"]
+
+
+def test_the_options_of_the_run_are_read_under_the_lock(expdesign, folder, run_file, monkeypatch):
+    run = folder / "run.yaml"
+    later = resolved_yaml(load_run(run_file([{"format": "xps-pvt", "units": "um", "digits": 7}])))
+
+    def one_writer_after_another(*arguments):
+        run.write_text(later, encoding="utf-8")
+        return one_writer_to(*arguments)
+
+    monkeypatch.setattr("expdesign.cli.exports.one_writer_to", one_writer_after_another)
+    assert expdesign("export", folder, "--format", "xps-pvt", *BY_HAND)[0] == 0
+    made = json.loads((folder / "exports/exports.json").read_text())["files"]["xps-pvt.trj"]
+    assert made["digits"] == 7
 
 
 def test_tables_of_another_motion_are_told_of_no_longer(expdesign, folder):

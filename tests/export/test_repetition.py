@@ -271,3 +271,25 @@ def test_an_experiment_of_ten_thousand_periods_is_designed_but_not_simulated():
     assert [stage.name for stage in performed_stages(configuration)] == ["design", "export"]
     reason = stages()["experiment"].reason_left_out(configuration)
     assert "1e+07 samples are too many to be simulated" in reason
+
+
+def test_stages_that_need_a_recording_too_long_to_be_simulated_are_left_out():
+    run = {
+        "name": "n",
+        "robot": "palida",
+        # The longest period counts: a design may have it.
+        "trajectory": {"frequency": ["0.6 Hz", "5 Hz"]},
+        "experiment": {"periods": 10_000},
+        "design": {},
+        "estimate": {},
+        "montecarlo": {"repetitions": 2},
+        "validate": [{"motion": "circle"}],
+    }
+    configuration = load_run(run)
+    assert [stage.name for stage in performed_stages(configuration)] == ["design"]
+    for name in ("estimate", "montecarlo", "validate"):
+        reason = stages()[name].reason_left_out(configuration)
+        assert "1.667e+07 samples are too many to be simulated" in reason
+    measured = load_run(run | {"data": {"file": "measured.csv"}})
+    does = [stage.name for stage in performed_stages(measured)]
+    assert does == ["design", "estimate", "validate"]

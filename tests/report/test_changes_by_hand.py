@@ -69,6 +69,20 @@ def test_a_changed_stage_keeps_no_good_verdict(folder):
     assert "measurement.csv has changed since estimate.json was made" in changes(folder)
 
 
+@pytest.mark.parametrize("content", [None, '{"format": 1}'])
+def test_without_a_manifest_no_stage_makes_a_claim(content, folder):
+    manifest = folder / "manifest.json"
+    manifest.unlink()
+    if content is not None:
+        manifest.write_text(content, encoding="utf-8")
+    opened = RunFolder.open(folder, reported_stages())
+    for stage in ("design", "experiment"):
+        view = opened.view(stage)
+        assert view.verdict.level in (Level.CAUTION, Level.BAD)
+        assert "there is no usable manifest.json" in view.verdict.sentence
+        assert view.facts == ()
+
+
 def test_another_force_in_the_run_file_is_said(folder, expdesign_says):
     file = folder / "run.yaml"
     text = file.read_text(encoding="utf-8")

@@ -5,12 +5,14 @@ import json
 import re
 import shutil
 from contextlib import nullcontext
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
 from expdesign.configuration import InputError
+from expdesign.runfolder.manifest import Manifest, entry, file_hash
 from expdesign.stages.registry import reported_stages
 from results.comparison.comparison import write_comparison
 from tests.blank_figures import blank_figures
@@ -81,8 +83,23 @@ def change(path, edit):
     path.write_text(json.dumps(document), encoding="utf-8")
 
 
-def compare(folders, out, **options):
+def vouch_for(folder):
+    """Let the manifest hold a folder's files as they are, as if its stages had written them."""
+    manifest = Manifest.read(folder)
+    stages = {name: replace(one, made_from={}) for name, one in manifest.stages.items()}
+    files = [*folder.glob("design.json"), *folder.glob("tables/*.csv")]
+    design = entry("done", "", 0.0, "", folder, files)
+    written = [path for path in folder.rglob("*") if path.is_file()]
+    run_file = file_hash(folder / "run.yaml")
+    made = replace(manifest, stages=stages | {"design": design}, run_file=run_file)
+    made.with_files(folder, written).write(folder)
+
+
+def compare(folders, out, *, vouched=True, **options):
     given = {"precision": 0.05, "quick": True} | options
+    for folder in folders if vouched else ():
+        if (folder / "manifest.json").is_file():
+            vouch_for(folder)
     write_comparison(folders, out, reported_stages(), **given)
     return (out / "report.html").read_text(encoding="utf-8")
 
@@ -113,6 +130,30 @@ def test_criteria_by_their_definitions(folder, twin, tmp_path):
     assert float(two["condition, nominal"]) == pytest.approx(
         float(one["condition, nominal"]), rel=1e-6
     )
+
+
+def test_changed_designs_and_estimates_make_no_claim(folder, twin, tmp_path):
+    for each in (folder, twin):
+        vouch_for(each)
+    sound = compare([folder, twin], tmp_path / "sound", vouched=False)
+    assert "has the largest log det F" in sound
+    double_information(twin)
+    with (twin / "estimates.csv").open("a", encoding="utf-8") as file:
+        file.write("\n")
+    page = compare([folder, twin], tmp_path / "out", vouched=False)
+    assert "has the largest log det F" not in page
+    shares = [row["D-efficiency [%]"] for row in rows(tmp_path / "out" / "tables" / "criteria.csv")]
+    assert shares == ["", ""]
+    effort = rows(tmp_path / "out" / "tables" / "effort.csv")
+    assert [row["status"] == "changed" for row in effort] == [False, True]
+    assert "not tested. Changed: other." in page
+
+
+def test_a_design_that_was_made_by_hand_is_changed(folder, twin, tmp_path):
+    page = compare([folder, twin], tmp_path / "out", vouched=False)
+    effort = rows(tmp_path / "out" / "tables" / "effort.csv")
+    assert [row["status"] for row in effort] == ["changed", "changed"]
+    assert "has the largest log det F" not in page
 
 
 def test_precision_and_the_periods_that_it_needs(folder, twin, tmp_path):

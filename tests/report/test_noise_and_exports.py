@@ -93,7 +93,7 @@ def exported(tmp_path_factory):
 @pytest.fixture
 def with_tables(folder, exported):
     shutil.copytree(exported, folder / "exports")
-    record_added(folder, (folder / "exports").iterdir(), folder / "exports/exports.json", {})
+    record_added(folder, (folder / "exports").iterdir(), {})
     return folder
 
 

@@ -113,6 +113,17 @@ def test_two_writers_of_one_file_do_not_mix(tmp_path):
     assert [path.name for path in source.iterdir()] == [Manifest.FILE]
 
 
+@pytest.mark.parametrize("name", ["run/../run", "link"])
+def test_a_folder_has_one_lock_by_every_path(name, tmp_path):
+    source = tmp_path / "run"
+    source.mkdir()
+    (source / Manifest.FILE).write_text("{}", encoding="utf-8")
+    (tmp_path / "link").symlink_to(source, target_is_directory=True)
+    place = tmp_path / name / "exports"
+    with one_writer_to(place, "expdesign export", source, "a.csv") as reading, reading:
+        assert Holder.read(source).command == "expdesign export"
+
+
 @contextmanager
 def reading_of(source):
     with one_writer_to(source.parent / "away", "expdesign model", source, "c") as reading, reading:

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 import expdesign
 from expdesign.cli.app import app
 from expdesign.experiment import DesignResult
+from expdesign.runfolder.lock import one_writer
 from expdesign.runfolder.manifest import Manifest
 from expdesign.stages.registry import DesignStage, stages
 from expdesign.stages.stage import StageFunctions
@@ -212,6 +213,21 @@ def test_ctrl_c_in_the_study_of_a_run_leaves_what_is_done_and_the_run_goes_on(ru
 def test_bad_input():
     with pytest.raises(expdesign.InputError, match="needs a design"):
         expdesign.run({"name": "a", "robot": "palida", "experiment": {"periods": 2}})
+
+
+def test_a_run_file_is_judged_under_the_lock(tmp_path, monkeypatch):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    run = {"name": "a", "robot": "palida", "experiment": {"periods": 2}}
+    (folder / "run.yaml").write_text(json.dumps(run | {"design": {}}), encoding="utf-8")
+
+    def one_writer_after_another(*arguments):
+        (folder / "run.yaml").write_text(json.dumps(run), encoding="utf-8")
+        return one_writer(*arguments)
+
+    monkeypatch.setattr("expdesign.stages.run.one_writer", one_writer_after_another)
+    with pytest.raises(expdesign.InputError, match="needs a design"):
+        expdesign.run(folder / "run.yaml", out=folder)
 
 
 def test_a_folder_that_is_removed_while_the_run_goes_on(run_of, tmp_path, monkeypatch):
