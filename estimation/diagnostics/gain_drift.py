@@ -2,10 +2,10 @@
 
 Differences between periods show it independently of errors of the model, which are the same in
 every period. In each period the residuals of all actuators are regressed on the predicted force and
-on a constant of each actuator, weighted with Σ⁻¹; the twelve coefficients are regressed on the
-number of the period. Their scatter about these lines, over all actuators together, scales the
-variance according to Σ, so that coloured noise, or a given Σ that is too small, does not appear as
-a drift.
+on a constant of each actuator, weighted with Σ⁻¹ (a filter of the noise applies to residuals and
+columns alike); the twelve coefficients are regressed on the number of the period. Their scatter
+about these lines, over all actuators together, scales the variance according to Σ, so that coloured
+noise, or a given Σ that is too small, does not appear as a drift.
 """
 
 from __future__ import annotations
@@ -69,15 +69,15 @@ def gain_drift(experiment: Experiment, part: Linearisation, level: float) -> Gai
     """Test the recording of one experiment, linearised at its estimate, for drifting gains."""
     if experiment.recording.averaged and experiment.recording.forces.periods is None:
         return GainDriftTest(why_not_compared(experiment.recording), level)
-    blocks, predicted = _split_periods(experiment, part)
-    periods = len(blocks)
+    residuals, columns = _split_periods(experiment, part)
+    periods = len(residuals)
     if periods < _FEWEST_PERIODS:
         return GainDriftTest(
             f"fewer than {_FEWEST_PERIODS} periods leave no scatter about lines", level
         )
     white = whitening(experiment.noise.forces.covariance)
     coefficients, inverses = zip(
-        *(_fit_period(rest, force, white) for rest, force in zip(blocks, predicted, strict=True)),
+        *(_fit_period(*each, white) for each in zip(residuals, columns, strict=True)),
         strict=True,
     )
     values, covariance = np.array(coefficients), np.array(inverses)
@@ -128,28 +128,32 @@ def _select_drifts(
 
 
 def _split_periods(experiment: Experiment, part: Linearisation) -> tuple[list[Array], list[Array]]:
-    """Return residuals and predicted forces, (n, 6) each, of every whole period."""
+    """Return residuals, (n, 6), and columns, (n, 6, 12), of every whole period.
+
+    The columns are those of gains and constants. With a filter of the noise both are filtered.
+    """
     predicted = experiment.forces - part.force_rows
+    unit = np.broadcast_to(np.eye(ACTUATORS), (len(predicted), ACTUATORS, ACTUATORS))
+    columns = np.concatenate([predicted[:, :, None] * unit, unit], axis=2)
     whitening_filter = experiment.noise.forces.filter
     periods = experiment.recording.forces.periods
     if periods is not None:
         if experiment.pointwise is not None:
             periods = periods[:, experiment.pointwise.rows]
-        elif whitening_filter is not None:
-            predicted = whitening_filter(predicted)
-            periods = np.stack([whitening_filter(period) for period in periods])
-        return [period - predicted for period in periods], [predicted] * len(periods)
+        residuals = list(periods - predicted)
+        if experiment.pointwise is None and whitening_filter is not None:
+            residuals = [whitening_filter(each) for each in residuals]
+            columns = whitening_filter(columns)
+        return residuals, [columns] * len(residuals)
     recording = experiment.recording
     times = experiment.times - experiment.times[0]
     number = np.floor(times / recording.period * (1 + 1e-12)).astype(int)
     rows = [np.flatnonzero(number == k) for k in range(int(recording.periods))]
-    return [part.force_rows[each] for each in rows], [predicted[each] for each in rows]
+    return [part.force_rows[each] for each in rows], [columns[each] for each in rows]
 
 
-def _fit_period(rest: Array, predicted: Array, white: Array) -> tuple[Array, Array]:
+def _fit_period(rest: Array, columns: Array, white: Array) -> tuple[Array, Array]:
     """Fit gains and constants in one period: coefficients, (12,), and their covariance."""
-    unit = np.broadcast_to(np.eye(ACTUATORS), (len(rest), ACTUATORS, ACTUATORS))
-    columns = np.concatenate([predicted[:, :, None] * unit, unit], axis=2)
     ones = np.ones(len(rest))
     rows = whiten_rows(columns, white, ones).reshape(rest.size, -1)
     inverse: Array = np.asarray(np.linalg.inv(rows.T @ rows), dtype=np.float64)

@@ -8,6 +8,7 @@ from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.gain_drift import gain_drift
 from estimation.diagnostics.linearisation import linearise
 from estimation.diagnostics.significance import GAIN_DRIFT
+from estimation.processing.spectrum import scaling_filter
 from tests.diagnostics.conftest import Laboratory
 
 PERIODS = 6
@@ -79,6 +80,23 @@ def test_one_drift_of_all_gains_is_one_cause(lab, sample):
     rng = np.random.default_rng(5)
     tests = [gain_drift(*_drawn(lab, sample, rng, drift=-0.3), GAIN_DRIFT) for _ in range(20)]
     assert sum([each.actuator for each in test.found] == [None] for test in tests) >= 17
+
+
+def test_an_offset_that_drifts_is_no_gain_with_noise_that_grows(lab, sample):
+    experiment, part = sample
+    predicted, noise = experiment.forces - part.force_rows, lab.noise.forces
+    size, root = 1 + np.abs(predicted) / 40, np.linalg.cholesky(noise.covariance)
+    weights = replace(scaling_filter(noise.covariance, lab.samples), size=size)
+    model = replace(experiment.noise, forces=replace(noise, filter=weights))
+    time, rng = np.linspace(-0.5, 0.5, 12), np.random.default_rng(6)
+    for _ in range(20):
+        periods = predicted + size * (rng.standard_normal((12, lab.samples, 6)) @ root.T)
+        periods[:, :, 0] += 2 * np.sqrt(noise.covariance[0, 0]) * time[:, None]
+        forces = replace(experiment.recording.forces, periods=periods, values=periods.mean(axis=0))
+        recording = replace(experiment.recording, forces=forces)
+        drawn = replace(experiment, recording=recording, noise=model)
+        rows = replace(part, force_rows=forces.values - predicted)
+        assert not gain_drift(drawn, rows, GAIN_DRIFT).found
 
 
 def test_a_warming_motor_makes_the_estimate_doubtful(lab):
