@@ -91,7 +91,7 @@ def compare_feedforward(
         truth = true_machine(configuration, saved, machine, times)
         models: dict[CaseName, Model] = {
             "nominal": Model(nominal, nominal.parameters),
-            "identified": Model(machine.robot, saved.estimate.values),
+            "identified": _with_lacking_terms(machine.robot, saved.estimate.values),
             "true": truth.model,
         }
         # The commands of a controller are measured forces; the models' forces are true ones.
@@ -370,6 +370,10 @@ def true_machine(
     if chosen:
         machine = PerturbedMachine.of(robot_from(configuration.robot), chosen, theta)
     gains = np.tile(machine.gains, (len(times), 1))
-    true = machine.robot.extended
-    values = np.concatenate([values, true.parameters[len(values) :]])
-    return TrueMachine("drawn", Model(true, values), None, gains)
+    return TrueMachine("drawn", _with_lacking_terms(machine.robot, values), None, gains)
+
+
+def _with_lacking_terms(robot: Robot, values: Array) -> Model:
+    """Return the model with these parameters, (m,), and the robot's `lacking_parameters`."""
+    extended = robot.extended
+    return Model(extended, np.concatenate([values, extended.parameters[len(values) :]]))

@@ -323,7 +323,8 @@ def identified_robot(estimation: Estimation, diagnosis: Diagnosis | None) -> str
 
     Estimated joints, gravity and constants replace those of the robot, with their standard
     deviations as tolerances. Tolerances of the measurement stay. A constant with `estimate: true`
-    keeps it, with this tolerance as its prior.
+    keeps it, with this tolerance as its prior. Terms that the robot lacks are not added, even with
+    estimated parameters: their tolerances stay as well.
     """
     robot, best = robot_from(estimation.configuration.robot), estimation.best
     found = best.systematic
@@ -410,8 +411,11 @@ def _tolerances(description: RobotDescription, robot: Robot, best: ParameterEsti
     for term, name in constants:
         terms.setdefault(term, {})[name] = 0.0
     if terms:
+        lacking = terms.keys() - {term.name for term in robot.terms}
         changes["terms"] = {
-            term: {name: left.get(f"{term}_{name}", std) for name, std in own.items()}
+            term: own
+            if term in lacking
+            else {name: left.get(f"{term}_{name}", std) for name, std in own.items()}
             for term, own in terms.items()
         }
     return given.model_copy(update=changes)

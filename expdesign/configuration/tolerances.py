@@ -63,8 +63,8 @@ class IdentifiedDeviation(schema.Section):
     """As in tables/deviations.csv."""
     tolerance: Annotated[Number, NotNegative]
     value: Number
-    """Estimate, already applied to the robot's geometry, gravity and constants; zero if it was not
-    estimated."""
+    """Estimate, already applied to the robot's geometry, gravity and constants, but not to terms
+    that the robot lacks; zero if it was not estimated."""
     std: Annotated[Number, NotNegative]
 
 

@@ -70,6 +70,19 @@ def test_its_geometry_is_what_was_estimated(written):
         assert not np.any(moved)
 
 
+@pytest.mark.parametrize("inertia", ["0.2 kg", {"m_drive": "0.2 kg"}])
+def test_a_tolerance_of_a_lacking_term_stays(inertia, tmp_path):
+    section = {"harmonics": 2, "estimators": ["ml"], "noise": "given", "systematic": "estimated"}
+    tolerances = {"terms": {"drive_inertia": inertia}}
+    data = measured(MOTION, 1, step=0.01)
+    result = estimate_parameters(run(section, tolerances=tolerances), data, MOTION)
+    estimation_result(result).write(tmp_path)
+    robot = load_robot(tmp_path / FILE)
+    assert result.best.systematic.std[0] < 0.2
+    assert [one.std for one in toleranced_deviations(robot)] == [0.2]
+    assert robot.parameter_names == result.priors.names
+
+
 def test_a_doubtful_verdict_is_repeated_where_it_is_used(written):
     _, folder = written
     configuration = load_run({"name": "next", "robot": str(folder / FILE)})

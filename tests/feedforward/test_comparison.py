@@ -15,7 +15,7 @@ from expdesign.configuration.noise import DENSITIES
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.term import parameters_of
 from expdesign.robot import robot_from
-from expdesign.robot.deviation import toleranced_deviations
+from expdesign.robot.deviation import apply_deviations, as_in_a_file, toleranced_deviations
 from tests.estimation.cases import ROBOT, measured, read_estimate, run, trajectory
 
 MOTION = trajectory()
@@ -170,6 +170,24 @@ def test_forces_are_fed_forward_in_the_units_that_the_estimate_found(read_wrongl
     summary = compare_feedforward(config, read_wrongly, None)
     assert summary.case("nominal").rms_from_true > 20e-6
     assert summary.case("identified").rms_from_true < 1e-9
+
+
+def test_estimated_forces_that_the_robot_lacks_are_fed_forward(saved):
+    tolerances = {"terms": {"drive_inertia": "20 kg"}}
+    robot = robot_from(run(tolerances=tolerances).robot)
+    chosen = toleranced_deviations(robot)
+    theta, zeros = np.full(len(chosen), 20.0), np.zeros((len(robot.parameters), len(chosen)))
+    left = np.zeros((len(chosen), len(chosen)))
+    found = SystematicUncertainty(chosen, zeros, theta, 0 * theta, estimated=True, left=left)
+    known = replace(
+        saved, estimate=replace(saved.estimate, values=robot.parameters, systematic=found)
+    )
+    machine = apply_deviations(robot, chosen, theta).extended
+    truth = as_in_a_file(machine.description).model_copy(update={"tolerances": None})
+    config = case(experiment={"truth": truth}, tolerances=tolerances)
+    result = compare_feedforward(config, known, None)
+    assert result.case("nominal").rms_from_true > 20e-6
+    assert result.case("identified").rms_from_true < 1e-9
 
 
 def test_a_machine_that_is_drawn_has_the_force_constants_of_the_estimate(read_wrongly):
