@@ -109,8 +109,13 @@ class Experiment:
         times, motion = self.recording.forces.times, self.fit.motion
         signs = self.signs_for_robot(extended, motion)
         columns = regressors_along(extended, motion, times, signs)[:, :, own:]
-        forces = self.recording.forces
-        forces = replace(forces, values=forces.values - columns @ extended.parameters[own:])
+        lacking, forces = columns @ extended.parameters[own:], self.recording.forces
+        forces = replace(
+            forces,
+            values=forces.values - lacking,
+            periods=None if forces.periods is None else forces.periods - lacking,
+            repeats=None if forces.repeats is None else forces.repeats - lacking,
+        )
         return replace(self, recording=replace(self.recording, forces=forces))
 
     @property

@@ -349,6 +349,20 @@ def _draw_lacking(number, scale):
     return theta, data
 
 
+def test_forces_of_lacking_terms_are_removed_from_single_periods_too():
+    theta, data = _draw_lacking(1, 0.3)
+    config = run(GIVEN, tolerances=TERMS)
+    (before,) = estimate_parameters(config, data, MOTION).experiments
+    robot = robot_from(config.robot)
+    machine = apply_deviations(robot, toleranced_deviations(robot), theta)
+    forces = before.without_lacking_terms(machine).recording.forces
+    given = before.recording.forces
+    assert np.std(forces.values - given.values) > 1e-3
+    for name in ("periods", "repeats"):
+        removed = getattr(given, name) - getattr(forces, name)
+        np.testing.assert_allclose(removed, [given.values - forces.values] * len(removed))
+
+
 @pytest.mark.parametrize("runs", [3, pytest.param(200, marks=pytest.mark.slow)])
 def test_terms_that_the_model_lacks_are_counted_and_estimated(runs):
     scale = 0.3
