@@ -425,11 +425,11 @@ def _name_effects(kind: str, places: Sequence[str], hypotheses: Mapping[str, Hyp
 def describe_candidate(
     hypothesis: Hypothesis, parameter: str, strut: int | None, size: float
 ) -> str:
-    """Describe a candidate and its size, SI: ``an inertia of the drives (0.045 kg)``."""
+    """Describe a candidate up to a size, SI: ``an inertia of the drives (up to 0.045 kg)``."""
     place = _place(Rival(hypothesis.kind, strut, parameter, 0.0))
     name = _name_effects(hypothesis.kind, [place], {hypothesis.kind: hypothesis})
     number = f"{hypothesis.scale * size:{hypothesis.number.removeprefix('+')}}"
-    size_text = f"{number} {hypothesis.unit_of(parameter)}"
+    size_text = f"up to {number} {hypothesis.unit_of(parameter)}"
     return f"{name[:-1]}: {size_text})" if name.endswith(")") else f"{name} ({size_text})"
 
 

@@ -301,7 +301,7 @@ def _diagnose_experiment(
             case.search_system,
             part,
             tolerated[0],
-            stated=(robot.description.tolerances or RobotTolerances()).terms or {},
+            stated=(robot.description.tolerances or RobotTolerances()).stated_terms,
             tolerances_estimated=estimate.systematic is not None and estimate.systematic.estimated,
         ),
     )

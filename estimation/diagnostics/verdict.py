@@ -167,7 +167,7 @@ def verdict(
     if undetected and undetected[0].sigmas >= _RELEVANT:
         worst = undetected[0]
         summary += (
-            f", but {worst.text} would hardly be seen and could move {worst.worst} by "
+            f"; not excluded: {worst.text}, which would move {worst.worst} by up to "
             f"{worst.sigmas:.2g} σ"
         )
     untested = dict.fromkeys(
@@ -274,6 +274,8 @@ def _biased_actuators(tests: RecordingTests) -> str:
     if not np.any(struts):
         places = {effect.strut for effect in tests.effects}
         struts = np.array([j in places for j in range(len(struts))])
+    if low.failed and np.all(struts):
+        return "all actuators together"
     return name_channels("actuator", struts)
 
 

@@ -221,6 +221,16 @@ class RobotTolerances(schema.Section):
             if name in given and name not in own and _sizes(term, given[name], least=0.0)
         }
 
+    @property
+    def stated_terms(self) -> frozenset[str]:
+        """Terms with a standard deviation, perhaps zero, of each of their parameters."""
+        return frozenset(
+            name
+            for name, own in (self.terms or {}).items()
+            if EACH_PARAMETER in own
+            or {one.name for one in term_definitions()[name].parameters} <= set(own)
+        )
+
     def without_terms(self, names: Iterable[str]) -> RobotTolerances:
         """Return the tolerances without those of some terms."""
         kept = {name: own for name, own in (self.terms or {}).items() if name not in set(names)}

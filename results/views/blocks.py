@@ -71,11 +71,11 @@ def undetected_blocks(effects: Sequence[UndetectedEffect]) -> list[Block]:
     worst = list({one.kind: one for one in reversed(effects)}.values())[::-1]
     worst.sort(key=lambda one: -one.sigmas)
     text = (
-        "Not excluded: an effect of the size in the table is found in 80 % of such recordings. If "
-        "it is there and was not found, it moves the parameters by up to the stated standard "
-        "deviations; the column std_undetected of estimates.csv is what any one of these effects "
-        "may add. A tolerance of the robot file (tolerances.terms) counts an effect in the "
-        "intervals; a tolerance of zero says that the machine does not have it."
+        "Not excluded: an effect below the size in the table is missed in more than 20 % of such "
+        "recordings, and would move the parameters by up to the stated standard deviations. What "
+        "to do: state under `tolerances.terms` of the robot zero for what the machine does not "
+        "have, and a tolerance for what it may have, which is then counted; what remains is "
+        "`std_undetected` in estimates.csv, which `std` does not include."
     )
     columns = (
         TableColumn("effect and size", kind="text", of="text"),
@@ -83,9 +83,9 @@ def undetected_blocks(effects: Sequence[UndetectedEffect]) -> list[Block]:
         TableColumn("by, in σ", digits=2, of="sigmas"),
         TableColumn("predicted forces", "N", digits=2, of="forces"),
     )
-    caption = "Effects that the tests would not find, and the errors that they would cause"
+    caption = "Effects that the tests may miss, and the errors that they would cause"
     return [
-        TextBlock(text, Level.NEUTRAL),
+        TextBlock(text, Level.NEUTRAL, screen=True),
         ReportTable.of("undetected", caption, columns, worst),
     ]
 

@@ -46,17 +46,25 @@ def export_view(folder: RunFolder) -> StageView:
         for name, entry in files.items()
         if name not in missing and file_hash(place / name) != entry.sha256
     ]
-    begin, end = motion.window
-    duration = f"{readable(motion.duration)} s"
+    scales = list(dict.fromkeys(entry.scale for entry in files.values()))
+    # Tables of one scale last as long; others state their own times in the README.
+    slower = 1 / scales[0] if len(scales) == 1 else 1.0
+    begin, end = (slower * time for time in motion.window)
+    duration = f"{readable(slower * motion.duration)} s"
+    beyond = any(
+        limit.violation > LIMIT_SHARE
+        for entry in files.values()
+        if entry.read_back.controller is not None
+        for limit in entry.read_back.limits
+    )
+    kept = "" if beyond else ", and kept every tolerance"
     sentence = (
         f"{count_text(len(files), 'table')} of a motion of {duration} from rest to rest. Each was "
-        "read back, executed as its controller does, and kept every tolerance."
+        f"read back and executed as its controller does{kept}."
     )
-    beyond = False
     for name, entry in files.items():
         controller, limits = entry.read_back.controller, entry.read_back.limits
         if controller is not None:
-            beyond = beyond or any(limit.violation > LIMIT_SHARE for limit in limits)
             sentence += (
                 f" {name}: the controller's planner takes {readable(controller.duration)} s for "
                 f"{readable(entry.duration)} s, and its struts accelerate by up to "
@@ -89,7 +97,7 @@ def export_view(folder: RunFolder) -> StageView:
             Fact(
                 "measurement window",
                 f"{begin:.6g} to {end:.6g} s",
-                f"{motion.periods} periods of {readable(motion.period)} s",
+                f"{motion.periods} periods of {readable(slower * motion.period)} s",
             ),
             Fact("record at", f"{readable(motion.sampling)} Hz"),
         ),
