@@ -21,6 +21,7 @@ from typing import Annotated
 
 import numpy as np
 
+from constraints.arrays import Array
 from estimation.diagnostics.finding import Assumption, Finding, join_words, name_channels
 from estimation.diagnostics.hypothesis import (
     Hypothesis,
@@ -423,14 +424,18 @@ def _name_effects(kind: str, places: Sequence[str], hypotheses: Mapping[str, Hyp
 
 
 def describe_candidate(
-    hypothesis: Hypothesis, parameter: str, strut: int | None, size: float
+    hypothesis: Hypothesis, parameter: str, strut: int | None, values: Array
 ) -> str:
     """Describe a candidate up to a size, SI: ``an inertia of the drives (up to 0.045 kg)``."""
     place = _place(Rival(hypothesis.kind, strut, parameter, 0.0))
     name = _name_effects(hypothesis.kind, [place], {hypothesis.kind: hypothesis})
-    number = f"{hypothesis.scale * size:{hypothesis.number.removeprefix('+')}}"
-    size_text = f"up to {number} {hypothesis.unit_of(parameter)}"
-    return f"{name[:-1]}: {size_text})" if name.endswith(")") else f"{name} ({size_text})"
+    unit = hypothesis.unit_of(parameter)
+    # Values of one unit are shown as the norm of their vector.
+    sizes = np.abs(values) if "," in unit else [np.linalg.norm(values)]
+    form = hypothesis.number.removeprefix("+")
+    numbers = ", ".join(f"{hypothesis.scale * size:{form}}" for size in sizes)
+    text = f"up to {numbers} {unit}"
+    return f"{name[:-1]}: {text})" if name.endswith(")") else f"{name} ({text})"
 
 
 def effect_nouns(attribution: Attribution) -> dict[str, str]:

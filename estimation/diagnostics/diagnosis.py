@@ -249,7 +249,8 @@ def _diagnose_experiment(
     effects = CandidateEffects(robot, experiment, case.motion, estimate.values, part)
     families = list_hypotheses(effects, priors.names, held_out=held_out, experiments=shares)
     # Deviations within their tolerances are no effects.
-    tolerated = effects.tolerance_columns()
+    in_the_model = {} if held_out or estimate.systematic is None else estimate.systematic.estimates
+    tolerated = effects.tolerance_columns(in_the_model)
     attribution = attribute(
         case.search_system.with_effects(*tolerated),
         part,
@@ -282,8 +283,10 @@ def _diagnose_experiment(
             tests.lack_of_fit_with_effects,
         )
     tests = replace(tests, effects=attribution.effects)
-    if not case.own_motion and not held_out:
+    if not case.own_motion and not held_out and experiment.harmonics_left_out:
         tests = replace(tests, harmonics_left_out=experiment.harmonics_left_out)
+        # What remains may be the motion that this estimator leaves out.
+        attribution = replace(attribution, unlisted=False)
     return AttributedDiagnosis(
         tests=tests,
         residuals=force_residuals(experiment, part),

@@ -394,9 +394,9 @@ _FAMILIES = (
     _term(
         "platform_drag",
         "a drag of the platform",
-        _in_groups("platform_drag", groups={("", None): (0, 1, 2)}),
+        _in_groups("platform_drag", groups={("d_x, d_y, d_z", None): (0, 1, 2)}),
         weight=0.25,
-        unit="N",
+        **_PLACED,
     ),
     _term("force_offset", "a constant force", unit="N"),
     _family(

@@ -83,21 +83,28 @@ class JointSystem:
             self.lengths - self.length_columns @ step,
         )
 
-    def with_effects(self, effects: Signature, precision: Array | None = None) -> JointSystem:
-        """Include effects among the unknowns, with prior precisions 1/std², (q,), or none."""
+    def with_effects(
+        self, effects: Signature, precision: Array | None = None, off: Array | None = None
+    ) -> JointSystem:
+        """Include effects among the unknowns.
+
+        `precision`, (q,), are their prior precisions 1/std²; `off`, (q,), the prior means less the
+        values at which the rows were linearised, zero by default.
+        """
         forces, lengths = self.whiten(effects)
         new = lengths.reshape(self.lengths.size, effects.count)
         known = self.length_columns.reshape(self.lengths.size, len(self.gradient))
         cross = known.T @ new
-        own = new.T @ new
+        own, gradient = new.T @ new, new.T @ self.lengths.ravel()
         if precision is not None:
             own += np.diag(precision)
+            gradient += 0.0 if off is None else precision * off
         return replace(
             self,
             columns=np.concatenate([self.columns, forces], axis=2),
             length_columns=np.concatenate([self.length_columns, lengths], axis=2),
             information=np.block([[self.information, cross], [cross.T, own]]),
-            gradient=np.concatenate([self.gradient, new.T @ self.lengths.ravel()]),
+            gradient=np.concatenate([self.gradient, gradient]),
         )
 
     def select(self, unknowns: Places) -> JointSystem:

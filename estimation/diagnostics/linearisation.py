@@ -18,9 +18,10 @@ over the same cells; the load of the actuators is that of the estimate.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
@@ -391,16 +392,20 @@ class CandidateEffects:
         picked = [self._deviations[1].index(name) for name in names]
         return self._deviations[0].select(picked)
 
-    def tolerance_columns(self) -> tuple[Signature, Array]:
-        """Return the columns of all deviations with a tolerance, and their 1/std², (t,).
+    def tolerance_columns(
+        self, known: Mapping[str, float] = MappingProxyType({})
+    ) -> tuple[Signature, Array, Array]:
+        """Return the columns of all deviations with a tolerance, their 1/std² and means, (t,).
 
         They include estimated constants of terms. There are none after pointwise kinematics.
+        `known` are estimates by name: the machine has them already, and the means are less these.
         """
         entries = self._inexact if self.motion is not None else ()
         if not entries:
-            return Signature.none(self.part), np.zeros(0)
+            return Signature.none(self.part), np.zeros(0), np.zeros(0)
         precision = np.array([each.std**-2 for each in entries])
-        return self.deviations([each.name for each in entries]), precision
+        means = np.array([-known.get(each.name, 0.0) for each in entries])
+        return self.deviations([each.name for each in entries]), precision, means
 
     @cached_property
     def _inexact(self) -> tuple[Deviation, ...]:

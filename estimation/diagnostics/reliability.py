@@ -192,15 +192,16 @@ def _combine(
     change = direction * np.sqrt(best.noncentrality / spread) if spread > 0 else direction
     moved = total @ change
     kind, name, strut, constant = best.key
-    size = float(np.linalg.norm(change))
+    # Further values are of auxiliary columns.
+    shown = change[: best.hypothesis.values_shown]
     return UndetectedEffect(
         kind=kind,
         strut=strut,
         parameter=name,
         constant=constant,
         freedom=best.freedom,
-        size=size,
-        text=describe_candidate(best.hypothesis, name, strut, size),
+        size=float(np.linalg.norm(shown)),
+        text=describe_candidate(best.hypothesis, name, strut, shown),
         shifts=dict(zip(names, shifts.tolist(), strict=True)),
         sigmas=float(shifts[k] / std[k]),
         worst=names[k],

@@ -261,7 +261,7 @@ def _bias(diagnosis: AttributedDiagnosis, *, wrong_channels: bool) -> Finding:
 def _of_all(test: HarmonicLackOfFit) -> str:
     return (
         f"all actuators together, up to line {test.lines} of the period: χ² / degrees of freedom "
-        f"= {test.statistic / test.freedom:.3f}, p = {np.exp(test.log_p):.2g}"
+        f"= {test.statistic / max(test.freedom, 1):.3f}, p = {np.exp(test.log_p):.2g}"
     )
 
 

@@ -259,6 +259,15 @@ class SystematicUncertainty:
         return np.where(np.isfinite(std), std, 0.0)
 
     @property
+    def estimates(self) -> dict[str, float]:
+        """θ̂ by the names of the entries; empty if they were not estimated."""
+        if not self.estimated:
+            return {}
+        # An entry that repeats a name is the error of a prior estimate.
+        pairs = zip(reversed(self.deviations), self.values[::-1].tolist(), strict=True)
+        return {one.name: value for one, value in pairs}
+
+    @property
     def with_priors(self) -> bool:
         """Whether an entry with a tolerance was estimated."""
         known = [

@@ -108,7 +108,7 @@ def test_what_a_clock_moves_depends_on_where_the_frequency_comes_from(lab, palid
     experiment = replace(own, recording=replace(own.recording, source=source))
     motion, values = experiment.fit.motion, robot.parameters
     part = linearise(robot, experiment, values, lab.knowledge.free, motion)
-    columns, _ = CandidateEffects(robot, experiment, motion, values, part).tolerance_columns()
+    columns, *_ = CandidateEffects(robot, experiment, motion, values, part).tolerance_columns()
     machine = PerturbedMachine.of(robot, toleranced_deviations(robot), np.zeros(1))
     whole = slice(None)
     forces = machine.forces(experiment, motion, values, whole)
@@ -202,7 +202,11 @@ def _named(result):
             {"v_base": 1.5},
             ("passive_viscous_friction", None, "v_base"),
         ),
-        (["platform_drag"], {"d_x": 8.0, "d_y": 8.0, "d_z": 8.0}, ("platform_drag", None, "")),
+        (
+                ["platform_drag"],
+                {"d_x": 8.0, "d_y": 8.0, "d_z": 8.0},
+                ("platform_drag", None, "d_x, d_y, d_z"),
+            ),
         (["platform_wrench"], {"f_x": 30.0}, ("platform_wrench", None, "f_x, f_y, f_z")),
         (["platform_spring"], {"k_x": 900.0}, ("platform_spring", None, "k_x, k_y, k_z")),
     ],
