@@ -107,6 +107,7 @@ def test_quantities_have_their_documented_shapes(palida):
         "alpha_rate",
         "beta_rate",
         "actuator_force",
+        "platform_rate",
     ]
     assert shapes == {
         "position": (3, 1),
