@@ -159,7 +159,7 @@ def test_as_a_stage_of_a_run(expdesign, run_file, design):
         ({"estimate": {"differentiation": "central"}, "montecarlo": {}}, "montecarlo.estimators"),
         ({"experiment": {"periods": 1, "sampling": 60}, "estimate": {"noise": "estimated"}}, "est"),
         ({"montecarlo": {"repetitions": 0}}, "montecarlo.repetitions"),
-        ({"experiment": {"periods": 100_000, "sampling": "1 MHz"}}, "experiment.periods"),
+        ({"experiment": {"periods": 100_000, "sampling": "50 kHz"}}, "experiment.periods"),
     ],
     ids=["ml", "noise", "repetitions", "samples"],
 )

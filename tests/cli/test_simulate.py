@@ -337,7 +337,7 @@ def test_noise_is_needed(expdesign, design, tmp_path):
 
 def test_too_many_samples(expdesign, run_file, design, tmp_path):
     refused(
-        *(expdesign, run_file(periods=100_000, sampling="1 MHz"), "--design", design),
+        *(expdesign, run_file(periods=100_000, sampling="50 kHz"), "--design", design),
         out=tmp_path / "out",
         named=["experiment.periods"],
     )
