@@ -158,22 +158,6 @@ def test_a_table_that_was_replaced(expdesign, run_file, folder, table, tmp_path)
     assert "changed" not in messages
 
 
-def test_a_table_in_the_exports_of_another_run(expdesign, folder, table, tmp_path):
-    other = tmp_path / "other"
-    shutil.copytree(folder, other)
-    assert expdesign("export", other, "--format", "ros2", *COARSE)[0] == 0
-    into = ("--out", other / "exports" / table.name)
-    assert expdesign("export", folder, "--format", "xps-pvt", *COARSE, *into)[0] == 0
-    record = json.loads((other / "exports/exports.json").read_text())
-    assert set(record["files"]) == {"ros2.yaml"}
-    assert table.name not in (other / "exports/README.txt").read_text()
-    assert (other / "exports" / f"{table.name}.README.txt").is_file()
-    into = ("--out", other / "exports/ros2.yaml")
-    assert expdesign("export", folder, "--format", "ros2", *COARSE, *into)[0] == 0
-    assert not (other / "exports/exports.json").exists()
-    assert not (other / "exports/README.txt").exists()
-
-
 def test_a_table_that_was_changed_by_hand(expdesign, run_file, folder, table, tmp_path):
     lines = table.read_text().splitlines()
     cells = lines[70].split(", ")
