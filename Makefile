@@ -42,7 +42,7 @@ test: venv ## Run the tests, 6 minutes on two cores (ARGS="-k jacobian" for some
 	$(PYTEST) -m "not slow and not system" $(ARGS)
 
 test-all: venv ## Run what `make test` leaves out: fuzz, kills, hostile input, large Monte Carlo, browser
-	$(PYTEST) -m "slow or system" $(ARGS)
+	$(PYTEST) -m "(slow or system) and not full" $(ARGS)
 
 lint: venv ## Check style, types and architecture
 	$(BIN)/ruff check .

@@ -161,7 +161,14 @@ def test_shares_add_up_and_the_common_gain_scales_all_forces(chosen):
     assert plain["gm"].systematic is None
 
 
-@pytest.mark.parametrize("runs", [3, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "runs",
+    [
+        3,
+        pytest.param(40, marks=pytest.mark.slow),
+        pytest.param(200, marks=[pytest.mark.slow, pytest.mark.full]),
+    ],
+)
 def test_intervals_cover_truths_drawn_from_the_tolerances(chosen, runs):
     std = np.array([each.std for each in chosen])
     scale = 0.3
@@ -363,7 +370,14 @@ def test_forces_of_lacking_terms_are_removed_from_single_periods_too():
         np.testing.assert_allclose(removed, [given.values - forces.values] * len(removed))
 
 
-@pytest.mark.parametrize("runs", [3, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "runs",
+    [
+        3,
+        pytest.param(40, marks=pytest.mark.slow),
+        pytest.param(200, marks=[pytest.mark.slow, pytest.mark.full]),
+    ],
+)
 def test_terms_that_the_model_lacks_are_counted_and_estimated(runs):
     scale = 0.3
     sections = {"tolerances": TERMS, "noise": _quiet(scale)}

@@ -143,6 +143,7 @@ def test_intervals_hold_with_noise_that_grows():
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_intervals_hold_with_noise_that_grows_in_many_recordings():
     every, viscous = _coverage(150)
     assert 0.93 < every < 0.97

@@ -53,7 +53,7 @@ QUICK = [("linuxcnc", 1.0), ("small", 0.3), ("large", 0.1), ("without rotation",
 CASES = [
     *QUICK,
     *(
-        pytest.param(*case, marks=pytest.mark.slow)
+        pytest.param(*case, marks=[pytest.mark.slow, pytest.mark.full])
         for case in product(("linuxcnc", "small", "large"), (1.0, 0.3, 0.1))
         if case not in QUICK
     ),
