@@ -124,6 +124,7 @@ def test_a_stop_does_not_wait_for_a_long_job(cluster):
     assert time.monotonic() - began < 15
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("command", "target"), [("sweep", "workers"), ("sweep", "scheduler"), ("montecarlo", "both")]
 )
