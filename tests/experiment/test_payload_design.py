@@ -15,6 +15,7 @@ from expdesign.configuration.robot import RobotDescription, as_general
 from expdesign.experiment import DesignResult
 from expdesign.experiment.setup import plan_search
 from expdesign.information.criteria import criteria
+from expdesign.runfolder.manifest import Manifest, entry, file_hash
 from expdesign.solver.phases import SearchEvent
 from expdesign.stages.execution import view_result
 from expdesign.stages.registry import DesignStage
@@ -127,6 +128,10 @@ def test_what_is_judged_has_one_name_wherever_it_is_told(result, tmp_path, capsy
     said = capsys.readouterr().out
     result.write(tmp_path)
     (tmp_path / "run.yaml").write_text(resolved_yaml(run), encoding="utf-8")
+    # A report repeats what is judged only of files that a manifest names.
+    files = [tmp_path / "design.json", *tmp_path.glob("tables/*.csv")]
+    stages = {"design": entry("done", "", 0.0, "", tmp_path, files)}
+    Manifest({}, {}, "", stages, run_file=file_hash(tmp_path / "run.yaml")).write(tmp_path)
     status = CliRunner().invoke(app, ["report", str(tmp_path)])
     assert status.exit_code == 0, status.output
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
