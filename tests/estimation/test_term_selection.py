@@ -223,7 +223,7 @@ def test_bounds_have_no_part_in_the_choice_and_hold_after_it(parameters):
 
 @pytest.mark.slow
 def test_terms_are_chosen_at_the_constants_that_are_found():
-    """What a wrong pitch and velocity leave of their terms others may imitate."""
+    """What a wrong pitch and velocity leave of their terms, others imitate: they are not kept."""
     off = {"pitch": 1.01 * constants.PITCH, "velocity": 0.6 * constants.VELOCITY}
 
     def chosen(*, estimated):
@@ -242,7 +242,9 @@ def test_terms_are_chosen_at_the_constants_that_are_found():
         return estimate_parameters(configuration, constants.data(1), constants.MOTION).selection
 
     found, written = chosen(estimated=True), chosen(estimated=False)
-    assert set(found.chosen) == {"stribeck", "cogging"} <= set(written.chosen)
+    assert set(found.chosen) == set(written.chosen) == {"stribeck", "cogging"}
+    assert not found.imitations
+    assert set(written.imitations) == {"quadratic_friction", "cubic_friction"}
     assert found.settled
     at = {term.name: term.constants for term in found.judged}
     assert at["cogging"]["pitch"].value == pytest.approx(constants.PITCH, rel=1e-3)
