@@ -1,5 +1,6 @@
 """A cluster that loses workers or its scheduler: nothing that ended is lost, and it is named."""
 
+import json
 import os
 import signal
 import socket
@@ -13,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from expdesign.workers import ClusterError, Job, JobJournal, JobRunner, Monitor, cluster_jobs
+from tests.killed_runs import ROOT
 from tests.workers.numbered import Square, build, slow_square
 
 pytest.importorskip("distributed")
@@ -124,13 +126,22 @@ def test_a_stop_does_not_wait_for_a_long_job(cluster):
     assert time.monotonic() - began < 15
 
 
-@pytest.mark.full
+_TRIAL = """
+import json, pathlib, sys
+from benchmarks import kills
+import expdesign.workers.cluster as cluster
+cluster._RETURN_SECONDS = 3
+command, target, place = sys.argv[1:]
+print(json.dumps(kills.KillTrials(command, pathlib.Path(place)).judge(target, 2, 0.0)["findings"]))
+"""
+
+
 @pytest.mark.parametrize(
     ("command", "target"), [("sweep", "workers"), ("sweep", "scheduler"), ("montecarlo", "both")]
 )
-def test_a_command_that_loses_its_cluster_goes_on(command, target, tmp_path, monkeypatch):
-    from benchmarks.kills import KillTrials
-
-    monkeypatch.setattr("expdesign.workers.cluster._RETURN_SECONDS", 3)
-    row = KillTrials(command, tmp_path / "trials").judge(target, ended=2, later=0.0)
-    assert row["findings"] == ""
+def test_a_command_that_loses_its_cluster_goes_on(command, target, tmp_path):
+    """In a process of its own, without threads: the parts of the trial are copies of it."""
+    line = [sys.executable, "-c", _TRIAL, command, target, str(tmp_path / "trials")]
+    done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, timeout=240, check=False)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout.splitlines()[-1]) == ""
