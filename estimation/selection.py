@@ -34,7 +34,7 @@ from estimation.diagnostics.joint_system import (
 from estimation.diagnostics.linearisation import CandidateEffects, Linearisation, linearise
 from estimation.diagnostics.residual_covariance import empirical_noise, with_empirical_colour
 from estimation.diagnostics.residuals import HarmonicLackOfFit, harmonic_lack_of_fit
-from estimation.diagnostics.significance import log_tail
+from estimation.diagnostics.significance import are_possible, log_tail
 from estimation.estimators import Experiment, ParameterPriors
 from estimation.measurement_model.motion import (
     Elimination,
@@ -50,8 +50,6 @@ from expdesign.runfolder import OpenNumber, described
 
 _EXPLAINED = 0.5
 """Share of a remaining lack of fit that a term must explain."""
-_SIGMAS = 3.0
-"""Distance from a bound, in standard deviations, from which a parameter is impossible."""
 
 
 @dataclass(frozen=True)
@@ -204,7 +202,7 @@ class Judge:
             if fit.rank:
                 held_out = self._held_out_error(others) - self._held_out_error([*others, term])
         bic = statistic - fit.rank * float(np.log(self.samples[term]))
-        possible = self.evidence.are_possible(term, fit)
+        possible = self.evidence.is_term_possible(term, fit)
         return TermTrial(term, statistic, fit.rank, log_p, bic, held_out, possible)
 
     def worth(self, trial: TermTrial) -> float:
@@ -547,11 +545,10 @@ class Evidence:
         """Return the indices of a candidate's parameters among those of all candidates."""
         return np.flatnonzero(np.isin(self.candidates, self.blocks[term]))
 
-    def are_possible(self, term: str, fit: EffectFit) -> bool:
+    def is_term_possible(self, term: str, fit: EffectFit) -> bool:
         """Return whether the fitted parameters of a candidate are within their bounds, or near."""
         lower, upper = self.margins[self.blocks[term]].T
-        gaps = np.maximum(lower - fit.values, fit.values - upper)
-        return bool(np.all(gaps <= _SIGMAS * np.sqrt(np.diag(fit.covariance))))
+        return are_possible(fit.values, fit.covariance, lower, upper)
 
     def lack_of_fit(self, terms: Sequence[str]) -> tuple[bool, float]:
         """Return whether a model with these candidates leaves a lack of fit, and its χ² excess."""

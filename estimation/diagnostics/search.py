@@ -32,7 +32,7 @@ from estimation.diagnostics.joint_system import (
     SolvedSystem,
 )
 from estimation.diagnostics.linearisation import Linearisation, Signature
-from estimation.diagnostics.significance import log_tail
+from estimation.diagnostics.significance import are_possible, log_tail
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.progress import track
 
@@ -42,8 +42,6 @@ RIVAL_LEVEL = 0.001
 """Level at which an effect must remain significant, given a rival, to exclude that rival."""
 _ROUNDS = 4
 """Largest number of rounds of exchanging effects for better ones."""
-_SIGMAS = 3.0
-"""Distance from a bound, in standard deviations, from which a value is impossible."""
 _REACH = 1.2
 """Half the range of the search for a constant, in its logarithm."""
 _TRIALS = 8
@@ -92,9 +90,7 @@ class EffectCandidate:
         """Return whether its values are within their bounds, or beyond them by noise alone."""
         # Without parameters only the first value has bounds; others are auxiliary columns.
         count = 1 + self.parameter.count(",")
-        (lower, upper), noise = self.bounds, _SIGMAS * np.sqrt(np.diag(covariance)[:count])
-        gaps = np.maximum(lower - values[:count], values[:count] - upper)
-        return bool(np.all(gaps <= noise))
+        return are_possible(values[:count], covariance[:count, :count], *self.bounds)
 
     def log_p(self, fit: EffectFit, freedom: float) -> float:
         """Return the logarithm of p of its fit, uncorrected for its family."""

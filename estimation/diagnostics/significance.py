@@ -46,6 +46,9 @@ CHI_SQUARE = 0.001
 
 OfEach = Annotated[OpenNumbers, sized(ACTUATORS)]
 """One number per channel, of which some may be missing."""
+Bound = float | Array
+_SIGMAS = 3.0
+"""Distance from a bound, in standard deviations, from which a value is impossible."""
 _SMALLEST = 1e-280
 _NEAR_MEAN = 1e-2
 """Distance from the mean, in standard deviations, below which digits cancel."""
@@ -100,6 +103,20 @@ class ChannelTest:
         if self.refused:
             return {"refused": self.refused}
         return {**fields(self), "failed": (np.flatnonzero(self.failed) + 1).tolist()}
+
+
+def are_possible(values: Array, covariance: Array, lower: Bound, upper: Bound) -> bool:
+    """Return whether estimates, (n,), are within their bounds, or at most three σ beyond them.
+
+    Examples
+    --------
+    >>> are_possible(np.array([-1.0]), np.eye(1), 0.0, np.inf)
+    True
+    >>> are_possible(np.array([-4.0]), np.eye(1), 0.0, np.inf)
+    False
+    """
+    gaps = np.maximum(lower - values, values - upper)
+    return bool(np.all(gaps <= _SIGMAS * np.sqrt(np.diag(covariance))))
 
 
 def below_level(p_values: Array, level: float) -> NDArray[np.bool_]:

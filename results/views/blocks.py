@@ -67,15 +67,15 @@ def undetected_blocks(effects: Sequence[UndetectedEffect]) -> list[Block]:
     """Return what is not excluded: the worst undetected effect of every family."""
     if not effects:
         return []
-    # The effects are sorted: the first of a family is its worst.
-    worst = list({one.kind: one for one in reversed(effects)}.values())[::-1]
-    worst.sort(key=lambda one: -one.sigmas)
+    worst: dict[str, UndetectedEffect] = {}
+    for one in effects:  # the largest change first
+        worst.setdefault(one.kind, one)
     text = (
         "Not excluded: an effect below the size in the table is missed in more than 20 % of such "
         "recordings, and would move the parameters by up to the stated standard deviations. What "
-        "to do: state under `tolerances.terms` of the robot zero for what the machine does not "
-        "have, and a tolerance for what it may have, which is then counted; what remains is "
-        "`std_undetected` in estimates.csv, which `std` does not include."
+        "to do: state under tolerances.terms of the robot zero for what the machine does not "
+        "have, and a tolerance for what it may have, which is then counted. What remains is "
+        "std_undetected in estimates.csv, which σ does not include."
     )
     columns = (
         TableColumn("effect and size", kind="text", of="text"),
@@ -86,7 +86,7 @@ def undetected_blocks(effects: Sequence[UndetectedEffect]) -> list[Block]:
     caption = "Effects that the tests may miss, and the errors that they would cause"
     return [
         TextBlock(text, Level.NEUTRAL, screen=True),
-        ReportTable.of("undetected", caption, columns, worst),
+        ReportTable.of("undetected", caption, columns, list(worst.values())),
     ]
 
 

@@ -68,7 +68,7 @@ def _compensation(instant: Instant) -> Columns:
     arm = instant.kinematic["rotation_matrix"] @ place
     line = instant.kinematic["position"] + arm - base
     distance = ca.sqrt(ca.dot(line, line))
-    # What it bears the actuators need not.
+    # The actuators carry the platform's load less this wrench.
     force = -line / distance
     force = ca.horzcat(force, force * (distance - instant.constants["length"]))
     moments = ca.horzcat(*(ca.cross(arm, force[:, k]) for k in range(force.shape[1])))
@@ -158,7 +158,7 @@ WRENCH = Term(
         "N m",
         "constant force, or moment about the TCP, that acts on the platform along a base axis",
     ),
-    # What it bears the actuators need not.
+    # The actuators carry the platform's load less this wrench.
     columns=lambda _: Columns(wrench=-ca.SX.eye(COORDINATES)),
 )
 """The mean pull of hoses, cables and weights on ropes."""
