@@ -71,11 +71,10 @@ def undetected_blocks(effects: Sequence[UndetectedEffect]) -> list[Block]:
     for one in effects:  # the largest change first
         worst.setdefault(one.kind, one)
     text = (
-        "Not excluded: an effect below the size in the table is missed in more than 20 % of such "
-        "recordings, and would move the parameters by up to the stated standard deviations. What "
-        "to do: state under tolerances.terms of the robot zero for what the machine does not "
-        "have, and a tolerance for what it may have, which is then counted. What remains is "
-        "std_undetected in estimates.csv, which σ does not include."
+        "Effects up to the sizes listed in the report would be missed in one of five such "
+        "recordings or more. What to do: state under tolerances.terms of the robot zero for an "
+        "effect that the machine does not have, and a tolerance for one that it may have, which σ "
+        "then includes. The column std_undetected of estimates.csv contains what remains."
     )
     columns = (
         TableColumn("effect and size", kind="text", of="text"),
