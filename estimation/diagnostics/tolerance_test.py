@@ -23,8 +23,8 @@ from expdesign.robot.deviation import Deviation
 _WITHIN = Assumption(
     "the machine is within its tolerances",
     "a deviation of the machine exceeds its tolerance",
-    "measure it again, or state a larger tolerance; if the tolerance is right, the model lacks an "
-    "effect that the deviation imitates",
+    "measure these quantities again, or state larger tolerances; if the tolerances are right, the "
+    "model lacks an effect that the deviations imitate",
 )
 _SEVERAL = replace(
     _WITHIN,
@@ -122,8 +122,13 @@ class _Case:
     def describe(self, k: int) -> str:
         """Return an estimate with its tolerance in words."""
         one = self.entries[k]
-        value = self.theta[k] * one.std
+        scale, unit = (100.0, "%") if one.unit == "1" else (1.0, one.unit)
+        value, std, tolerance = (
+            scale * one.std * self.theta[k],
+            scale * self.std[k],
+            scale * one.std,
+        )
         return (
-            f"{one.name} {value:.3g} ± {self.std[k]:.1g} {one.unit}, tolerance {one.std:.3g} "
-            f"{one.unit} ({self.z[k]:+.1f} σ)"
+            f"{one.name} {value:+.3g} ± {std:.1g} {unit}, tolerance {tolerance:.3g} {unit} "
+            f"(z = {self.z[k]:+.1f})"
         )
