@@ -309,7 +309,7 @@ def test_one_deviation_far_beyond_its_tolerance_is_named(joint):
     assert finding.failed
     assert finding.serious
     assert finding.contradiction == "a deviation of the machine exceeds its tolerance (delay)"
-    assert "+5.0 σ" in finding.sentence
+    assert "z = +5.0" in finding.sentence
     (finding,) = tolerance_findings(_with_theta(joint, 0.4 * values))
     assert not finding.failed
 
