@@ -133,7 +133,7 @@ def _seen(theta: Array, robot: Robot) -> Array:
     machine in another frame.
     """
     chosen = toleranced_deviations(robot)
-    scaled = theta / np.array([each.std for each in chosen])
+    scaled = theta / np.array([each.tolerance for each in chosen])
     frames = (
         ("base_joints", robot.description.base_joints),
         ("platform_joints", robot.description.platform_joints),

@@ -403,7 +403,7 @@ class CandidateEffects:
         entries = self._inexact if self.motion is not None else ()
         if not entries:
             return Signature.none(self.part), np.zeros(0), np.zeros(0)
-        precision = np.array([each.std**-2 for each in entries])
+        precision = np.array([each.tolerance**-2 for each in entries])
         means = np.array([-known.get(each.name, 0.0) for each in entries])
         return self.deviations([each.name for each in entries]), precision, means
 

@@ -12,7 +12,6 @@ from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import scipy
-from pydantic import BeforeValidator
 
 from constraints.arrays import Array, ComplexArray
 from estimation.diagnostics.finding import Finding
@@ -31,18 +30,11 @@ from expdesign.runfolder import (
     StageResult,
     Table,
     Text,
+    UnboundedNumber,
     described,
     sized,
     strutwise,
 )
-
-
-def _infinite(value: object) -> object:
-    return np.inf if value is None else value
-
-
-Freedom = Annotated[float, BeforeValidator(_infinite)]
-"""Degrees of freedom of a covariance; infinite for a given one, null in a file."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -52,8 +44,12 @@ class NoiseCovariances:
     source: Annotated[str, described("", "estimated, given or residuals")]
     force_covariance: Annotated[Covariance, described("N^2", "Σ, 6 × 6")]
     length_covariance: Annotated[Covariance, described("m^2", "Δ, 6 × 6")]
-    force_freedom: Annotated[Freedom, described("1", "degrees of freedom of Σ; null when given")]
-    length_freedom: Annotated[Freedom, described("1", "degrees of freedom of Δ; null when given")]
+    force_freedom: Annotated[
+        UnboundedNumber, described("1", "degrees of freedom of Σ; null when given")
+    ]
+    length_freedom: Annotated[
+        UnboundedNumber, described("1", "degrees of freedom of Δ; null when given")
+    ]
 
 
 def covariance_fields(noise: NoiseModel) -> dict[str, Any]:

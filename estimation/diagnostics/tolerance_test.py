@@ -124,9 +124,9 @@ class _Case:
         one = self.entries[k]
         scale, unit = (100.0, "%") if one.unit == "1" else (1.0, one.unit)
         value, std, tolerance = (
-            scale * one.std * self.theta[k],
+            scale * one.tolerance * self.theta[k],
             scale * self.std[k],
-            scale * one.std,
+            scale * one.tolerance,
         )
         return (
             f"{one.name} {value:+.3g} ± {std:.1g} {unit}, tolerance {tolerance:.3g} {unit} "

@@ -16,8 +16,9 @@ before it is squared.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,7 @@ from estimation.processing.noise import NoiseEstimate
 from expdesign.noise import lines_of
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation
+from expdesign.runfolder import Numbers, OpenNumber, described
 
 Part = tuple[slice, Array]
 """Samples, and K at these samples, (S, 6, k): units of the parameters per N or m."""
@@ -219,21 +221,45 @@ def _sandwich_covariance(
     return Covariance(loss * spread, loss**2 * lines.variance_of(shares), white)
 
 
-@dataclass(frozen=True, eq=False)
-class SystematicUncertainty:
-    """Effect of the machine's deviations θ on an estimate, and the uncertainty of θ."""
+@dataclass(frozen=True, kw_only=True)
+class EstimatedDeviation(Deviation):
+    """One deviation of the machine from its description."""
 
-    deviations: tuple[Deviation, ...]
-    response: Array
-    """(m, t), D: change of p̂ per unit of every entry; zero for fixed parameters."""
-    values: Array
-    """(t,), estimate of θ; zero where it is not estimated."""
-    std: Array
-    """(t,), standard deviation of θ: the tolerance where it is not estimated."""
-    estimated: bool = False
-    """Whether θ was estimated together with the parameters."""
-    left: Array | None = None
-    """(t, t), change of θ̂ − θ per unit of every entry: −1 on the diagonal of an entry that was not
+    value: Annotated[float, described("see unit", "estimate; zero where it is not estimated")] = 0.0
+    std: Annotated[
+        float, described("see unit", "its standard deviation; the tolerance where not estimated")
+    ]
+    scatter: Annotated[
+        OpenNumber,
+        described(
+            "see unit",
+            "standard deviation of the estimates of machines within their tolerances; null: not "
+            "estimated, or without a tolerance",
+        ),
+    ] = np.nan
+
+    @classmethod
+    def of(cls, deviation: Deviation, value: float = 0.0) -> EstimatedDeviation:
+        """Return a deviation with its tolerance as the standard deviation."""
+        own = {each.name: getattr(deviation, each.name) for each in fields(Deviation)}
+        return cls(**own, value=value, std=deviation.tolerance)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SystematicUncertainty:
+    """Deviations θ of the machine and their effect on an estimate."""
+
+    estimated: Annotated[bool, described("", "they were estimated together with the parameters")]
+    deviations: Annotated[tuple[EstimatedDeviation, ...], described("", "the inexact quantities")]
+    response: Annotated[
+        Numbers, described("SI", "change of each parameter per unit of each deviation, m × t")
+    ]
+    """D; zero for fixed parameters."""
+    left: Annotated[
+        Numbers | None,
+        described("SI", "error of each estimated deviation per unit of each deviation, t × t"),
+    ] = None
+    """Change of θ̂ − θ per unit of every entry: −1 on the diagonal of an entry that was not
     estimated, the prior's remaining weight for an entry that was. An entry that repeats another's
     name (the error of a prior estimate) has a row of zeros. None: not computed."""
 
@@ -253,9 +279,19 @@ class SystematicUncertainty:
         return np.concatenate([self.response, self.left]) * self.tolerances
 
     @property
+    def values(self) -> Array:
+        """(t,), estimate of θ; zero where it is not estimated."""
+        return np.array([each.value for each in self.deviations])
+
+    @property
+    def std(self) -> Array:
+        """(t,), standard deviation of θ."""
+        return np.array([each.std for each in self.deviations])
+
+    @property
     def tolerances(self) -> Array:
         """(t,), standard deviations of the entries before the estimate; zero without a prior."""
-        std = np.array([each.std for each in self.deviations])
+        std = np.array([each.tolerance for each in self.deviations])
         return np.where(np.isfinite(std), std, 0.0)
 
     @property
@@ -264,21 +300,22 @@ class SystematicUncertainty:
         if not self.estimated:
             return {}
         # An entry that repeats a name is the error of a prior estimate.
-        pairs = zip(reversed(self.deviations), self.values[::-1].tolist(), strict=True)
-        return {one.name: value for one, value in pairs}
+        return {one.name: one.value for one in reversed(self.deviations)}
 
     @property
     def with_priors(self) -> bool:
         """Whether an entry with a tolerance was estimated."""
-        known = [
-            std != one.std < np.inf for one, std in zip(self.deviations, self.std, strict=True)
-        ]
-        return self.estimated and any(known)
+        return self.estimated and any(one.std != one.tolerance < np.inf for one in self.deviations)
 
     @property
-    def inexact(self) -> bool:
-        """Whether any entry has a tolerance."""
-        return any(np.isfinite(one.std) for one in self.deviations)
+    def groups(self) -> dict[str, Array]:
+        """Standard deviations, (m,), SI, due to each group of tolerances; none if all is exact."""
+        groups = np.array([each.group for each in self.deviations])
+        known = [each.group for each in self.deviations if np.isfinite(each.tolerance)]
+        return {
+            group: np.linalg.norm(self.scaled_response[:, groups == group], axis=1)
+            for group in dict.fromkeys(known)
+        }
 
     @property
     def covariance(self) -> Array:
@@ -330,12 +367,12 @@ def systematic_share(
     response = np.zeros((len(free), len(chosen)))
     response[free], left = change[:count], -np.eye(len(chosen))
     left[: len(change) - count] += change[count:]
+    theta_values = np.zeros(len(chosen)) if values is None else values
+    pairs = zip(chosen, theta_values.tolist(), strict=True)
     return SystematicUncertainty(
-        tuple(chosen),
-        response,
-        np.zeros(len(chosen)) if values is None else values,
-        np.array([each.std for each in chosen]),
         estimated=values is not None,
+        deviations=tuple(EstimatedDeviation.of(one, value) for one, value in pairs),
+        response=response,
         left=left,
     )
 
@@ -360,34 +397,34 @@ def add_prior_response(
     gain = influences[0].force_gain[:, : np.count_nonzero(known)] @ prior.precision[known]
     change = gain @ prior.response
     if systematic is None:
-        if not any(one.std > 0 for one in prior.deviations):
+        if not any(one.tolerance > 0 for one in prior.deviations):
             return None
-        nothing = np.zeros(0)
         systematic = SystematicUncertainty(
-            (), np.zeros((len(free), 0)), nothing, nothing, left=np.zeros((0, 0))
+            estimated=False,
+            deviations=(),
+            response=np.zeros((len(free), 0)),
+            left=np.zeros((0, 0)),
         )
     own, names = systematic.deviations, {one.name for one in systematic.deviations}
-    places = {(one.name, one.std): place for place, one in enumerate(own)}
-    others = [one for one in prior.deviations if one.std > 0 and (one.name, one.std) not in places]
+    places = {one.key: place for place, one in enumerate(own)}
+    others = [one for one in prior.deviations if one.tolerance > 0 and one.key not in places]
     more = len(others)
     response = np.pad(systematic.response, ((0, 0), (0, more)))
     left = np.pad(np.asarray(systematic.left), (0, more))
     for place, one in enumerate(others, start=len(own)):
-        places[one.name, one.std] = place
+        places[one.key] = place
         left[place, place] = 0.0 if one.name in names else -1.0
         names.add(one.name)
     for one, column in zip(prior.deviations, change.T, strict=True):
-        if (one.name, one.std) in places:
-            place = places[one.name, one.std]
+        if one.key in places:
+            place = places[one.key]
             response[free, place] += column[:count]
             left[: len(change) - count, place] += column[count:]
     return replace(
         systematic,
-        deviations=(*own, *others),
+        deviations=(*own, *map(EstimatedDeviation.of, others)),
         response=response,
         left=left,
-        values=np.concatenate([systematic.values, np.zeros(more)]),
-        std=np.concatenate([systematic.std, [one.std for one in others]]),
     )
 
 

@@ -250,6 +250,6 @@ def _split_covariance(
     others = [one for one in found.deviations if one.name not in found.constants]
     return (
         covariance + effects @ effects.T,
-        tuple(replace(known[one.name], std=one.tolerance) for one in others),
+        tuple(replace(known[one.name], tolerance=one.tolerance) for one in others),
         response[:, ~own],
     )

@@ -174,7 +174,7 @@ class ParameterPriors:
         if self.prior_estimate is not None:
             known = self.prior_estimate.conditional_mean(~self.free, self.start)[len(self.free) :]
             mean[: len(known)] = known
-        std = np.array([each.std for each in deviations])
+        std = np.array([each.tolerance for each in deviations])
         appended = {
             "nominal": zero,
             "free": np.ones(count, dtype=bool),
@@ -198,7 +198,7 @@ class ParameterPriors:
         found = estimated_constants(robot)
         if self.prior_estimate is None:
             return found
-        return tuple(replace(one, std=np.inf) for one in found)
+        return tuple(replace(one, tolerance=np.inf) for one in found)
 
     def prior_share(self, inverse: Array, parameters: int) -> Array:
         """Return the covariance due to errors of the priors, (k, k), from F⁻¹, (k, k).

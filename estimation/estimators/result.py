@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import scipy
-from pydantic import BeforeValidator
 
 from constraints.arrays import Array
 from estimation.estimators.influence import (
@@ -23,7 +22,7 @@ from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.motion import NormalEquations
 from expdesign.mechanism.bodies import ENTRIES, RigidBody, inertia_of
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
-from expdesign.runfolder import Numbers, described
+from expdesign.runfolder import Numbers, UnboundedNumbers, described
 
 SEEN = 0.1
 """Smallest scatter of an estimated deviation, in tolerances, at which the data say something: its
@@ -148,9 +147,14 @@ class ParameterEstimate:
         count, own = len(self.values), len(self.joint_random)
         if own == count:
             return found
-        estimated = np.sqrt(np.diag(found.joint)[count:own])
-        std = np.concatenate([estimated, systematic.std[own - count :]])
-        return replace(found, systematic=replace(systematic, std=std))
+        std = np.sqrt(np.diag(found.joint)[count:own]).tolist()
+        scatter = np.sqrt(np.diag(found.deviation_scatter)).tolist()
+        estimated = tuple(
+            replace(one, std=own_std, scatter=spread if np.isfinite(one.tolerance) else np.nan)
+            for one, own_std, spread in zip(systematic.deviations, std, scatter, strict=False)
+        )
+        others = systematic.deviations[len(estimated) :]
+        return replace(found, systematic=replace(systematic, deviations=(*estimated, *others)))
 
 
 def covariance_fields(
@@ -203,7 +207,9 @@ def covariance_ml_less_gm(estimates: Mapping[str, ParameterEstimate]) -> Array |
     result, free = np.zeros_like(ml.covariance), ml.influences[0].free
     result[np.ix_(free, free)] = difference_covariance(ml.influences, gm.influences)
     if gm.systematic is not None and ml.systematic is not None:
-        if gm.systematic.deviations != ml.systematic.deviations:
+        if [each.key for each in gm.systematic.deviations] != [
+            each.key for each in ml.systematic.deviations
+        ]:
             raise ValueError("both estimates have the tolerances of the same machine")
         difference = ml.systematic.scaled_response - gm.systematic.scaled_response
         result += difference @ difference.T
@@ -214,15 +220,6 @@ TEN = tuple(OF_A_BODY)
 """Names of a payload's parameters."""
 ABOUT_CENTRE = ("cx", "cy", "cz", *(f"{name}_centre" for name in TEN[4:]))
 """Names of the derived quantities: centre of mass, and inertia about it."""
-
-
-def _read_freedoms(value: object) -> Array:
-    freedom = np.array(value, dtype=np.float64)  # None becomes NaN
-    return np.where(np.isnan(freedom), np.inf, freedom)
-
-
-Freedoms = Annotated[Array, BeforeValidator(_read_freedoms)]
-"""(m,) degrees of freedom of standard deviations; infinite where exact, null in a file."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -238,7 +235,7 @@ class PayloadEstimate:
         Numbers, described("SI", "its share that the robot's tolerances make, 10 × 10")
     ]
     freedom: Annotated[
-        Freedoms,
+        UnboundedNumbers,
         described("1", "(10,) degrees of freedom of the standard deviations; null: infinite"),
     ]
 
@@ -323,11 +320,9 @@ def _shared_response(estimate: ParameterEstimate, before: PriorEstimate) -> Arra
             if count == len(estimate.values)
             else own.joint_scaled_response[:count]
         )
-        keys = ((one.name, one.std) for one in own.deviations)
-        found = dict(zip(keys, scaled.T, strict=True))
+        found = dict(zip((one.key for one in own.deviations), scaled.T, strict=True))
     for one, column in zip(before.deviations, before.response.T, strict=True):
-        key = one.name, one.std
-        found[key] = found.get(key, np.zeros(count)) - column * one.std
+        found[one.key] = found.get(one.key, np.zeros(count)) - column * one.tolerance
     return np.array(list(found.values())).reshape(-1, count).T
 
 

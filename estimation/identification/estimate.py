@@ -26,12 +26,11 @@ from estimation.estimators import (
     SystematicUncertainty,
     covariance_ml_less_gm,
 )
+from estimation.estimators.influence import EstimatedDeviation
 from estimation.identification.estimation import Estimation, estimate_parameters
 from estimation.identification.estimator_result import (
     ConstantResult,
-    DeviationResult,
     EstimatorResult,
-    SystematicResult,
 )
 from estimation.identification.recording import PreparedRecording
 from estimation.identification.result import (
@@ -57,7 +56,6 @@ from expdesign.configuration.tolerances import (
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.deviation import (
-    Deviation,
     apply_deviations,
     as_in_a_file,
     deviations,
@@ -208,7 +206,7 @@ def _estimator(estimation: Estimation, found: ParameterEstimate) -> EstimatorRes
         freedom=found.freedom,
         colour=found.colour,
         covariance_systematic=found.covariance_systematic,
-        systematic=_systematic(found),
+        systematic=found.systematic,
         constants=tuple(_constants(robot_from(estimation.configuration.robot), found.systematic)),
         payload=estimation.payloads.get(name),
         consistent=estimation.consistent[name],
@@ -223,57 +221,24 @@ def _estimator(estimation: Estimation, found: ParameterEstimate) -> EstimatorRes
     )
 
 
-def _systematic(estimate: ParameterEstimate) -> SystematicResult | None:
-    systematic = estimate.systematic
-    if systematic is None:
-        return None
-    scatter = np.full(len(systematic.deviations), np.nan)
-    expected = np.sqrt(np.diag(estimate.deviation_scatter))
-    scatter[: len(expected)] = np.where(systematic.tolerances[: len(expected)], expected, np.nan)
-    numbers = zip(
-        systematic.deviations,
-        systematic.values.tolist(),
-        systematic.std.tolist(),
-        scatter.tolist(),
-        strict=True,
-    )
-    return SystematicResult(
-        estimated=systematic.estimated,
-        deviations=tuple(
-            DeviationResult(
-                name=one.name,
-                group=one.group,
-                unit=one.unit,
-                tolerance=one.std,
-                value=value,
-                std=std,
-                scatter=own,
-            )
-            for one, value, std, own in numbers
-        ),
-        response=systematic.response,
-        left=systematic.left,
-    )
-
-
 def _constants(robot: Robot, systematic: SystematicUncertainty | None) -> Iterator[ConstantResult]:
     """Yield the estimated constants of terms, of the robot as its file states it."""
     flagged = {one.name: one for one in estimated_constants(robot)}
     if systematic is None or not flagged:
         return
     found = apply_deviations(robot, systematic.deviations, systematic.values).description.constants
-    places = [one.name for one in systematic.deviations]
+    estimated = {one.name: one for one in reversed(systematic.deviations)}
     names = (f"{term.name}_{one.name}" for term in robot.terms for one in term.constants)
     for name, stated, value in zip(names, robot.description.constants, found, strict=True):
-        if name in flagged and name in places:
+        if name in flagged and name in estimated:
             own = flagged[name]
             yield ConstantResult(
                 constant=own.group.partition(".")[2],
                 unit=own.unit,
                 value=value,
-                std=float(systematic.std[places.index(name)]),
+                std=estimated[name].std,
                 stated=stated,
-                tolerance=own.std if np.isfinite(own.std) else np.nan,
+                tolerance=own.tolerance if np.isfinite(own.tolerance) else np.nan,
             )
 
 
@@ -301,7 +266,7 @@ def _intervals_note(estimation: Estimation) -> str:
     systematic = estimation.best.systematic
     counted = all(e.noise.forces.lines is not None for e in estimation.experiments)
     noise = f"the noise of forces and lengths, {'as it is' if counted else 'taken for white'}"
-    if systematic is None or not systematic.inexact:
+    if systematic is None or not systematic.groups:
         return (
             f"95 %, with {noise}; they hold for exact geometry and force "
             f"constants: {_NO_TOLERANCES[bool(toleranced_deviations(estimation.robot))]}"
@@ -361,11 +326,10 @@ def _identification(estimation: Estimation, diagnosis: Diagnosis | None) -> Iden
     response = shared = np.zeros((len(best.values), 0))
     constants = [one.name for one in estimated_constants(robot)]
     joint = slice(len(best.values) + len(constants))
-    entries: list[tuple[Deviation, float, float]] = []
+    entries: list[EstimatedDeviation] = []
     if found is not None:
-        inexact = np.isfinite([one.std for one in found.deviations])
-        whole = zip(found.deviations, found.values.tolist(), found.std.tolist(), strict=True)
-        entries = [entry for entry in whole if np.isfinite(entry[0].std)]
+        inexact = np.isfinite([one.tolerance for one in found.deviations])
+        entries = [one for one in found.deviations if np.isfinite(one.tolerance)]
         response = np.concatenate([found.response, np.asarray(found.left)])[joint, inexact]
         shared = found.joint_scaled_response[joint]
     return Identification(
@@ -379,8 +343,10 @@ def _identification(estimation: Estimation, diagnosis: Diagnosis | None) -> Iden
         covariance_random=_nested_tuples(best.joint_random[joint, joint]),
         covariance_systematic=_nested_tuples(shared @ shared.T),
         deviations=tuple(
-            IdentifiedDeviation(name=one.name, tolerance=one.std, value=value, std=std)
-            for one, value, std in entries
+            IdentifiedDeviation(
+                name=one.name, tolerance=one.tolerance, value=one.value, std=one.std
+            )
+            for one in entries
         ),
         response=_nested_tuples(response) if entries else (),
     )
@@ -394,9 +360,9 @@ def _tolerances(description: RobotDescription, robot: Robot, best: ParameterEsti
         return given
     given = given or RobotTolerances()
     left: dict[str, float] = {}
-    for one, std in zip(found.deviations, found.std.tolist(), strict=True):
+    for one in found.deviations:
         if one.of_the_machine:
-            left.setdefault(one.name, std)  # a later entry of the name is the error of a prior
+            left.setdefault(one.name, one.std)  # a later entry of the name is a prior's error
     changes: dict[str, Any] = {}
     for group in ("base_joints", "platform_joints"):
         if getattr(given, group) is not None:
@@ -479,11 +445,14 @@ def identified_model(
             raise InputError(message, file=path, key="--estimate", allowed=allowed)
     entry = result.estimators[key]
     fixed: dict[str, float | None] = {name: entry.values[name] for name in result.fixed}
+    systematic, known = entry.systematic, {one.name for one in deviations(robot)}
+    if systematic is not None and any(one.name not in known for one in systematic.deviations):
+        systematic = None
     estimate = ParameterEstimate(
         estimator=key,
         values=np.array([entry.values[name] for name in names]),
         covariance=entry.covariance,
-        systematic=_restore_systematic(entry.systematic, robot),
+        systematic=systematic,
         covariance_forces=entry.covariance_forces,
         covariance_kinematics=entry.covariance_kinematics,
         freedom=entry.freedom,
@@ -506,23 +475,3 @@ def _doubt(result: EstimateFile) -> str:
     if verdict is None or verdict.status is Status.ACCEPTED:
         return ""
     return "; ".join(finding.contradiction for finding in verdict.failed if finding.serious)
-
-
-def _restore_systematic(
-    found: SystematicResult | None, robot: Robot
-) -> SystematicUncertainty | None:
-    """Return the systematic uncertainty; None for deviations that the robot does not have."""
-    known = {one.name: one for one in (*deviations(robot), *estimated_constants(robot))}
-    if found is None or any(one.name not in known for one in found.deviations):
-        return None
-    return SystematicUncertainty(
-        tuple(
-            replace(known[one.name], std=one.tolerance if np.isfinite(one.tolerance) else np.inf)
-            for one in found.deviations
-        ),
-        found.response,
-        np.array([one.value for one in found.deviations]),
-        np.array([one.std for one in found.deviations]),
-        estimated=found.estimated,
-        left=found.left,
-    )

@@ -12,11 +12,11 @@ from typing import Annotated
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.estimators.influence import SystematicUncertainty
 from estimation.estimators.result import (
     ABOUT_CENTRE,
     SEEN,
     TEN,
-    Freedoms,
     PayloadEstimate,
     about_centre,
 )
@@ -25,78 +25,12 @@ from estimation.uncertainty.intervals import Combination, interval_widths
 from expdesign.information.identifiable import KnownCombination
 from expdesign.mechanism.terms import parameter_unit
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
-from expdesign.runfolder import Numbers, OpenNumber, OpenNumbers, described
+from expdesign.runfolder import Numbers, OpenNumber, OpenNumbers, UnboundedNumbers, described
 from expdesign.trajectory import FourierKeys
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class DeviationResult:
-    """One deviation of the machine from its description."""
-
-    name: Annotated[str, described("", "name, such as base_joint_1_x")]
-    group: Annotated[str, described("", "key of its tolerance in the robot file")]
-    unit: Annotated[str, described("", "SI unit of tolerance, value and std")]
-    tolerance: Annotated[
-        OpenNumber,
-        described("see unit", "standard deviation in the robot file; null: nothing was known"),
-    ]
-    value: Annotated[float, described("see unit", "estimate; zero where it is not estimated")]
-    std: Annotated[
-        float, described("see unit", "its standard deviation; the tolerance where not estimated")
-    ]
-    scatter: Annotated[
-        OpenNumber,
-        described(
-            "see unit",
-            "standard deviation of the estimates of machines within their tolerances; null: not "
-            "estimated, or without a tolerance",
-        ),
-    ]
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class SystematicResult:
-    """Deviations of the machine and their effect on an estimate."""
-
-    estimated: Annotated[bool, described("", "they were estimated together with the parameters")]
-    deviations: Annotated[tuple[DeviationResult, ...], described("", "the inexact quantities")]
-    response: Annotated[
-        Numbers, described("SI", "change of each parameter per unit of each deviation, m × t")
-    ]
-    left: Annotated[
-        Numbers | None,
-        described("SI", "error of each estimated deviation per unit of each deviation, t × t"),
-    ]
-
-    @property
-    def scaled_response(self) -> Array:
-        """(m, t), effect of one standard deviation of each tolerance on each parameter, SI.
-
-        Zero for deviations that were estimated without a tolerance.
-        """
-        tolerances = np.array([each.tolerance for each in self.deviations])
-        return self.response * np.where(np.isfinite(tolerances), tolerances, 0.0)
-
-    @property
-    def with_priors(self) -> bool:
-        """True where a deviation with a tolerance was estimated."""
-        return self.estimated and any(
-            each.std != each.tolerance < np.inf for each in self.deviations
-        )
-
-    @property
-    def groups(self) -> dict[str, Array]:
-        """Standard deviations, (m,), SI, due to each group of tolerances."""
-        groups = np.array([each.group for each in self.deviations])
-        known = [each.group for each in self.deviations if np.isfinite(each.tolerance)]
-        return {
-            group: np.linalg.norm(self.scaled_response[:, groups == group], axis=1)
-            for group in dict.fromkeys(known)
-        }
-
-
 def shared_response(
-    first: SystematicResult | None, second: SystematicResult | None
+    first: SystematicUncertainty | None, second: SystematicUncertainty | None
 ) -> tuple[Array, Array]:
     """Return the effects of the deviations that two estimates have in common.
 
@@ -110,8 +44,7 @@ def shared_response(
     if first is None or second is None:
         return np.zeros((0, 0)), np.zeros((0, 0))
     places = [
-        {(one.name, one.tolerance): place for place, one in enumerate(each.deviations)}
-        for each in (first, second)
+        {one.key: place for place, one in enumerate(each.deviations)} for each in (first, second)
     ]
     common = [name for name in places[0] if name in places[1]]
     at_first, at_second = ([each[name] for name in common] for each in places)
@@ -158,7 +91,7 @@ class DeviationRow:
 
 
 def budget_rows(
-    estimator: str, names: tuple[str, ...], covariance: Array, result: SystematicResult
+    estimator: str, names: tuple[str, ...], covariance: Array, result: SystematicUncertainty
 ) -> Iterator[BudgetRow]:
     """Yield the shares of every free parameter; `covariance` is the total, (m, m)."""
     variance = np.diag(covariance)
@@ -172,7 +105,7 @@ def budget_rows(
             yield BudgetRow(estimator, names[k], unit, source, float(std[k]), share)
 
 
-def deviation_rows(estimator: str, result: SystematicResult) -> Iterator[DeviationRow]:
+def deviation_rows(estimator: str, result: SystematicUncertainty) -> Iterator[DeviationRow]:
     """Yield the rows of one estimator."""
     for one in result.deviations:
         toleranced = 0 < one.tolerance < np.inf
@@ -369,7 +302,7 @@ class EstimatorResult:
         ),
     ]
     freedom: Annotated[
-        Freedoms,
+        UnboundedNumbers,
         described("1", "(m,) degrees of freedom of the standard deviations; null: infinite"),
     ]
     colour: Annotated[
@@ -380,7 +313,7 @@ class EstimatorResult:
         Numbers, described("SI", "its share that the robot's tolerances make")
     ]
     systematic: Annotated[
-        SystematicResult | None,
+        SystematicUncertainty | None,
         described("", "quantities with a tolerance and their effect; null: taken as exact"),
     ]
     constants: Annotated[

@@ -387,8 +387,8 @@ def estimated_machine(robot: Robot, systematic: SystematicUncertainty | None) ->
     """
     if systematic is None:
         return PerturbedMachine.exact(robot)
-    found = zip(systematic.deviations, systematic.std.tolist(), strict=True)
-    robot = replace(robot, delay_std=sum(std for one, std in found if one.group == "delay"))
+    delays = (one.std for one in systematic.deviations if one.group == "delay")
+    robot = replace(robot, delay_std=sum(delays))
     if not systematic.estimated:
         return PerturbedMachine.exact(robot)
     return PerturbedMachine.of(robot, systematic.deviations, systematic.values)

@@ -18,7 +18,6 @@ import scipy
 from pydantic import ConfigDict
 
 from constraints.arrays import Array
-from estimation.diagnostics.noise_result import Freedom
 from estimation.uncertainty.intervals import LEVEL
 from expdesign.configuration import Problem
 from expdesign.runfolder import (
@@ -30,6 +29,7 @@ from expdesign.runfolder import (
     RunFile,
     StageResult,
     Table,
+    UnboundedNumber,
     described,
 )
 from expdesign.runfolder.fields import unknown_names, wrong_covariance
@@ -62,7 +62,7 @@ class Repetition:
         int | None, described("1", "of the motion that ML estimates; null where there is none")
     ]
     freedom: Annotated[
-        Freedom,
+        UnboundedNumber,
         described("1", "degrees of freedom behind the noise covariance; null when given"),
     ]
     outcomes: Annotated[dict[str, RepetitionEstimate], described("", "by estimator")]

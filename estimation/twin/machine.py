@@ -194,12 +194,11 @@ def draw_machine(configuration: RunConfiguration, rng: np.random.Generator) -> D
     base = configuration.truth or configuration.robot
     robot = Robot(replace(base, tolerances=configuration.robot.tolerances))
     entries = toleranced_deviations(robot)
-    values = rng.standard_normal(len(entries)) * np.array([each.std for each in entries])
-    theta = np.zeros(len(deviations(robot)))
-    theta[[each.place for each in entries]] = values
+    values = rng.standard_normal(len(entries)) * np.array([each.tolerance for each in entries])
+    drawn = dict(zip((each.name for each in entries), values.tolist(), strict=True))
     off: dict[str, list[float]] = {}
-    for entry, value in zip(deviations(robot), theta.tolist(), strict=True):
-        off.setdefault(entry.group, []).append(value)
+    for entry in deviations(robot):
+        off.setdefault(entry.group, []).append(drawn.get(entry.name, 0.0))
     section = configuration.run.experiment
     error = section.force_constant or ForceConstantError()
     (common,) = off["force_constant.common"]

@@ -122,13 +122,13 @@ def _constants_in_words(robot: Robot) -> list[str]:
     """Return the constants of terms that an estimate determines, with their initial values."""
     found = []
     for one in estimated_constants(robot):
-        prior = f"a prior of ± {quantity_text(one.std, one.unit)} (tolerances.{one.group})"
+        prior = f"a prior of ± {quantity_text(one.tolerance, one.unit)} (tolerances.{one.group})"
         term, constant = one.group.split(".")[1:]
         described = next(t for t in robot.description.description.terms if t.name == term)
         value = quantity_text(described.constants[constant].value, one.unit)
         found.append(
             f"{term}.{constant} is estimated from {value} on, with "
-            f"{prior if one.std < float('inf') else 'no prior'}"
+            f"{prior if one.tolerance < float('inf') else 'no prior'}"
         )
     return found
 

@@ -198,7 +198,7 @@ def systematic_std(
     unexplained = _rows(forces.columns, white) - _rows(np.asarray(slope), white) @ moved
     if prior is not None:
         seen = (regressors.T @ unexplained).T
-        change = {(o.name, o.std): row * o.std for o, row in zip(chosen, seen, strict=True)}
+        change = {one.key: row * one.tolerance for one, row in zip(chosen, seen, strict=True)}
         information = regressors.T @ regressors
         for key, moved_before in prior.moved.items():
             change[key] = change.get(key, 0.0) - information @ moved_before
@@ -207,7 +207,7 @@ def systematic_std(
     sizes = np.linalg.norm(regressors, axis=0)
     sizes = np.where(sizes > 0, sizes, 1.0)
     response = np.linalg.lstsq(regressors / sizes, unexplained, rcond=None)[0] / sizes[:, None]
-    share = np.linalg.norm(response * np.array([each.std for each in chosen]), axis=1)
+    share = np.linalg.norm(response * np.array([each.tolerance for each in chosen]), axis=1)
     return dict(zip(names, share.tolist(), strict=True))
 
 

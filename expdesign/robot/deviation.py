@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import casadi as ca
 import numpy as np
+from pydantic import Field
 
 from constraints.arrays import Array
 from expdesign.configuration.robot import ResolvedRobot, RobotDescription
@@ -26,6 +27,7 @@ from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES, actuator_names
 from expdesign.mechanism.term import Friction, Term, kinematic_terms, parameters_of
 from expdesign.robot.robot import Robot
+from expdesign.runfolder import UnboundedNumber, described
 
 FORCE_CONSTANT = "force_constant"
 """Name of the deviation of all forces; ``force_constant_1`` … of one actuator."""
@@ -42,18 +44,21 @@ _MOST_OFF = 0.9
 class Deviation:
     """One entry of θ."""
 
-    name: str
-    """``base_joint_3_x``, ``force_constant_2``, ``delay``, ``stribeck_velocity``."""
-    group: str
-    """Key of its tolerance: ``base_joints``, ``force_constant.each``, ``terms.load_friction``."""
-    unit: str
-    """SI, as in files."""
-    std: float
-    """Its tolerance, in that unit; 0: exact."""
-    place: int
-    """Among all entries of the robot, from 0."""
-    lower: float = -np.inf
+    name: Annotated[str, described("", "name, such as base_joint_1_x")]
+    group: Annotated[str, described("", "key of its tolerance in the robot file")]
+    unit: Annotated[str, described("", "SI unit of tolerance, value and std")]
+    tolerance: Annotated[
+        UnboundedNumber,
+        described("see unit", "standard deviation in the robot file; null: nothing was known"),
+    ]
+    """0: exact; inf: nothing is known."""
+    lower: Annotated[float, Field(exclude=True)] = -np.inf
     """Smallest value of θ, finite for a constant that must be positive."""
+
+    @property
+    def key(self) -> tuple[str, float]:
+        """Name and tolerance: with both equal, entries of two estimates are the same number."""
+        return self.name, self.tolerance
 
     @property
     def of_the_machine(self) -> bool:
@@ -77,14 +82,14 @@ def deviations(robot: Robot) -> tuple[Deviation, ...]:
     """
     entries = _entries(robot, robot.description.tolerances or RobotTolerances())
     return tuple(
-        Deviation(name, group, unit, float(std or 0.0), place)
-        for place, (name, group, unit, std) in enumerate(entries)
+        Deviation(name, group, unit, float(tolerance or 0.0))
+        for name, group, unit, tolerance in entries
     )
 
 
 def toleranced_deviations(robot: Robot) -> tuple[Deviation, ...]:
     """Return the entries of θ with a tolerance."""
-    return tuple(each for each in deviations(robot) if each.std > 0)
+    return tuple(each for each in deviations(robot) if each.tolerance > 0)
 
 
 def estimated_constants(robot: Robot) -> tuple[Deviation, ...]:
@@ -104,7 +109,7 @@ def estimated_constants(robot: Robot) -> tuple[Deviation, ...]:
         for constant, value in zip(term.constants, values, strict=False)
     }
     return tuple(
-        replace(one, std=one.std or np.inf, lower=least[one.group])
+        replace(one, tolerance=one.tolerance or np.inf, lower=least[one.group])
         for one in deviations(robot)
         if one.group in flagged
     )
@@ -173,7 +178,7 @@ def apply_deviations(robot: Robot, chosen: Sequence[Deviation], values: Array) -
     """
     about = robot.description
     theta = np.zeros(len(deviations(robot)))
-    np.add.at(theta, [each.place for each in chosen], values)
+    np.add.at(theta, _places(robot, chosen), values)
     further = len(parameters_of(_lacking_terms(robot)))
     ends = np.cumsum([JOINT_ENTRIES, JOINT_ENTRIES, TILTS, len(about.constants), further])
     base, platform, tilts, constants, lacking, _ = np.split(theta, ends)
@@ -354,7 +359,7 @@ def deviating_forces(
         -rate[:, :, None],
         clock[:, :, None],
     ]
-    columns = _pick_columns(blocks, chosen)
+    columns = np.concatenate(blocks, axis=2)[:, :, _places(robot, chosen)]
     return DeviatingForces(forces, regressors[:, :, :own], by_state, columns)
 
 
@@ -382,9 +387,11 @@ def length_deviation_columns(
         np.zeros((*samples, 1 + ACTUATORS + 1)),
         clock[:, :, None],
     ]
-    return _pick_columns(blocks, chosen)
+    return np.concatenate(blocks, axis=2)[:, :, _places(robot, chosen)]
 
 
-def _pick_columns(blocks: Sequence[Array], chosen: Sequence[Deviation]) -> Array:
-    places = [each.place for each in chosen]
-    return np.concatenate(blocks, axis=2)[:, :, places]
+def _places(robot: Robot, chosen: Sequence[Deviation]) -> list[int]:
+    """Return the indices of some entries among all of the robot."""
+    given = robot.description.tolerances or RobotTolerances()
+    places = {name: place for place, (name, *_) in enumerate(_entries(robot, given))}
+    return [places[each.name] for each in chosen]

@@ -124,6 +124,15 @@ def _open_numbers(value: object) -> Array:
         raise ValueError("expected numbers in lists of equal length") from None
 
 
+def _infinite(value: object) -> object:
+    return np.inf if value is None else value
+
+
+def _infinite_numbers(value: object) -> Array:
+    array = _open_numbers(value)
+    return np.where(np.isnan(array), np.inf, array)
+
+
 def _whole_numbers(value: object) -> NDArray[np.int64]:
     array = np.array(value)
     if array.dtype.kind != "i":
@@ -174,6 +183,12 @@ Covariance = Annotated[Numbers, sized(ACTUATORS, ACTUATORS), AfterValidator(_var
 
 WholeNumbers = Annotated[NDArray[np.int64], BeforeValidator(_whole_numbers)]
 """Whole numbers, in a JSON file a list of them."""
+
+UnboundedNumber = Annotated[float, BeforeValidator(_infinite)]
+"""A number that may be infinite: null in a JSON file."""
+
+UnboundedNumbers = Annotated[Array, BeforeValidator(_infinite_numbers)]
+"""Numbers, some of them infinite: null in a JSON file."""
 
 OpenNumber = Annotated[float, BeforeValidator(_open_number)]
 """A number that may be missing: NaN, null in a JSON file, an empty cell in a table."""

@@ -142,7 +142,7 @@ def test_what_is_written_of_them(tmp_path):
     # The robot that was found: value and what is left of it, still to be estimated.
     robot = load_robot(tmp_path / "identified-robot.yaml")
     np.testing.assert_allclose(robot.description.constants, values)
-    left = {one.name: one.std for one in toleranced_deviations(robot)}
+    left = {one.name: one.tolerance for one in toleranced_deviations(robot)}
     np.testing.assert_allclose([left["cogging_pitch"], left["stribeck_velocity"]], std)
     assert len(estimated_constants(robot)) == 2
     saved = read_estimate(tmp_path, robot_from(run.robot)).estimate

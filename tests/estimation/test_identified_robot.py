@@ -55,7 +55,7 @@ def test_its_geometry_is_what_was_estimated(written):
     moved = robot.description.base_joints - before.description.base_joints
     expected = [[theta[f"base_joint_{j}_{axis}"] for axis in ("x", "y", "z")] for j in range(1, 7)]
     np.testing.assert_allclose(moved, expected, atol=1e-15)
-    left = {one.name: one.std for one in toleranced_deviations(robot)}
+    left = {one.name: one.tolerance for one in toleranced_deviations(robot)}
     assert left["delay"] == 1e-3
     std = {one.name: std for one, std in zip(found.deviations, found.std, strict=True)}
     for name in theta:
@@ -79,7 +79,7 @@ def test_a_tolerance_of_a_lacking_term_stays(inertia, tmp_path):
     estimation_result(result).write(tmp_path)
     robot = load_robot(tmp_path / FILE)
     assert result.best.systematic.std[0] < 0.2
-    assert [one.std for one in toleranced_deviations(robot)] == [0.2]
+    assert [one.tolerance for one in toleranced_deviations(robot)] == [0.2]
     assert robot.parameter_names == result.priors.names
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimation.estimators.influence import SystematicUncertainty
+from estimation.estimators.influence import EstimatedDeviation, SystematicUncertainty
 from estimation.estimators.prior_estimate import PriorEstimate, UnloadedMachine
 from estimation.estimators.result import TEN, about_centre, payload_estimate
 from estimation.identification import estimate_parameters, estimation_result
@@ -52,7 +52,7 @@ class Linear:
         # Two deviations: the first shared by both recordings, the second of the earlier alone.
         self.forces_by = rng.normal(size=(120, 1)) * 0.3
         self.before_by = rng.normal(size=(M, 2)) * 0.2
-        self.deviations = tuple(replace(one, std=1.0) for one in deviations(ROBOT)[:2])
+        self.deviations = tuple(replace(one, tolerance=1.0) for one in deviations(ROBOT)[:2])
 
     def solved(self, forces, before):
         """Return the estimate of p' with the prior of what is no platform, and the payload."""
@@ -64,7 +64,11 @@ class Linear:
         response = inverse @ self.regressor.T @ self.forces_by
         inherited = inverse @ kept @ self.before_by
         whole = np.column_stack([response[:, 0] + inherited[:, 0], inherited[:, 1]])
-        systematic = SystematicUncertainty(self.deviations, whole, np.zeros(2), np.ones(2))
+        systematic = SystematicUncertainty(
+            estimated=False,
+            deviations=tuple(map(EstimatedDeviation.of, self.deviations)),
+            response=whole,
+        )
         earlier = PriorEstimate(
             before,
             kept,
@@ -116,13 +120,14 @@ def test_constants_estimated_with_the_parameters_count_like_these():
     found, expected = case.solved(case.rng.normal(size=120), before)
     kept = np.zeros_like(case.covariance)
     kept[np.ix_(OTHERS, OTHERS)] = np.linalg.inv(case.covariance[np.ix_(OTHERS, OTHERS)])
-    constants = tuple(replace(one, std=np.inf) for one in deviations(ROBOT)[2:4])
+    constants = tuple(replace(one, tolerance=np.inf) for one in deviations(ROBOT)[2:4])
     moved = np.pad(found.systematic.response, ((0, 0), (2, 0)))
     left = -np.eye(4)
     left[:2] = moved[own:]
-    chosen, values = (*constants, *case.deviations), np.append(found.values[own:], [0.0, 0.0])
+    pairs = zip(constants, found.values[own:].tolist(), strict=True)
+    entries = *(EstimatedDeviation.of(*pair) for pair in pairs), *found.systematic.deviations
     systematic = SystematicUncertainty(
-        chosen, moved[:own], values, np.ones(4), estimated=True, left=left
+        estimated=True, deviations=entries, response=moved[:own], left=left
     )
     parted = replace(
         found,

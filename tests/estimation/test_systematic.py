@@ -86,7 +86,7 @@ def _moved(config, theta, designs):
 
 
 def _theta(chosen, size):
-    std = np.array([each.std for each in chosen])
+    std = np.array([each.tolerance for each in chosen])
     return size * std * np.random.default_rng(3).choice([-1, 1], len(std))
 
 
@@ -170,7 +170,7 @@ def test_shares_add_up_and_the_common_gain_scales_all_forces(chosen):
     ],
 )
 def test_intervals_cover_truths_drawn_from_the_tolerances(chosen, runs):
-    std = np.array([each.std for each in chosen])
+    std = np.array([each.tolerance for each in chosen])
     scale = 0.3
     inside, random_alone, theta_off = {}, [], []
     config = _run({"noise": _quiet(scale)}, systematic="estimated")
@@ -200,7 +200,7 @@ def test_estimated_tolerances_are_known_better_than_before(chosen):
         estimate_parameters(_run(quiet, systematic=kind, estimators=["ml"]), data, MOTION)["ml"]
         for kind in ("budget", "estimated")
     )
-    before = np.array([each.std for each in chosen])
+    before = np.array([each.tolerance for each in chosen])
     assert np.all(joint.systematic.std <= before * (1 + 1e-9))
     names = [each.name for each in chosen]
     # The delay shows in the data; a common factor of all forces does not.
@@ -264,7 +264,7 @@ def test_an_estimated_machine_is_diagnosed_along_the_motion_that_was_estimated(c
     # Joints elsewhere look like further harmonics, of which fewer are left once they are moved.
     rng = np.random.default_rng(13)
     joints = ("base_joints", "platform_joints")
-    theta = np.array([rng.normal(0, e.std) if e.group in joints else 0.0 for e in chosen])
+    theta = np.array([rng.normal(0, e.tolerance) if e.group in joints else 0.0 for e in chosen])
     settings = {"noise": "given", "systematic": "estimated", "estimators": ["ml"]}
     tolerances = {key: TOLERANCES[key] for key in joints}
     result = estimate_parameters(
@@ -283,7 +283,9 @@ def joint(chosen):
 
 
 def _with_theta(estimate, values):
-    return replace(estimate, systematic=replace(estimate.systematic, values=values))
+    pairs = zip(estimate.systematic.deviations, values.tolist(), strict=True)
+    moved = tuple(replace(one, value=value) for one, value in pairs)
+    return replace(estimate, systematic=replace(estimate.systematic, deviations=moved))
 
 
 def test_deviations_within_the_tolerances_contradict_none_of_them(joint):
@@ -349,7 +351,7 @@ def _draw_lacking(number, scale):
     """Return the parameters of the lacking terms of a machine, (7,), and its recording."""
     robot = robot_from(run(GIVEN, tolerances=TERMS).robot)
     entries = toleranced_deviations(robot)
-    std = np.array([each.std for each in entries])
+    std = np.array([each.tolerance for each in entries])
     theta = std * np.random.default_rng([8, number]).normal(size=len(std))
     machine = apply_deviations(robot, entries, theta).extended
     data = measured(MOTION, number, robot=machine, step=STEP, force_scale=scale, length_scale=scale)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from estimation.estimators import PerturbedMachine, SystematicUncertainty
+from estimation.estimators.influence import EstimatedDeviation
 from estimation.feedforward.comparison import compare_feedforward, true_machine
 from estimation.feedforward.result import FeedforwardResult
 from estimation.identification import estimate_parameters, estimation_result
@@ -151,13 +152,23 @@ def test_force_constants_and_cogging_act_in_the_loop(saved):
     assert disturbed.case("true").rms_struts > 2 * record.case("true").rms_struts
 
 
+def _estimated(chosen, values, response):
+    """Return deviations that are known exactly."""
+    pairs = zip(chosen, values, strict=True)
+    return SystematicUncertainty(
+        estimated=True,
+        deviations=tuple(replace(EstimatedDeviation.of(*pair), std=0.0) for pair in pairs),
+        response=response,
+        left=np.zeros((len(chosen), len(chosen))),
+    )
+
+
 @pytest.fixture(scope="module")
 def read_wrongly(saved):
     """An estimate that knows all parameters, and the force constants of a machine with others."""
     robot = robot_from(run(tolerances={"force_constant": {"each": "5 %"}}).robot)
     chosen, zeros = toleranced_deviations(robot), np.zeros((len(robot.parameters), len(READ)))
-    std, left = np.zeros(len(READ)), np.zeros((len(READ), len(READ)))
-    found = SystematicUncertainty(chosen, zeros, np.array(READ), std, estimated=True, left=left)
+    found = _estimated(chosen, READ, zeros)
     known = replace(saved.estimate, values=robot.parameters, systematic=found)
     return replace(saved, estimate=known)
 
@@ -177,8 +188,7 @@ def test_estimated_forces_that_the_robot_lacks_are_fed_forward(saved):
     robot = robot_from(run(tolerances=tolerances).robot)
     chosen = toleranced_deviations(robot)
     theta, zeros = np.full(len(chosen), 20.0), np.zeros((len(robot.parameters), len(chosen)))
-    left = np.zeros((len(chosen), len(chosen)))
-    found = SystematicUncertainty(chosen, zeros, theta, 0 * theta, estimated=True, left=left)
+    found = _estimated(chosen, theta.tolist(), zeros)
     known = replace(
         saved, estimate=replace(saved.estimate, values=robot.parameters, systematic=found)
     )
