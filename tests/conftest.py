@@ -18,8 +18,8 @@ from expdesign.configuration.robot import load_robot_description
 from tests.tiny_run import tiny_run
 
 # How long an example takes is not what is tested; continuous integration draws the same ones.
-settings.register_profile("local", deadline=None)
-settings.register_profile("ci", deadline=None, derandomize=True)
+settings.register_profile("local", deadline=None, max_examples=50)
+settings.register_profile("ci", deadline=None, max_examples=50, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 

@@ -78,6 +78,7 @@ def test_a_wrong_zero_of_a_length():
     assert all(value == "0" for j, value in enumerate(written) if j != strut)
 
 
+@pytest.mark.slow
 def test_noise_with_a_long_memory_is_no_other_channel():
     """Weighted as white, it gave lengths a zero of some 0.1 mm; a wrong sign is still found."""
     covariance, memory = ROBOT.description.noise.force_covariance, 0.98

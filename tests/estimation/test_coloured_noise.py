@@ -365,9 +365,15 @@ def test_intervals_cover_with_the_spectrum_of_few_periods(periods, memory):
 @pytest.mark.parametrize(
     ("disturbance", "loss"),
     [
-        ({"lost": {"share": 0.002}}, "squared"),
+        pytest.param(
+            {"lost": {"share": 0.002}}, "squared", marks=[pytest.mark.slow, pytest.mark.full]
+        ),
         ({"lost": {"share": 0.05}}, "squared"),
-        ({"outliers": {"share": 0.002, "force": 300.0, "length": 1e-3}}, "huber"),
+        pytest.param(
+            {"outliers": {"share": 0.002, "force": 300.0, "length": 1e-3}},
+            "huber",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_intervals_cover_where_samples_are_missing_or_count_less(disturbance, loss):

@@ -28,6 +28,7 @@ def test_noise_free_lengths_give_the_motion_back():
     np.testing.assert_allclose(fit.motion.table, HarmonicMotion.of(motion).table, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_the_fit_spreads_as_its_covariance_says():
     motion = trajectory()
     true = HarmonicMotion.of(motion)

@@ -50,6 +50,7 @@ def measured(mapping, designed):
     return Twin.of(load_run(mapping), designed.trajectory).measurement(1)
 
 
+@pytest.mark.slow
 def test_a_design_predicts_how_well_the_inertia_is_known(mapping, designed):
     robot = robot_from(load_run(mapping).robot)
     assert robot.parameters[robot.parameter_names.index("m_drive")] == pytest.approx(99.5, abs=0.1)

@@ -288,6 +288,7 @@ def _with_theta(estimate, values):
     return replace(estimate, systematic=replace(estimate.systematic, deviations=moved))
 
 
+@pytest.mark.slow
 def test_deviations_within_the_tolerances_contradict_none_of_them(joint):
     scatter = joint.deviation_scatter
     root = np.linalg.cholesky(scatter + 1e-12 * np.diag(joint.systematic.tolerances**2))

@@ -405,6 +405,7 @@ def test_a_term_with_an_impossible_sign_is_not_chosen_and_is_named():
     assert "load_friction" in _named(result).contradiction
 
 
+@pytest.mark.slow
 def test_an_added_term_with_an_impossible_sign_is_named():
     file = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
     robot = file | {"terms": [*file["terms"], "load_friction"]}

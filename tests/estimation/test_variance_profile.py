@@ -136,6 +136,7 @@ def _coverage(count, **options):
     return np.mean(inside), np.mean([each[-6:] for each in inside])
 
 
+@pytest.mark.slow
 def test_intervals_hold_with_noise_that_grows():
     every, viscous = _coverage(15)
     assert every > 0.91

@@ -163,6 +163,7 @@ def test_times_of_a_pmac_do_not_drift_in_1000_periods(tmp_path):
     assert abs(drift) * speed > 10 * made.settings.tolerance
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_periods(tmp_path):
     settings = resolve_settings(export_section(format="linuxcnc-strut", **UNIFORM), work(2000))
     from expdesign.export.row_times import designed_rows
@@ -249,7 +250,9 @@ def test_two_periods_are_not_repeated_by_a_controller(tmp_path):
         export_section(format="xps-pvt", repeat="controller")
 
 
-@pytest.mark.parametrize("name", ["pmac-pvt", "linuxcnc-gcode"])
+@pytest.mark.parametrize(
+    "name", ["linuxcnc-gcode", pytest.param("pmac-pvt", marks=pytest.mark.slow)]
+)
 def test_a_controller_repeats_ten_thousand_periods(name, tmp_path):
     section = export_section(format=name, repeat="controller")
     tracemalloc.start()

@@ -20,7 +20,7 @@ def no_process_of_its_own(monkeypatch):
     monkeypatch.setattr("expdesign.export.table_file._refuse_crashing", lambda *_: None)
 
 
-@pytest.mark.parametrize("count", [16, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [10, pytest.param(30, marks=pytest.mark.slow)])
 def test_no_wrong_table_is_called_proved(count, exported):
     missed, wrong, proved = missed_tables(exported, count)
     assert not missed, f"{len(missed)} of {wrong} wrong tables; {proved} of {count} are proved"

@@ -49,12 +49,13 @@ HEXAPODS = {
     "large": (3.0, 0.01, 1.0),
     "without rotation": (1.0, 0.05, 1.0, 0),
 }
-QUICK = [("linuxcnc", 1.0), ("small", 0.3), ("large", 0.1), ("without rotation", 1.0)]
+QUICK = [("linuxcnc", 1.0), ("small", 0.3), ("large", 1.0)]
+LEVEL = ("without rotation", 1.0)
 CASES = [
     *QUICK,
     *(
         pytest.param(*case, marks=[pytest.mark.slow, pytest.mark.full])
-        for case in product(("linuxcnc", "small", "large"), (1.0, 0.3, 0.1))
+        for case in (*product(("linuxcnc", "small", "large"), (1.0, 0.3, 0.1)), LEVEL)
         if case not in QUICK
     ),
 ]

@@ -131,7 +131,9 @@ def reading_of(source):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seconds", [0.0, 0.7, 2.5])
+@pytest.mark.parametrize(
+    "seconds", [0.7, *(pytest.param(wait, marks=pytest.mark.full) for wait in (0.0, 2.5))]
+)
 def test_a_pair_of_runs_never_mixes_a_folder(seconds, tmp_path):
     runs = []
     for seed in (0, 1):

@@ -137,7 +137,12 @@ print(json.dumps(kills.KillTrials(command, pathlib.Path(place)).judge(target, 2,
 
 
 @pytest.mark.parametrize(
-    ("command", "target"), [("sweep", "workers"), ("sweep", "scheduler"), ("montecarlo", "both")]
+    ("command", "target"),
+    [
+        pytest.param("sweep", "workers", marks=pytest.mark.full),
+        pytest.param("sweep", "scheduler", marks=pytest.mark.full),
+        ("montecarlo", "both"),
+    ],
 )
 def test_a_command_that_loses_its_cluster_goes_on(command, target, tmp_path):
     """In a process of its own, without threads: the parts of the trial are copies of it."""
