@@ -30,12 +30,11 @@ from scipy import sparse
 
 from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment, regressors_along, regressors_at
+from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.kinematics import length_residuals
-from estimation.measurement_model import HarmonicMotion, predict_forces, predict_lengths
+from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.prediction import (
     chunks,
-    deviation_forces,
-    deviation_lengths,
     force_kernel,
 )
 from estimation.processing import NoiseEstimate, NoiseModel
@@ -191,18 +190,17 @@ def linearise(
         sign_errors = np.zeros((len(times), ACTUATORS, 0))
     else:
         state = motion.at(times).state()
-        signs = experiment.signs(robot, motion)
-        parts = [
-            predict_forces(robot, motion, times[part], signs[part], values)
-            for part in chunks(len(times))
+        machine, none = PerturbedMachine.exact(robot), np.zeros_like(free)
+        predicted = [
+            machine.forces(experiment, motion, values, part) for part in chunks(len(times))
         ]
-        regressors, slope = map(np.concatenate, zip(*parts, strict=True))
-        sign_errors = _sign_errors(robot, cells, state, signs, values)
-        length_times = recording.lengths.times
-        length_cells = _cells(experiment, length_times, recording.lengths.counts)
+        regressors = np.concatenate([each.regressors for each in predicted])
+        slope = np.concatenate([each.columns(none).dense() for each in predicted])
+        sign_errors = _sign_errors(robot, cells, state, experiment.signs(robot, motion), values)
+        length_cells = _cells(experiment, recording.lengths.times, recording.lengths.counts)
         lengths = length_residuals(robot, recording, motion)
         slopes = [
-            predict_lengths(robot, motion, length_times[part])[1]
+            machine.lengths(experiment, motion, part).columns.dense()
             for part in chunks(recording.samples)
         ]
         length_columns = length_cells.mean(np.concatenate(slopes))
@@ -454,13 +452,15 @@ class CandidateEffects:
         wanted = [
             each for each in deviations(robot) if each.group in _GEOMETRIC or each.name in inexact
         ]
-        signs = experiment.signs(robot, motion)
-        own_clock = experiment.recording.own_clock
-        forces = deviation_forces(
-            robot, motion, experiment.times, signs, self.values, wanted, own_clock=own_clock
+        machine = PerturbedMachine.of(robot, wanted, np.zeros(len(wanted)))
+        rows = chunks(experiment.recording.samples)
+        forces, lengths = (
+            np.concatenate([predict(each).deviations for each in rows])
+            for predict in (
+                lambda each: machine.forces(experiment, motion, self.values, each),
+                lambda each: machine.lengths(experiment, motion, each),
+            )
         )
-        times = experiment.recording.lengths.times
-        lengths = deviation_lengths(robot, motion, times, wanted, own_clock=own_clock)
         names = tuple(each.name for each in wanted)
         columns = Signature(part.cells.mean(forces), part.length_cells.mean(lengths))
         if "delay" in names and robot.delay_std:

@@ -8,16 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from estimation.kinematics import expected_signs
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.prediction import (
-    deviation_forces,
-    deviation_lengths,
-    predict_forces,
-    predict_lengths,
-)
 from expdesign.configuration.tolerances import RobotTolerances
 from expdesign.mechanism.term import STRUT_SPEED, Columns, Constant, Parameter, Term
 from expdesign.robot import Robot, load_robot
 from expdesign.robot.deviation import apply_deviations, deviations, tilt_axes
+from tests.columns import deviation_forces, deviation_lengths, predict_forces, predict_lengths
 
 ROBOTS = ("palida", "linuxcnc", "rubin", "mathworks", "dehaeze")
 TIMES = np.linspace(0.1, 1.9, 9)
@@ -59,9 +54,7 @@ def _motion(robot, seed, size=0.05):
 
 
 def _forces(robot, motion, times, signs):
-    return predict_forces(robot, motion, times, signs, robot.parameters).regressors @ (
-        robot.parameters
-    )
+    return predict_forces(robot, motion, times, signs, robot.parameters)[0] @ (robot.parameters)
 
 
 @pytest.mark.parametrize(("seed", "name"), list(enumerate(ROBOTS)))
@@ -185,7 +178,7 @@ def test_moving_the_base_frame_and_the_platform_with_it_changes_nothing(directio
     signs = np.ones((count, 18))
     apart = [
         (
-            predict_forces(robot, moved(s * step), times, signs, values).regressors @ values,
+            predict_forces(robot, moved(s * step), times, signs, values)[0] @ values,
             predict_lengths(robot, moved(s * step), times)[0],
         )
         for s in (1, -1)
@@ -234,7 +227,7 @@ def test_columns_of_lacking_terms_are_those_of_the_terms():
     whole, motion = moved.extended, _motion(robot, 3)
     signs = expected_signs(robot, motion, TIMES, np.zeros((len(TIMES), 18)))
     columns = deviation_forces(moved, motion, TIMES, signs, moved.parameters, chosen)
-    regressors = predict_forces(whole, motion, TIMES, signs, whole.parameters).regressors
+    regressors = predict_forces(whole, motion, TIMES, signs, whole.parameters)[0]
     at = [whole.parameter_names.index(one.partition("_")[2]) for one in ("_s2", "_mu1", "_mu6")]
     np.testing.assert_allclose(columns[:, :, 1:], regressors[:, :, at], rtol=1e-9, atol=1e-12)
     assert not np.any(deviation_lengths(moved, motion, TIMES, chosen[1:]))

@@ -8,11 +8,11 @@ import yaml
 
 from estimation.kinematics import expected_signs
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.prediction import deviation_forces, deviation_lengths
 from estimation.twin import Twin
 from estimation.twin.machine import draw_machine
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.robot import Robot
+from tests.columns import deviation_forces, deviation_lengths
 from tests.twin.examples import motion
 
 TOLERANCES = {
