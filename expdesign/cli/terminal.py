@@ -27,6 +27,8 @@ from results.render.terminal import print_view
 
 HEARTBEAT = 5.0
 """Seconds between two lines, at least, where nothing can be redrawn in place."""
+_PAUSE = 0.15
+"""The same as a share of the time that has passed: a log of an hour has some 40 lines."""
 _SILENT = 2.0
 """Seconds that pass before anything is shown."""
 _BAR = 16
@@ -221,8 +223,8 @@ class SearchDisplay:
     Parameters
     ----------
     console : rich Console
-        On a terminal the display is redrawn in place; elsewhere a line is written when a start
-        ends and, at most every five seconds, for the start that moves.
+        On a terminal the display is redrawn in place; elsewhere a line is written from time to
+        time, ever more rarely.
     criterion : Criterion
     starts, hops : int
         Their largest numbers.
@@ -265,16 +267,9 @@ class SearchDisplay:
             self._rough.add(event.start)
         else:
             self._running[event.start] = event
-            if not self._console.is_terminal and time.monotonic() - self._spoke > HEARTBEAT:
-                beyond = "within the limits"
-                if event.violation > 0:
-                    beyond = f"{_percent(event)} beyond a limit"
-                left = self._left()
-                self._line(
-                    f"{self._name(event)}: {_phase(event)}, iteration {_iteration(event)}; "
-                    f"{self._objective(event)}, {beyond}; {time_text(event.seconds)}"
-                    f"{'; ' if left else ''}{left}"
-                )
+        pause = max(HEARTBEAT, _PAUSE * self._seconds)
+        if not self._console.is_terminal and time.monotonic() - self._spoke > pause:
+            self._line(f"{self._head}; {self._best_text or self._text(event)}")
 
     def show_progress(self, what: str, done: int, total: int) -> None:
         """Show the progress before the first start and after the last."""
@@ -305,25 +300,47 @@ class SearchDisplay:
         self._running.pop(event.start, None)
         name, objective = self._name(event), self._objective(event)
         finished = event.phase == "finished"
-        effort = f"{event.iteration} iterations, {time_text(event.seconds)}"
         if finished:
             self._finished += 1
-            text = f"{name}, finished: {objective}, {event.status}"
+            self._line(f"{name}, finished: {objective}, {event.status}")
         else:
             hop = event.start > self._starts
             self._starts_ended += not hop
             self._hops_ended += hop
             self._refined += hop or (event.start in self._rough and event.status != GIVEN_UP)
             self._rough |= set() if hop else {event.start}
-            text = f"{name}: {objective} within the limits after {effort}: {event.status}"
+            if self._best is None and math.isfinite(event.objective):
+                effort = f"{event.iteration} iterations, {time_text(event.seconds)}"
+                self._line(f"{name}: {objective} within the limits after {effort}: {event.status}")
         # A start that is done is within its limits, the recheck may find a finished one beyond.
-        if math.isfinite(event.objective):
-            if not finished or event.violation <= TOLERANCE:
-                better = max if self._criterion.larger_is_better else min
-                self._best = better(self._best or event, event, key=lambda one: one.objective)
-        elif not finished:
-            text = f"{name}: {event.status} ({effort})"
-        self._line(text)
+        usable = not finished or event.violation <= TOLERANCE
+        if usable and math.isfinite(event.objective):
+            better = max if self._criterion.larger_is_better else min
+            self._best = better(self._best or event, event, key=lambda one: one.objective)
+
+    @property
+    def _head(self) -> str:
+        """Counts of what has ended, with the time that has passed and the time that is left."""
+        hops = f" and {self._hops_ended} of {self._hops} hops" if self._hops else ""
+        left = self._left()
+        return (
+            f"{self._starts_ended} of {self._starts} starts{hops} done, "
+            f"{time_text(self._seconds)}{', ' if left else ''}{left}"
+        )
+
+    @property
+    def _best_text(self) -> str:
+        return "" if self._best is None else f"best: {self._objective(self._best)}"
+
+    def _text(self, event: SearchEvent) -> str:
+        """Return the state of a start in words."""
+        if event.status:
+            return f"{self._name(event)}: {event.status}"
+        beyond = f"{_percent(event)} beyond a limit" if event.violation > 0 else "within the limits"
+        return (
+            f"{self._name(event)}: {_phase(event)}, iteration {_iteration(event)}; "
+            f"{self._objective(event)}, {beyond}"
+        )
 
     def _left(self) -> str:
         """Return how long the search will take still; empty while that is not known.
@@ -361,12 +378,7 @@ class SearchDisplay:
     def _picture(self) -> Group:
         if not self._built:
             return Group(Text(self._before.line))
-        best = "none yet" if self._best is None else self._objective(self._best)
-        left = self._left()
-        hops = f" and {self._hops_ended} of {self._hops} hops" if self._hops else ""
-        head = f"{self._starts_ended} of {self._starts} starts{hops} done"
-        head += f", {time_text(self._seconds)}"
-        lines = [Text(f"{head}{', ' if left else ''}{left}"), Text(f"best: {best}")]
+        lines = [Text(self._head), Text(self._best_text or "best: none yet")]
         if not self._running:
             return Group(*lines, Text(self._before.line))
         table = Table(box=None, pad_edge=False, header_style="dim")

@@ -35,12 +35,13 @@ def test_there_is_a_line_before_the_first_event(display):
 
 def test_every_number_says_what_it_is(display, monkeypatch):
     monkeypatch.setattr("expdesign.cli.terminal.HEARTBEAT", -1.0)
+    monkeypatch.setattr("expdesign.cli.terminal._PAUSE", -1.0)
     display.report(event("blunt", 90.5, place=(1, 3), of_round=(7, 80)))
     display.report(event("sharp", 1234.0, place=(3, 3), of_round=(2, 20)))
+    display.report(event("done", float("inf"), "given up: behind"))
     display.report(event("done", 1300.0, "converged"))
     display.report(event("finished", 1250.0, "every limit kept", violation=-1e-5))
-    display.report(event("done", float("inf"), "given up: behind"))
-    _, blunt, sharp, done, finished, given_up = said(display).splitlines()
+    _, blunt, sharp, given_up, done, best, finished, last = said(display).splitlines()
     assert PHASE_TITLES["blunt"] in blunt
     assert "log det F 90.5" in blunt
     assert "7 of 80" in blunt
@@ -50,6 +51,8 @@ def test_every_number_says_what_it_is(display, monkeypatch):
     assert "condition number of F 1300 (true)" in done
     assert "1250" in finished
     assert "given up: behind" in given_up
+    assert "best: condition number of F 1300 (true)" in best
+    assert "best: condition number of F 1250 (true)" in last
     assert display._starts_ended == 2
     assert display._best.objective == 1250
 
@@ -95,6 +98,7 @@ def test_hops_are_counted_as_hops():
     display = SearchDisplay(console, CONDITION, 2, 5)
     for number in (1, 2, 3, 4, 5):
         display.report(dataclasses.replace(event("done", 1300.0), start=number))
+    display.report(dataclasses.replace(event("finished", 1200.0, violation=0.0), start=5))
     assert "hop 3 of 5" in said(display).splitlines()[-1]
     console.print(display._picture())
     assert "2 of 2 starts and 3 of 5 hops" in said(display)
@@ -108,3 +112,12 @@ def test_a_table_of_the_running_starts_fits_into_80_columns(display):
     console.print(display._picture())
     assert "…" not in console.file.getvalue()
     assert "79 of 80" in console.file.getvalue()
+
+
+def test_a_log_of_an_hour_is_short(display, monkeypatch):
+    clock = [display._searches]
+    monkeypatch.setattr("expdesign.cli.terminal.time.monotonic", lambda: clock[0])
+    for _ in range(3600):
+        clock[0] += 1.0
+        display.report(event("done", 1300.0, "converged"))
+    assert 20 < len(said(display).splitlines()) <= 45
