@@ -325,9 +325,9 @@ class SystematicUncertainty:
 
 def systematic_share(
     influences: Sequence[Influence],
-    chosen: Sequence[Deviation],
-    free: NDArray[np.bool_],
-    values: Array | None = None,
+    chosen: Sequence[EstimatedDeviation],
+    *,
+    estimated: bool,
 ) -> SystematicUncertainty | None:
     """Return the effect of the chosen deviations on an estimate.
 
@@ -337,18 +337,17 @@ def systematic_share(
     ----------
     influences : sequence of Influence
         One per experiment of the estimate.
-    chosen : sequence of Deviation
+    chosen : sequence of EstimatedDeviation
         At least one. The deviations estimated together with the parameters come first.
-    free : (m,) of bool
-        Estimated parameters.
-    values : (t,), optional
-        Estimate of θ, if it was estimated.
+    estimated : bool
+        Whether there are such deviations.
 
     Notes
     -----
     If θ is estimated with its tolerances as priors, D = −(F⁻¹)_pθ Θ⁻¹, the remaining effect of the
     priors. The same sum yields it, since K then includes the columns of θ.
     """
+    free = influences[0].free
     count = int(np.count_nonzero(free))
     change = np.zeros((len(influences[0].force_gain), len(chosen)))
     for influence in influences:
@@ -367,13 +366,8 @@ def systematic_share(
     response = np.zeros((len(free), len(chosen)))
     response[free], left = change[:count], -np.eye(len(chosen))
     left[: len(change) - count] += change[count:]
-    theta_values = np.zeros(len(chosen)) if values is None else values
-    pairs = zip(chosen, theta_values.tolist(), strict=True)
     return SystematicUncertainty(
-        estimated=values is not None,
-        deviations=tuple(EstimatedDeviation.of(one, value) for one, value in pairs),
-        response=response,
-        left=left,
+        estimated=estimated, deviations=tuple(chosen), response=response, left=left
     )
 
 
@@ -381,7 +375,6 @@ def add_prior_response(
     systematic: SystematicUncertainty | None,
     influences: Sequence[Influence],
     prior: PriorEstimate,
-    free: NDArray[np.bool_],
 ) -> SystematicUncertainty | None:
     """Add the systematic error of a prior estimate of the same machine.
 
@@ -391,6 +384,7 @@ def add_prior_response(
     """
     if any(each.motion is None or each.length_gain is None for each in influences):
         return systematic
+    free = influences[0].free
     count = int(np.count_nonzero(free))
     known = np.concatenate([free, np.ones(len(prior.precision) - len(free), dtype=bool)])
     # In every experiment the forces' gain on the columns of the estimated unknowns is F⁻¹.

@@ -15,17 +15,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
-from estimation.estimators.influence import Influence, systematic_share
+from estimation.estimators.influence import Influence
 from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.estimators.priors import ParameterPriors
-from estimation.estimators.result import ParameterEstimate, covariance_fields
+from estimation.estimators.result import ParameterEstimate
 from estimation.measurement_model.motion import Filter, NormalEquations
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation
@@ -66,23 +66,21 @@ def linear_estimate(
     fit, iterations, status = _iterate(problem)
     pairs = enumerate(zip(fit.experiments, problem.weightings, strict=True))
     influences = [_influence(problem, fit, *pair, number) for number, pair in pairs]
-    prior_share = problem.joint_priors.prior_share(fit.inverse, len(priors.free))
-    found = ParameterEstimate(
+    return ParameterEstimate.of(
+        influences,
+        problem.joint_priors,
+        fit.inverse,
+        np.concatenate([fit.values, fit.theta]),
+        constants,
+        began=began,
         estimator=estimator,
-        values=fit.values,
-        **covariance_fields(influences, problem.joint_priors, prior_share),
         motions=tuple(e.fit.motion for e in experiments if e.fit is not None),
         cost=fit.cost,
         iterations=iterations,
         converged=status == "",
         status=status or ("solved" if constants else "solved (linear)"),
-        seconds=time.perf_counter() - began,
         equations=() if constants or not fitted else tuple(fit.equations),
     )
-    if not constants:
-        return found
-    systematic = systematic_share(influences, constants, priors.free, fit.theta)
-    return replace(found.with_systematic(systematic), seconds=time.perf_counter() - began)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,16 +10,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
-from estimation.estimators.influence import Influence, systematic_share
+from estimation.estimators.influence import Influence
 from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.estimators.priors import ParameterPriors
-from estimation.estimators.result import ParameterEstimate, covariance_fields
+from estimation.estimators.result import ParameterEstimate
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.motion import Elimination, NormalEquations
 from expdesign.progress import report_progress
@@ -119,24 +119,20 @@ def maximum_likelihood(
         _influence(problem, experiment, motion, values, each, inverse)
         for experiment, motion, each in zip(experiments, motions, eliminated, strict=True)
     ]
-    found = ParameterEstimate(
+    return ParameterEstimate.of(
+        influences,
+        joint_priors,
+        inverse,
+        values,
+        deviations,
+        began=began,
         estimator="ml",
-        values=values[: problem.parameters],
-        **covariance_fields(
-            influences, joint_priors, joint_priors.prior_share(inverse, problem.parameters)
-        ),
         motions=tuple(motions),
         cost=cost,
         iterations=iterations,
         converged=converged,
         status=status,
-        seconds=time.perf_counter() - began,
     )
-    if not deviations:
-        return found
-    theta = values[problem.parameters :]
-    systematic = systematic_share(influences, deviations, priors.free, theta)
-    return replace(found.with_systematic(systematic), seconds=time.perf_counter() - began)
 
 
 def _reuse_equations(

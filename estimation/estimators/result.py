@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -12,9 +13,11 @@ import scipy
 from constraints.arrays import Array
 from estimation.estimators.influence import (
     Covariance,
+    EstimatedDeviation,
     Influence,
     SystematicUncertainty,
     difference_covariance,
+    systematic_share,
 )
 from estimation.estimators.prior_estimate import PriorEstimate
 from estimation.estimators.priors import ParameterPriors
@@ -22,7 +25,8 @@ from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.motion import NormalEquations
 from expdesign.mechanism.bodies import ENTRIES, RigidBody, inertia_of
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
-from expdesign.runfolder import Numbers, UnboundedNumbers, described
+from expdesign.robot.deviation import Deviation
+from expdesign.runfolder import Numbers, OpenNumbers, UnboundedNumbers, described
 
 SEEN = 0.1
 """Smallest scatter of an estimated deviation, in tolerances, at which the data say something: its
@@ -30,43 +34,102 @@ standard deviation is 0.5 % below the tolerance."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ParameterEstimate:
+class EstimateUncertainty:
+    """Covariances of an estimate, and how its iteration ended."""
+
+    status: Annotated[str, described("", "how it ended, in words")]
+    converged: Annotated[bool, described("", "the iteration ended as it should")]
+    iterations: Annotated[int, described("1", "number of iterations")]
+    cost: Annotated[float, described("1", "weighted sum of squares that was minimised")]
+    seconds: Annotated[float, described("s", "how long it took")]
+    covariance: Annotated[Numbers, described("SI", "m × m; zero for fixed parameters")]
+    covariance_forces: Annotated[
+        Numbers, described("SI", "its share that the forces' noise and the prior make")
+    ]
+    covariance_kinematics: Annotated[
+        Numbers | None,
+        described("SI", "its share that the lengths' noise makes; null where it is not known"),
+    ]
+    """None after pointwise differentiation: the covariance is then too small."""
+    covariance_joint: Annotated[
+        Numbers | None,
+        described(
+            "SI",
+            "(m + e) × (m + e): random share, of the parameters and of the deviations that were "
+            "estimated with them, the first e of `systematic`; null: none was",
+        ),
+    ] = None
+    freedom: Annotated[
+        UnboundedNumbers,
+        described("1", "(m,) degrees of freedom of the standard deviations; null: infinite"),
+    ]
+    """Those of the noise's spectrum at the lines that matter for each parameter."""
+    colour: Annotated[
+        OpenNumbers,
+        described("1", "(m,) variances over those that white noise would make"),
+    ]
+    systematic: Annotated[
+        SystematicUncertainty | None,
+        described("", "quantities with a tolerance and their effect; null: taken as exact"),
+    ] = None
+
+    @property
+    def std(self) -> Array:
+        """(m,), standard deviations, SI; zero for fixed parameters."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def uncertainty_fields(found: EstimateUncertainty) -> dict[str, Any]:
+    """Return the fields that an estimate and its stored result have in common."""
+    return {each.name: getattr(found, each.name) for each in fields(EstimateUncertainty)}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ParameterEstimate(EstimateUncertainty):
     """Estimated parameters with their covariance."""
 
     estimator: str
     """``"ls"``, ``"gm"`` or ``"ml"``."""
     values: Array
     """(m,), SI, in the order of the robot's parameters, including the fixed ones."""
-    covariance: Array
-    """(m, m), total covariance; zero for fixed parameters."""
-    systematic: SystematicUncertainty | None = None
-    """Systematic part, due to tolerances; None if everything counts as exact."""
-    covariance_forces: Array
-    """(m, m), part due to the noise of the forces (and the prior)."""
-    covariance_kinematics: Array | None
-    """(m, m), part due to the noise of the lengths; None if it is unknown (pointwise
-    differentiation): the covariance is then too small."""
-    freedom: Array
-    """(m,), degrees of freedom of the standard deviations: those of the noise's spectrum at the
-    lines that matter for each parameter; inf if the noise is taken as known."""
-    colour: Array
-    """(m,), ratio of the variance to that under white noise of the same covariance."""
     influences: tuple[Influence, ...]
     """Influence of every experiment's errors on the free parameters, and on θ if estimated."""
     motions: tuple[HarmonicMotion, ...]
     """Motion of every experiment; estimated anew by ML. Empty for pointwise kinematics."""
-    cost: float
-    """Weighted sum of squares at the minimum."""
-    iterations: int
-    converged: bool
-    status: str
-    seconds: float
     equations: tuple[NormalEquations, ...] = ()
     """Normal equations of (p, ξ) from the forces of every experiment, kept by LS and GM for fitted
     motions without estimated constants; otherwise empty."""
-    covariance_joint: Array | None = None
-    """(m + e, m + e), random part for the parameters and the e entries of θ estimated with them,
-    the first of `systematic`; None: there are none."""
+
+    @classmethod
+    def of(
+        cls,
+        influences: Sequence[Influence],
+        priors: ParameterPriors,
+        inverse: Array,
+        values: Array,
+        deviations: Sequence[Deviation],
+        *,
+        began: float,
+        **ended: Any,
+    ) -> ParameterEstimate:
+        """Return the estimate with its covariances.
+
+        `priors` and `inverse`, F⁻¹ of the free unknowns, (r, r), belong to the parameters and the
+        deviations estimated with them, `values`, (m + e,). `ended` are further fields.
+        """
+        count = len(values) - len(deviations)
+        found = cls(
+            values=values[:count],
+            **covariance_fields(influences, priors, priors.prior_share(inverse, count)),
+            seconds=time.perf_counter() - began,
+            **ended,
+        )
+        if not deviations:
+            return found
+        pairs = zip(deviations, values[count:].tolist(), strict=True)
+        entries = [EstimatedDeviation.of(*pair) for pair in pairs]
+        systematic = systematic_share(influences, entries, estimated=True)
+        return replace(found.with_systematic(systematic), seconds=time.perf_counter() - began)
 
     def largest_colour_ratio(self) -> tuple[int, float, float]:
         """Return the parameter whose variance coloured noise raises most, the ratio and its p.
@@ -79,11 +142,6 @@ class ParameterEstimate:
         ratio, freedom = float(self.colour[k]), float(self.freedom[k]) / grown**2
         p = float(scipy.stats.chi2.sf(ratio * freedom, freedom)) if np.isfinite(freedom) else 1.0
         return k, ratio, min(1.0, len(self.values) * p)
-
-    @property
-    def std(self) -> Array:
-        """(m,), standard deviations."""
-        return np.sqrt(np.diag(self.covariance))
 
     @property
     def covariance_systematic(self) -> Array:

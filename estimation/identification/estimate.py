@@ -27,6 +27,7 @@ from estimation.estimators import (
     covariance_ml_less_gm,
 )
 from estimation.estimators.influence import EstimatedDeviation
+from estimation.estimators.result import uncertainty_fields
 from estimation.identification.estimation import Estimation, estimate_parameters
 from estimation.identification.estimator_result import (
     ConstantResult,
@@ -193,20 +194,9 @@ def _estimator(estimation: Estimation, found: ParameterEstimate) -> EstimatorRes
         for motion, recording in zip(found.motions, estimation.recordings, strict=False)
     ]
     return EstimatorResult(
-        status=found.status,
-        converged=found.converged,
-        iterations=found.iterations,
-        cost=found.cost,
-        seconds=found.seconds,
+        **uncertainty_fields(found),
         values=dict(zip(priors.names, found.values.tolist(), strict=True)),
-        covariance=found.covariance,
-        covariance_forces=found.covariance_forces,
-        covariance_kinematics=found.covariance_kinematics,
-        covariance_joint=found.covariance_joint,
-        freedom=found.freedom,
-        colour=found.colour,
         covariance_systematic=found.covariance_systematic,
-        systematic=found.systematic,
         constants=tuple(_constants(robot_from(estimation.configuration.robot), found.systematic)),
         payload=estimation.payloads.get(name),
         consistent=estimation.consistent[name],
@@ -445,27 +435,16 @@ def identified_model(
             raise InputError(message, file=path, key="--estimate", allowed=allowed)
     entry = result.estimators[key]
     fixed: dict[str, float | None] = {name: entry.values[name] for name in result.fixed}
-    systematic, known = entry.systematic, {one.name for one in deviations(robot)}
-    if systematic is not None and any(one.name not in known for one in systematic.deviations):
-        systematic = None
     estimate = ParameterEstimate(
+        **uncertainty_fields(entry),
         estimator=key,
         values=np.array([entry.values[name] for name in names]),
-        covariance=entry.covariance,
-        systematic=systematic,
-        covariance_forces=entry.covariance_forces,
-        covariance_kinematics=entry.covariance_kinematics,
-        freedom=entry.freedom,
-        colour=np.where(np.isnan(entry.colour), 1.0, entry.colour),
         influences=(),
         motions=(),
-        cost=entry.cost,
-        iterations=entry.iterations,
-        converged=entry.converged,
-        status=entry.status,
-        seconds=entry.seconds,
-        covariance_joint=entry.covariance_joint,
     )
+    systematic, known = entry.systematic, {one.name for one in deviations(robot)}
+    if systematic is not None and any(one.name not in known for one in systematic.deviations):
+        estimate = replace(estimate, systematic=None)
     priors = ParameterPriors.of(robot, EstimateSection(fixed=fixed))
     return IdentifiedModel(path, estimate, priors, _doubt(result))
 

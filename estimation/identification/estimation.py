@@ -22,6 +22,7 @@ from estimation.estimators import (
     maximum_likelihood,
     systematic_share,
 )
+from estimation.estimators.influence import EstimatedDeviation
 from estimation.estimators.result import PayloadEstimate, payload_estimate
 from estimation.identification.recording import (
     PreparedRecording,
@@ -246,14 +247,12 @@ def add_systematic_uncertainty(
     found = estimate.systematic
     own = () if found is None else found.deviations
     known = {one.name for one in own}
-    others = [one for one in tolerances if one.name not in known]
+    others = [EstimatedDeviation.of(one) for one in tolerances if one.name not in known]
     if others:
-        chosen, values = (*own, *others), None
-        if found is not None:
-            values = np.concatenate([found.values, np.zeros(len(others))])
-        found = systematic_share(estimate.influences, chosen, priors.free, values)
+        chosen, estimated = (*own, *others), found is not None
+        found = systematic_share(estimate.influences, chosen, estimated=estimated)
     if priors.prior_estimate is not None:
-        found = add_prior_response(found, estimate.influences, priors.prior_estimate, priors.free)
+        found = add_prior_response(found, estimate.influences, priors.prior_estimate)
     return estimate.with_systematic(found)
 
 

@@ -17,6 +17,7 @@ from estimation.estimators.result import (
     ABOUT_CENTRE,
     SEEN,
     TEN,
+    EstimateUncertainty,
     PayloadEstimate,
     about_centre,
 )
@@ -25,7 +26,7 @@ from estimation.uncertainty.intervals import Combination, interval_widths
 from expdesign.information.identifiable import KnownCombination
 from expdesign.mechanism.terms import parameter_unit
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
-from expdesign.runfolder import Numbers, OpenNumber, OpenNumbers, UnboundedNumbers, described
+from expdesign.runfolder import Numbers, OpenNumber, described
 from expdesign.trajectory import FourierKeys
 
 
@@ -276,45 +277,12 @@ def _rows(
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class EstimatorResult:
+class EstimatorResult(EstimateUncertainty):
     """Estimates of one estimator with their uncertainty."""
 
-    status: Annotated[str, described("", "how it ended, in words")]
-    converged: Annotated[bool, described("", "the iteration ended as it should")]
-    iterations: Annotated[int, described("1", "number of iterations")]
-    cost: Annotated[float, described("1", "weighted sum of squares that was minimised")]
-    seconds: Annotated[float, described("s", "how long it took")]
     values: Annotated[dict[str, float], described("SI", "by parameter")]
-    covariance: Annotated[Numbers, described("SI", "m × m; zero for fixed parameters")]
-    covariance_forces: Annotated[
-        Numbers, described("SI", "its share that the forces' noise and the prior make")
-    ]
-    covariance_kinematics: Annotated[
-        Numbers | None,
-        described("SI", "its share that the lengths' noise makes; null where it is not known"),
-    ]
-    covariance_joint: Annotated[
-        Numbers | None,
-        described(
-            "SI",
-            "(m + e) × (m + e): random share, of the parameters and of the deviations that were "
-            "estimated with them, the first e of `systematic`; null: none was",
-        ),
-    ]
-    freedom: Annotated[
-        UnboundedNumbers,
-        described("1", "(m,) degrees of freedom of the standard deviations; null: infinite"),
-    ]
-    colour: Annotated[
-        OpenNumbers,
-        described("1", "(m,) variances over those that white noise would make"),
-    ]
     covariance_systematic: Annotated[
         Numbers, described("SI", "its share that the robot's tolerances make")
-    ]
-    systematic: Annotated[
-        SystematicUncertainty | None,
-        described("", "quantities with a tolerance and their effect; null: taken as exact"),
     ]
     constants: Annotated[
         tuple[ConstantResult, ...],
@@ -344,11 +312,6 @@ class EstimatorResult:
     motions: Annotated[
         tuple[FourierKeys, ...], described("", "motion of every recording, as in design.json")
     ]
-
-    @property
-    def std(self) -> Array:
-        """(m,) standard deviations, SI; zero for fixed parameters."""
-        return np.sqrt(np.diag(self.covariance))
 
 
 @dataclass(frozen=True)

@@ -168,7 +168,7 @@ def test_as_a_prior_it_is_conditioned_on_what_is_fixed(written):
     earlier = knowledge.prior_estimate
     inverse = np.linalg.inv(2 * found) * np.multiply.outer(unit[free], unit[free])
     influence = SimpleNamespace(motion=True, length_gain=True, force_gain=inverse)
-    inherited = add_prior_response(None, [influence], earlier, knowledge.free)
+    inherited = add_prior_response(None, [influence], earlier)
     for one, column in zip(inherited.deviations, inherited.response.T, strict=True):
         at = [each.name for each in earlier.deviations].index(one.name)
         by = earlier.response[:, at] / unit
