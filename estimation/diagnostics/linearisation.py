@@ -341,6 +341,13 @@ class CandidateEffects:
     """(m,), estimated parameters, SI."""
     part: Linearisation
 
+    @property
+    def _fitted(self) -> HarmonicMotion:
+        """The motion, if it is a Fourier series."""
+        if self.motion is None:
+            raise ValueError("pointwise kinematics have no Fourier series")
+        return self.motion
+
     def gains(self, power: int = 1) -> Signature:
         """Return the columns of six gains, N: predicted force of one actuator each.
 
@@ -417,26 +424,20 @@ class CandidateEffects:
 
         It is a secant, not a derivative, so that jumps of dry friction are delayed as well.
         """
-        if self.motion is None:
-            raise ValueError("pointwise kinematics cannot be shifted in time")
-        change = (self._forces(self.motion.delay_by(seconds)) - self._forces_in_time) / seconds
+        change = (self._forces(self._fitted.delay_by(seconds)) - self._forces_in_time) / seconds
         return self.of_forces(self.part.cells.mean(change)[:, :, None])
 
     def length_lags(self) -> Signature:
         """Return the columns of six delays of a measured length, m per second of delay."""
         recording, part = self.experiment.recording, self.part
-        if self.motion is None:
-            raise ValueError("pointwise kinematics cannot be shifted in time")
-        state = self.motion.at(recording.lengths.times).state()
+        state = self._fitted.at(recording.lengths.times).state()
         speed = self.robot.strut_motion(*np.split(state, 3, axis=1)).length_rate
         lengths = part.length_cells.mean(-speed[:, :, None] * np.eye(ACTUATORS))
         return Signature(np.zeros((*part.forces.shape, ACTUATORS)), lengths)
 
     @cached_property
     def _forces_in_time(self) -> Array:
-        if self.motion is None:
-            raise ValueError("pointwise kinematics cannot be shifted in time")
-        return self._forces(self.motion)
+        return self._forces(self._fitted)
 
     def _forces(self, motion: HarmonicMotion) -> Array:
         """Return the predicted forces at the samples along a motion, (T, 6)."""
@@ -445,9 +446,7 @@ class CandidateEffects:
 
     @cached_property
     def _deviations(self) -> tuple[Signature, tuple[str, ...]]:
-        robot, experiment, motion, part = self.robot, self.experiment, self.motion, self.part
-        if motion is None:
-            raise ValueError("pointwise kinematics have no motion model for deviations")
+        robot, experiment, motion, part = self.robot, self.experiment, self._fitted, self.part
         inexact = {each.name for each in self._inexact}
         wanted = [
             each for each in deviations(robot) if each.group in _GEOMETRIC or each.name in inexact

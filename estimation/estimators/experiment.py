@@ -82,9 +82,7 @@ class Experiment:
         """Return the experiment with the regressors A of another robot along the same motion."""
         if self.pointwise is not None:
             return replace(self, fitted_regressors=regressors_at(robot, self.pointwise))
-        if self.fit is None:
-            raise ValueError("an experiment has a fitted or a pointwise motion")
-        return replace(self, fitted_regressors=self.regressors(robot, self.fit.motion))
+        return replace(self, fitted_regressors=self.regressors(robot, self.fitted.motion))
 
     def with_terms_of(self, robot: Robot) -> Experiment:
         """Return the experiment with the regressors A of a robot that has other terms.
@@ -119,6 +117,19 @@ class Experiment:
         return replace(self, recording=replace(self.recording, forces=forces))
 
     @property
+    def fitted(self) -> MotionFit:
+        """The fitted motion.
+
+        Raises
+        ------
+        ValueError
+            The experiment has pointwise kinematics.
+        """
+        if self.fit is None:
+            raise ValueError("pointwise kinematics have no Fourier series")
+        return self.fit
+
+    @property
     def harmonics(self) -> int | None:
         """Harmonics of the motion that ML estimates; None after pointwise differentiation."""
         return None if self.fit is None else self.motion.harmonics
@@ -132,16 +143,8 @@ class Experiment:
 
     @property
     def motion(self) -> HarmonicMotion:
-        """Best known motion: the starting point of ML.
-
-        Raises
-        ------
-        ValueError
-            The experiment has pointwise kinematics.
-        """
-        if self.fit is None:
-            raise ValueError("pointwise kinematics have no Fourier series")
-        return self.fit.motion if self.refined_motion is None else self.refined_motion.motion
+        """Best known motion: the starting point of ML; none after pointwise differentiation."""
+        return self.fitted.motion if self.refined_motion is None else self.refined_motion.motion
 
     def select_rows(self, values: Array) -> Array:
         """Return the rows of the values, (S, …), at which the motion is known: (R, …)."""
@@ -176,10 +179,8 @@ class Experiment:
 
     def signs_for_robot(self, robot: Robot, motion: HarmonicMotion) -> Array:
         """Return the expected friction signs for the terms of another robot, (S, s)."""
-        if self.fit is None:
-            raise ValueError("pointwise kinematics have no spread of their rates")
         refined, times = self._matching_refined_motion(motion), self.recording.forces.times
-        covariance = self.fit.covariance if refined is None else refined.covariance
+        covariance = self.fitted.covariance if refined is None else refined.covariance
         spread = rate_spread(robot, motion, times, covariance)
         return expected_signs(robot, motion, times, spread)
 

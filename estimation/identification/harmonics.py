@@ -56,15 +56,8 @@ def refine_motion(
     """Return the motion supported by forces and lengths together; None for the fitted one.
 
     The experiment's motion was fitted to the lengths; the refined one has more harmonics.
-
-    Raises
-    ------
-    ValueError
-        The experiment has pointwise kinematics.
     """
-    fit, recording = experiment.fit, experiment.recording
-    if fit is None:
-        raise ValueError("pointwise kinematics have no harmonics")
+    fit, recording = experiment.fitted, experiment.recording
     least, most = fit.motion.harmonics, most_harmonics(recording)
     if least >= most:
         return None
