@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property
 from typing import Annotated, Self
 
 import numpy as np
@@ -242,19 +242,19 @@ def find_imitations(judge: Judge, chosen: Sequence[str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Fitted data and the data that they predict; every column of g is one such pair."""
+    """Fitted data and the data that they predict; every column of g, (u, n), is one such pair."""
 
-    fitted: InformationShare
+    fitted: NormalEquations
     """Fitted data, with the priors."""
-    predicted: InformationShare
+    predicted: NormalEquations
 
     def error(self, places: Places) -> float:
         """Return the mean −2 log L of predictions with the parameters at some places fitted."""
         own = np.ix_(places, places)
         # Combinations that the fitted data do not determine keep the values of linearisation.
-        root = root_of_pseudo_inverse(self.fitted.information[own], EXCITABLE)
+        root = root_of_pseudo_inverse(self.fitted.matrix[own], EXCITABLE)
         steps = root @ (root.T @ self.fitted.gradient[places])
-        error = self.predicted.information[own] @ steps - 2 * self.predicted.gradient[places]
+        error = self.predicted.matrix[own] @ steps - 2 * self.predicted.gradient[places]
         return float(np.mean(np.sum(error * steps, axis=0)))
 
 
@@ -287,61 +287,41 @@ def splits(evidence: Evidence) -> tuple[Split, ...]:
                 key="estimate.select.by",
                 allowed="bic, f, or a further recording (--data twice)",
             )
-        rest = InformationShare(
-            whole.information - few.information, whole.gradient[:, None] - few.gradient
+        rest = NormalEquations(
+            0.0, whole.matrix - few.matrix, whole.gradient[:, None] - few.gradient
         )
-        return (Split(evidence.prior.column + few, rest),)
+        return (Split(few + _as_column(evidence.prior), rest),)
     found = []
     for number, recording in enumerate(recordings):
         others = [few for place, few in enumerate(fitted) if place != number]
         count = max(few.gradient.shape[1] for few in others)
         alike = [
-            InformationShare(
-                few.information, few.gradient[:, np.arange(count) % few.gradient.shape[1]]
-            )
+            replace(few, gradient=few.gradient[:, np.arange(count) % few.gradient.shape[1]])
             for few in others
         ]
-        few = evidence.prior.column + reduce(InformationShare.__add__, alike)
-        found.append(Split(few, recording.total.column))
+        few = sum(alike[1:], alike[0]) + _as_column(evidence.prior)
+        found.append(Split(few, _as_column(recording.total)))
     return tuple(found)
 
 
-def _fitted_periods(recording: RecordingInformation, share: float) -> InformationShare:
+def _as_column(equations: NormalEquations) -> NormalEquations:
+    return replace(equations, gradient=equations.gradient[:, None])
+
+
+def _fitted_periods(recording: RecordingInformation, share: float) -> NormalEquations:
     """Return a share of a recording's periods, at least one, starting at each period in turn."""
     count = recording.periods.shape[1]
     length = max(1, min(round(share * count), count - 1))
     following = np.arange(count)[:, None] + np.arange(length)
     gradients = recording.periods[:, following % count].sum(axis=2)
-    return InformationShare(recording.total.information * (length / count), gradients)
-
-
-@dataclass(frozen=True, eq=False)
-class InformationShare:
-    """F, (u, u), and g, (u,), of some data: a step s lowers −2 log L by 2 gᵀs − sᵀ F s.
-
-    Repeated data share one F and have one column of g each, (u, n).
-    """
-
-    information: Array
-    gradient: Array
-
-    @property
-    def column(self) -> InformationShare:
-        """The same data with g as a column, (u, 1)."""
-        return InformationShare(self.information, self.gradient[:, None])
-
-    def __add__(self, other: InformationShare) -> InformationShare:
-        """Add the information of independent data."""
-        return InformationShare(
-            self.information + other.information, self.gradient + other.gradient
-        )
+    return NormalEquations(0.0, recording.total.matrix * (length / count), gradients)
 
 
 @dataclass(frozen=True, eq=False)
 class RecordingInformation:
     """Information of one recording on (p, θ)."""
 
-    total: InformationShare
+    total: NormalEquations
     columns: Array
     """(u,), zᵀ W z of the forces' columns, with the noise's own spectrum."""
     columns_white: Array
@@ -361,7 +341,7 @@ class RecordingInformation:
     ) -> Self:
         """Linearise one recording and eliminate its motion."""
         count = int(np.count_nonzero(part.free))
-        nothing = np.zeros((count, count)), np.zeros(count)
+        nothing = NormalEquations(0.0, np.zeros((count, count)), np.zeros(count))
         (system,) = joint_systems([part], [experiment.noise], nothing, held_out=False)
         motion = system.columns.shape[2] - count
         system = system.with_effects(candidate_effects.tolerance_columns()[0])
@@ -378,9 +358,8 @@ class RecordingInformation:
         white = RowWhitening.of(experiment.noise.forces.as_white(), part.counts)
         tolerated = np.zeros(len(kept) - count)
         flat_white = white(part.regressors[:, :, part.free]).reshape(-1, count)
-        total = InformationShare(reduced.information, reduced.gradient)
         return cls(
-            total=total,
+            total=reduced,
             columns=columns,
             columns_white=np.concatenate([np.sum(flat_white**2, axis=0), tolerated]),
             samples=float(np.sum(part.counts)),
@@ -391,18 +370,15 @@ class RecordingInformation:
             _part=part,
         )
 
-    def lack_of_fit(self, places: Places, prior: InformationShare) -> HarmonicLackOfFit | None:
+    def lack_of_fit(self, places: Places, prior: NormalEquations) -> HarmonicLackOfFit | None:
         """Test the low harmonics with some of (p, θ) as unknowns; None if they are not tested."""
         experiment = self._experiment
         if experiment.fit is None or experiment.noise.forces.includes_model_error:
             return None
         first = len(self.total.gradient)
         system = self._system.select(np.concatenate([self._order[places], self._order[first:]]))
-        information, gradient = system.information.copy(), system.gradient.copy()
-        own = slice(0, len(places))
-        information[own, own] += prior.information[np.ix_(places, places)]
-        gradient[own] += prior.gradient[places]
-        solved = replace(system, information=information, gradient=gradient).solution
+        known = NormalEquations(0.0, system.information, system.gradient) + prior.select(places)
+        solved = replace(system, information=known.matrix, gradient=known.gradient).solution
         return harmonic_lack_of_fit(experiment, self._part, solved, experiment.motion.harmonics)
 
     def residual_chi_square(self, step: Array) -> tuple[float, int]:
@@ -443,7 +419,7 @@ class Evidence:
 
     blocks: Mapping[str, Places]
     """Indices of each candidate's parameters in (p, θ)."""
-    prior: InformationShare
+    prior: NormalEquations
     """Prior information on (p, θ)."""
     recordings: tuple[RecordingInformation, ...]
     freedom: float
@@ -484,33 +460,28 @@ class Evidence:
             shares.append(RecordingInformation.of(candidate_effects, part, experiment))
         names = [n for n, free in zip(priors.names, priors.free, strict=True) if free]
         size = len(names) + len(precision)
-        information = np.zeros((size, size))
-        information[: len(names), : len(names)] = priors.precision
-        behind = np.arange(len(names), size)
-        information[behind, behind] = precision
         margins = np.full((size, 2), [-np.inf, np.inf])
         bounds = {each.name: (each.lower, each.upper) for each in parameters_of(robot.terms)}
         margins[: len(names)] = [bounds.get(name, (-np.inf, np.inf)) for name in names]
         margins[: len(names)] -= values[priors.free][:, None]
-        off = np.zeros(size)
-        off[: len(names)] = (priors.prior_mean - values)[priors.free]
+        tolerated = NormalEquations(
+            0.0, np.diag(np.pad(precision, (len(names), 0))), np.zeros(size)
+        )
         return cls(
             {
                 term: np.array([names.index(name) for name in own], dtype=np.intp)
                 for term, own in blocks.items()
             },
-            InformationShare(information, information @ off),
+            tolerated + priors.equations(values),
             tuple(shares),
             min(each.noise.forces.weights_freedom for each in reweighted),
             margins,
         )
 
     @cached_property
-    def total(self) -> InformationShare:
+    def total(self) -> NormalEquations:
         """Information of all recordings and the priors."""
-        return reduce(
-            InformationShare.__add__, (each.total for each in self.recordings), self.prior
-        )
+        return sum((each.total for each in self.recordings), self.prior)
 
     @property
     def candidates(self) -> Places:
@@ -525,9 +496,8 @@ class Evidence:
     @cached_property
     def _reduced(self) -> Elimination:
         """Equations of the candidates, with all other unknowns eliminated."""
-        total, order = self.total, np.concatenate([self.candidates, self.own_terms])
-        matrix, gradient = total.information[np.ix_(order, order)], total.gradient[order]
-        return NormalEquations(0.0, matrix, gradient).eliminate(len(self.candidates))
+        order = np.concatenate([self.candidates, self.own_terms])
+        return self.total.select(order).eliminate(len(self.candidates))
 
     def conditional_on_own_terms(self) -> ConditionalScores:
         """Return scores and information of the candidates given the robot's own terms.
@@ -539,7 +509,7 @@ class Evidence:
         """
         reduced = self._reduced
         columns = np.sum([each.columns for each in self.recordings], axis=0)[self.candidates]
-        return ConditionalScores(reduced.gradient, reduced.information, columns, self.freedom)
+        return ConditionalScores(reduced.gradient, reduced.matrix, columns, self.freedom)
 
     def places(self, term: str) -> Places:
         """Return the indices of a candidate's parameters among those of all candidates."""

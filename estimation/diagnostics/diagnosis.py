@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import Attribution, attribute, doubt_effects
@@ -74,6 +73,7 @@ from estimation.estimators.prior_estimate import invert_covariance
 from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate
 from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model.motion import NormalEquations
 from expdesign.configuration.tolerances import RobotTolerances
 from expdesign.progress import report_progress, track
 from expdesign.robot import Robot
@@ -176,7 +176,10 @@ def _linearise_all(
             "diagnosis: linearisation at the estimate", tuple(zip(coloured, motions, strict=True))
         )
     ]
-    prior = _prior_equations(estimate, priors, free, held_out=held_out)
+    prior = priors.equations(estimate.values)
+    if held_out:
+        precision = invert_covariance(estimate.covariance[np.ix_(free, free)])
+        prior = NormalEquations(0.0, precision, np.zeros(len(precision)))
     noises = [experiment.noise for experiment in coloured]
     systems = joint_systems(parts, noises, prior, held_out=held_out)
     empirical = [empirical_noise(experiment) for experiment in coloured]
@@ -198,17 +201,6 @@ def _linearise_all(
         )
         for number, experiment in enumerate(coloured)
     ]
-
-
-def _prior_equations(
-    estimate: ParameterEstimate, priors: ParameterPriors, free: NDArray[np.bool_], *, held_out: bool
-) -> tuple[Array, Array]:
-    """Return the prior information on the free parameters, (k, k), and its gradient, (k,)."""
-    if not held_out:
-        off = (priors.prior_mean - estimate.values)[free]
-        return priors.precision, priors.precision @ off
-    precision = invert_covariance(estimate.covariance[np.ix_(free, free)])
-    return precision, np.zeros(len(precision))
 
 
 def _judge_estimate(

@@ -180,7 +180,7 @@ class SolvedSystem:
 def joint_systems(
     parts: Sequence[Linearisation],
     noises: Sequence[NoiseModel],
-    known: tuple[Array, Array],
+    known: NormalEquations,
     *,
     held_out: bool,
 ) -> list[JointSystem]:
@@ -190,14 +190,14 @@ def joint_systems(
     ----------
     parts, noises : sequence
         Linearised experiments and their noise.
-    known : (k, k), (k,)
-        Prior information on the free parameters and its gradient: the prior of an estimate, or
-        Cov(p̂)⁻¹ and zeros for held-out data.
+    known : NormalEquations
+        Prior information on the free parameters: the prior of an estimate, or Cov(p̂)⁻¹ without a
+        gradient for held-out data.
     held_out : bool
         The parameters were not estimated from these experiments, so that they carry no information
         on each other's residuals.
     """
-    count = len(known[1])
+    count = len(known.gradient)
     force_rows = [
         RowWhitening.of(noise.forces, part.counts)
         for part, noise in zip(parts, noises, strict=True)
@@ -218,9 +218,7 @@ def joint_systems(
     for number, (part, noise, motion, of_forces, of_lengths) in enumerate(
         zip(parts, noises, measured, force_rows, length_rows, strict=True)
     ):
-        others = [each for other, each in enumerate(own) if other != number]
-        known_here = known[0] + sum(each.information for each in others)
-        gradient = known[1] + sum(each.gradient for each in others)
+        others = sum((each for other, each in enumerate(own) if other != number), known)
         unknowns = part.columns.shape[2]
         lengths = np.zeros((0, ACTUATORS)) if part.lengths is None else part.lengths
         length_columns = np.zeros((len(lengths), ACTUATORS, unknowns))
@@ -231,8 +229,8 @@ def joint_systems(
                 length_rows=of_lengths,
                 forces=of_forces(part.forces),
                 columns=of_forces(part.columns),
-                information=np.asarray(sla.block_diag(known_here, motion.matrix)),
-                gradient=np.concatenate([gradient, motion.gradient]),
+                information=np.asarray(sla.block_diag(others.matrix, motion.matrix)),
+                gradient=np.concatenate([others.gradient, motion.gradient]),
                 freedom=noise.forces.weights_freedom,
                 lengths=of_lengths(lengths) if len(lengths) else lengths,
                 length_columns=of_lengths(length_columns) if len(lengths) else length_columns,

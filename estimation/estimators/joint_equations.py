@@ -53,7 +53,7 @@ from expdesign.robot.deviation import (
 def reduced_information(equations: Sequence[NormalEquations], priors: ParameterPriors) -> Array:
     """Return the information F_p of all experiments and the priors, (k, k)."""
     count = int(np.count_nonzero(priors.free))
-    return priors.precision + sum(each.eliminate(count).information for each in equations)
+    return priors.precision + sum(each.eliminate(count).matrix for each in equations)
 
 
 def cramer_rao_covariance(

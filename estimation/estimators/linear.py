@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -114,12 +114,10 @@ class _Problem:
         present = self.experiments
         if np.any(theta != 0):
             present = tuple(experiment.of_robot(machine.robot) for experiment in present)
-        free, start, prior = self.priors.free, self.priors.start, self.priors.precision
-        off = (self.joint_priors.prior_mean - np.concatenate([start, theta]))[
-            self.joint_priors.free
-        ]
-        pull = (self.joint_priors.precision @ off)[: len(prior)]
-        information, gradient, cost = prior, pull, 0.0
+        free, start = self.priors.free, self.priors.start
+        joint = self.joint_priors.equations(np.concatenate([start, theta]))
+        prior = replace(joint.select(slice(np.count_nonzero(free))), cost=0.0)
+        total = prior
         for experiment, weighting, noise_filter in zip(
             present, self.weightings, self.filters, strict=True
         ):
@@ -128,16 +126,14 @@ class _Problem:
                 experiment.fitted_regressors[:, :, free],
                 experiment.counts,
             )
-            fitted = NormalEquations.of([rows], weighting, noise_filter)
-            information = information + fitted.matrix
-            gradient = gradient + fitted.gradient
-            cost += fitted.cost
+            total = total + NormalEquations.of([rows], weighting, noise_filter)
         values = start.copy()
-        move = self.priors.best_step(information, gradient, start)
+        move = self.priors.best_step(total.matrix, total.gradient, start)
         values[free] += move
         # Σ c (q − A p)ᵀ W (q − A p), the prior's part left out.
-        cost += float(move @ (information - prior) @ move - 2 * (gradient - pull) @ move)
-        return _Fit(self, machine, present, theta, values, cost, information)
+        curvature, slope = total.matrix - prior.matrix, total.gradient - prior.gradient
+        cost = total.cost + float(move @ curvature @ move - 2 * slope @ move)
+        return _Fit(self, machine, present, theta, values, cost, total.matrix)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,9 +153,8 @@ class _Fit:
     @property
     def total(self) -> float:
         """Cost including the priors."""
-        known = self.problem.joint_priors
-        off = (np.concatenate([self.values, self.theta]) - known.prior_mean)[known.free]
-        return self.cost + float(off @ known.precision @ off)
+        at = np.concatenate([self.values, self.theta])
+        return self.cost + self.problem.joint_priors.equations(at).cost
 
     @cached_property
     def equations(self) -> list[NormalEquations]:
@@ -191,7 +186,7 @@ class _Fit:
         """Return the step of θ and its length in standard deviations."""
         known, count = self.problem.joint_priors, len(self.linear)
         at = np.concatenate([self.values, self.theta])
-        gradient = known.precision @ (known.prior_mean - at)[known.free]
+        gradient = known.equations(at).gradient
         gradient = gradient + sum(each.gradient[: len(gradient)] for each in self.equations)
         move = known.best_step(self.information, gradient, at)[count:]
         within = self.inverse[count:, count:]

@@ -112,9 +112,7 @@ def maximum_likelihood(
                 status = "no step improves the fit any more"
                 break
             move = problem.step(equations, values, motions, damping)
-    inverse = joint_priors.inverse(
-        joint_priors.precision + sum(each.information for each in eliminated)
-    )
+    inverse = joint_priors.inverse(joint_priors.precision + sum(each.matrix for each in eliminated))
     influences = [
         _influence(problem, experiment, motion, values, each, inverse)
         for experiment, motion, each in zip(experiments, motions, eliminated, strict=True)
@@ -218,8 +216,7 @@ class _Problem:
         ]
 
     def cost(self, equations: Sequence[NormalEquations], values: Array) -> float:
-        off = (values - self.priors.prior_mean)[self.priors.free]
-        return sum(each.cost for each in equations) + float(off @ self.priors.precision @ off)
+        return sum(each.cost for each in equations) + self.priors.equations(values).cost
 
     def step(
         self,
@@ -231,15 +228,12 @@ class _Problem:
         """Take a (damped) Gauss–Newton step."""
         known = self.priors
         count = int(np.count_nonzero(known.free))
-        information = known.precision
-        gradient = information @ (known.prior_mean - values)[known.free]
         eliminated = [each.eliminate(count, damping) for each in equations]
-        for each in eliminated:
-            information = information + each.information
-            gradient = gradient + each.gradient
+        total = sum(eliminated, known.equations(values))
+        information = total.matrix
         if damping:
             information = information + damping * np.diag(np.diag(information))
-        move = known.best_step(information, gradient, values)
+        move = known.best_step(information, total.gradient, values)
         new = values.copy()
         new[known.free] += move
         # Parameters at a bound keep their gradient: only the step taken counts.

@@ -13,6 +13,7 @@ from scipy.optimize import lsq_linear
 
 from constraints.arrays import Array
 from estimation.estimators.prior_estimate import PriorEstimate, UnloadedMachine
+from estimation.measurement_model.motion import NormalEquations
 from expdesign.configuration import ComputationError, InputError
 from expdesign.configuration.estimate import EstimateSection
 from expdesign.configuration.robot import RobotDescription
@@ -223,6 +224,11 @@ class ParameterPriors:
             count = min(len(own), len(self.prior_estimate.precision))
             own[:count, :count] += self.prior_estimate.precision[:count, :count]
         return own[np.ix_(self.free, self.free)]
+
+    def equations(self, values: Array) -> NormalEquations:
+        """Return the prior as normal equations of the free parameters at values, (m,)."""
+        off, precision = (self.prior_mean - values)[self.free], self.precision
+        return NormalEquations(float(off @ precision @ off), precision, precision @ off)
 
     @property
     def regrouping(self) -> Array | None:

@@ -70,8 +70,7 @@ def refine_motion(
     lengths = length_equations(
         robot, recording, noise.lengths.covariance, motion, noise.lengths.filter
     )
-    off = (priors.prior_mean - values)[priors.free]
-    joint = forces.with_motion(lengths).with_prior(priors.precision, off)
+    joint = forces.with_motion(lengths) + priors.equations(values)
     series = _Series(least, motion, priors, joint, lengths)
     wanted = series.choose_number()
     if wanted == least or series.lengths_contradict(wanted):
@@ -87,11 +86,9 @@ def _first_estimate(experiment: Experiment, priors: ParameterPriors) -> Array:
     rest = experiment.forces - experiment.fitted_regressors @ start
     rows = (rest, experiment.fitted_regressors[:, :, free], experiment.counts)
     noise = experiment.noise.forces
-    fitted = NormalEquations.of([rows], noise.covariance, noise.filter)
-    off = (priors.prior_mean - start)[free]
-    gradient = fitted.gradient + priors.precision @ off
+    fitted = NormalEquations.of([rows], noise.covariance, noise.filter) + priors.equations(start)
     values = start.copy()
-    values[free] += _solve(fitted.matrix + priors.precision, gradient)
+    values[free] += _solve(fitted.matrix, fitted.gradient)
     return values
 
 

@@ -8,13 +8,14 @@ eliminated one experiment at a time.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 import scipy.linalg as sla
+from numpy.typing import NDArray
 
 from constraints.arrays import Array, ComplexArray
 from expdesign.information.fisher import ScaledInformation, whitening
@@ -329,21 +330,25 @@ class NormalEquations:
             products = products + rows.T @ rows
         return cls(float(products[0, 0]), products[1:, 1:], products[1:, 0])
 
+    def __add__(self, other: NormalEquations) -> NormalEquations:
+        """Add independent information on the same unknowns, or on the first of them."""
+        return self.add_block(other, slice(len(other.gradient)))
+
     def with_motion(self, motion: NormalEquations) -> NormalEquations:
         """Add the information of the lengths on ξ, the last unknowns."""
-        first = len(self.gradient) - len(motion.gradient)
-        matrix, gradient = self.matrix.copy(), self.gradient.copy()
-        matrix[first:, first:] += motion.matrix
-        gradient[first:] += motion.gradient
-        return NormalEquations(self.cost + motion.cost, matrix, gradient)
+        return self.add_block(motion, slice(len(self.gradient) - len(motion.gradient), None))
 
-    def with_prior(self, precision: Array, off: Array) -> NormalEquations:
-        """Add a prior of the first unknowns: precision, (k, k), and mean minus values."""
-        own = slice(len(off))
+    def add_block(self, other: NormalEquations, own: slice) -> NormalEquations:
+        """Add independent information on some of the unknowns."""
         matrix, gradient = self.matrix.copy(), self.gradient.copy()
-        matrix[own, own] += precision
-        gradient[own] += precision @ off
-        return NormalEquations(self.cost + float(off @ precision @ off), matrix, gradient)
+        matrix[own, own] += other.matrix
+        gradient[own] += other.gradient
+        return NormalEquations(self.cost + other.cost, matrix, gradient)
+
+    def select(self, unknowns: Sequence[int] | NDArray[np.intp] | slice) -> NormalEquations:
+        """Return the equations of some unknowns; the others keep their values."""
+        matrix = self.matrix[unknowns][:, unknowns]
+        return NormalEquations(self.cost, matrix, self.gradient[unknowns])
 
     def eliminate(self, kept: int, damping: float = 0.0) -> Elimination:
         """Eliminate all unknowns but the first `kept`.
@@ -356,25 +361,23 @@ class NormalEquations:
         inner = self.matrix[kept:, kept:]
         outer, cross = self.matrix[:kept, :kept], self.matrix[kept:, :kept]
         if not len(inner):
-            return Elimination(outer, self.gradient, cross, self.gradient[kept:])
+            return Elimination(0.0, outer, self.gradient, cross, self.gradient[kept:])
         diagonal = np.sqrt(np.diag(inner))
         scaled = inner / np.multiply.outer(diagonal, diagonal) + damping * np.eye(len(diagonal))
         right = np.column_stack([cross, self.gradient[kept:]]) / diagonal[:, None]
         solved = sla.cho_solve(sla.cho_factor(scaled), right) / diagonal[:, None]
         slope, offset = solved[:, :-1], solved[:, -1]
-        return Elimination(
-            outer - cross.T @ slope, self.gradient[:kept] - cross.T @ offset, slope, offset
-        )
+        gradient = self.gradient[:kept] - cross.T @ offset
+        return Elimination(0.0, outer - cross.T @ slope, gradient, slope, offset)
 
 
 @dataclass(frozen=True, eq=False)
-class Elimination:
-    """Normal equations of the parameters alone, and the optimal motion for a step s of them."""
+class Elimination(NormalEquations):
+    """Equations of the k parameters alone, and the optimal motion for a step s of them.
 
-    information: Array
-    """(k, k), F_pp − F_pξ F_ξξ⁻¹ F_ξp."""
-    gradient: Array
-    """(k,)."""
+    Their matrix is F_pp − F_pξ F_ξξ⁻¹ F_ξp; the cost is left out.
+    """
+
     slope: Array
     offset: Array
     """(x, k) and (x,), the motion's step is offset − slope s."""

@@ -18,6 +18,7 @@ from estimation.diagnostics.residual_covariance import (
 from estimation.estimators import Experiment, ParameterPriors, linear_estimate, maximum_likelihood
 from estimation.kinematics import fit_motion, pointwise_motion
 from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model.motion import NormalEquations
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, fold_recording
 from expdesign.configuration.estimate import EstimateSection
 from expdesign.robot import load_robot
@@ -117,7 +118,7 @@ class LinearTwin:
         noise = laboratory.noise
         self.experiment = laboratory.experiment(laboratory.measure(0), noise)
         k = len(laboratory.knowledge.names)
-        self.zero = (np.zeros((k, k)), np.zeros(k))
+        self.zero = NormalEquations(0.0, np.zeros((k, k)), np.zeros(k))
         self.part = linearise(
             laboratory.robot,
             self.experiment,

@@ -8,6 +8,7 @@ from estimation.diagnostics.attribution import attribute
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.hypotheses import parameter_hypothesis
 from estimation.diagnostics.hypothesis import evaluate_hypothesis
+from estimation.measurement_model.motion import NormalEquations
 from tests.diagnostics.conftest import Laboratory
 
 DRAWS = 150
@@ -15,7 +16,7 @@ DRAWS = 150
 
 def _known(twin):
     inverse = np.linalg.inv(twin.estimates["gm"].covariance)
-    return (inverse + inverse.T) / 2, np.zeros(len(inverse))
+    return NormalEquations(0.0, (inverse + inverse.T) / 2, np.zeros(len(inverse)))
 
 
 def _tests(system, families):

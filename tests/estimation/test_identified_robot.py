@@ -167,7 +167,9 @@ def test_as_a_prior_it_is_conditioned_on_what_is_fixed(written):
     # What tolerances made of the parameters that are held moves that mean, too.
     earlier = knowledge.prior_estimate
     inverse = np.linalg.inv(2 * found) * np.multiply.outer(unit[free], unit[free])
-    influence = SimpleNamespace(motion=True, length_gain=True, force_gain=inverse)
+    influence = SimpleNamespace(
+        motion=True, length_gain=True, force_gain=inverse, free=knowledge.free
+    )
     inherited = add_prior_response(None, [influence], earlier)
     for one, column in zip(inherited.deviations, inherited.response.T, strict=True):
         at = [each.name for each in earlier.deviations].index(one.name)

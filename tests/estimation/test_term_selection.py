@@ -14,7 +14,8 @@ from estimation.estimators import ParameterPriors, linear_estimate
 from estimation.identification import estimate_parameters, prepare_experiment, term_selection
 from estimation.identification.estimate import diagnose_estimation, identified_robot
 from estimation.identification.term_selection import UNSETTLED, Selection
-from estimation.selection import Evidence, InformationShare, Judge, select, splits
+from estimation.measurement_model.motion import NormalEquations
+from estimation.selection import Evidence, Judge, select, splits
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.configuration.run import add_terms
@@ -430,7 +431,7 @@ def test_a_term_that_leaves_most_of_a_lack_of_fit_is_not_kept_and_is_named():
 class Recording:
     """What a recording says, made up."""
 
-    total: InformationShare
+    total: NormalEquations
     columns: np.ndarray
     columns_white: np.ndarray
     samples: float = 1000.0
@@ -452,8 +453,8 @@ def judges(draw):
     gradient = information @ step + root @ rng.normal(size=40)
     diagonal = np.diag(information).copy()
     blocks = {f"b{k}": np.arange(*ends[k : k + 2]) for k in range(5)}
-    nothing = InformationShare(np.zeros_like(information), np.zeros(ends[-1]))
-    recording = Recording(InformationShare(information, gradient), diagonal, diagonal)
+    nothing = NormalEquations(0.0, np.zeros_like(information), np.zeros(ends[-1]))
+    recording = Recording(NormalEquations(0.0, information, gradient), diagonal, diagonal)
     unbounded = np.full((ends[-1], 2), [-np.inf, np.inf])
     evidence = Evidence(blocks, nothing, (recording,), np.inf, unbounded)
     by = draw(st.sampled_from(["bic", "f"]))
@@ -491,7 +492,7 @@ def test_every_step_lowers_the_criterion(judge):
             model = (*model, row.term) if adding else tuple(t for t in model if t != row.term)
         places = np.concatenate([own, *(judge.evidence.blocks[t] for t in model)]).astype(int)
         part = whole.gradient[places]
-        gain = part @ np.linalg.solve(whole.information[np.ix_(places, places)], part)
+        gain = part @ np.linalg.solve(whole.matrix[np.ix_(places, places)], part)
         values.append(-gain + (len(places) - len(own)) * np.log(1000))
     if judge.by == "bic":
         assert np.all(np.diff(values) < 1e-6 * np.abs(values[:-1]))
