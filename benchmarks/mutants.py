@@ -42,7 +42,7 @@ _AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("estimation",),
     ),
     "noise": (
-        ("expdesign/noise", "estimation/processing"),
+        ("expdesign/noise.py", "estimation/processing"),
         ("noise", "data", "estimation", "diagnostics"),
     ),
     "export": (("expdesign/export",), ("export",)),
@@ -151,7 +151,9 @@ def _ask_cosmic_ray(*arguments: str) -> str:
 
 def _all_mutations(folders: tuple[str, ...]) -> list[dict[str, Any]]:
     """Return the mutations of all modules, without those that change nothing that runs."""
-    modules = sorted(str(p.relative_to(_ROOT)) for f in folders for p in (_ROOT / f).rglob("*.py"))
+    places = [_ROOT / folder for folder in folders]
+    files = [f for place in places for f in ([place] if place.is_file() else place.rglob("*.py"))]
+    modules = sorted(str(file.relative_to(_ROOT)) for file in files)
     idle = {module: _idle_lines((_ROOT / module).read_text()) for module in modules}
     found = []
     for module, operator, occurrence, *place in json.loads(_ask_cosmic_ray("list", *modules)):
