@@ -21,6 +21,7 @@ from benchmarks.studies import CLEAR_BIAS, ROOT, Row, claim_row, summary
 from constraints.arrays import Array
 from estimation.estimators import Experiment
 from estimation.estimators.joint_equations import PerturbedMachine, reduced_information
+from estimation.estimators.prior_estimate import UnloadedMachine
 from estimation.estimators.result import TEN, payload_estimate
 from estimation.identification import estimate_parameters
 from estimation.identification.estimation import parameter_priors, run_estimators
@@ -195,7 +196,7 @@ def _repeated(
             knowledge = parameter_priors(own, robot)
             experiment = prepare_experiment(own, robot, twin.measurement(number), design)
             (best,) = run_estimators(robot, [experiment], knowledge, ("gm",)).values()
-            if knowledge.prior_estimate is None:
+            if not isinstance(knowledge.prior_estimate, UnloadedMachine):
                 raise RuntimeError("the prior is an identification")
             one = payload_estimate(best, knowledge.prior_estimate)
             std = np.sqrt(np.diag(one.covariance))

@@ -15,7 +15,7 @@ before it is squared.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Annotated
@@ -221,6 +221,27 @@ def _sandwich_covariance(
     return Covariance(loss * spread, loss**2 * lines.variance_of(shares), white)
 
 
+Effects = Mapping[tuple[str, float], Array]
+"""Effect of one standard deviation of every entry, by its key."""
+
+
+def effect_difference(first: Effects, second: Effects, count: int) -> Array:
+    """Return the difference between effects of one machine on two estimates, (count, t).
+
+    An entry of both estimates is one number: equal effects cancel.
+
+    Examples
+    --------
+    >>> one, two = {("gravity_1", 0.1): np.ones(1)}, {("delay", 1e-3): np.full(1, 2.0)}
+    >>> effect_difference(one, two, 1).tolist(), effect_difference(one, one, 1).tolist()
+    ([[1.0, -2.0]], [[0.0]])
+    """
+    found = dict(first)
+    for key, effect in second.items():
+        found[key] = found.get(key, 0.0) - effect
+    return np.array(list(found.values())).reshape(-1, count).T
+
+
 @dataclass(frozen=True, kw_only=True)
 class EstimatedDeviation(Deviation):
     """One deviation of the machine from its description."""
@@ -277,6 +298,18 @@ class SystematicUncertainty:
         if self.left is None:
             raise ValueError("the errors of the deviations were not computed (`left`)")
         return np.concatenate([self.response, self.left]) * self.tolerances
+
+    @property
+    def effects(self) -> Effects:
+        """Effects on p̂ − p."""
+        return self.joint_effects(len(self.response))
+
+    def joint_effects(self, count: int) -> Effects:
+        """Return the effects on the first `count` of (p̂ − p, θ̂ − θ)."""
+        scaled = self.scaled_response
+        if count > len(scaled):
+            scaled = self.joint_scaled_response[:count]
+        return dict(zip((one.key for one in self.deviations), scaled.T, strict=True))
 
     @property
     def values(self) -> Array:

@@ -25,40 +25,6 @@ from expdesign.robot.deviation import Deviation, deviations, estimated_constants
 
 
 @dataclass(frozen=True, eq=False)
-class UnloadedMachine:
-    """Machine as identified before it carried a payload."""
-
-    values: Array
-    """(m + c,), p₀, SI; zeros for the constants of terms estimated with it."""
-    covariance: Array
-    """(m + c, m + c), P: random part and part due to the constants' own tolerances."""
-    platform: NDArray[np.intp]
-    """(10,), indices of `OF_A_BODY`'s parameters."""
-
-    @property
-    def is_estimated(self) -> NDArray[np.bool_]:
-        """(m + c,), whether an entry was estimated; false: held at its value."""
-        return np.diag(self.covariance) > 0
-
-    @property
-    def transfer(self) -> Array:
-        """(10, m + c), T = [1, −G]: payload per unit of p' − p₀.
-
-        G = P_ab P_bb⁻¹ is the regression of the platform's parameters on all others (parameters
-        and constants); see `payload_estimate`.
-        """
-        others = self.is_estimated.copy()
-        others[self.platform] = False
-        std = np.sqrt(np.diag(self.covariance))[others]
-        between = self.covariance[np.ix_(others, others)] / np.multiply.outer(std, std)
-        across = self.covariance[np.ix_(others, self.platform)] / std[:, None]
-        transfer = np.zeros((len(self.platform), len(self.values)))
-        transfer[:, others] = -np.linalg.solve(between, across).T / std
-        transfer[np.arange(len(self.platform)), self.platform] = 1.0
-        return transfer
-
-
-@dataclass(frozen=True, eq=False)
 class PriorEstimate:
     """Earlier estimate of the robot's parameters, as stated in the robot file."""
 
@@ -72,8 +38,6 @@ class PriorEstimate:
     deviations: tuple[Deviation, ...]
     response: Array
     """(m + c, t), change of the estimate per unit of each deviation."""
-    unloaded: UnloadedMachine | None = None
-    """The identified machine, if it carries a payload now."""
 
     @classmethod
     def of(cls, robot: Robot) -> PriorEstimate:
@@ -101,31 +65,6 @@ class PriorEstimate:
         values = _append_constants(found.unconstrained or robot.parameters, found)
         covariance, deviating, response = _split_covariance(found, robot, "estimate.prior_from")
         return cls(values, invert_covariance(covariance), deviating, response)
-
-    @classmethod
-    def without_payload(cls, robot: Robot, machine: RobotDescription) -> PriorEstimate:
-        """Read the identification of a machine that carries an unknown payload now.
-
-        The platform's parameters with the payload have no prior; the others keep the marginal
-        covariance that they have in the identification.
-
-        Raises
-        ------
-        InputError
-            The identification names deviations that the robot does not have.
-        """
-        found, names = identification_of(machine), robot.parameter_names
-        covariance, deviating, response = _split_covariance(found, robot, "estimate.prior")
-        unloaded = UnloadedMachine(
-            _append_constants(
-                found.unconstrained or [machine.parameters[name] for name in names], found
-            ),
-            covariance,
-            np.array([names.index(name) for name in OF_A_BODY.values()], dtype=np.intp),
-        )
-        kept = covariance.copy()
-        kept[unloaded.platform] = kept[:, unloaded.platform] = 0.0
-        return cls(unloaded.values, invert_covariance(kept), deviating, response, unloaded)
 
     def of_combinations(
         self, base: BaseParameters, names: Sequence[str], held: Array
@@ -197,6 +136,60 @@ class PriorEstimate:
         mean = np.where(held, values, self.values)
         mean[others] -= np.linalg.solve(own, pull / scale) / scale
         return mean
+
+
+@dataclass(frozen=True, eq=False)
+class UnloadedMachine(PriorEstimate):
+    """Machine as identified before it carried an unknown payload.
+
+    The platform's parameters with the payload have no prior; the others keep the marginal
+    covariance that they have in the identification.
+    """
+
+    covariance: Array
+    """(m + c, m + c), P: random part and part due to the constants' own tolerances."""
+    platform: NDArray[np.intp]
+    """(10,), indices of `OF_A_BODY`'s parameters."""
+
+    @classmethod
+    def read(cls, robot: Robot, machine: RobotDescription) -> UnloadedMachine:
+        """Read the identification of the machine.
+
+        Raises
+        ------
+        InputError
+            The identification names deviations that the robot does not have.
+        """
+        found, names = identification_of(machine), robot.parameter_names
+        covariance, deviating, response = _split_covariance(found, robot, "estimate.prior")
+        given = found.unconstrained or [machine.parameters[name] for name in names]
+        platform = np.array([names.index(name) for name in OF_A_BODY.values()], dtype=np.intp)
+        kept = covariance.copy()
+        kept[platform] = kept[:, platform] = 0.0
+        values = _append_constants(given, found)
+        return cls(values, invert_covariance(kept), deviating, response, covariance, platform)
+
+    @property
+    def is_estimated(self) -> NDArray[np.bool_]:
+        """(m + c,), whether an entry was estimated; false: held at its value."""
+        return np.diag(self.covariance) > 0
+
+    @property
+    def transfer(self) -> Array:
+        """(10, m + c), T = [1, −G]: payload per unit of p' − p₀.
+
+        G = P_ab P_bb⁻¹ is the regression of the platform's parameters on all others (parameters
+        and constants); see `payload_estimate`.
+        """
+        others = self.is_estimated.copy()
+        others[self.platform] = False
+        std = np.sqrt(np.diag(self.covariance))[others]
+        between = self.covariance[np.ix_(others, others)] / np.multiply.outer(std, std)
+        across = self.covariance[np.ix_(others, self.platform)] / std[:, None]
+        transfer = np.zeros((len(self.platform), len(self.values)))
+        transfer[:, others] = -np.linalg.solve(between, across).T / std
+        transfer[np.arange(len(self.platform)), self.platform] = 1.0
+        return transfer
 
 
 def _append_constants(parameters: Sequence[float] | Array, found: Identification) -> Array:

@@ -143,27 +143,13 @@ class ParameterPriors:
         )
         if not isinstance(section.prior, RobotDescription):
             return whole
-        prior_estimate = PriorEstimate.without_payload(robot, section.prior)
-        return (
-            whole
-            if prior_estimate.unloaded is None
-            else whole.with_payload_prior(prior_estimate, prior_estimate.unloaded)
-        )
-
-    def with_payload_prior(
-        self, prior_estimate: PriorEstimate, unloaded: UnloadedMachine
-    ) -> ParameterPriors:
-        """Return the priors for a machine that carries an unknown payload now.
-
-        Parameters that the identification held remain at their values.
-        """
-        count = len(self.names)
-        start = unloaded.values[:count].copy()
-        start[unloaded.platform] = self.start[unloaded.platform]
-        free = unloaded.is_estimated[:count]
-        return replace(
-            self, free=free, start=start, prior_mean=start, prior_estimate=prior_estimate
-        )
+        # The machine carries an unknown payload now. Parameters that its identification held remain
+        # at their values.
+        before = UnloadedMachine.read(robot, section.prior)
+        start = before.values[: len(known)].copy()
+        start[before.platform] = whole.start[before.platform]
+        free = before.is_estimated[: len(known)]
+        return replace(whole, free=free, start=start, prior_mean=start, prior_estimate=before)
 
     def with_deviations(self, deviations: Sequence[Deviation]) -> ParameterPriors:
         """Append entries of θ to the parameters, with their tolerances as priors.

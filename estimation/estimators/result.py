@@ -17,9 +17,10 @@ from estimation.estimators.influence import (
     Influence,
     SystematicUncertainty,
     difference_covariance,
+    effect_difference,
     systematic_share,
 )
-from estimation.estimators.prior_estimate import PriorEstimate
+from estimation.estimators.prior_estimate import UnloadedMachine
 from estimation.estimators.priors import ParameterPriors
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.motion import NormalEquations
@@ -265,11 +266,7 @@ def covariance_ml_less_gm(estimates: Mapping[str, ParameterEstimate]) -> Array |
     result, free = np.zeros_like(ml.covariance), ml.influences[0].free
     result[np.ix_(free, free)] = difference_covariance(ml.influences, gm.influences)
     if gm.systematic is not None and ml.systematic is not None:
-        if [each.key for each in gm.systematic.deviations] != [
-            each.key for each in ml.systematic.deviations
-        ]:
-            raise ValueError("both estimates have the tolerances of the same machine")
-        difference = ml.systematic.scaled_response - gm.systematic.scaled_response
+        difference = effect_difference(ml.systematic.effects, gm.systematic.effects, len(free))
         result += difference @ difference.T
     return result
 
@@ -303,13 +300,8 @@ class PayloadEstimate:
         return np.array([self.values[name] for name in TEN])
 
 
-def payload_estimate(estimate: ParameterEstimate, before: PriorEstimate) -> PayloadEstimate:
+def payload_estimate(estimate: ParameterEstimate, before: UnloadedMachine) -> PayloadEstimate:
     """Estimate the payload, given the machine's identification without it as prior.
-
-    Raises
-    ------
-    ValueError
-        The prior is that of a machine without a payload.
 
     Notes
     -----
@@ -331,20 +323,22 @@ def payload_estimate(estimate: ParameterEstimate, before: PriorEstimate) -> Payl
     recordings. Their effect on the payload, T (D' − D₀) per unit, is a difference, so that equal
     parts cancel.
     """
-    if before.unloaded is None:
-        raise ValueError("the prior belongs to the machine with its payload")
-    transfer = before.unloaded.transfer
+    transfer = before.transfer
     count = transfer.shape[1]
     own = transfer @ estimate.joint_random[:count, :count] @ transfer.T
-    random = own + transfer @ before.unloaded.covariance @ transfer.T
-    response = _shared_response(estimate, before)
+    random = own + transfer @ before.covariance @ transfer.T
+    # D' − D₀ for parameters and constants, times the tolerances.
+    now = {} if estimate.systematic is None else estimate.systematic.joint_effects(count)
+    then = zip(before.deviations, before.response.T, strict=True)
+    before_by = {one.key: column * one.tolerance for one, column in then}
+    response = effect_difference(now, before_by, count)
     systematic = transfer @ response @ response.T @ transfer.T
     total = random + systematic
     # Satterthwaite: only the variance due to the new recordings' noise is itself estimated.
     unknown = _noise_variance_uncertainty(estimate, transfer)
     with np.errstate(divide="ignore"):
         freedom = 2 * np.diag(total) ** 2 / unknown
-    values = transfer @ (estimate.joint_values[:count] - before.unloaded.values)
+    values = transfer @ (estimate.joint_values[:count] - before.values)
     return PayloadEstimate(
         values=dict(zip(TEN, values.tolist(), strict=True)),
         covariance=total,
@@ -366,22 +360,6 @@ def _noise_variance_uncertainty(estimate: ParameterEstimate, transfer: Array) ->
         found += combined.covariance_from_forces().variance
         found += 0.0 if lengths is None else lengths.variance
     return found
-
-
-def _shared_response(estimate: ParameterEstimate, before: PriorEstimate) -> Array:
-    """Return D' − D₀, (m + c, t), times the tolerances; entries of equal tolerance are matched."""
-    count = len(before.values)
-    found = {}
-    if (own := estimate.systematic) is not None:
-        scaled = (
-            own.scaled_response
-            if count == len(estimate.values)
-            else own.joint_scaled_response[:count]
-        )
-        found = dict(zip((one.key for one in own.deviations), scaled.T, strict=True))
-    for one, column in zip(before.deviations, before.response.T, strict=True):
-        found[one.key] = found.get(one.key, np.zeros(count)) - column * one.tolerance
-    return np.array(list(found.values())).reshape(-1, count).T
 
 
 def about_centre(values: Array) -> tuple[Array, Array]:

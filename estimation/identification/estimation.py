@@ -23,6 +23,7 @@ from estimation.estimators import (
     systematic_share,
 )
 from estimation.estimators.influence import EstimatedDeviation
+from estimation.estimators.prior_estimate import UnloadedMachine
 from estimation.estimators.result import PayloadEstimate, payload_estimate
 from estimation.identification.recording import (
     PreparedRecording,
@@ -188,7 +189,7 @@ class Estimation:
     def payloads(self) -> dict[str, PayloadEstimate]:
         """The payload by every estimator; empty unless the prior is of a machine without it."""
         before = self.priors.prior_estimate
-        if before is None or before.unloaded is None:
+        if not isinstance(before, UnloadedMachine):
             return {}
         return {name: payload_estimate(found, before) for name, found in self.estimates.items()}
 

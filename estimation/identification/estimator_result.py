@@ -30,28 +30,6 @@ from expdesign.runfolder import Numbers, OpenNumber, described
 from expdesign.trajectory import FourierKeys
 
 
-def shared_response(
-    first: SystematicUncertainty | None, second: SystematicUncertainty | None
-) -> tuple[Array, Array]:
-    """Return the effects of the deviations that two estimates have in common.
-
-    Deviations of the same name with the same tolerance are the same number of one machine.
-
-    Returns
-    -------
-    first, second : (m, t)
-        Effects of one standard deviation of each common deviation; no columns without any.
-    """
-    if first is None or second is None:
-        return np.zeros((0, 0)), np.zeros((0, 0))
-    places = [
-        {one.key: place for place, one in enumerate(each.deviations)} for each in (first, second)
-    ]
-    common = [name for name in places[0] if name in places[1]]
-    at_first, at_second = ([each[name] for name in common] for each in places)
-    return first.scaled_response[:, at_first], second.scaled_response[:, at_second]
-
-
 @dataclass(frozen=True)
 class BudgetRow:
     """Share of one group of tolerances in the variance of one parameter."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.identification.estimator_result import shared_response
+from estimation.estimators.influence import Effects
 from estimation.identification.result import EstimationResult
 from estimation.twin.truth import Truth
 from estimation.uncertainty.intervals import Differences, difference_test
@@ -68,12 +68,15 @@ class ComparedEstimate:
         total = self.covariance(names) + other.covariance(names)
         if machine_name(self.result.robot) != machine_name(other.result.robot):
             return total
-        keys = (self.result.best_estimator.systematic, other.result.best_estimator.systematic)
-        own, others = shared_response(*keys)
-        if not own.shape[1]:
-            return total
-        first, second = own[self._places(names)], others[other._places(names)]
-        return total - first @ second.T - second @ first.T
+        own, others = self._effects(names), other._effects(names)
+        for key in (key for key in own if key in others):
+            shared = np.multiply.outer(own[key], others[key])
+            total = total - shared - shared.T
+        return total
+
+    def _effects(self, names: tuple[str, ...]) -> Effects:
+        found, at = self.result.best_estimator.systematic, self._places(names)
+        return {} if found is None else {key: one[at] for key, one in found.effects.items()}
 
     def _places(self, names: tuple[str, ...]) -> list[int]:
         return [self.result.parameters.index(name) for name in names]

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimation.estimators.influence import EstimatedDeviation, SystematicUncertainty
-from estimation.estimators.prior_estimate import PriorEstimate, UnloadedMachine
+from estimation.estimators.prior_estimate import UnloadedMachine
 from estimation.estimators.result import TEN, about_centre, payload_estimate
 from estimation.identification import estimate_parameters, estimation_result
 from estimation.identification.result import EstimationResult
@@ -69,12 +69,8 @@ class Linear:
             deviations=tuple(map(EstimatedDeviation.of, self.deviations)),
             response=whole,
         )
-        earlier = PriorEstimate(
-            before,
-            kept,
-            self.deviations,
-            self.before_by,
-            UnloadedMachine(before, self.covariance, PLACES),
+        earlier = UnloadedMachine(
+            before, kept, self.deviations, self.before_by, self.covariance, PLACES
         )
         found = made_up(values, inverse).with_systematic(systematic)
         return found, payload_estimate(found, earlier)
@@ -136,8 +132,9 @@ def test_constants_estimated_with_the_parameters_count_like_these():
         covariance_joint=found.covariance_random,
         systematic=systematic,
     )
-    unloaded = UnloadedMachine(before, case.covariance, PLACES)
-    earlier = PriorEstimate(before, kept, case.deviations, case.before_by, unloaded)
+    earlier = UnloadedMachine(
+        before, kept, case.deviations, case.before_by, case.covariance, PLACES
+    )
     payload = payload_estimate(parted, earlier)
     np.testing.assert_allclose(payload.vector, expected.vector, atol=1e-9)
     np.testing.assert_allclose(payload.covariance, expected.covariance, atol=1e-9)
