@@ -12,7 +12,6 @@ from typing import Annotated
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.estimators.influence import SystematicUncertainty
 from estimation.estimators.result import (
     ABOUT_CENTRE,
     SEEN,
@@ -69,12 +68,12 @@ class DeviationRow:
     ]
 
 
-def budget_rows(
-    estimator: str, names: tuple[str, ...], covariance: Array, result: SystematicUncertainty
-) -> Iterator[BudgetRow]:
-    """Yield the shares of every free parameter; `covariance` is the total, (m, m)."""
-    variance = np.diag(covariance)
-    groups = result.groups
+def budget_rows(estimator: str, entry: EstimatorResult) -> Iterator[BudgetRow]:
+    """Yield the shares of every free parameter; none without tolerances."""
+    groups = {} if entry.systematic is None else entry.systematic.groups
+    if not groups:
+        return
+    names, variance = list(entry.values), np.diag(entry.covariance)
     systematic = sum((std**2 for std in groups.values()), np.zeros(len(names)))
     noise = np.sqrt(np.maximum(variance - systematic, 0.0))
     for k in np.flatnonzero(variance > 0):
@@ -84,9 +83,9 @@ def budget_rows(
             yield BudgetRow(estimator, names[k], unit, source, float(std[k]), share)
 
 
-def deviation_rows(estimator: str, result: SystematicUncertainty) -> Iterator[DeviationRow]:
+def deviation_rows(estimator: str, entry: EstimatorResult) -> Iterator[DeviationRow]:
     """Yield the rows of one estimator."""
-    for one in result.deviations:
+    for one in () if entry.systematic is None else entry.systematic.deviations:
         toleranced = 0 < one.tolerance < np.inf
         ratio = one.std / one.tolerance if toleranced else np.nan
         seen = toleranced and one.scatter > SEEN * one.tolerance
@@ -123,16 +122,12 @@ class ConsistentRow:
     ]
 
 
-def consistent_rows(
-    estimator: str,
-    values: dict[str, float],
-    covariance: Array,
-    result: ConsistentEstimate,
-) -> Iterator[ConsistentRow]:
-    """Yield the rows of all parameters; `covariance`, (m, m), is that of the estimate."""
-    std = np.sqrt(np.diag(covariance))
-    std = np.where(std > 0, std, np.nan).tolist()
-    for k, (name, value) in enumerate(values.items()):
+def consistent_rows(estimator: str, entry: EstimatorResult) -> Iterator[ConsistentRow]:
+    """Yield the rows of all parameters; none without consistent ones."""
+    if (result := entry.consistent) is None:
+        return
+    std = np.where(entry.std > 0, entry.std, np.nan).tolist()
+    for k, (name, value) in enumerate(entry.values.items()):
         yield ConsistentRow(
             estimator=estimator,
             parameter=name,
@@ -212,8 +207,10 @@ class PayloadRow:
     ci_high: Annotated[OpenNumber, described("see unit", "upper end of the 95 % interval")]
 
 
-def payload_rows(estimator: str, result: PayloadEstimate) -> Iterator[PayloadRow]:
+def payload_rows(estimator: str, entry: EstimatorResult) -> Iterator[PayloadRow]:
     """Yield the ten parameters, then centre and inertia about it by the delta method."""
+    if (result := entry.payload) is None:
+        return
     values, covariance, systematic = (
         result.vector,
         result.covariance,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, astuple, dataclass, fields
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -60,6 +60,7 @@ from expdesign.runfolder.fields import (
     wrong_shape,
 )
 
+Row = TypeVar("Row")
 _ESTIMATOR = Column("estimator", "", "ls, gm or ml")
 
 
@@ -330,15 +331,19 @@ class EstimationResult(EstimateFile, StageResult):
             ]
         return tuple(rows)
 
+    def _rows(self, of: Callable[[str, EstimatorResult], Iterable[Row]]) -> tuple[Row, ...]:
+        """Return the rows of all estimators."""
+        return tuple(row for name, entry in self.estimators.items() for row in of(name, entry))
+
     @property
     def base_parameters(
         self,
     ) -> Annotated[tuple[EstimatedCombination, ...], Table("tables/estimate_combinations.csv")]:
         """Identified combinations of every estimator."""
-        return tuple(
-            EstimatedCombination(estimator=estimator, **asdict(row))
-            for estimator, entry in self.estimators.items()
-            for row in entry.base_parameters
+        return self._rows(
+            lambda name, entry: (
+                EstimatedCombination(estimator=name, **asdict(row)) for row in entry.base_parameters
+            )
         )
 
     @property
@@ -346,36 +351,24 @@ class EstimationResult(EstimateFile, StageResult):
         self,
     ) -> Annotated[tuple[BudgetRow, ...], Table("tables/budget.csv", optional=True)]:
         """Shares of every tolerance in every variance; empty without tolerances."""
-        return tuple(
-            row
-            for estimator, entry in self.estimators.items()
-            if entry.systematic is not None and entry.systematic.groups
-            for row in budget_rows(estimator, self.parameters, entry.covariance, entry.systematic)
-        )
+        return self._rows(budget_rows)
 
     @property
     def deviations(
         self,
     ) -> Annotated[tuple[DeviationRow, ...], Table("tables/deviations.csv", optional=True)]:
         """Tolerances and estimates of all deviations; empty without tolerances."""
-        if not self.budget:
-            return ()
-        return tuple(
-            row
-            for estimator, entry in self.estimators.items()
-            if entry.systematic is not None
-            for row in deviation_rows(estimator, entry.systematic)
-        )
+        return self._rows(deviation_rows) if self.budget else ()
 
     @property
     def constants(
         self,
     ) -> Annotated[tuple[ConstantRow, ...], Table("tables/constants.csv", optional=True)]:
         """Estimated constants of terms; empty without any."""
-        return tuple(
-            ConstantRow(estimator=estimator, **asdict(row))
-            for estimator, entry in self.estimators.items()
-            for row in entry.constants
+        return self._rows(
+            lambda name, entry: (
+                ConstantRow(estimator=name, **asdict(row)) for row in entry.constants
+            )
         )
 
     @property
@@ -383,24 +376,14 @@ class EstimationResult(EstimateFile, StageResult):
         self,
     ) -> Annotated[tuple[PayloadRow, ...], Table("tables/payload.csv", optional=True)]:
         """The payload by every estimator; empty without a prior identification."""
-        return tuple(
-            row
-            for estimator, entry in self.estimators.items()
-            if entry.payload is not None
-            for row in payload_rows(estimator, entry.payload)
-        )
+        return self._rows(payload_rows)
 
     @property
     def consistent(
         self,
     ) -> Annotated[tuple[ConsistentRow, ...], Table("tables/consistent.csv", optional=True)]:
         """Every estimate and the nearest physically consistent parameters."""
-        return tuple(
-            row
-            for estimator, entry in self.estimators.items()
-            if entry.consistent is not None
-            for row in consistent_rows(estimator, entry.values, entry.covariance, entry.consistent)
-        )
+        return self._rows(consistent_rows)
 
     @property
     def selection_steps(
