@@ -24,7 +24,7 @@ from scipy import sparse
 
 from constraints.arrays import Array
 from expdesign.mechanism.bodies import MachineBodies
-from expdesign.mechanism.realisable import ROUNDING, SLIDER_MASS, Realisable
+from expdesign.mechanism.realisable import SLIDER_MASS, Realisable
 from expdesign.mechanism.terms.rigid_platform import MASS
 
 _SOLVED = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
@@ -57,15 +57,15 @@ class Nearest:
     least: float
     """Lower bound of the distance by the dual programme, to the solver's precision."""
     projection: Projection
-    rounding: float = ROUNDING
-    """Tolerated inconsistency of the values, as a share of the scales."""
+    inside: Array
+    """(m,), the values, held ones moved by the solver's rounding error as well: consistent."""
     solution: tuple[Array, Array] | None = None
     """z and the multipliers, of an inconsistent estimate."""
 
     @cached_property
     def bodies(self) -> MachineBodies:
         """Bodies with these parameters."""
-        found = self.projection.among.bodies(self.values, self.rounding)
+        found = self.projection.among.bodies(self.inside)
         if found is None:
             raise NoBodiesError("the parameters are physically inconsistent")
         return found
@@ -152,7 +152,7 @@ class Projection:
     def of(self, values: Array) -> Nearest:
         """Return the nearest parameters; those given, bit by bit, when bodies have them."""
         if self.among.consistent(values):
-            return Nearest(values, 0.0, 0.0, self)
+            return Nearest(values, 0.0, 0.0, self, values)
         others: list[Nearest] = []
         for unit, scaled in self._attempts(values):
             found = self._solved(values, unit, scaled=scaled)
@@ -185,9 +185,9 @@ class Projection:
                 kept = np.where(self.movable, inside, values)
                 distance = self.length(kept - values)
                 if np.any(self.regrouped) and distance <= _FARTHER:
-                    return Nearest(kept, 0.0, 0.0, self, 0.0)
+                    return Nearest(kept, 0.0, 0.0, self, inside)
                 solution = move[: self.factor.shape[1]], forces
-                return Nearest(kept, distance, least, self, 0.0, solution)
+                return Nearest(kept, distance, least, self, inside, solution)
         return None
 
     @cached_property

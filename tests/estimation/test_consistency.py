@@ -112,6 +112,15 @@ def test_bounds_and_fixed_values_of_the_run_are_kept():
     assert beside(values, replace_fixed(section, -12.0), std) is None
 
 
+def test_a_fixed_value_at_its_limit_leaves_bodies():
+    """Rounding of the search moves a held value: that is no contradiction."""
+    config = run({"estimators": ["gm"], "harmonics": 2, "noise": "given", "fixed": {"p1": None}})
+    data = measured(MOTION, 1, step=0.01)
+    found = estimate_parameters(config, data, MOTION).consistent["gm"]
+    assert found.values["p1"] == ROBOT.parameters[NAMES.index("p1")]
+    assert set(found.bodies) == {"ring", "stator", "slider", "platform"}
+
+
 def replace_fixed(section, mass):
     return section.model_copy(update={"fixed": {"p10": mass}})
 
