@@ -22,8 +22,10 @@ from typing import Annotated
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.finding import Assumption, Finding, join_words, name_channels
+from estimation.diagnostics.finding import Finding, join_words, name_channels
 from estimation.diagnostics.hypothesis import (
+    PERIODIC,
+    Family,
     Hypothesis,
     PeriodicForce,
     PitchScan,
@@ -33,7 +35,6 @@ from estimation.diagnostics.joint_system import JointSystem, SolvedSystem
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.residuals import HarmonicLackOfFit, LackOfFit
 from estimation.diagnostics.search import (
-    PERIODIC,
     EffectCandidate,
     EffectTests,
     Search,
@@ -55,13 +56,6 @@ _MOST_CAUSES = 3
 _SUSPICIOUS = 0.02
 """p of the low harmonics given the effects, below which no effect is certain."""
 
-_NOT_PERIODIC = Assumption(
-    "no position-periodic force",
-    "a force is periodic in the strut's length",
-    "compensate it in the drives, or add `cogging` with this `pitch` to the robot's `terms` (and "
-    "`cogging_second` for half of it): it biases the parameters by more than their intervals show",
-)
-_PERIODIC_FORCE = "a position-periodic force"
 _IMITATED = "do not add it to the model: look for the cause of the unexplained residuals first"
 
 
@@ -240,24 +234,23 @@ def _effects(
         first = chosen.stop
         values, covariance = fit.values[chosen], fit.covariance[chosen, chosen]
         stds = np.sqrt(np.diag(covariance))
-        if item.sized_by_constant:
+        if item.hypothesis.sized_by_constant:
             values = np.array([item.constant])
         force, value, std, doubt = None, float(values[0]), float(stds[0]), ""
-        if item.kind == PERIODIC and item.strut is not None:
-            force = periodic_force(search.part, item.strut, item.pitch, values, covariance)
+        if (scan := item.scan) is not None:
+            force = periodic_force(search.part, scan.strut, scan.best_pitch, values, covariance)
             value, std = force.amplitude, force.amplitude_std
-            if force.pitch > np.ptp(search.part.position[:, item.strut]):
+            if force.pitch > np.ptp(search.part.position[:, scan.strut]):
                 doubt = "the pitch is longer than the stroke"
         elif not item.is_possible(values, covariance):
             doubt = "its sign or size is impossible"
         log_p = search.conditional_log_p(item, exclude(found, item)) - item.limit
-        level = _level(search, item.kind)
         effects.append(
             Effect(
                 kind=item.kind,
                 strut=item.strut,
                 parameter=item.parameter,
-                log_p=log_p + float(np.log(level)),
+                log_p=log_p + float(np.log(item.hypothesis.level)),
                 force=force,
                 value=value,
                 std=std,
@@ -272,12 +265,6 @@ def _effects(
     return tuple(effects)
 
 
-def _level(search: Search, kind: str) -> float:
-    if kind == PERIODIC:
-        return search.level
-    return next(hypothesis.level for hypothesis in search.families if hypothesis.kind == kind)
-
-
 def _best_force(solved: SolvedSystem, part: Linearisation, scan: PitchScan) -> PeriodicForce | None:
     if not np.isfinite(scan.best_pitch) or scan.best <= 0:
         return None
@@ -289,7 +276,7 @@ def position_periodic_finding(attribution: Attribution) -> Finding:
     """Report whether forces are periodic in a strut's length."""
     level = attribution.periodic_level
     if not any(len(scan.pitches) for scan in attribution.first.scans):
-        return _NOT_PERIODIC.skip(
+        return PERIODIC.assumption.skip(
             "no pitch could be scanned: the struts move too far between two samples"
         )
     effects = sorted(
@@ -298,21 +285,20 @@ def position_periodic_finding(attribution: Attribution) -> Finding:
     )
     if not effects:
         p = min(1.0, ACTUATORS * np.exp(min(scan.log_p for scan in attribution.last.scans)))
-        sentence = f"no strut has a position-periodic force (p = {p:.2g})"
-        return _NOT_PERIODIC.holds(sentence, p, level)
+        return PERIODIC.assumption.holds(PERIODIC.absent.format(p=p), p, level)
     where = name_channels("strut", np.isin(np.arange(ACTUATORS), [strut for strut, _ in effects]))
     forces = [
         f"strut {strut + 1} {force.amplitude:.3g} ± {force.amplitude_std:.1g} N, pitch "
         f"{1e3 * force.pitch:.4g} ± {1e3 * force.pitch_std:.1g} mm"
         for strut, force in effects
     ]
-    own = [effect for effect in attribution.effects if effect.kind == PERIODIC]
+    own = [effect for effect in attribution.effects if effect.kind == PERIODIC.kind]
     return _add_doubts(
         attribution,
         own,
-        _NOT_PERIODIC.fails(
+        PERIODIC.assumption.fails(
             f"position-periodic force (cogging) in {where}: {'; '.join(forces)}",
-            _effect_p(own, PERIODIC),
+            _effect_p(own, PERIODIC.kind),
             level,
             where=where,
         ),
@@ -408,19 +394,12 @@ def _add_doubts(attribution: Attribution, effects: Sequence[Effect], found: Find
     )
 
 
-def _name_effects(kind: str, places: Sequence[str], hypotheses: Mapping[str, Hypothesis]) -> str:
+def _name_effects(kind: str, places: Sequence[str], hypotheses: Mapping[str, Family]) -> str:
     """Name effects of one kind with their places, such as ``a spring in actuator 1``."""
-    hypothesis = hypotheses.get(kind)
-    noun, form = (
-        (_PERIODIC_FORCE, "{noun} {place}")
-        if hypothesis is None
-        else (hypothesis.noun, hypothesis.phrase)
-    )
-    everywhere = [noun] if "" in places else []
-    somewhere = join_words([place for place in places if place])
-    return join_words(
-        [*everywhere, *([form.format(noun=noun, place=somewhere)] if somewhere else [])]
-    )
+    family = hypotheses.get(kind, PERIODIC)
+    everywhere = family.noun if "" in places else ""
+    place = join_words(places)
+    return join_words([everywhere, place and family.phrase.format(noun=family.noun, place=place)])
 
 
 def describe_candidate(
@@ -440,8 +419,7 @@ def describe_candidate(
 
 def effect_nouns(attribution: Attribution) -> dict[str, str]:
     """Return the nouns of effects, by their kind."""
-    nouns = {PERIODIC: _PERIODIC_FORCE}
-    return nouns | {
+    return {PERIODIC.kind: PERIODIC.noun} | {
         hypothesis.kind: f"{hypothesis.noun} a parameter"
         if hypothesis.kind == "column"
         else hypothesis.noun

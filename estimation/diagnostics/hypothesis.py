@@ -291,6 +291,19 @@ class DelayTest:
         return {"refused": self.refused} if self.refused else fields(self)
 
 
+PERIODIC = Family(
+    kind="position-periodic",
+    assumption=Assumption(
+        "no position-periodic force",
+        "a force is periodic in the strut's length",
+        "compensate it in the drives, or add `cogging` with this `pitch` to the robot's `terms` "
+        "(and `cogging_second` for half of it): it biases the parameters by more than their "
+        "intervals show",
+    ),
+    noun="a position-periodic force",
+    absent="no strut has a position-periodic force (p = {p:.2g})",
+)
+"""Forces periodic in a strut's length, whose candidates a scan of the pitches finds."""
 SAMPLES_PER_PITCH = 4.0
 """Smallest number of samples per pitch at the largest speed; shorter pitches are not scanned."""
 _OVERSAMPLING = 4

@@ -16,6 +16,7 @@ from scipy.optimize import minimize_scalar
 
 from constraints.arrays import Array
 from estimation.diagnostics.hypothesis import (
+    PERIODIC,
     Hypothesis,
     HypothesisTest,
     PitchScan,
@@ -36,8 +37,6 @@ from estimation.diagnostics.significance import are_possible, log_tail
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.progress import track
 
-PERIODIC = "position-periodic"
-"""Kind of the effects that are periodic in a strut's length."""
 RIVAL_LEVEL = 0.001
 """Level at which an effect must remain significant, given a rival, to exclude that rival."""
 _ROUNDS = 4
@@ -65,7 +64,8 @@ class EffectTests:
 class EffectCandidate:
     """Candidate for an effect."""
 
-    kind: str
+    hypothesis: Hypothesis
+    """Its family."""
     strut: int | None
     parameter: str
     places: Places
@@ -73,13 +73,13 @@ class EffectCandidate:
     limit: float
     """Largest log p, uncorrected, with which it is significant."""
     constant: float = np.nan
-    contains: str = ""
-    sized_by_constant: bool = False
-    bounds: tuple[float, float] = (-np.inf, np.inf)
-    """Bounds of its values, SI."""
-    pitch: float = np.nan
-    reach: float = 0.0
-    """Reach of the scan that found a position-periodic force."""
+    scan: PitchScan | None = None
+    """The scan that found a position-periodic force."""
+
+    @property
+    def kind(self) -> str:
+        """Kind of the effect."""
+        return self.hypothesis.kind
 
     @property
     def name(self) -> tuple[str, int | None, str]:
@@ -90,14 +90,14 @@ class EffectCandidate:
         """Return whether its values are within their bounds, or beyond them by noise alone."""
         # Without parameters only the first value has bounds; others are auxiliary columns.
         count = 1 + self.parameter.count(",")
-        return are_possible(values[:count], covariance[:count, :count], *self.bounds)
+        return are_possible(values[:count], covariance[:count, :count], *self.hypothesis.bounds)
 
     def log_p(self, fit: EffectFit, freedom: float) -> float:
         """Return the logarithm of p of its fit, uncorrected for its family."""
         if not fit.rank:
             return 0.0
-        if self.kind == PERIODIC:
-            return log_exceedance(fit.statistic, self.reach, freedom)
+        if self.scan is not None:
+            return log_exceedance(fit.statistic, self.scan.reach, freedom)
         return float(log_tail(np.array(fit.statistic), np.array(fit.rank), freedom))
 
 
@@ -149,15 +149,10 @@ class Search:
     def _periodic_candidate(self, solution: SolvedSystem, scan: PitchScan) -> EffectCandidate:
         """Return the best pitch of a scan as a candidate."""
         columns, _, _ = periodic_fit(solution, self.part, scan)
-        return EffectCandidate(
-            PERIODIC,
-            scan.strut,
-            "",
-            self._append(Signature.of_forces(self.part, columns)),
-            float(np.log(self.level / ACTUATORS)),
-            pitch=scan.best_pitch,
-            reach=scan.reach,
-        )
+        new = Signature.of_forces(self.part, columns)
+        family = Hypothesis(**vars(PERIODIC), labels=(), columns=new, level=self.level)
+        limit = float(np.log(self.level / ACTUATORS))
+        return EffectCandidate(family, scan.strut, "", self._append(new), limit, scan=scan)
 
     def _candidates(
         self, tests: Mapping[str, HypothesisTest]
@@ -167,31 +162,22 @@ class Search:
             hypothesis, limit = test.hypothesis, test.limit
             for number in np.flatnonzero(np.isfinite(test.log_p)).tolist():
                 name, strut = hypothesis.labels[number]
-                item = EffectCandidate(
-                    hypothesis.kind,
-                    strut,
-                    name,
-                    test.places(number),
-                    limit,
-                    hypothesis.constant_of(number),
-                    hypothesis.contains,
-                    hypothesis.sized_by_constant,
-                    hypothesis.bounds,
-                )
+                places, constant = test.places(number), hypothesis.constant_of(number)
+                item = EffectCandidate(hypothesis, strut, name, places, limit, constant)
                 yield item, float(test.log_p[number])
 
     def _refine_constant(
         self, item: EffectCandidate, known: Sequence[EffectCandidate]
     ) -> EffectCandidate:
         """Return a candidate with its best-fitting constant, given the known effects."""
-        at = next(hypothesis.at for hypothesis in self.families if hypothesis.kind == item.kind)
+        at, by_constant = item.hypothesis.at, item.hypothesis.sized_by_constant
         if at is None:
             return item
         label, solution = (item.parameter, item.strut), self.system.solution
         others, places = self.projection, column_indices(known)
 
         own = self._fit(item, self.projection.conditional_on(places))
-        start = float(own.values[0]) if item.sized_by_constant else item.constant
+        start = float(own.values[0]) if by_constant else item.constant
 
         def explained(factor: float) -> float:
             new = solution.project(at(label, float(start * np.exp(factor))))
@@ -201,7 +187,7 @@ class Search:
         best = minimize_scalar(
             explained, bounds=(-_REACH, _REACH), method="bounded", options={"maxiter": _TRIALS}
         )
-        if -float(best.fun) <= own.statistic and not item.sized_by_constant:
+        if -float(best.fun) <= own.statistic and not by_constant:
             return item
         constant = float(start * np.exp(best.x))
         return replace(item, places=self._append(at(label, constant)), constant=constant)
@@ -278,7 +264,7 @@ class Search:
         found: dict[tuple[str, int | None, str], tuple[EffectCandidate, float]] = {}
         tests = self._family_tests(conditional)
         candidates = list(self._candidates(tests))
-        if item.kind != PERIODIC and item.strut is not None:
+        if item.scan is None and item.strut is not None:
             solution = self._solution_given(others)
             scan = self._scan(solution, item.strut)
             if np.isfinite(scan.best_pitch) and scan.log_p < np.log(RIVAL_LEVEL):
@@ -288,7 +274,7 @@ class Search:
         for rival, log_p in candidates:
             if rival.name in taken or log_p > np.log(RIVAL_LEVEL):
                 continue
-            if rival.contains == item.kind and rival.strut == item.strut:
+            if rival.hypothesis.contains == item.kind and rival.strut == item.strut:
                 continue
             fit = self._fit(rival, conditional)
             if not rival.is_possible(fit.values, fit.covariance):
@@ -310,7 +296,7 @@ class Search:
 
     def _fit(self, item: EffectCandidate, conditional: ConditionalScores) -> EffectFit:
         # The third column of a periodic force, a change of its pitch, does not measure its size.
-        places = item.places[:2] if item.kind == PERIODIC else item.places
+        places = item.places if item.scan is None else item.places[:2]
         return conditional.fit(places)
 
     def _fit_given(self, item: EffectCandidate, others: Sequence[EffectCandidate]) -> EffectFit:
