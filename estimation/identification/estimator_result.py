@@ -30,10 +30,16 @@ from expdesign.trajectory import FourierKeys
 
 
 @dataclass(frozen=True)
-class BudgetRow:
-    """Share of one group of tolerances in the variance of one parameter."""
+class OfEstimator:
+    """Base of the rows of one estimator."""
 
     estimator: Annotated[str, described("", "ls, gm or ml")]
+
+
+@dataclass(frozen=True)
+class BudgetRow(OfEstimator):
+    """Share of one group of tolerances in the variance of one parameter."""
+
     parameter: Annotated[str, described("", "name")]
     unit: Annotated[str, described("", "SI unit of std")]
     source: Annotated[str, described("", "key of the tolerance; noise: the random share")]
@@ -42,10 +48,9 @@ class BudgetRow:
 
 
 @dataclass(frozen=True)
-class DeviationRow:
+class DeviationRow(OfEstimator):
     """Tolerance and estimate of one deviation."""
 
-    estimator: Annotated[str, described("", "ls, gm or ml")]
     deviation: Annotated[str, described("", "name, such as base_joint_1_x")]
     source: Annotated[str, described("", "key of its tolerance")]
     unit: Annotated[str, described("", "SI unit of the numbers")]
@@ -95,10 +100,9 @@ def deviation_rows(estimator: str, entry: EstimatorResult) -> Iterator[Deviation
 
 
 @dataclass(frozen=True)
-class ConsistentRow:
+class ConsistentRow(OfEstimator):
     """One parameter of an estimate and of the nearest physically consistent parameters."""
 
-    estimator: Annotated[str, described("", "ls, gm or ml")]
     parameter: Annotated[str, described("", "name")]
     unit: Annotated[str, described("", "SI unit of the numbers")]
     estimate: Annotated[float, described("see unit", "estimate, without constraints")]
@@ -157,13 +161,6 @@ class ConstantResult:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OfEstimator:
-    """Base of the rows of one estimator."""
-
-    estimator: Annotated[str, described("", "ls, gm or ml")]
-
-
-@dataclass(frozen=True, kw_only=True)
 class ConstantRow(ConstantResult, OfEstimator):
     """A row of `tables/constants.csv`."""
 
@@ -175,10 +172,9 @@ _UNITS_ABOUT_CENTRE = ("m",) * 3 + _UNITS[4:]
 
 
 @dataclass(frozen=True)
-class PayloadRow:
+class PayloadRow(OfEstimator):
     """One number of a payload by one estimator."""
 
-    estimator: Annotated[str, described("", "ls, gm or ml")]
     quantity: Annotated[
         str,
         described(
@@ -290,10 +286,9 @@ class EstimatorResult(EstimateUncertainty):
 
 
 @dataclass(frozen=True)
-class PrecisionRow:
+class PrecisionRow(OfEstimator):
     """Shares of one standard deviation, and the Cramér–Rao bound."""
 
-    estimator: Annotated[str, described("", "ls, gm or ml")]
     parameter: Annotated[str, described("", "name")]
     std: Annotated[float, described("SI", "standard deviation")]
     std_forces: Annotated[float, described("SI", "the share that the noise of the forces makes")]

@@ -29,8 +29,7 @@ from estimation.estimators.experiment import RefinedMotion
 from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.kinematics import length_equations, most_harmonics, rate_spread
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.motion import NormalEquations
-from expdesign.information.fisher import ScaledInformation
+from estimation.measurement_model.motion import NormalEquations, root_of_pseudo_inverse
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot import Robot
 
@@ -94,13 +93,8 @@ def _first_estimate(experiment: Experiment, priors: ParameterPriors) -> Array:
 
 def _solve(information: Array, gradient: Array) -> Array:
     """Return F⁺ g, g (k,) or (k, n): zero in directions that the data do not determine."""
-    scaled = ScaledInformation.of(information)
-    scales = np.where(scaled.scales > 0, scaled.scales, np.inf)
-    eigenvalues, vectors = np.linalg.eigh(scaled.matrix)
-    known = eigenvalues > _DETERMINED * eigenvalues[-1]
-    part = vectors[:, known]
-    right = part.T @ (gradient.T / scales).T
-    return np.asarray((part @ (right.T / eigenvalues[known]).T).T / scales).T
+    root = root_of_pseudo_inverse(information, _DETERMINED)
+    return root @ (root.T @ gradient)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +115,8 @@ class _Series:
         count = int(np.count_nonzero(self.priors.free))
         order = np.concatenate([count + places, np.arange(count)])
         size = len(places)
-        matrix, gradient = self.joint.matrix[np.ix_(order, order)], self.joint.gradient[order]
+        ordered = self.joint.select(order)
+        matrix, gradient = ordered.matrix, ordered.gradient
         scale = np.sqrt(np.diag(matrix)[:size])
         inner = matrix[:size, :size] / np.multiply.outer(scale, scale)
         right = np.column_stack([matrix[:size, size:], gradient[:size]]) / scale[:, None]
@@ -148,8 +143,7 @@ class _Series:
         """
         places = _places(self.motion, harmonics)
         new = slice(len(_places(self.motion, self.least)), None)
-        lengths = self.lengths.matrix[np.ix_(places, places)]
-        alone, covariance = _motion_alone(lengths, self.lengths.gradient[places])
+        alone, covariance = _solve_motion(self.lengths.select(places))
         together, smaller = self._together(places)
         white = np.linalg.cholesky(covariance[new, new])
         off = sla.solve_triangular(white, (together - alone)[new], lower=True)
@@ -171,21 +165,20 @@ class _Series:
     def _together(self, places: NDArray[np.intp]) -> tuple[Array, Array]:
         """Return the step of some unknowns of ξ, and their covariance, with p eliminated."""
         count = int(np.count_nonzero(self.priors.free))
-        inner = self.joint.matrix[np.ix_(count + places, count + places)]
         cross = self.joint.matrix[count + places, :count]
-        outer = self.joint.matrix[:count, :count]
         right = np.column_stack([cross.T, self.joint.gradient[:count]])
-        solved = _solve(outer, right)
-        matrix = inner - cross @ solved[:, :-1]
-        return _motion_alone(matrix, self.joint.gradient[count + places] - cross @ solved[:, -1])
+        explained = cross @ _solve(self.joint.matrix[:count, :count], right)
+        own = self.joint.select(count + places)
+        rest = NormalEquations(0.0, -explained[:, :-1], -explained[:, -1])
+        return _solve_motion(own + rest)
 
 
-def _motion_alone(matrix: Array, gradient: Array) -> tuple[Array, Array]:
+def _solve_motion(equations: NormalEquations) -> tuple[Array, Array]:
     """Return N⁻¹ g and N⁻¹, scaled against loss of digits."""
-    scale = np.sqrt(np.diag(matrix))
+    matrix, scale = equations.matrix, np.sqrt(np.diag(equations.matrix))
     inverse = np.linalg.inv(matrix / np.multiply.outer(scale, scale))
     inverse = (inverse + inverse.T) / 2 / np.multiply.outer(scale, scale)
-    return inverse @ gradient, inverse
+    return inverse @ equations.gradient, inverse
 
 
 def _places(motion: HarmonicMotion, harmonics: int) -> NDArray[np.intp]:

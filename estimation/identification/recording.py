@@ -265,15 +265,11 @@ def choose_noise(
     UnsuitableDataError
         A channel does not vary.
     """
-    wanted = configuration.run.estimate.noise
-    noise = configuration.robot.noise
-    given = {
-        "forces": None if noise is None else noise.force_covariance,
-        "lengths": None if noise is None else noise.length_covariance,
-    }
-    measured = {"forces": recording.forces, "lengths": recording.lengths}
-    missing = [name for name, covariance in given.items() if covariance is None]
-    if wanted == "given" and missing:
+    section, noise = configuration.run.estimate, configuration.robot.noise
+    measured = {"force": recording.forces, "length": recording.lengths}
+    given = {kind: getattr(noise, f"{kind}_covariance", None) for kind in measured}
+    missing = [f"{kind}s" for kind, covariance in given.items() if covariance is None]
+    if section.noise == "given" and missing:
         raise InputError(
             "estimate.noise is 'given', but robot and run do not state the noise of "
             f"the {missing[0]}",
@@ -281,7 +277,7 @@ def choose_noise(
             key="noise",
             allowed="force_std and length_std, or force_covariance and length_covariance",
         )
-    if wanted == "estimated" and any(each.scatter is None for each in measured.values()):
+    if section.noise == "estimated" and any(each.scatter is None for each in measured.values()):
         raise InputError(
             f"estimate.noise is 'estimated', but {recording.periods:.3g} periods do not show the "
             "scatter between periods",
@@ -290,36 +286,29 @@ def choose_noise(
             allowed="at least 2 periods, or noise: given",
         )
 
-    def chosen(name: str) -> NoiseEstimate:
-        repeated, stated = measured[name].scatter, given[name]
-        freedom = 0.0 if repeated is None or wanted == "given" else repeated.freedom
-        least = _FEWEST_FREEDOM if stated is None else ENOUGH_FREEDOM
-        if repeated is not None and (wanted == "estimated" or freedom >= least):
-            return repeated
+    def choose(kind: str, letter: str) -> NoiseEstimate:
+        channels, stated = measured[kind], given[kind]
+        repeated, least = channels.scatter, _FEWEST_FREEDOM if stated is None else ENOUGH_FREEDOM
+        if repeated is not None and (
+            section.noise == "estimated" or (section.noise != "given" and repeated.freedom >= least)
+        ):
+            _refuse_singular(letter, repeated, source)
+            return channels.noise(section.spectrum) or repeated
         if stated is not None:
-            return NoiseEstimate(stated, np.inf, "given")
-        first, _ = recording.fit_series(measured[name])
-        # Means over periods scatter less than the single samples that a covariance is stated for.
-        covariance = first.covariance * float(np.mean(measured[name].counts))
-        return NoiseEstimate(covariance, first.freedom, "residuals")
+            found = NoiseEstimate(stated, np.inf, "given")
+        else:
+            # Means over periods scatter less than single samples, whose covariance this is.
+            first, _ = recording.fit_series(channels)
+            covariance = first.covariance * float(np.mean(channels.counts))
+            found = NoiseEstimate(covariance, first.freedom, "residuals")
+        _refuse_singular(letter, found, source)
+        spectrum = getattr(noise, f"{kind}_spectrum", None)
+        if stated is None or spectrum is None or channels.repeats is None:
+            return found
+        return with_stated_spectrum(found, spectrum, recording, section.spectrum)
 
-    found = NoiseModel(chosen("forces"), chosen("lengths"))
-    _refuse_singular("q", found.lengths, source)
-    _refuse_singular("Q", found.forces, source)
-    origin = configuration.run.estimate.spectrum
-
-    def with_spectrum(name: str, own: NoiseEstimate) -> NoiseEstimate:
-        channels = measured[name]
-        if own is channels.scatter:
-            return channels.noise(origin) or own
-        stated = None if noise is None else getattr(noise, f"{name.removesuffix('s')}_spectrum")
-        if own.source != "given" or stated is None or channels.repeats is None:
-            return own
-        return with_stated_spectrum(own, stated, recording, origin)
-
-    return NoiseModel(
-        with_spectrum("forces", found.forces), with_spectrum("lengths", found.lengths)
-    )
+    lengths = choose("length", "q")
+    return NoiseModel(choose("force", "Q"), lengths)
 
 
 def with_stated_spectrum(

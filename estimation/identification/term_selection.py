@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -161,7 +161,7 @@ class Selection:
             if not any(c.estimate for term in last.added for c in term.constants.values()):
                 return last
             machine = _found(add_terms(configuration, last.added), experiments)
-            judged = hold_constants(_with_constants_of(machine, section.candidates))
+            judged = hold_constants(section.candidates, machine)
             before, last = last, cls._at(configuration, robot, experiments, judged)
             if set(last.chosen) == set(before.chosen):
                 return last
@@ -245,35 +245,25 @@ def _found(configuration: RunConfiguration, experiments: Sequence[Experiment]) -
     return estimated_machine(robot, linear_estimate(robot, loaded, priors, "gm").systematic).robot
 
 
-def _with_constants_of(
-    robot: Robot, candidates: Sequence[TermDescription]
+def hold_constants(
+    candidates: Sequence[TermDescription], robot: Robot | None = None
 ) -> tuple[TermDescription, ...]:
-    """Return candidates with the constants of a robot's terms."""
-    values = iter(robot.description.constants)
-    known = {
-        term.name: {key: next(values) for key in term.constants}
-        for term in robot.description.description.terms
-    }
-    return tuple(
-        _with(term, {key: {"value": value} for key, value in known.get(term.name, {}).items()})
-        for term in candidates
-    )
-
-
-def hold_constants(candidates: Sequence[TermDescription]) -> tuple[TermDescription, ...]:
     """Return terms with fixed constants, even those that the run would estimate.
 
-    Constants of a missing force have no effect.
+    Terms of the robot, if one is given, get its constants. Constants of a missing force have no
+    effect.
     """
-    return tuple(
-        _with(term, {key: {"estimate": False} for key in term.constants}) for term in candidates
-    )
-
-
-def _with(term: TermDescription, changes: Mapping[str, Mapping[str, Any]]) -> TermDescription:
-    """Return a term with its constants changed."""
-    constants = {
-        key: constant.model_copy(update=dict(changes.get(key, {})))
-        for key, constant in term.constants.items()
-    }
-    return term.model_copy(update={"constants": constants})
+    known: dict[str, dict[str, dict[str, float]]] = {}
+    if robot is not None:
+        values = iter(robot.description.constants)
+        for term in robot.description.description.terms:
+            known[term.name] = {key: {"value": next(values)} for key in term.constants}
+    found = []
+    for term in candidates:
+        own = known.get(term.name, {})
+        constants = {
+            key: constant.model_copy(update={"estimate": False, **own.get(key, {})})
+            for key, constant in term.constants.items()
+        }
+        found.append(term.model_copy(update={"constants": constants}))
+    return tuple(found)
