@@ -44,6 +44,7 @@ REASONS = (
     "the struts cannot hold the platform in this pose",
     "no pose of the measured lengths was found in which the struts hold the platform",
     "the pose of the measured lengths is turned by more than 45 deg from the one before",
+    "an argument or a result is infinite or not a number",
 )
 """Meanings of the status of the C functions, from 1. The search may pass poses of the first kind;
 if it ends in one, the status is the second."""
@@ -330,6 +331,7 @@ FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic")
 _NAMES = ("cc", "gcc", "clang")
 _PATIENCE = 300.0
 """Seconds that a compiler or a self-test may take."""
+_STATES = re.compile(r", (\d+) states$", re.MULTILINE)
 _DEVIATION = re.compile(r"^forces +worst deviation ([^\s,]+)", re.MULTILINE)
 _TIME = re.compile(r"^forces +median (\S+) us, 99.9 % (\S+) us, worst (\S+) us", re.MULTILINE)
 
@@ -340,6 +342,7 @@ class SelfTest:
 
     precision: Annotated[str, described("", "double or float")]
     compiler: Annotated[str, described("", "that built it, or Python, with its version")]
+    states: Annotated[int, described("1", "number of states that were compared")]
     deviation: Annotated[float, described("N", "worst deviation of a force from expdesign's")]
     median: Annotated[float | None, described("s", "of the time of a call; null: not measured")]
     most: Annotated[float | None, described("s", "duration that 99.9 % of the calls do not exceed")]
@@ -377,14 +380,14 @@ def run_self_test(command: Sequence[str], folder: Path, precision: str, by: str)
         It fails.
     """
     done = _run(command, folder)
-    deviation, time = _DEVIATION.search(done.stdout), _TIME.search(done.stdout)
-    if done.returncode or deviation is None:
+    states, deviation, time = (one.search(done.stdout) for one in (_STATES, _DEVIATION, _TIME))
+    if done.returncode or states is None or deviation is None:
         raise ComputationError(
             f"the self-test of the model ({precision}, {by}) failed: "
             f"{(done.stdout + done.stderr).strip()[-2000:]}"
         )
     times = [None] * 3 if time is None else [1e-6 * float(one) for one in time.groups()]
-    return SelfTest(precision, by, float(deviation[1]), *times)
+    return SelfTest(precision, by, int(states[1]), float(deviation[1]), *times)
 
 
 def compiler_name(compiler: str) -> str:

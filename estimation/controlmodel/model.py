@@ -281,8 +281,9 @@ _TILT = 0.35
 """Rotations about home that are tried, rad."""
 _SPEED, _ACCELERATION = 0.5, 5.0
 """Of the struts where the robot does not limit them, m/s and m/s²."""
-_CLEAR = 1e-3
-"""Speeds, m/s, below which a state is not taken: in single precision the sign may be another."""
+_CLEAR, _CLEAR_SHARE = 1e-3, 1e-2
+"""Speeds, m/s and as a share of the struts' limit, below both of which a state is not taken: in
+single precision the sign may be another."""
 _GIMBAL = 0.05
 """Sine of the angle, 3°, between a strut and the first axis of its cardan joint below which a state
 is not taken: the joint locks there, and its accelerations grow without bound."""
@@ -401,10 +402,14 @@ def _share(
     rng: np.random.Generator,
 ) -> Array:
     """Return factors (N, 1) that take the struts of a motion to shares of their limit."""
-    limit = robot.limit(key)
-    bound = otherwise if limit is None else float(np.min(np.abs(limit.upper)))
+    bound = _bound(robot, key, otherwise)
     struts = np.max(np.abs(np.einsum("nij,nj->ni", slope, motion)), axis=1, keepdims=True)
     return bound * rng.uniform(0.05, 1.0, struts.shape) / struts
+
+
+def _bound(robot: Robot, key: str, otherwise: float) -> float:
+    limit = robot.limit(key)
+    return otherwise if limit is None else float(np.min(np.abs(limit.upper)))
 
 
 def _clear(robot: Robot, states: Array) -> Array:
@@ -414,7 +419,8 @@ def _clear(robot: Robot, states: Array) -> Array:
     if graph.turning:
         axes = kinematic["rotation_matrix"] @ geometry.platform_cardan_axes
         squares.append(1 - ca.sum1(axes * kinematic["strut_direction"]).T ** 2)
-    clear = ca.vertcat(ca.fabs(sliding_speeds(graph)) / _CLEAR, ca.vertcat(*squares) / _GIMBAL**2)
+    speed = min(_CLEAR, _CLEAR_SHARE * _bound(robot, "strut_speed", _SPEED))
+    clear = ca.vertcat(ca.fabs(sliding_speeds(graph)) / speed, ca.vertcat(*squares) / _GIMBAL**2)
     kernel = BatchFunction(Graph("clear", [graph.state], [geometry.vector], [ca.densify(clear)]))
     (found,) = kernel(states, robot.geometry_vector)
     return np.all(found > 1, axis=1)

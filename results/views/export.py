@@ -258,12 +258,16 @@ def _tests_table(models: Mapping[str, ControlModelFile]) -> ReportTable:
     rows: list[tuple[Value, ...]] = []
     for name, one in models.items():
         rows += [
-            (name, one.title, t.precision, t.compiler, t.deviation, t.median, t.most, t.worst)
+            (
+                *(name, one.title, t.precision, t.compiler, t.states),
+                *(t.deviation, t.median, t.most, t.worst),
+            )
             for t in one.tests
-        ] or [(name, one.title, None, one.untested, *[None] * 4)]
+        ] or [(name, one.title, None, one.untested, *[None] * 5)]
     times = ("call, median", "99.9 % of calls", "longest call")
     columns = (
         *text_columns("folder", "format", "precision", "tested by"),
+        TableColumn("states"),
         TableColumn("forces off by", "N", digits=2),
         *(TableColumn(title, "µs", digits=3, factor=1e6) for title in times),
     )

@@ -15,6 +15,7 @@ QUICK = (*(flag for flag in FLAGS if flag != "-O2"), "-O0")
 STRICT = (*QUICK, "-Wshadow", "-Wstrict-prototypes", "-Wmissing-prototypes")
 PRECISIONS = {"double": (), "float": ("-DEXPDESIGN_FLOAT", "-Wdouble-promotion")}
 COMPILERS = [pytest.param(name, marks=pytest.mark.system(name)) for name in ("gcc", "clang")]
+NOT_FINITE = 4
 pytestmark = pytest.mark.system("cc")
 
 
@@ -122,13 +123,40 @@ def test_the_pose_of_lengths_is_found_from_afar(library, model):
     np.testing.assert_allclose(found[reached], pose[reached], atol=allowed)
 
 
-def test_a_pose_without_forces_has_a_status_and_zeros(library, model):
-    """What is no number is no pose."""
+INPUTS = {
+    "forces": 3,
+    "rest": 1,
+    "friction": 3,
+    "lengths": 1,
+    "rates": 2,
+    "pose": 2,
+    "pose_rate": 2,
+}
+
+
+def test_arguments_that_are_not_finite_have_a_status_and_zeros(library, model):
+    """Every argument of every function, in each of its six numbers."""
     compiled, _ = library
-    nothing = np.full((1, 6), np.nan)
-    for name, count in (("forces", 3), ("rest", 1), ("friction", 3), ("pose_rate", 2)):
-        status, found = compiled(name, *[nothing] * count)
-        assert status[0] == 1, name
-        assert not np.any(found), name
-    status, _ = compiled("pose", nothing, model.robot.home[None])
-    assert status[0] != 0
+    wrong = np.concatenate(
+        [np.where(np.eye(6, dtype=bool), value, 0.1) for value in (np.nan, np.inf, -np.inf)]
+    )
+    home = np.tile(model.robot.home, (len(wrong), 1))
+    for name, count in INPUTS.items():
+        for k in range(count):
+            arguments = [home] * count
+            arguments[k] = wrong
+            status, found = compiled(name, *arguments)
+            assert np.all(status == NOT_FINITE), name
+            if name != "pose":
+                assert not np.any(found), name
+
+
+def test_extreme_calls_that_return_ok_have_finite_results(library):
+    compiled, _ = library
+    rng = np.random.default_rng(0)
+    largest = np.log10(np.finfo(compiled.type).max)
+    for name, count in INPUTS.items():
+        exponents = rng.uniform(-largest, largest, (count, 2000, 6))
+        arguments = rng.choice([-1, 0, 1], exponents.shape) * 10.0**exponents
+        status, found = compiled(name, *arguments)
+        assert np.all(np.isfinite(found[status == 0])), name

@@ -57,6 +57,13 @@ def test_the_python_module_gives_the_robots_numbers(model, tmp_path):
     assert status != module.OK
     with pytest.raises(ValueError, match="shape"):
         module.lengths(pose[:, :5])
+    for value in (np.nan, np.inf):
+        _, status = module.pose(np.full(6, value), pose[3])
+        assert status == module.NOT_FINITE
+        with pytest.raises(ValueError, match="infinite or not a number"):
+            module.forces(pose[:2], np.full(6, value), acceleration[:2])
+    with np.errstate(all="ignore"), pytest.raises(ValueError, match="infinite or not a number"):
+        module.forces(pose[3], np.full(6, 1e200), acceleration[3])
 
 
 def test_the_python_module_needs_numpy_alone(palida, tmp_path):

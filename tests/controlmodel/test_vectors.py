@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.controlmodel.model import model_functions, random_states, vectors_of
-from expdesign.robot import LimitModel
+from expdesign.robot import LimitModel, load_robot
 
 MOVING = ("actuator_force", "strut_speed", "strut_acceleration")
 
@@ -22,6 +22,10 @@ def test_states_keep_the_limits(robot):
     assert np.max(np.abs(speeds)) <= max(robot.limit("strut_speed").upper) * (1 + 1e-9)
     np.testing.assert_array_equal(states[0], [*robot.home, *np.zeros(12)])
     np.testing.assert_array_equal(states, random_states(robot, 300, 1))
+
+
+def test_a_machine_of_half_a_millimetre_per_second_has_as_many_states():
+    assert len(random_states(load_robot("rubin"), 100, 0)) == 100
 
 
 def test_forces_are_the_robots_and_their_parts_add_up(robot):
