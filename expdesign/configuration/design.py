@@ -150,6 +150,9 @@ class DesignSection(Section):
     """Identified machine before an unknown change of `parameters`: a run folder, its
     identified-robot.yaml, or the machine itself. The criterion then judges the change, with the
     covariance of all parameters as prior knowledge."""
+    counts: Literal["total", "noise"] = "total"
+    """Errors in the criterion: ``total``, also those of the robot's tolerances, as the run's
+    estimator treats them; or the noise alone. Without tolerances both are the same."""
     smoothing: (
         Annotated[tuple[Annotated[Speed, Positive], ...], at_least(1, "widths"), _FALLING] | None
     ) = None

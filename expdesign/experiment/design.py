@@ -12,6 +12,7 @@ import numpy as np
 
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.experiment import result
+from expdesign.experiment.judging import noise_evaluator
 from expdesign.experiment.precision import (
     experiment_information,
     identified_combinations,
@@ -28,6 +29,7 @@ from expdesign.information.criteria import criteria
 from expdesign.motion.executable import SampledMotion
 from expdesign.progress import report_progress, track
 from expdesign.recheck.excitable import structural_base
+from expdesign.recheck.information import Evaluator
 from expdesign.recheck.limit_check import POINTS, unlimited, unlimited_warning
 from expdesign.solver.phases import Iteration
 from expdesign.solver.search import NoDesignError, SearchResult, search
@@ -74,10 +76,11 @@ def design(
         )
     report_progress("building the problem")
     plan = plan_search(configuration)
-    structure = structural_base(plan.evaluator.robot, plan.evaluator.names)
+    noise = noise_evaluator(configuration)
+    structure = structural_base(noise.robot, noise.names)
     if structure.regrouped:
         raise fisher.SingularInformationError(fisher.weak_directions(structure), structural=True)
-    _refuse_unexcitable(plan)
+    _refuse_unexcitable(plan, noise)
     workers = min(plan.workers, plan.starts)
     if workers > 1:
         # A single process compiles when it pays off, in a small search never.
@@ -86,14 +89,14 @@ def design(
     try:
         found = search(partial(plan_search, configuration), plan, monitor or Monitor(), journal)
     except NoDesignError as error:
-        _blame_unexcited(plan, error)
+        _blame_unexcited(plan, noise, error)
         raise
     report_progress("the precision of the design")
     trajectory = found.trajectory
-    evaluator, samples = plan.evaluator, configuration.run.trajectory.samples
+    evaluator, samples = noise, configuration.run.trajectory.samples
     information = evaluator.information(trajectory, samples)
     whole_information, total = experiment_information(evaluator, trajectory, configuration)
-    periods, noise = configuration.run.experiment.periods, configuration.robot.noise
+    periods, stated = configuration.run.experiment.periods, configuration.robot.noise
     predicted = result.PredictedStd(
         per_period=precision(evaluator, information, samples, 1),
         experiment=precision(evaluator, whole_information, total, periods),
@@ -103,8 +106,8 @@ def design(
             samples,
             evaluator.names,
             evaluator.covariance,
-            None if noise is None else noise.length_covariance,
-            evaluator.prior,
+            None if stated is None else stated.length_covariance,
+            evaluator.marginal,
         ),
     )
     robot, section = evaluator.robot, configuration.run.design
@@ -122,7 +125,7 @@ def design(
         samples_per_period=whole(steps) or steps,
         samples=samples,
         log_det_information=evaluator.log_det(information),
-        criterion_value=evaluator.value(information),
+        criterion_value=plan.evaluator.value(plan.evaluator.information(trajectory, samples)),
         predicted_std=predicted,
         status=status,
         status_text=status_text,
@@ -143,27 +146,25 @@ def design(
     )
 
 
-def _refuse_unexcitable(plan: SearchPlan) -> None:
+def _refuse_unexcitable(plan: SearchPlan, noise: Evaluator) -> None:
     """Refuse parameters that random feasible motions hardly excite."""
     problem, best, found = plan.problem, 0.0, None
     for number in track("trial motions within the limits", range(_PROBES)):
         trajectory = probe_motion(plan, number)
-        scaled = fisher.ScaledInformation.of(
-            plan.evaluator.information(trajectory, problem.cost.samples)
-        )
+        scaled = fisher.ScaledInformation.of(noise.information(trajectory, problem.cost.samples))
         values = scaled.eigenvalues()
         ratio = max(float(values[0] / values[-1]), 0.0) if values[-1] > 0 else 0.0
         if found is None or ratio > best:
             best, found = ratio, scaled
     if found is not None and best < _HOPELESS * fisher.EXCITABLE:
-        raise fisher.SingularInformationError(found.weak_directions(plan.evaluator.names))
+        raise fisher.SingularInformationError(found.weak_directions(noise.names))
 
 
-def _blame_unexcited(plan: SearchPlan, error: NoDesignError) -> None:
+def _blame_unexcited(plan: SearchPlan, noise: Evaluator, error: NoDesignError) -> None:
     """Raise `SingularInformationError` if all starts without a result are singular."""
     informations = [
         fisher.ScaledInformation.of(
-            plan.evaluator.information(
+            noise.information(
                 plan.problem.variables.trajectory(start.variables), plan.problem.cost.samples
             )
         )
@@ -171,7 +172,7 @@ def _blame_unexcited(plan: SearchPlan, error: NoDesignError) -> None:
         if np.all(np.isfinite(start.variables))
     ]
     if informations and all(scaled.is_singular() for scaled in informations):
-        fewest = min((s.weak_directions(plan.evaluator.names) for s in informations), key=len)
+        fewest = min((s.weak_directions(noise.names) for s in informations), key=len)
         raise fisher.SingularInformationError(fewest) from error
 
 

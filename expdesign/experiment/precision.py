@@ -34,6 +34,7 @@ from expdesign.information.identifiable import (
     known_combinations,
     root_of,
 )
+from expdesign.information.marginal import Marginal
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.terms import parameter_unit
 from expdesign.recheck.excitable import structural_base
@@ -63,7 +64,7 @@ def experiment_information(
         motion = trajectory.sample(np.arange(total) / experiment.sampling)
         information = evaluator.of_regressors(evaluator.robot.regressor(*motion), trajectory.omega)
     # The whole prior counts, whatever the measuring time.
-    counted = total if evaluator.prior is None else evaluator.prior.samples
+    counted = total if evaluator.marginal is None else evaluator.marginal.samples
     return evaluator.judged(information, counted), total
 
 
@@ -142,7 +143,7 @@ def systematic_std(
     names: tuple[str, ...],
     force_covariance: Array,
     length_covariance: Array | None,
-    prior: fisher.PriorMachine | None = None,
+    change: Marginal | None = None,
 ) -> dict[str, float]:
     """Return the standard deviation due to the tolerances, by parameter, SI; empty without any.
 
@@ -159,11 +160,11 @@ def systematic_std(
         Σ, N².
     length_covariance : (6, 6) or None
         Δ, m²; None: equal weights of all lengths.
-    prior : PriorMachine, optional
-        Prior knowledge: the names are then those of the changed parameters.
+    change : Marginal, optional
+        Change since an identification: the names are then those of the changed parameters.
     """
     chosen = deviation.toleranced_deviations(robot)
-    if not chosen and (prior is None or not prior.moved):
+    if not chosen and (change is None or not change.moved):
         return {}
     times = np.arange(samples) * trajectory.period / samples
     bases = _bases(trajectory, times)
@@ -192,17 +193,17 @@ def systematic_std(
         for order in range(3)
     )
     white = fisher.whitening(force_covariance)
-    used = names if prior is None else robot.parameter_names
+    used = names if change is None else robot.parameter_names
     judged = [robot.parameter_names.index(name) for name in used]
     regressors = _rows(forces.regressors[:, :, judged], white)
     unexplained = _rows(forces.columns, white) - _rows(np.asarray(slope), white) @ moved
-    if prior is not None:
+    if change is not None:
         seen = (regressors.T @ unexplained).T
-        change = {one.key: row * one.tolerance for one, row in zip(chosen, seen, strict=True)}
+        causes = {one.key: row * one.tolerance for one, row in zip(chosen, seen, strict=True)}
         information = regressors.T @ regressors
-        for key, moved_before in prior.moved.items():
-            change[key] = change.get(key, 0.0) - information @ moved_before
-        response = prior.gain(information, samples) @ np.array(list(change.values())).T
+        for key, moved_before in change.moved.items():
+            causes[key] = causes.get(key, 0.0) - information @ moved_before
+        response = change.gain(information, samples) @ np.array(list(causes.values())).T
         return dict(zip(names, np.linalg.norm(response, axis=1).tolist(), strict=True))
     sizes = np.linalg.norm(regressors, axis=0)
     sizes = np.where(sizes > 0, sizes, 1.0)

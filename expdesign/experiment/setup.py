@@ -7,17 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from constraints.arrays import Array
-from expdesign.configuration import InputError, RunConfiguration
-from expdesign.configuration.consistency import identification_of
+from expdesign.configuration import RunConfiguration
 from expdesign.configuration.loading import smoothing_widths
-from expdesign.configuration.noise import NOISE_FROM_DATA
-from expdesign.information import fisher
-from expdesign.information.criteria import criteria
+from expdesign.experiment.judging import judge, noise_evaluator
 from expdesign.noise import Hum
 from expdesign.problem.design_problem import build_problem
-from expdesign.recheck.excitable import structural_base
-from expdesign.recheck.information import Evaluator
-from expdesign.robot import Robot, robot_from
 from expdesign.solver.feasibility import InfeasibleLimitsError, random_start
 from expdesign.solver.phases import coarse_points
 from expdesign.solver.starts import SearchPlan
@@ -37,27 +31,23 @@ def plan_search(configuration: RunConfiguration) -> SearchPlan:
     (1, 31)
     """
     run = configuration.run
-    robot = robot_from(configuration.robot)
-    names = judged_parameters(configuration, robot)
-    scaling = robot.scales if run.design.scaling == "nominal" else np.ones(len(robot.scales))
-    criterion = criteria()[run.design.criterion]
-    covariance, memory = force_noise(configuration)
-    prior = prior_machine(configuration, robot, names)
+    noise = noise_evaluator(configuration)
     problem = build_problem(
-        robot,
+        noise.robot,
         harmonics=run.trajectory.harmonics,
         frequency=run.trajectory.frequency,
         samples=run.trajectory.samples,
-        covariance=covariance,
-        criterion=criterion,
-        scaling=scaling,
-        names=names,
+        covariance=noise.covariance,
+        criterion=noise.criterion,
+        scaling=noise.scaling,
+        names=noise.names,
     )
-    problem = replace(problem, cost=replace(problem.cost, memory=memory))
-    problem = problem.with_prior(prior, scaling).with_variables(rest=run.design.start == "rest")
+    problem = replace(problem, cost=replace(problem.cost, memory=noise.memory))
+    problem = problem.with_variables(rest=run.design.start == "rest")
+    problem, evaluator = judge(configuration, problem, noise)
     plan = SearchPlan(
         problem=problem,
-        evaluator=Evaluator(robot, covariance, criterion, scaling, names, memory, prior),
+        evaluator=evaluator,
         starts=run.design.starts,
         hops=run.design.hops if run.design.search == "hopping" else 0,
         seed=run.design.seed,
@@ -71,10 +61,27 @@ def plan_search(configuration: RunConfiguration) -> SearchPlan:
     )
     # log det F does not depend on the scaling, but the accuracy of its eigenvalues does: F of a
     # random motion gets a unit diagonal.
-    information = plan.evaluator.whole_information(probe_motion(plan, 0), problem.cost.samples)
-    sizes = np.sqrt(np.diag(information) / problem.cost.samples)
-    even = replace(problem, even_scaling=1 / np.where(sizes > 0, sizes, 1.0))
-    return replace(plan, problem=even.with_criterion(criterion))
+    probe = probe_motion(plan, 0)
+    if evaluator.deviating:
+        # In the unknowns of the search: components of gravity in place of tilts, for example.
+        scales = problem.cost.scaling
+        found = problem.cost.information(problem.variables.pack(probe), plan.widths[-1])
+        information = found / np.multiply.outer(scales, scales) * problem.cost.samples
+    else:
+        information = evaluator.whole_information(probe, problem.cost.samples)
+    even = judged = _even_scales(information, problem.cost.samples)
+    marginal = problem.cost.marginal
+    if marginal is not None:
+        own = marginal.interest.T @ information @ marginal.interest
+        judged = _even_scales(own, problem.cost.samples)
+    problem = replace(problem, even_scaling=(even, judged))
+    return replace(plan, problem=problem.with_criterion(evaluator.criterion))
+
+
+def _even_scales(information: Array, samples: int) -> Array:
+    """Return the scales in which F over so many samples has a unit diagonal per sample."""
+    sizes = np.sqrt(np.diag(information) / samples)
+    return np.asarray(1 / np.where(sizes > 0, sizes, 1.0))
 
 
 def probe_motion(plan: SearchPlan, number: int) -> FourierTrajectory:
@@ -95,46 +102,6 @@ def probe_motion(plan: SearchPlan, number: int) -> FourierTrajectory:
     raise AssertionError("the last attempt returns or raises")
 
 
-def prior_machine(
-    configuration: RunConfiguration, robot: Robot, names: tuple[str, ...]
-) -> fisher.PriorMachine | None:
-    """Return the prior knowledge of the robot by `design.prior`; None without one.
-
-    The number of samples is that at the highest allowed frequency: motions are compared for the
-    same measuring time.
-    """
-    machine = configuration.run.design.prior
-    if machine is None:
-        return None
-    changed = np.array([robot.parameter_names.index(name) for name in names], dtype=np.intp)
-    experiment = configuration.run.experiment
-    samples = experiment.periods * experiment.sampling / configuration.run.trajectory.frequency[1]
-    return fisher.PriorMachine.of(identification_of(machine), changed, samples)
-
-
-def force_noise(configuration: RunConfiguration) -> tuple[Array, fisher.PeriodicNoise | None]:
-    """Return Σ of the forces, (6, 6), N², and their coloured noise in the experiment; None: white.
-
-    Raises
-    ------
-    InputError
-        The run states no noise of the forces.
-    """
-    noise, experiment = configuration.robot.noise, configuration.run.experiment
-    if noise is None or noise.force_covariance is None:
-        raise InputError(
-            "the design needs the noise of the forces, and neither robot nor run state it",
-            file=configuration.file,
-            key="noise",
-            allowed=f"force_std (six values) or force_covariance (6 × 6); {NOISE_FROM_DATA}",
-        )
-    spectrum = noise.force_spectrum
-    if spectrum is None:
-        return noise.force_covariance, None
-    memory = fisher.PeriodicNoise(spectrum, experiment.sampling, experiment.periods)
-    return noise.force_covariance, memory
-
-
 def known_hum(configuration: RunConfiguration) -> KnownHum:
     """Return the hums in the run's noise, of forces or lengths, and the number of periods."""
     noise = configuration.robot.noise
@@ -148,11 +115,3 @@ def known_hum(configuration: RunConfiguration) -> KnownHum:
         for frequency in part.frequencies
     }
     return KnownHum(tuple(sorted(frequencies)), configuration.run.experiment.periods)
-
-
-def judged_parameters(configuration: RunConfiguration, robot: Robot) -> tuple[str, ...]:
-    """Return the parameters that the criterion judges, in the order of the regressor."""
-    if configuration.run.design.parameters == "base":
-        return structural_base(robot).base
-    wanted = configuration.run.design.named_parameters
-    return tuple(name for name in robot.parameter_names if wanted is None or name in wanted)

@@ -57,6 +57,9 @@ class SpectralCost:
     """(m,), derivatives with respect to the eigenvalues: dcost = Σ slope_i (Vᵀ dF V)_ii."""
     curvature: Callable[[], Curvature]
     """Second derivatives, computed on demand."""
+    subtracted: bool = False
+    """Whether the basis has a second half, (m, 2 m), with the opposite slopes: entries of Vᵀ dF V
+    are then those of the first half minus those of the second."""
 
 
 class Curvature(NamedTuple):

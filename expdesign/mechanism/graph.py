@@ -240,7 +240,7 @@ class HexapodGraph:
         """Return A (6, m) with the friction signs of the kind asked for."""
         if friction is Friction.HELD:
             return self.regressor
-        return ca.cse(self._with_signs(self.regressor, friction))
+        return ca.cse(self.with_signs(self.regressor, friction))
 
     def force_with(self, friction: Friction) -> ca.SX:
         """Return A p (6, 1), p being `parameters`, in two thirds of the instructions of A."""
@@ -253,7 +253,7 @@ class HexapodGraph:
         Torques and wrenches are summed up before they are mapped to the actuators.
         """
         direct, torques, along = (
-            self._with_signs(part, friction) @ self.parameters
+            self.with_signs(part, friction) @ self.parameters
             for part in (self._direct, self._torques, self._along)
         )
         return direct + self._wrench_of_torques(torques), along
@@ -290,7 +290,7 @@ class HexapodGraph:
             found = found - ca.solve(here[1], here[0])
         return ca.cse(ca.densify(found))
 
-    def _with_signs(self, columns: ca.SX, friction: Friction) -> ca.SX:
+    def with_signs(self, columns: ca.SX, friction: Friction) -> ca.SX:
         """Return expressions with the signs of dry friction that are asked for."""
         if friction is Friction.HELD:
             return columns

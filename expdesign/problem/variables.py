@@ -43,6 +43,8 @@ class DesignVariables:
     """Scale of ω, rad/s."""
     rest: bool = False
     """True for series whose rate and acceleration vanish at t = 0."""
+    jerk: bool = False
+    """True where the states end with the third derivative."""
 
     @property
     def size(self) -> int:
@@ -123,18 +125,28 @@ class DesignVariables:
         )
 
     def states(self, variables: Array, basis: PhaseBasis) -> Array:
-        """Return pose, rate and acceleration at the basis's phases, (N, 18)."""
-        return np.concatenate(basis.samples(*self.amplitudes(variables)), axis=1)
+        """Return pose, rate and acceleration at the basis's phases, (N, 18), or (N, 24)."""
+        table, omega = self.amplitudes(variables)
+        further = [omega**3 * (self._third(basis) @ table.T)] if self.jerk else []
+        return np.concatenate([*basis.samples(table, omega), *further], axis=1)
 
     def slope(self, variables: Array, basis: PhaseBasis) -> PathSlope:
         """Return the derivatives of the states at the basis's phases to the scaled variables."""
         table, omega = self.amplitudes(variables)
-        steps = np.stack([basis.value, omega * basis.first, omega**2 * basis.second], axis=1)
-        steps = steps * self._shares
-        drift = np.zeros((len(steps), 3, COORDINATES))
+        parts = [basis.value, omega * basis.first, omega**2 * basis.second]
+        if self.jerk:
+            parts.append(omega**3 * self._third(basis))
+        steps = np.stack(parts, axis=1) * self._shares
+        drift = np.zeros((len(steps), len(parts), COORDINATES))
         drift[:, 1] = basis.first @ table.T
         drift[:, 2] = 2 * omega * (basis.second @ table.T)
+        if self.jerk:
+            drift[:, 3] = 3 * omega**2 * (self._third(basis) @ table.T)
         return PathSlope(self.to_variables(steps), self.scale, drift * self.omega_scale)
+
+    def _third(self, basis: PhaseBasis) -> Array:
+        orders = np.arange(1, self.harmonics + 1)
+        return -(np.concatenate([[0], orders, orders]) ** 2) * basis.first
 
     def _table(self, variables: Array) -> Array:
         """Return the scaled centre and amplitudes, (6, 2 n + 1)."""

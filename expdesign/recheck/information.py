@@ -10,57 +10,83 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from expdesign.information import fisher
 from expdesign.information.criteria import Criterion
+from expdesign.information.marginal import Marginal
 from expdesign.robot import Robot
+from expdesign.robot.deviation import Deviation
+from expdesign.robot.fixed_lengths import fixed_length_columns
 from expdesign.trajectory import FourierTrajectory
+
+_FINEST = 256
+"""Samples of one period that resolve the derivatives of a deviating motion."""
 
 
 @dataclass(frozen=True)
 class Evaluator:
-    """Evaluation of a robot's trajectories: Σ, criterion, scaling, parameters and prior."""
+    """Evaluation of a robot's trajectories: Σ, criterion, scaling, unknowns and interest."""
 
     robot: Robot
     covariance: Array
     """(6, 6), full Σ of the force noise, N²."""
     criterion: Criterion
     scaling: Array
-    """(m,), scale of every parameter (1 for SI)."""
+    """(m,), scale of every parameter (1 for SI); with `judged_scales` it is not used."""
     names: tuple[str, ...]
+    """(k,), the judged quantities: parameters, unless there is a marginal."""
     memory: fisher.PeriodicNoise | None = None
     """Coloured noise, which replaces Σ; None: white."""
-    prior: fisher.PriorMachine | None = None
-    """Prior knowledge: the judged parameters are then those that have changed."""
+    marginal: Marginal | None = None
+    """The judged quantities among the unknowns; None: these are all."""
+    unknown: tuple[str, ...] | None = None
+    """Parameters among the unknowns; None: the judged ones, with a marginal all."""
+    deviating: tuple[Deviation, ...] = ()
+    """Deviations of the machine among the unknowns, behind the parameters."""
+    judged_scales: Array | None = None
+    """(k,), scales of the judged quantities; None: those of the parameters."""
 
     def information(self, trajectory: FourierTrajectory, samples: int) -> Array:
-        """Return F of the judged parameters over one period of `samples` samples, SI, (k, k).
+        """Return the information on the judged quantities over `samples` of one period, (k, k).
 
-        With a prior it is S, the information of the change.
+        In SI. With a marginal it is S, where the other unknowns are nuisances.
         """
         return self.judged(self.whole_information(trajectory, samples), samples)
 
     def whole_information(self, trajectory: FourierTrajectory, samples: int) -> Array:
-        """Return F of one period for `judged`: with a prior that of all parameters."""
+        """Return F of all unknowns over one period, (M, M), for `judged`."""
         motion = trajectory.sample(trajectory.sample_times(samples))
-        return self.of_regressors(self.robot.regressor(*motion), trajectory.omega)
+        regressors = self.robot.regressor(*motion)
+        if not self.deviating:
+            return self.of_regressors(regressors, trajectory.omega)
+        finer = -(-_FINEST // samples)
+        fine = trajectory.sample(trajectory.sample_times(samples * finer))
+        columns = fixed_length_columns(self.robot, fine, trajectory.omega, self.deviating)
+        chosen = [regressors[:, :, self.columns], columns[::finer]]
+        return self._information(np.concatenate(chosen, axis=2), trajectory.omega)
 
     def of_regressors(self, regressors: Array, omega: float) -> Array:
-        """Return F of A at the samples of one period, (N, 6, m); see `whole_information`."""
-        chosen = regressors if self.prior is not None else regressors[:, :, self.columns]
+        """Return F of the parameters from A at the samples of one period, (N, 6, m)."""
+        every = self.marginal is not None and self.unknown is None
+        return self._information(regressors if every else regressors[:, :, self.columns], omega)
+
+    def _information(self, columns: Array, omega: float) -> Array:
         if self.memory is not None:
-            return self.memory.information(chosen, omega)
-        return fisher.information_matrix(chosen, self.covariance)
+            return self.memory.information(columns, omega)
+        return fisher.information_matrix(columns, self.covariance)
 
     def judged(self, information: Array, samples: float) -> Array:
-        """Return the information of the judged parameters, (k, k), from F over so many samples.
+        """Return the information on the judged quantities, (k, k), from F over so many samples.
 
-        A prior counts in proportion to the samples of its experiment.
+        Priors count in proportion to the samples of their experiment.
         """
-        return information if self.prior is None else self.prior.information(information, samples)
+        if self.marginal is None:
+            return information
+        return self.marginal.information(information, samples)
 
     @property
     def columns(self) -> NDArray[np.intp]:
-        """Columns of the judged parameters in A."""
+        """Columns of the unknown parameters in A; without a marginal, of the judged ones."""
         every = self.robot.parameter_names
-        return np.array([every.index(name) for name in self.names], dtype=np.intp)
+        names = self.names if self.unknown is None else self.unknown
+        return np.array([every.index(name) for name in names], dtype=np.intp)
 
     def log_det(self, information: Array) -> float:
         """Return log det F in SI units; raises `SingularInformationError`."""
@@ -80,7 +106,9 @@ class Evaluator:
         if self.criterion.invariant:
             # Eigenvalues of a badly scaled F are less accurate than its factor.
             return self.log_det(information)
-        scale = self.scaling[self.columns]
+        scale = self.judged_scales
+        if scale is None:
+            scale = self.scaling[self.columns]
         scaled = information * np.multiply.outer(scale, scale)
         inverse = fisher.parameter_covariance(information, self.names) / np.multiply.outer(
             scale, scale

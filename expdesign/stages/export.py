@@ -13,7 +13,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import ComputationError, ExportSection, InputError, RunConfiguration
-from expdesign.experiment.setup import judged_parameters
+from expdesign.experiment.judging import unknown_parameters
 from expdesign.export.definition import Task
 from expdesign.export.exporting import (
     Export,
@@ -237,7 +237,7 @@ def export_task(work: Workspace) -> Task:
         motion=motion,
         controller_period=run.controller_period,
         sampling=run.experiment.sampling,
-        parameters=judged_parameters(configuration, robot),
+        parameters=unknown_parameters(configuration, robot),
         force_covariance=None if noise is None else noise.force_covariance,
         made_from=made_from,
     )

@@ -113,8 +113,8 @@ def test_what_tolerances_did_to_the_earlier_estimate_is_counted(result):
     regressors = result.robot.regressor(*trajectory.sample(trajectory.sample_times(samples)))
     white = np.linalg.solve(np.linalg.cholesky(evaluator.covariance), regressors)
     rows = white.reshape(-1, regressors.shape[2])
-    (moved,) = evaluator.prior.moved.values()
-    expected = evaluator.prior.gain(rows.T @ rows, samples) @ (rows.T @ (rows @ moved))
+    (moved,) = evaluator.marginal.moved.values()
+    expected = evaluator.marginal.gain(rows.T @ rows, samples) @ (rows.T @ (rows @ moved))
     assert list(result.systematic) == list(result.parameter_names)
     np.testing.assert_allclose([*result.systematic.values()], np.abs(expected), rtol=1e-6)
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from expdesign.configuration.tolerances import Identification
 from expdesign.information.criteria import criteria
-from expdesign.information.fisher import PriorMachine
+from expdesign.information.marginal import Marginal
 
 M, CHANGED = 7, np.array([1, 2, 5])
 
@@ -28,7 +28,7 @@ def _prior(covariance, changed=CHANGED, samples=1.0, **more):
         covariance_systematic=np.zeros_like(covariance).tolist(),
         **more,
     )
-    return PriorMachine.of(known, changed, samples)
+    return Marginal.of_change(known, changed, samples)
 
 
 def _joint(information, covariance):
@@ -95,7 +95,9 @@ def test_scaling_of_the_columns_scales_what_is_found():
     rng = np.random.default_rng(4)
     information, prior = _matrix(rng), _prior(_matrix(rng))
     scale = 10 ** rng.uniform(-2, 2, M)
-    found = prior.scaled(scale).information(information * np.multiply.outer(scale, scale), 1)
+    found = prior.scaled(scale, scale[CHANGED]).information(
+        information * np.multiply.outer(scale, scale), 1
+    )
     expected = prior.information(information, 1)
     outer = np.multiply.outer(scale[CHANGED], scale[CHANGED])
     np.testing.assert_allclose(found / outer, expected, rtol=1e-9, atol=1e-9)

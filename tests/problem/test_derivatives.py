@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from constraints import Limit, limit_definitions
+from expdesign.configuration import load_run
 from expdesign.configuration.limits import row_labels
 from expdesign.configuration.robot import load_robot_description
+from expdesign.experiment.setup import plan_search
 from expdesign.information.criteria import criteria
-from expdesign.information.fisher import PeriodicNoise, PriorMachine, information_matrix
+from expdesign.information.fisher import PeriodicNoise, information_matrix
+from expdesign.information.marginal import Marginal
 from expdesign.noise import Autoregressive, Hum, NoiseSpectrum
 from expdesign.problem.design_problem import build_problem
 from expdesign.problem.program import LinearRows, RowIndex
@@ -295,9 +298,11 @@ def after_a_change(palida):
     # As much as the experiment's samples tell, with correlations.
     spread = 0.05 * np.abs(palida.parameters)[:, None] * rng.normal(size=(24, 40)) / np.sqrt(40)
     places = np.array([palida.parameter_names.index(name) for name in names])
-    prior = PriorMachine(places, spread, 500.0)
+    prior = Marginal(np.eye(24)[:, places], spread, np.ones(40), 500.0)
     scaling = np.abs(palida.parameters)
-    return _problem(palida, names=names).with_prior(prior, scaling), prior, names
+    every = np.arange(24)
+    problem = _problem(palida, names=names).with_marginal(prior, scaling, scaling[places], every)
+    return problem, prior, names
 
 
 @pytest.mark.parametrize("criterion", ["d", "a"])
@@ -323,9 +328,9 @@ def test_hessian_for_a_change_is_gauss_newton(after_a_change, points):
     problem, prior, names = after_a_change
     x, scale = points[0], problem.cost.scaling
     _, _, hessian = problem.cost.derivatives(x, WIDTH, 0.0)
-    factor = prior.factor / scale[:, None] * np.sqrt(prior.samples)
+    factor = prior.nuisance / scale[:, None] * np.sqrt(prior.samples)
     known = np.linalg.inv(factor @ factor.T)
-    twice = np.concatenate([np.eye(24)[:, prior.changed], np.eye(24)], axis=1)
+    twice = np.concatenate([prior.interest, np.eye(24)], axis=1)
     joint = twice.T @ problem.cost.information(x, WIDTH) @ twice
     joint[len(names) :, len(names) :] += known
     changes = twice.T @ _changes(problem, x) @ twice
@@ -347,11 +352,58 @@ def test_readable_cost_of_a_change_is_the_evaluators(palida, after_a_change, poi
     """The evaluator comes from the unsmoothed model and F in SI, the cost from scaled columns."""
     problem, prior, names = after_a_change
     covariance = palida.description.noise.force_covariance
-    evaluator = Evaluator(palida, covariance, problem.criterion, np.ones(24), names, prior=prior)
+    evaluator = Evaluator(palida, covariance, problem.criterion, np.ones(24), names, marginal=prior)
     cost = problem.cost.value(points[0], 1e-9, 0.0)
     found = evaluator.information(problem.variables.trajectory(points[0]), SAMPLES)
     assert found.shape == (5, 5)
     assert problem.cost.criterion_value(cost) == pytest.approx(evaluator.value(found), abs=1e-6)
+
+
+@pytest.fixture(
+    scope="module",
+    params=[("d", "auto"), ("a", "budget")],
+    ids="-".join,
+)
+def with_tolerances(request):
+    """A problem with deviations as nuisances, estimated or only budgeted, and its evaluator."""
+    criterion, systematic = request.param
+    run = load_run(
+        {
+            "name": "total",
+            "robot": "palida",
+            "tolerances": {
+                "force_constant": {"common": "0.5 %", "each": "0.5 %"},
+                "gravity": "0.1 deg",
+                "delay": "0.2 ms",
+                "clock": "20 ppm",
+            },
+            "trajectory": {"harmonics": HARMONICS, "samples": SAMPLES},
+            "design": {"criterion": criterion, "scaling": "nominal"},
+            "estimate": {"systematic": systematic},
+        }
+    )
+    return plan_search(run)
+
+
+def test_derivatives_with_tolerances(with_tolerances, points):
+    problem = with_tolerances.problem
+    level, x = problem.criterion.levels[0], points[1]
+    value, gradient = problem.cost.gradient(x, WIDTH, level)
+    assert value == pytest.approx(problem.cost.value(x, WIDTH, level), rel=1e-7)
+    expected = _central(lambda y: problem.cost.value(y, WIDTH, level), x, h=1e-4)
+    _assert_close(gradient, expected, 1e-6)
+    _, again, hessian = problem.cost.derivatives(x, WIDTH, level)
+    _assert_close(again, gradient, 1e-5)
+    assert np.min(np.linalg.eigvalsh(hessian)) >= -1e-9 * np.max(np.abs(hessian))
+
+
+def test_cost_with_tolerances_is_the_evaluators(with_tolerances, points):
+    """The evaluator takes Z from the motion as a whole, the cost from the state."""
+    problem, evaluator = with_tolerances.problem, with_tolerances.evaluator
+    cost = problem.cost.value(points[0], 1e-9, problem.criterion.levels[0])
+    found = evaluator.information(problem.variables.trajectory(points[0]), SAMPLES)
+    expected = evaluator.value(found)
+    assert problem.cost.criterion_value(cost) == pytest.approx(expected, rel=1e-6)
 
 
 def _changes(problem, x):

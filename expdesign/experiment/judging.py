@@ -1,0 +1,138 @@
+"""Quantities that a design is judged by: interest, nuisances, deviations within the tolerances."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from constraints.arrays import Array
+from expdesign.configuration import InputError, RunConfiguration
+from expdesign.configuration.consistency import identification_of
+from expdesign.configuration.noise import NOISE_FROM_DATA
+from expdesign.information import fisher
+from expdesign.information.criteria import criteria
+from expdesign.information.marginal import Marginal
+from expdesign.problem.design_problem import DesignProblem
+from expdesign.recheck.excitable import structural_base
+from expdesign.recheck.information import Evaluator
+from expdesign.robot import Robot, robot_from
+from expdesign.robot.deviation import Deviation, toleranced_deviations
+from expdesign.robot.fixed_lengths import group_effects
+
+
+def noise_evaluator(configuration: RunConfiguration) -> Evaluator:
+    """Return the evaluation of the unknown parameters by the noise alone.
+
+    With a prior they are those that have changed.
+    """
+    design, robot = configuration.run.design, robot_from(configuration.robot)
+    names = unknown_parameters(configuration, robot)
+    covariance, memory = force_noise(configuration)
+    change = None
+    if design.prior is not None:
+        changed = np.array([robot.parameter_names.index(name) for name in names], dtype=np.intp)
+        known = identification_of(design.prior)
+        change = Marginal.of_change(known, changed, _samples(configuration))
+    return Evaluator(
+        robot,
+        covariance,
+        criteria()[design.criterion],
+        robot.scales if design.scaling == "nominal" else np.ones(len(robot.scales)),
+        names,
+        memory,
+        change,
+    )
+
+
+def unknown_parameters(configuration: RunConfiguration, robot: Robot) -> tuple[str, ...]:
+    """Return the unknown parameters in the order of the regressor; the others are held."""
+    if configuration.run.design.parameters == "base":
+        return structural_base(robot).base
+    wanted = configuration.run.design.named_parameters
+    return tuple(name for name in robot.parameter_names if wanted is None or name in wanted)
+
+
+def judge(
+    configuration: RunConfiguration, problem: DesignProblem, noise: Evaluator
+) -> tuple[DesignProblem, Evaluator]:
+    """Return problem and evaluation of the quantities that the criterion judges.
+
+    With `design.counts` ``total`` the deviations within the robot's tolerances are nuisances, as
+    the run's estimator treats them. Without any, the evaluation is that of the noise.
+    """
+    robot = noise.robot
+    unknown = noise.names if noise.marginal is None else robot.parameter_names
+    columns = np.array([robot.parameter_names.index(name) for name in unknown], dtype=np.intp)
+    chosen = counted_deviations(configuration, robot)
+    if noise.marginal is None and not chosen:
+        return problem, noise
+    samples = _samples(configuration)
+    marginal = noise.marginal or Marginal.of_all(len(unknown), samples)
+    names = noise.names
+    judged = noise.scaling[[robot.parameter_names.index(name) for name in names]]
+    scaling, searched = noise.scaling[columns], marginal
+    if chosen:
+        estimated = estimates_deviations(configuration)
+        keys = dict.fromkeys([one.key for one in chosen])
+        own = np.diag([one.tolerance for one in chosen])
+        effects = group_effects(robot, chosen)
+        scaling = np.concatenate([scaling, np.ones(len(effects))])
+        marginal, searched = (
+            marginal.with_effects(each, tuple(keys), estimated=estimated) for each in (own, effects)
+        )
+    evaluator = replace(
+        noise,
+        names=names,
+        marginal=marginal,
+        unknown=unknown,
+        deviating=chosen,
+        judged_scales=judged,
+    )
+    return problem.with_marginal(searched, scaling, judged, columns, chosen), evaluator
+
+
+def counted_deviations(configuration: RunConfiguration, robot: Robot) -> tuple[Deviation, ...]:
+    """Return the deviations whose share of the errors the criterion counts."""
+    run = configuration.run
+    if run.design.counts == "noise" or run.estimate.systematic == "none":
+        return ()
+    return toleranced_deviations(robot)
+
+
+def estimates_deviations(configuration: RunConfiguration) -> bool:
+    """Return whether the run's estimator estimates the deviations with the parameters."""
+    section = configuration.run.estimate
+    return section.systematic in ("auto", "estimated") and "ml" in section.estimators
+
+
+def _samples(configuration: RunConfiguration) -> float:
+    """Return the number of samples that weighs data against priors: of the highest frequency.
+
+    Motions are compared for the same measuring time.
+    """
+    experiment = configuration.run.experiment
+    return experiment.periods * experiment.sampling / configuration.run.trajectory.frequency[1]
+
+
+def force_noise(configuration: RunConfiguration) -> tuple[Array, fisher.PeriodicNoise | None]:
+    """Return Σ of the forces, (6, 6), N², and their coloured noise in the experiment; None: white.
+
+    Raises
+    ------
+    InputError
+        The run states no noise of the forces.
+    """
+    noise, experiment = configuration.robot.noise, configuration.run.experiment
+    if noise is None or noise.force_covariance is None:
+        raise InputError(
+            "the design needs the noise of the forces, and neither robot nor run state it",
+            file=configuration.file,
+            key="noise",
+            allowed=f"force_std (six values) or force_covariance (6 × 6); {NOISE_FROM_DATA}",
+        )
+    spectrum = noise.force_spectrum
+    if spectrum is None:
+        return noise.force_covariance, None
+    memory = fisher.PeriodicNoise(spectrum, experiment.sampling, experiment.periods)
+    return noise.force_covariance, memory
