@@ -3,9 +3,9 @@
 A command *says* so if it or its page names the file more often than without a change, or *refuses*
 the folder with exit status 2. The change is *harmless* if exit status and all written files are
 those of the unchanged folder, without doubt if the file is *not read*. Anything else is a finding:
-*silent*. The files are those of a
-run with every stage, with a table and a control model that were added by hand, and of a sweep; of
-figures and LaTeX tables one stands for all.
+*silent*. The files are those of a run with every stage, with a table and a control model that were
+added by hand, and of a sweep; of figures, LaTeX tables and designs of the sweep one stands for all.
+CSV tables of one folder are changed together; files without an outcome then are changed one by one.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import chdir
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import pandas as pd
@@ -72,10 +73,11 @@ def rows() -> Iterator[dict[str, Any]]:
     with tempfile.TemporaryDirectory(prefix="expdesign-changed-") as place:
         trial = _Trials(Path(place))
         for folder, commands in (("run", _COMMANDS), ("swept", _OF_A_SWEEP)):
-            for file in trial.files(folder):
-                outcomes = {name: trial.judge(file, line) for name, line in commands.items()}
+            for files in trial.files(folder):
+                outcomes = {name: trial.judge(files, line) for name, line in commands.items()}
                 left = dict.fromkeys((*_COMMANDS, *_OF_A_SWEEP), "–")
-                yield {"file": file, **left, **outcomes}
+                for file in files:
+                    yield {"file": file, **left, **{n: each[file] for n, each in outcomes.items()}}
 
 
 def summary(table: pd.DataFrame) -> str:
@@ -109,51 +111,59 @@ class _Trials:
                 if run(app, line.split()):
                     raise RuntimeError(f"failed: expdesign {line}")
 
-    def files(self, folder: str) -> list[str]:
-        """Return the files of a folder, one for all of a kind."""
-        found = list[str]()
-        kinds = set[tuple[str, str]]()
+    def files(self, folder: str) -> list[list[str]]:
+        """Return the files of a folder, one for all of a kind, in groups changed together."""
+        found = dict[tuple[str, str], list[str]]()
         for path in sorted((self.template / folder).rglob("*")):
             name = path.relative_to(self.template)
-            kind = (str(name.parent), path.suffix)
-            shared = path.suffix in _ONE_OF and name.parts[-2] in ("figures", "python", "tables")
-            if path.is_file() and not (shared and path.suffix != ".csv" and kind in kinds):
-                found.append(str(name))
-            kinds.add(kind)
-        return found
+            if not path.is_file() or "designs/periods-4" in str(name):
+                continue
+            group = found.setdefault((str(name.parent), path.suffix or path.name), [])
+            alone = path.suffix not in _ONE_OF or path.parent.name == "exports"
+            if alone:
+                found[str(name), ""] = [str(name)]
+            elif path.suffix == ".csv" or not group:
+                group.append(str(name))
+        return [group for group in found.values() if group]
 
-    def judge(self, file: str, line: str) -> str:
-        """Return the outcome of a command after a change in a file."""
+    def judge(self, changed: list[str], line: str) -> dict[str, str]:
+        """Return the outcome of a command for each of the files that were changed together."""
         if line not in self.unchanged:
             self.unchanged[line] = self._outcome(line)
         known_status, known, known_files, opened = self.unchanged[line]
-        if file not in opened:
-            return "not read"
-        most = known.count(Path(file).name)
-        status, said, files, _ = self._outcome(line, file, most)
-        if said.count(Path(file).name) > most:
-            return "refused" if status == 2 else "said"  # noqa: PLR2004
-        pages = [text for name, text in files.items() if name.endswith(".html")]
-        known_pages = [text for name, text in known_files.items() if name.endswith(".html")]
-        if _count(file, pages) > _count(file, known_pages):
-            return "said"
-        if status not in (0, 1, 2) or "Traceback" in said:
-            return f"exit status {status}"
-        keys = (files.keys() | known_files) - {file}
+        found = dict.fromkeys(changed, "not read")
+        read = [file for file in changed if file in opened]
+        if not read:
+            return found
+        most = {Path(file).name: known.count(Path(file).name) for file in read}
+        status, said, files, _ = self._outcome(line, read, most)
+        keys = (files.keys() | known_files) - set(read)
         same = all(files.get(key) == known_files.get(key) for key in keys)
-        return "harmless" if same and status == known_status else "silent"
+        for file in read:
+            name = Path(file).name
+            if said.count(name) > most[name]:
+                found[file] = "refused" if status == 2 else "said"  # noqa: PLR2004
+            elif _mentions(file, files) > _mentions(file, known_files):
+                found[file] = "said"
+            elif len(read) > 1 and not (same and status == known_status):
+                found |= self.judge([file], line)
+            elif status not in (0, 1, 2) or "Traceback" in said:
+                found[file] = f"exit status {status}"
+            else:
+                found[file] = "harmless" if same and status == known_status else "silent"
+        return found
 
     def _outcome(
-        self, line: str, changed: str = "", most: int = 0
+        self, line: str, changed: Sequence[str] = (), most: Mapping[str, int] = MappingProxyType({})
     ) -> tuple[int, str, dict[str, Any], set[str]]:
         """Return exit status, output, files and opened files of a command in a copy of the folders.
 
-        The command ends as soon as it names the changed file more than `most` times.
+        The command ends as soon as it names every changed file more than `most` times.
         """
         folder = self.place / "copy"  # every copy has the same path, which some files contain
         shutil.copytree(self.template, folder)
-        if changed:
-            change_digit(folder / changed)
+        for file in changed:
+            change_digit(folder / file)
         opened = os.memfd_create("opened")
 
         def trace(event: str, arguments: tuple[Any, ...]) -> None:
@@ -164,7 +174,8 @@ class _Trials:
         made = CopiedRun(line.split(), folder, prepare=lambda: sys.addaudithook(trace))
         while made.is_running():
             time.sleep(0.1)
-            if changed and made.said().count(Path(changed).name) > most:
+            text = made.said()
+            if most and all(text.count(name) > times for name, times in most.items()):
                 # Long enough for a refusal to end it.
                 time.sleep(1)
                 if made.is_running():
@@ -178,9 +189,10 @@ class _Trials:
         return status, " ".join(" ".join(said).split()), files, inside
 
 
-def _count(file: str, pages: list[bytes]) -> int:
-    """Return how often pages say that a file was changed."""
-    return sum(page.count(f"{Path(file).name} was changed".encode()) for page in pages)
+def _mentions(file: str, files: dict[str, Any]) -> int:
+    """Return how often the pages among files name a file."""
+    pages = (text for name, text in files.items() if name.endswith(".html"))
+    return sum(page.count(Path(file).name.encode()) for page in pages)
 
 
 def change_digit(path: Path) -> None:

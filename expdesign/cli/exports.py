@@ -23,7 +23,7 @@ from expdesign.runfolder.lock import one_writer_to
 from expdesign.stages.execution import refuse_unwritable
 from expdesign.stages.export import export_one, export_path, export_task
 from expdesign.stages.registry import stages
-from expdesign.stages.stage import Workspace, short
+from expdesign.stages.stage import StageFailed, Workspace, short
 from results.render.terminal import print_view
 
 _LIST = "list"
@@ -72,13 +72,14 @@ def export_motion(
             path = export_path(section, work, None if out is None else target)
             task = export_task(work)
         outcome = export_one(stages()["export"], section, work, task, path)
-    if as_json:
-        write_json({"status": 0, **outcome.summary})
-    else:
+    if not as_json and outcome.view is not None:
         table, *others = outcome.files
         also = f", with {', '.join(path.name for path in others)}" if others else ""
-        if outcome.view is not None:
-            print_view(outcome.view, results(), f"{short(table)}{also}")
+        print_view(outcome.view, results(), f"{short(table)}{also}")
+    if outcome.failure:
+        raise StageFailed(outcome.failure, outcome.summary)
+    if as_json:
+        write_json({"status": 0, **outcome.summary})
 
 
 def _list(*, as_json: bool) -> None:

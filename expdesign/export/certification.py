@@ -141,18 +141,26 @@ def _sample_limits(table: ExecutedTable, model: LimitModel) -> tuple[LimitCheck,
     return worst_of_each(checks)
 
 
-def single_cycle_checks(table: ExecutedTable, *, piece: bool = False) -> tuple[LimitCheck, ...]:
-    """Return the worst cycle, by its own differences, of each limit on accelerations and forces.
+def single_cycle_faults(table: ExecutedTable, *, piece: bool = False) -> list[str]:
+    """Describe the limits on accelerations and forces that are exceeded in single servo cycles.
 
     Of a controller that plans between the rows; `certify_table` judges means over a row, which
     level a motion of one servo cycle.
     """
     if table.row_times is None:
-        return ()
+        return []
     limits = tuple(limit for limit in LimitModel.of(table.robot).limits if _is_dynamic(limit))
     if not limits:
-        return ()
-    return _at_rows(replace(table, stride=1), LimitModel(table.robot, limits), piece=piece)
+        return []
+    checks = _at_rows(replace(table, stride=1), LimitModel(table.robot, limits), piece=piece)
+    return [
+        f"in single servo cycles {excess_in_words(check)}" for check in checks if not check.kept
+    ]
+
+
+def excess_in_words(check: LimitCheck) -> str:
+    """Describe an exceeded limit and its excess."""
+    return f"{check}, exceeded by {check.violation:.2g} of its range"
 
 
 def _at_rows(table: ExecutedTable, model: LimitModel, *, piece: bool) -> tuple[LimitCheck, ...]:

@@ -8,7 +8,13 @@ from typing import Annotated
 
 import numpy as np
 
-from expdesign.export.certification import LIMIT_SHARE, PathCertificate, certify_table
+from expdesign.export.certification import (
+    LIMIT_SHARE,
+    PathCertificate,
+    certify_table,
+    excess_in_words,
+    single_cycle_faults,
+)
 from expdesign.export.definition import Interpolation, Rows, Settings, TableError
 from expdesign.export.execution import (
     ExecutedTable,
@@ -85,6 +91,8 @@ class ReadBack:
     """None without noise, or where the file could not be executed."""
     controller: ControllerCheck | None = None
     """None for a controller that moves on the format's interpolation."""
+    single_cycles: tuple[str, ...] = ()
+    """Limits that are exceeded in single cycles of such a controller, in words."""
     failures: tuple[str, ...] = ()
     """Excesses over tolerances, in words; empty when the file is good."""
 
@@ -92,6 +100,11 @@ class ReadBack:
     def limits(self) -> tuple[LimitCheck, ...]:
         """The worst moment of every limit."""
         return self.certificate.limits
+
+    @property
+    def broken(self) -> tuple[str, ...]:
+        """The limits that the machine breaks if it executes the file, in words."""
+        return (*map(excess_in_words, self.certificate.broken), *self.single_cycles)
 
     @property
     def passed(self) -> bool:
@@ -132,7 +145,8 @@ def read_back(path: Path, settings: Settings) -> ReadBack:
         if trigger is not None:
             on, off = (time - table.rows.times[0] for time in trigger)
             trigger = float(on), float(off)
-        found = replace(found, controller=check, trigger=trigger)
+        single = tuple(single_cycle_faults(table))
+        found = replace(found, controller=check, trigger=trigger, single_cycles=single)
         failures += controller_faults(table)
     try:
         found = _add_execution(found, table)
@@ -219,7 +233,7 @@ def limits_in_words(certificate: PathCertificate) -> str:
     reserve are kept with it.
     """
     checks = certificate.limits
-    exceeded = [f"{check}, exceeded by {_share(check)}" for check in checks if not check.kept]
+    exceeded = [excess_in_words(check) for check in checks if not check.kept]
     if exceeded:
         return f"{'; '.join(exceeded)} (tolerance of a table: {LIMIT_SHARE:g} of the range)"
     reserves = sorted({check.reserve for check in checks if check.reserve})
@@ -246,10 +260,6 @@ def _proof_in_words(certificate: PathCertificate) -> str:
     )
 
 
-def _share(check: LimitCheck) -> str:
-    return f"{check.violation:.2g} of its range"
-
-
 def _beyond(found: ReadBack, table: ExecutedTable, settings: Settings) -> list[str]:
     failures = []
     off = found.deviation
@@ -267,7 +277,7 @@ def _beyond(found: ReadBack, table: ExecutedTable, settings: Settings) -> list[s
             if share > SHARE
         ]
     failures += [
-        f"{check}, beyond it by {_share(check)}, more than the tolerance of {LIMIT_SHARE:g}"
+        f"{excess_in_words(check)}, more than the tolerance of {LIMIT_SHARE:g}"
         for check in found.limits
         if not check.violation <= LIMIT_SHARE
         and not (found.controller is not None and check.key in _OF_RATES)

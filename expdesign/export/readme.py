@@ -150,6 +150,8 @@ def _check_text(check: TableCheck) -> str:
         ).replace("Read back: struts", "Struts are")
     text += ": " if controller is not None else "; "
     text += check.limits_in_words
+    if check.broken:
+        text += f"; THE MACHINE BREAKS LIMITS: {'; '.join(check.broken)}"
     change = check.information
     if change is not None:
         text += (

@@ -181,6 +181,9 @@ class TableCheck:
     ]
     tolerances: Annotated[TableTolerances, described("", "the tolerances of the check")]
     limits_in_words: Annotated[str, described("", "the verdict on the limits")]
+    broken: Annotated[
+        tuple[str, ...], described("", "limits that the machine breaks with this table, in words")
+    ]
     certified: Annotated[
         bool, described("", "all limits but the `sampled` are proved for every instant")
     ]
@@ -320,6 +323,7 @@ def _table_check(check: ReadBack, tolerance: float) -> TableCheck:
         controller=check.controller,
         tolerances=TableTolerances(tolerance),
         limits_in_words=limits_in_words(certificate),
+        broken=check.broken,
         certified=certificate.certified,
         sampled=certificate.sampled,
     )

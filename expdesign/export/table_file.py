@@ -11,7 +11,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, Problem, export_section
-from expdesign.export.certification import PathCertificate, certify_table, single_cycle_checks
+from expdesign.export.certification import PathCertificate, certify_table, single_cycle_faults
 from expdesign.export.definition import Settings, TableError, Task
 from expdesign.export.execution import Executed, ExecutedTable
 from expdesign.export.exporting import BAG, refuse_missing_library, resolve_settings
@@ -171,13 +171,8 @@ def certify_file(file: TableFile, *, piece: bool = False) -> PathCertificate:
     settings, rows = executed_settings(file.settings, table), table.as_written.rows
     faults = find_faults(settings, table, file.longest_step, piece=piece)
     if not faults:
-        faults = controller_faults(table, piece=piece)
+        faults = controller_faults(table, piece=piece) + single_cycle_faults(table, piece=piece)
     unchecked = wrong_companions(file.settings, rows, file.path)
-    unchecked += [
-        f"in single servo cycles {check}: means over a row were judged"
-        for check in single_cycle_checks(table, piece=piece)
-        if not check.kept
-    ]
     if piece:
         if rows.columns:
             unchecked.append("its further columns: a piece has no place in the design")

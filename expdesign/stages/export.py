@@ -7,7 +7,6 @@ from copy import copy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -103,11 +102,8 @@ def run_export(work: Workspace) -> Outcome:
         for error in refused[1:]:
             work.progress.warn(f"failed, too: {error}")
         raise refused[0]
-    return Outcome(
-        result=_result(motion, made),
-        files=(*(path for one in made for path in (one.path, *one.beside)), *described),
-        summary=_summary(motion, made),
-    )
+    written = (path for one in made for path in (one.path, *one.beside))
+    return _outcome(motion, made, (*written, *described))
 
 
 EXPORT = StageFunctions(run_export, StageViews(ExportResult, export_view))
@@ -188,10 +184,9 @@ def export_one(
         record_added(work.folder, (*own, *places), dict.fromkeys(own, made_from))
     else:
         _describe_beside(path, ExportResult(motion, entry))
-    files = (path, *made.beside)
-    result = _result(motion, [made])
-    view = view_result(stage, result, replace(work, folder=path.parent.parent))
-    return Outcome(result=result, files=files, summary=_summary(motion, [made]), view=view)
+    outcome = _outcome(motion, [made], (path, *made.beside))
+    view = view_result(stage, outcome.result, replace(work, folder=path.parent.parent))
+    return replace(outcome, view=view)
 
 
 def _refuse_taken_name(path: Path, key: str) -> None:
@@ -313,12 +308,18 @@ def _describe(result: ExportResult, path: Path, guide: Path) -> tuple[Path, Path
     return path, guide
 
 
-def _result(motion: ExportedMotion, made: list[Export]) -> ExportResult:
-    return ExportResult(motion, {one.path.name: exported_table(one) for one in made})
-
-
-def _summary(motion: ExportedMotion, made: list[Export]) -> dict[str, Any]:
-    result = ExportResult(motion, {str(one.path): exported_table(one) for one in made})
-    data = result.as_data()
+def _outcome(motion: ExportedMotion, made: list[Export], files: tuple[Path, ...]) -> Outcome:
+    """Return the outcome of an export, a failure if a table makes the machine break a limit."""
+    tables = {one.path: exported_table(one) for one in made}
+    data = ExportResult(motion, {str(path): table for path, table in tables.items()}).as_data()
     data["motion"].pop("ways")
-    return data
+    broken = [f"{one.path.name}: {text}" for one in made for text in one.check.broken]
+    failure = f"with these tables the machine breaks limits: {'; '.join(broken)}. They were written"
+    return Outcome(
+        result=ExportResult(motion, {path.name: table for path, table in tables.items()}),
+        files=files,
+        summary=data,
+        status="limits broken" if broken else "done",
+        failure=failure if broken else "",
+        continues=True,
+    )

@@ -10,7 +10,6 @@ from estimation.controlmodel import FOLDER
 from estimation.controlmodel.formats import ControlModelFile
 from expdesign.configuration.tolerances import IDENTIFIED_ROBOT as IDENTIFIED
 from expdesign.experiment import DesignResult
-from expdesign.export.certification import LIMIT_SHARE
 from expdesign.export.result import README, RECORD, ExportedTable, ExportResult
 from expdesign.export.table_file import unlisted_files
 from expdesign.runfolder.manifest import file_hash
@@ -51,12 +50,7 @@ def export_view(folder: RunFolder) -> StageView:
     slower = 1 / scales[0] if len(scales) == 1 else 1.0
     begin, end = (slower * time for time in motion.window)
     duration = f"{readable(slower * motion.duration)} s"
-    beyond = any(
-        limit.violation > LIMIT_SHARE
-        for entry in files.values()
-        if entry.read_back.controller is not None
-        for limit in entry.read_back.limits
-    )
+    beyond = any(entry.read_back.broken for entry in files.values())
     kept = "" if beyond else ", and kept every tolerance"
     sentence = (
         f"{count_text(len(files), 'table')} of a motion of {duration} from rest to rest. Each was "
@@ -71,18 +65,20 @@ def export_view(folder: RunFolder) -> StageView:
                 f"{readable(controller.acceleration, 3)} m/s² in single cycles, where the design "
                 f"has {readable(controller.designed_acceleration, 3)} m/s²."
             )
-        if not all(limit.kept for limit in limits):
+        if broken := entry.read_back.broken:
+            sentence += f" {name} breaks limits: {'; '.join(broken)}."
+        elif not all(limit.kept for limit in limits):
             sentence += f" {name}: {entry.read_back.limits_in_words}."
     if missing:
         sentence += f" No longer in the folder: {', '.join(missing)}."
     if changed:
         sentence += f" Changed since the check: {', '.join(changed)}."
-    level, word = (Level.CAUTION, "beyond limits") if beyond else (Level.GOOD, "checked")
+    level, word = (Level.BAD, "beyond limits") if beyond else (Level.GOOD, "checked")
     # The result of a command has its own tables only.
     unlisted, others = ([], []) if folder.brief else unlisted_files(place, result)
     if unlisted and not beyond:
         level, word = Level.CAUTION, "checked in part"
-    if changed:
+    if changed and not beyond:
         level, word = Level.CAUTION, "changed"
     verdict = StageVerdict(
         "Controller tables",

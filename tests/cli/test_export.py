@@ -181,8 +181,11 @@ def test_what_belongs_to_a_table_lies_beside_it(expdesign, folder, tmp_path):
     assert "Output 2 of GPIO1 is on from 1.2" in readme
     out = tmp_path / "elsewhere" / "table.ngc"
     options = ("--servo-period", "1 ms", "--units", "in", "--out", out)
-    status, _, messages = expdesign("export", folder, "--format", "linuxcnc-gcode", *options)
-    assert status == 0, messages
+    status, answer, messages = expdesign("export", folder, "--format", "linuxcnc-gcode", *options)
+    assert status == 1, messages
+    words = "in single servo cycles strut acceleration of strut 5 is -33.5729 m/s^2"
+    assert f"the machine breaks limits: table.ngc: {words}" in " ".join(messages.split())
+    assert f"table.ngc breaks limits: {words}" in " ".join(answer.split())
     assert (out.parent / "table.genhexkins.hal").is_file()
     assert "table.genhexkins.hal" in (out.parent / "table.ngc.README.txt").read_text()
     status, _, messages = expdesign(*arguments[:-1], "9")
@@ -431,6 +434,19 @@ def test_the_stage_of_run(expdesign, folder, run_file):
     status, answer, _ = expdesign("run", file, "--out", folder, "--json")
     assert json.loads(answer)["resumed"] is False
     assert names(exports) == ["README.txt", "exports.json", "xps-pvt.trj"]
+
+
+@pytest.mark.slow
+def test_a_run_whose_table_breaks_a_limit_is_reported_and_fails(expdesign, folder, run_file):
+    file = measured_run(run_file(["linuxcnc-gcode"]), {"servo_period": "1 ms"})
+    status, answer, _ = expdesign("run", file, "--out", folder, "--json")
+    words = "in single servo cycles strut acceleration of strut 5 is -33.8114 m/s^2"
+    assert (status, words in json.loads(answer)["message"]) == (1, True)
+    entries = json.loads((folder / "manifest.json").read_text())["stages"]
+    assert (entries["export"]["status"], entries["report"]["status"]) == ("limits broken", "done")
+    (table,) = json.loads((folder / "exports/exports.json").read_text())["files"].values()
+    assert any(words in text for text in table["read_back"]["broken"])
+    assert "THE MACHINE BREAKS LIMITS" in (folder / "exports/README.txt").read_text()
 
 
 def test_a_run_keeps_what_is_told_of_tables_exported_by_hand(expdesign, folder, run_file):

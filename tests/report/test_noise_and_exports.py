@@ -253,11 +253,13 @@ def test_a_limit_that_a_table_exceeds_within_its_tolerance_is_told(with_tables):
         check = document["files"]["xps-pvt.trj"]["read_back"]
         check["limits"]["strut_acceleration"]["violation"] = 0.00014
         check["limits_in_words"] = words
+        check["broken"] = [words]
 
     change(with_tables / "exports/exports.json", edit)
-    found = verdict(with_tables, "Controller tables").sentence
-    assert f"xps-pvt.trj: {words}." in found
-    assert "every limit" not in found
+    found = verdict(with_tables, "Controller tables")
+    assert (found.level.value, found.word) == ("bad", "beyond limits")
+    assert f"xps-pvt.trj breaks limits: {words}." in found.sentence
+    assert "every limit" not in found.sentence
 
 
 def test_tables_without_noise_and_without_limits_of_force(with_tables):
