@@ -213,21 +213,19 @@ def _estimator(estimation: Estimation, found: ParameterEstimate) -> EstimatorRes
 
 def _constants(robot: Robot, systematic: SystematicUncertainty | None) -> Iterator[ConstantResult]:
     """Yield the estimated constants of terms, of the robot as its file states it."""
-    flagged = {one.name: one for one in estimated_constants(robot)}
-    if systematic is None or not flagged:
-        return
-    found = apply_deviations(robot, systematic.deviations, systematic.values).description.constants
-    estimated = {one.name: one for one in reversed(systematic.deviations)}
     names = (f"{term.name}_{one.name}" for term in robot.terms for one in term.constants)
-    for name, stated, value in zip(names, robot.description.constants, found, strict=True):
-        if name in flagged and name in estimated:
-            own = flagged[name]
+    stated = dict(zip(names, robot.description.constants, strict=True))
+    entries = () if systematic is None else systematic.deviations
+    estimated = {one.name: one for one in reversed(entries)}
+    for own in estimated_constants(robot):
+        if own.name in estimated:
+            found = estimated[own.name]
             yield ConstantResult(
                 constant=own.group.partition(".")[2],
                 unit=own.unit,
-                value=value,
-                std=estimated[name].std,
-                stated=stated,
+                value=stated[own.name] + found.value,
+                std=found.std,
+                stated=stated[own.name],
                 tolerance=own.tolerance if np.isfinite(own.tolerance) else np.nan,
             )
 
