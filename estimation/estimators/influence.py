@@ -28,7 +28,6 @@ from estimation.estimators.experiment import Experiment
 from estimation.estimators.joint_equations import MeasuredForces, MeasuredLengths, PerturbedMachine
 from estimation.estimators.prior_estimate import PriorEstimate
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.motion import Filter
 from estimation.measurement_model.prediction import chunks
 from estimation.processing.noise import NoiseEstimate
 from expdesign.noise import lines_of
@@ -78,10 +77,8 @@ class Influence:
     values: Array
     """(m,), estimated parameters, SI."""
     free: NDArray[np.bool_]
-    weighting: Array
-    """(6, 6), inverse of the weights of the forces."""
-    weighted_by_noise: bool
-    """Whether the weights are the noise's own: its filter is applied and its errors count."""
+    weights: NoiseEstimate
+    """Noise by which the forces are weighted, with its filter: their own, or an assumed one."""
     force_gain: Array
     """(r, k), gain on the parameters' columns; (r, k + x) with the motion's columns."""
     length_gain: Array | None
@@ -92,11 +89,7 @@ class Influence:
 
     def forces(self) -> Iterator[Part]:
         """Yield K of the forces, part by part; in one part if a filter is applied."""
-        noise = self.experiment.noise.forces
-        noise_filter = noise.filter if self.weighted_by_noise else None
-        yield from _weighted(
-            self._force_response(), self.experiment.counts, self.weighting, noise_filter
-        )
+        yield from _weighted(self._force_response(), self.experiment.counts, self.weights)
 
     def lengths(self) -> Iterator[Part]:
         """Yield K of the lengths; nothing after pointwise kinematics, where K is unknown."""
@@ -108,7 +101,7 @@ class Influence:
             (part, self.machine.lengths(self.experiment, motion, part).columns.times(gain))
             for part in chunks(len(channels.times))
         )
-        yield from _weighted(responses, channels.counts, noise.covariance, noise.filter)
+        yield from _weighted(responses, channels.counts, noise)
 
     def response(
         self, forces: Callable[[slice], Array], lengths: Callable[[slice], Array]
@@ -148,7 +141,7 @@ class Influence:
     def covariance_from_forces(self) -> Covariance:
         """Return the covariance due to the noise of the forces."""
         noise = self.experiment.noise.forces
-        loss = noise.weighting_loss if self.weighted_by_noise else 1.0
+        loss = self.weights.weighting_loss
         return _sandwich_covariance(self.forces(), noise, self.experiment.counts, loss)
 
     def covariance_from_lengths(self) -> Covariance | None:
@@ -183,11 +176,9 @@ def difference_covariance(first: Sequence[Influence], second: Sequence[Influence
     return total
 
 
-def _weighted(
-    columns: Iterator[Part], counts: Array, covariance: Array, noise_filter: Filter | None
-) -> Iterator[Part]:
+def _weighted(columns: Iterator[Part], counts: Array, weights: NoiseEstimate) -> Iterator[Part]:
     """Yield c W U; with a filter on both sides of W, all samples in one part."""
-    inverse = np.linalg.inv(covariance)
+    inverse, noise_filter = np.linalg.inv(weights.covariance), weights.filter
     if noise_filter is None:
         for part, values in columns:
             yield part, np.matmul(inverse, values) * counts[part][:, None, None]

@@ -27,7 +27,6 @@ from estimation.estimators.priors import ParameterPriors
 from estimation.kinematics import signs_along
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.motion import (
-    Filter,
     MotionColumns,
     MotionSamples,
     NormalEquations,
@@ -39,6 +38,7 @@ from estimation.measurement_model.prediction import (
     length_columns,
     state_with_jerk,
 )
+from estimation.processing import NoiseEstimate
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
 from expdesign.robot.deviation import (
@@ -217,8 +217,7 @@ class PerturbedMachine:
             map(length_rows, parts), noise.lengths.covariance, noise.lengths.filter
         )
         if forces is None:
-            own = noise.forces.covariance, noise.forces.filter
-            forces = self.force_equations(experiment, motion, values, free, *own)
+            forces = self.force_equations(experiment, motion, values, free, noise.forces)
         return forces.with_motion(of_motion)
 
     def force_equations(
@@ -227,8 +226,7 @@ class PerturbedMachine:
         motion: HarmonicMotion,
         values: Array,
         free: NDArray[np.bool_],
-        covariance: Array,
-        noise_filter: Filter | None,
+        weights: NoiseEstimate,
     ) -> NormalEquations:
         """Return the normal equations of the same unknowns from the forces alone.
 
@@ -238,8 +236,8 @@ class PerturbedMachine:
             ξ and p, (m,), at which the model is linearised.
         free : (m,) of bool
             Estimated parameters.
-        covariance : (6, 6)
-            Its inverse weights the rows after the filter.
+        weights : NoiseEstimate
+            Noise by which the rows are weighted, after its filter.
         """
         forces = experiment.recording.forces
 
@@ -248,7 +246,7 @@ class PerturbedMachine:
             return forces.values[part] - found.values, found.columns(free), forces.counts[part]
 
         parts = chunks(experiment.recording.samples)
-        return NormalEquations.of(map(rows, parts), covariance, noise_filter)
+        return NormalEquations.of(map(rows, parts), weights.covariance, weights.filter)
 
     @property
     def delay(self) -> float:

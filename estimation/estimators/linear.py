@@ -26,7 +26,9 @@ from estimation.estimators.influence import Influence
 from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate
-from estimation.measurement_model.motion import Filter, NormalEquations
+from estimation.measurement_model.motion import NormalEquations
+from estimation.processing import NoiseEstimate
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
 from expdesign.robot.deviation import Deviation
 
@@ -34,13 +36,6 @@ _STEPS = 30
 _HALVINGS = 8
 _CONVERGED = 1e-3
 """Length of the last step of the constants, in their standard deviations."""
-
-
-def weighting_covariance(estimator: str, covariance: Array) -> Array:
-    """Return W⁻¹, (6, 6), of ``"ls"`` or ``"gm"`` from Σ, (6, 6)."""
-    if estimator == "gm":
-        return covariance
-    return np.eye(len(covariance)) * np.trace(covariance) / len(covariance)
 
 
 def linear_estimate(
@@ -64,8 +59,7 @@ def linear_estimate(
         raise ValueError("constants of terms are estimated along fitted motions only")
     problem = _Problem(robot, tuple(experiments), priors, estimator, constants)
     fit, iterations, status = _iterate(problem)
-    pairs = enumerate(zip(fit.experiments, problem.weightings, strict=True))
-    influences = [_influence(problem, fit, *pair, number) for number, pair in pairs]
+    influences = [_influence(fit, number) for number in range(len(experiments))]
     return ParameterEstimate.of(
         influences,
         problem.joint_priors,
@@ -93,15 +87,15 @@ class _Problem:
     """Entries of θ that are estimated."""
 
     @cached_property
-    def weightings(self) -> list[Array]:
-        """W⁻¹ of every experiment, (6, 6)."""
+    def weights(self) -> list[NoiseEstimate]:
+        """The noise of every experiment by which its forces are weighted."""
         noises = [experiment.noise.forces for experiment in self.experiments]
-        return [weighting_covariance(self.estimator, noise.covariance) for noise in noises]
-
-    @cached_property
-    def filters(self) -> list[Filter | None]:
-        noises = [experiment.noise.forces for experiment in self.experiments]
-        return [noise.filter if self.estimator == "gm" else None for noise in noises]
+        if self.estimator == "gm":
+            return noises
+        return [
+            NoiseEstimate(np.eye(ACTUATORS) * np.trace(noise.covariance) / ACTUATORS, np.inf)
+            for noise in noises
+        ]
 
     @cached_property
     def joint_priors(self) -> ParameterPriors:
@@ -118,15 +112,13 @@ class _Problem:
         joint = self.joint_priors.equations(np.concatenate([start, theta]))
         prior = replace(joint.select(slice(np.count_nonzero(free))), cost=0.0)
         total = prior
-        for experiment, weighting, noise_filter in zip(
-            present, self.weightings, self.filters, strict=True
-        ):
+        for experiment, weights in zip(present, self.weights, strict=True):
             rows = (
                 experiment.forces - experiment.fitted_regressors @ start,
                 experiment.fitted_regressors[:, :, free],
                 experiment.counts,
             )
-            total = total + NormalEquations.of([rows], weighting, noise_filter)
+            total = total + NormalEquations.of([rows], weights.covariance, weights.filter)
         values = start.copy()
         move = self.priors.best_step(total.matrix, total.gradient, start)
         values[free] += move
@@ -161,11 +153,9 @@ class _Fit:
         """Normal equations of the parameters, θ and ξ from the forces of every experiment."""
         problem = self.problem
         found = []
-        for experiment, weighting, noise_filter in zip(
-            self.experiments, problem.weightings, problem.filters, strict=True
-        ):
-            motion = experiment.motion if experiment.fit is None else experiment.fit.motion
-            own = self.values, problem.priors.free, weighting, noise_filter
+        for experiment, weights in zip(self.experiments, problem.weights, strict=True):
+            own = self.values, problem.priors.free, weights
+            motion = experiment.fitted.motion
             found.append(self.machine.force_equations(experiment, motion, *own))
         return found
 
@@ -215,19 +205,13 @@ def _iterate(problem: _Problem) -> tuple[_Fit, int, str]:
     return fit, _STEPS, "stopped at the maximum number of iterations"
 
 
-def _influence(
-    problem: _Problem,
-    fit: _Fit,
-    experiment: Experiment,
-    weighting: Array,
-    number: int,
-) -> Influence:
+def _influence(fit: _Fit, number: int) -> Influence:
     """Return the influence of one experiment's errors on the parameters and θ.
 
     The gain of the lengths is −B Cov(ξ̂), B = −∂p̂/∂ξ = F⁻¹ Σ c Uᵀ W ∂(A p)/∂ξ; it is unknown after
     pointwise kinematics.
     """
-    gain = fit.inverse
+    problem, experiment, gain = fit.problem, fit.experiments[number], fit.inverse
     motion, length_gain, force_gain = None, None, gain
     if experiment.fit is not None:
         motion, count = experiment.fit.motion, gain.shape[1]
@@ -242,8 +226,7 @@ def _influence(
         motion=motion,
         values=fit.values,
         free=problem.priors.free,
-        weighting=weighting,
-        weighted_by_noise=problem.estimator == "gm",
+        weights=problem.weights[number],
         force_gain=force_gain,
         length_gain=length_gain,
         machine=fit.machine,

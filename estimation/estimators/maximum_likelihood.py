@@ -141,7 +141,7 @@ def _reuse_equations(
         return [None] * len(motions)
     wanted = zip(problem.experiments, motions, strict=True)
     return [
-        each if (used.experiment, used.motion) == at and used.weighted_by_noise else None
+        each if (used.experiment, used.motion) == at else None
         for each, used, at in zip(start.equations, start.influences, wanted, strict=True)
     ]
 
@@ -164,8 +164,7 @@ def _influence(
         motion=motion,
         values=values[: problem.parameters],
         free=free,
-        weighting=experiment.noise.forces.covariance,
-        weighted_by_noise=True,
+        weights=experiment.noise.forces,
         force_gain=np.concatenate([inverse, through_motion], axis=1),
         length_gain=np.concatenate([inverse[:, count:], through_motion], axis=1),
         machine=problem.machine(values),

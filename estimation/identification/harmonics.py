@@ -62,10 +62,8 @@ def refine_motion(
         return None
     values = _first_estimate(experiment, priors)
     motion = fit.motion.with_harmonics(most)
-    noise = experiment.noise
-    own = noise.forces.covariance, noise.forces.filter
-    exact = PerturbedMachine.exact(robot)
-    forces = exact.force_equations(experiment, motion, values, priors.free, *own)
+    noise, exact = experiment.noise, PerturbedMachine.exact(robot)
+    forces = exact.force_equations(experiment, motion, values, priors.free, noise.forces)
     lengths = length_equations(
         robot, recording, noise.lengths.covariance, motion, noise.lengths.filter
     )

@@ -349,7 +349,7 @@ def test_intervals_cover_with_the_spectrum_of_few_periods(periods, memory):
         own = replace(
             influence,
             experiment=known,
-            weighting=influence.weighting,
+            weights=replace(seen[0], covariance=influence.weights.covariance),
             force_gain=influence.force_gain / share,
             length_gain=influence.length_gain / share,
         )
