@@ -27,9 +27,15 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.special import ndtri
 
 from constraints.arrays import Array
-from estimation.estimators.experiment import Experiment, regressors_along, regressors_at
+from estimation.estimators.experiment import (
+    UNSURE,
+    Experiment,
+    regressors_along,
+    regressors_at,
+)
 from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.kinematics import length_residuals
 from estimation.measurement_model import HarmonicMotion
@@ -49,9 +55,6 @@ from expdesign.robot.deviation import (
     estimated_constants,
     toleranced_deviations,
 )
-
-_UNSURE = 1e-3
-"""Variance of a friction sign below which its effect on the forces is negligible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +92,10 @@ class PhaseCells:
         gather = sparse.csr_array((np.ones(count), places), (len(self.totals), count))
         return (gather @ flat / self.totals[:, None]).reshape(len(self.totals), *values.shape[1:])
 
+    def expand(self, values: Array) -> Array:
+        """Return the value of its cell for every row, (T, …), of values (R, …)."""
+        return values if self.index is None else values[self.index]
+
     def scatter(self, values: Array) -> NoiseEstimate | None:
         """Return the covariance of the scatter within cells; None if no cell has two rows."""
         if self.index is None:
@@ -96,7 +103,7 @@ class PhaseCells:
         freedom = float(np.sum(self.weights) - len(self.totals))
         if freedom < 1:
             return None
-        rest = (values - self.mean(values)[self.index]) * np.sqrt(self.weights)[:, None]
+        rest = (values - self.expand(self.mean(values))) * np.sqrt(self.weights)[:, None]
         return NoiseEstimate(rest.T @ rest / freedom, freedom)
 
 
@@ -196,7 +203,9 @@ def linearise(
         ]
         regressors = np.concatenate([each.regressors for each in predicted])
         slope = np.concatenate([each.columns(none).dense() for each in predicted])
-        sign_errors = _sign_errors(robot, cells, state, experiment.signs(robot, motion), values)
+        late = experiment.share_of_delay(robot, motion)
+        signs = experiment.signs(robot, motion)
+        sign_errors = _sign_errors(robot, cells, state, signs, late, values)
         length_cells = _cells(experiment, recording.lengths.times, recording.lengths.counts)
         lengths = length_residuals(robot, recording, motion)
         slopes = [
@@ -236,21 +245,24 @@ def _cells(experiment: Experiment, times: Array, counts: Array) -> PhaseCells:
 
 
 def _sign_errors(
-    robot: Robot, cells: PhaseCells, state: Array, signs: Array, values: Array
+    robot: Robot, cells: PhaseCells, state: Array, signs: Array, late: Array, values: Array
 ) -> Array:
     """Return the columns of unknown signs in the means over the cells, (R, 6, s), N.
 
     A rate has the same error δ at all rows of one reversal. With P = P(rate + δ > 0) the signs of
-    two rows then have the covariance 4 (min(P, P') − P P'), a Brownian bridge over P.
+    two rows then have the covariance 4 (min(P, P') − P P'), a Brownian bridge over P. The share
+    `late`, (T, s), of the variance of δ is due to the delay, a deviation with a column of its own:
+    the part that is linear in it, 4 ρ ρ' φ φ' with the normal density φ, is left out.
     """
     kernel = force_kernel(robot.terms)
     above = (1 + cells.mean(signs)) / 2
+    density = np.sqrt(cells.mean(late) / (2 * np.pi)) * np.exp(-(ndtri(above) ** 2) / 2)
     first = np.arange(len(above))
     if cells.index is not None:
         _, first = np.unique(cells.index, return_index=True)
     columns = [np.zeros((len(above), ACTUATORS, 0))]
     for rate, share in enumerate(above.T):
-        unsure = np.flatnonzero(4 * share * (1 - share) > _UNSURE)
+        unsure = np.flatnonzero(4 * share * (1 - share) > UNSURE)
         for rows in np.split(unsure, np.flatnonzero(np.diff(unsure) > 1) + 1):
             if not len(rows):
                 continue
@@ -260,10 +272,11 @@ def _sign_errors(
                 changed[:, rate] = end
                 regressors, _ = kernel(state[first[rows]], changed, robot.machine, values)
                 ends.append(regressors @ values)
-            inside = share[rows]
+            inside, linear = share[rows], density[rows, rate]
             bridge = np.minimum.outer(inside, inside) - np.multiply.outer(inside, inside)
+            bridge -= np.multiply.outer(linear, linear)
             variances, modes = np.linalg.eigh(4 * bridge)
-            kept = variances > _UNSURE
+            kept = variances > UNSURE
             found = np.zeros((len(above), ACTUATORS, int(np.count_nonzero(kept))))
             factors = modes[:, kept] * np.sqrt(variances[kept])
             found[rows] = (ends[1] - ends[0])[:, :, None] / 2 * factors[:, None]
@@ -482,7 +495,9 @@ class CandidateEffects:
         about, experiment, motion = self.robot.description, self.experiment, self.motion
         own = iter(about.constants)
         held = [(term, [next(own) for _ in term.constants]) for term in about.terms]
-        pairs = [(GENERAL if t is SYMMETRIC else t, known) for t, known in held if not t.rates]
+        pairs = [
+            (GENERAL if t is SYMMETRIC else t, known) for t, known in held if not t.is_friction
+        ]
         typical = {"m": float(np.mean(self.part.position))}
         for term in (term_definitions()[name] for name in CANDIDATE_TERMS if self.lacks(name)):
             known = [
@@ -494,7 +509,8 @@ class CandidateEffects:
         values = dict(zip(self.robot.parameter_names, self.values.tolist(), strict=True))
         parameters = {p.name: values.get(p.name, 0.0) for p in parameters_of(terms)}
         constants = tuple(value for _, known in pairs for value in known)
-        robot = Robot(replace(about, terms=terms, constants=constants, parameters=parameters))
+        extended = replace(about, terms=terms, constants=constants, parameters=parameters)
+        robot = Robot(extended, delay_std=self.robot.delay_std)
         if motion is None or experiment.fit is None:
             return robot, None
         times = experiment.recording.forces.times

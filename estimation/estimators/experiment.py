@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from constraints.arrays import Array
 from estimation.kinematics import (
     MotionFit,
@@ -14,8 +16,11 @@ from estimation.kinematics import (
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.prediction import held_regressor_kernel
 from estimation.processing import NoiseModel, PeriodicRecording
-from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.robot import Robot
+
+UNSURE = 1e-3
+"""Variance of a friction sign below which its effect on the forces is negligible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +53,8 @@ class Experiment:
     pointwise: PointwiseMotion | None = None
     refined_motion: RefinedMotion | None = None
     """The refined motion, if the forces show more harmonics than the lengths; otherwise None."""
+    certainty: Array | None = None
+    """(S,), noise in the variance of noise and unknown signs of friction; None: 1."""
 
     @classmethod
     def from_fit(
@@ -161,6 +168,40 @@ class Experiment:
         return self.select_rows(self.recording.forces.counts)
 
     @property
+    def weights(self) -> Array:
+        """(R,) weights of the rows: their counts, less where signs of friction are uncertain."""
+        return self.counts if self.certainty is None else self.counts * self.certainty
+
+    def with_sign_variance(self, robot: Robot, values: Array) -> Experiment:
+        """Return the experiment with less weight where signs of friction are uncertain.
+
+        A sample near a reversal may have the wrong expected sign: with twice the dry friction as
+        error it would count as many samples. The variance is that of parameters `values`, (m,), in
+        the actuator in which it exceeds the noise most. Under coloured noise all weights stay.
+        """
+        noise, recording = self.noise.forces, self.recording
+        if self.fit is None or noise.filter is not None:
+            return self
+        signs = self.signs(robot, self.fit.motion)
+        rows = np.flatnonzero(np.any(1 - signs**2 > UNSURE, axis=1))
+        if not len(rows):
+            return self
+        state = self.fit.motion.at(recording.forces.times[rows]).state()
+        kernel = held_regressor_kernel(robot.terms)
+        variance = np.zeros((len(rows), ACTUATORS))
+        for rate in range(signs.shape[1]):
+            ends = np.repeat(signs[None, rows], 2, axis=0)
+            ends[:, :, rate] = [[-1.0], [1.0]]
+            low, high = (kernel(state, end, robot.machine)[0] @ values for end in ends)
+            variance += (1 - signs[rows, rate, None] ** 2) * ((high - low) / 2) ** 2
+        # Rows of one phase in several periods have the same sign.
+        alike = recording.forces.counts[rows] * (1 if recording.averaged else recording.periods)
+        ratio = np.max(variance / np.diag(noise.covariance), axis=1) * alike
+        certainty = np.ones(len(signs))
+        certainty[rows] = 1 / (1 + ratio)
+        return replace(self, certainty=certainty)
+
+    @property
     def times(self) -> Array:
         """(R,) times of the rows, s."""
         return self.select_rows(self.recording.forces.times)
@@ -179,10 +220,21 @@ class Experiment:
 
     def signs_for_robot(self, robot: Robot, motion: HarmonicMotion) -> Array:
         """Return the expected friction signs for the terms of another robot, (S, s)."""
-        refined, times = self._matching_refined_motion(motion), self.recording.forces.times
+        spread = self._spread_for_robot(robot, motion)
+        return expected_signs(robot, motion, self.recording.forces.times, spread)
+
+    def share_of_delay(self, robot: Robot, motion: HarmonicMotion) -> Array:
+        """Return the delay's share of the variance of the rates of friction, (S, s)."""
+        spread = self.spread_along(motion)
+        if not robot.delay_std:
+            return np.zeros_like(spread)
+        others = self._spread_for_robot(replace(robot, delay_std=0.0), motion)
+        return 1 - (others / np.maximum(spread, others)) ** 2
+
+    def _spread_for_robot(self, robot: Robot, motion: HarmonicMotion) -> Array:
+        refined = self._matching_refined_motion(motion)
         covariance = self.fitted.covariance if refined is None else refined.covariance
-        spread = rate_spread(robot, motion, times, covariance)
-        return expected_signs(robot, motion, times, spread)
+        return rate_spread(robot, motion, self.recording.forces.times, covariance)
 
     def _matching_refined_motion(self, motion: HarmonicMotion) -> RefinedMotion | None:
         """Return the refined motion if this motion has the same harmonics."""

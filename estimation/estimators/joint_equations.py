@@ -239,11 +239,11 @@ class PerturbedMachine:
         weights : NoiseEstimate
             Noise by which the rows are weighted, after its filter.
         """
-        forces = experiment.recording.forces
+        forces, weights = experiment.recording.forces, experiment.weights
 
         def rows(part: slice) -> Rows:
             found = self.forces(experiment, motion, values, part)
-            return forces.values[part] - found.values, found.columns(free), forces.counts[part]
+            return forces.values[part] - found.values, found.columns(free), weights[part]
 
         parts = chunks(experiment.recording.samples)
         return NormalEquations.of(map(rows, parts), weights.covariance, weights.filter)

@@ -25,6 +25,7 @@ from estimation.estimators import (
 from estimation.estimators.influence import EstimatedDeviation
 from estimation.estimators.prior_estimate import UnloadedMachine
 from estimation.estimators.result import PayloadEstimate, payload_estimate
+from estimation.identification.harmonics import weigh_signs
 from estimation.identification.recording import (
     PreparedRecording,
     apply_calibration,
@@ -82,7 +83,8 @@ def estimate_parameters(
             robot = robot_from(configuration.robot)
             priors = parameter_priors(configuration, robot)
             recordings = tuple(
-                replace(r, experiment=r.experiment.with_terms_of(robot)) for r in recordings
+                replace(r, experiment=weigh_signs(robot, r.experiment.with_terms_of(robot), priors))
+                for r in recordings
             )
         recordings = _with_residual_noise(robot, recordings, priors)
         robot, experiments = linearise_at_load(robot, [r.experiment for r in recordings], priors)

@@ -77,11 +77,16 @@ def refine_motion(
     return RefinedMotion(whole, covariance, spread)
 
 
+def weigh_signs(robot: Robot, experiment: Experiment, priors: ParameterPriors) -> Experiment:
+    """Return the experiment with less weight of samples with uncertain signs of friction."""
+    return experiment.with_sign_variance(robot, _first_estimate(experiment, priors))
+
+
 def _first_estimate(experiment: Experiment, priors: ParameterPriors) -> Array:
     """Return Gauss–Markov parameters, (m,), of minimum norm if there are several solutions."""
     free, start = priors.free, priors.start
     rest = experiment.forces - experiment.fitted_regressors @ start
-    rows = (rest, experiment.fitted_regressors[:, :, free], experiment.counts)
+    rows = (rest, experiment.fitted_regressors[:, :, free], experiment.weights)
     noise = experiment.noise.forces
     fitted = NormalEquations.of([rows], noise.covariance, noise.filter) + priors.equations(start)
     values = start.copy()

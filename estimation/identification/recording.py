@@ -25,7 +25,7 @@ from estimation.estimators import (
     SystematicUncertainty,
     linear_estimate,
 )
-from estimation.identification.harmonics import refine_motion
+from estimation.identification.harmonics import refine_motion, weigh_signs
 from estimation.identification.periods import (
     UnsuitableDataError,
     choose_omega,
@@ -129,8 +129,11 @@ def prepare_recording(
             f"with {fit.motion.harmonics}"
         )
     experiment = Experiment.from_fit(robot, recording, noise, fit).without_lacking_terms(robot)
+    priors = ParameterPriors.of(robot, section)
+    if not held_out:
+        experiment = weigh_signs(robot, experiment, priors)
     if section.harmonics is None and not held_out:
-        whole = refine_motion(robot, experiment, ParameterPriors.of(robot, section))
+        whole = refine_motion(robot, experiment, priors)
         experiment = replace(experiment, refined_motion=whole)
     return PreparedRecording(
         data.source,

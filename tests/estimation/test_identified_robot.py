@@ -126,8 +126,9 @@ def test_as_a_prior_it_shares_its_systematic_error(tmp_path):
         }
     )
     found = estimate_parameters(after, second, MOTION)["gm"]
-    # The kinematic share is counted in the prior's weight, in that of the data it is not.
-    np.testing.assert_allclose(found.values, both.values, atol=0.2 * both.std.min())
+    # The kinematic share is counted in the prior's weight, in that of the data it is not; samples
+    # with uncertain signs of friction have the weights of a first estimate.
+    np.testing.assert_array_less(np.abs(found.values - both.values), 3e-4 * both.std)
     place = load_robot("palida").parameter_names.index("p10")
     for each in (found, both):
         # 5 % of all forces is 5 % of the mass, however many recordings there are.
