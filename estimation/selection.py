@@ -18,7 +18,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from operator import attrgetter
 from typing import Annotated, Self
 
 import numpy as np
@@ -32,10 +31,15 @@ from estimation.diagnostics.joint_system import (
     RowWhitening,
     joint_systems,
 )
-from estimation.diagnostics.linearisation import CandidateEffects, Linearisation, linearise
+from estimation.diagnostics.linearisation import (
+    CandidateEffects,
+    Linearisation,
+    Signature,
+    linearise,
+)
 from estimation.diagnostics.residual_covariance import empirical_noise, with_empirical_colour
 from estimation.diagnostics.residuals import HarmonicLackOfFit, harmonic_lack_of_fit
-from estimation.diagnostics.significance import are_possible, log_tail
+from estimation.diagnostics.significance import HARMONIC_LACK_OF_FIT, are_possible, log_tail
 from estimation.estimators import Experiment, ParameterPriors
 from estimation.measurement_model.motion import (
     Elimination,
@@ -115,17 +119,55 @@ def _take_step(
         if (term in model) != adding
         and (needed.get(term, term) in (*model, term) if adding else term not in held)
     ]
-    trials = [
-        judge.try_term(term, [other for other in model if other != term], before + 1, direction)
-        for term in terms
-    ]
-    if not trials:
+    found = []
+    for term in terms:
+        others = tuple(other for other in model if other != term)
+        one = judge.try_term(term, others)
+        found.append((one, others, judge.worth(one)))
+    if not found:
         return model, []
-    best = (max if adding else min)(trials, key=attrgetter("worth"))
-    if not (best.worth > 0 if adding else best.worth <= 0):
-        return model, trials
-    changed = (*model, best.term) if adding else tuple(t for t in model if t != best.term)
-    return changed, [replace(row, chosen=row is best) for row in trials]
+    best = max(found, key=lambda each: each[2] if adding else -each[2])
+    done = best[2] > 0 if adding else best[2] <= 0
+    rows = [
+        SelectionRow(
+            step=before + 1,
+            direction=direction,
+            term=one.term,
+            beside=" ".join(others),
+            parameters=one.rank,
+            statistic=one.statistic,
+            log_p=one.log_p,
+            samples=judge.samples[one.term],
+            bic=-one.bic,
+            held_out=-one.held_out,
+            possible=one.possible,
+            worth=worth,
+            chosen=done and one is best[0],
+        )
+        for one, others, worth in found
+    ]
+    if not done:
+        return model, rows
+    return ((*model, best[0].term) if adding else best[1]), rows
+
+
+@dataclass(frozen=True)
+class TermTrial:
+    """Statistics of one term given some others."""
+
+    term: str
+    statistic: float
+    """χ² of the term, over the dispersion."""
+    rank: int
+    """Its degrees of freedom: identifiable combinations of its parameters."""
+    log_p: float
+    """Logarithm of the F test's p, uncorrected."""
+    bic: float
+    """Decrease of Schwarz's criterion."""
+    held_out: float
+    """Decrease of −2 log L of held-out data; NaN if not computed."""
+    possible: bool = True
+    """Its parameters are within their bounds, or beyond them by at most three σ."""
 
 
 class Judge:
@@ -149,9 +191,7 @@ class Judge:
         self._splits = splits(evidence) if by == "holdout" else ()
         self._errors: dict[frozenset[str], float] = {}
 
-    def try_term(
-        self, term: str, others: Sequence[str], step: int = 1, direction: str = "add"
-    ) -> SelectionRow:
+    def try_term(self, term: str, others: Sequence[str]) -> TermTrial:
         """Compute the statistics of a term given the other terms of a model."""
         known = [self.evidence.places(other) for other in others]
         scores = self._scores.conditional_on(np.concatenate([np.zeros(0, dtype=np.intp), *known]))
@@ -160,30 +200,25 @@ class Judge:
         log_p = 0.0
         if fit.rank:
             log_p = float(log_tail(np.array(statistic), np.array(fit.rank), scores.freedom))
-        predicted = np.nan
+        held_out = np.nan
         if self.by == "holdout":
             # A term that is indistinguishable from the others does not change the prediction.
-            predicted = 0.0
+            held_out = 0.0
             if fit.rank:
-                predicted = self._held_out_error(others) - self._held_out_error([*others, term])
+                held_out = self._held_out_error(others) - self._held_out_error([*others, term])
         bic = statistic - fit.rank * float(np.log(self.samples[term]))
         possible = self.evidence.is_term_possible(term, fit)
-        gains = {"bic": bic, "f": self.limit - log_p, "holdout": predicted}
-        return SelectionRow(
-            step=step,
-            direction=direction,
-            term=term,
-            beside=" ".join(others),
-            parameters=fit.rank,
-            statistic=statistic,
-            log_p=log_p,
-            samples=self.samples[term],
-            bic=-bic,
-            held_out=-predicted,
-            possible=possible,
-            worth=gains[self.by] if possible else 0.0,
-            chosen=False,
-        )
+        return TermTrial(term, statistic, fit.rank, log_p, bic, held_out, possible)
+
+    def worth(self, trial: TermTrial) -> float:
+        """Return the gain of a term by the criterion: it is supported above zero."""
+        if not trial.possible:
+            return 0.0
+        if self.by == "bic":
+            return trial.bic
+        if self.by == "f":
+            return self.limit - trial.log_p
+        return trial.held_out
 
     def _held_out_error(self, terms: Sequence[str]) -> float:
         """Return −2 log L of held-out data, relative to the point of linearisation."""
@@ -197,16 +232,22 @@ class Judge:
 
 
 def find_imitations(judge: Judge, chosen: Sequence[str]) -> tuple[str, ...]:
-    """Return chosen terms that explain less than half of a lack of fit that remains."""
+    """Return chosen terms that explain less than half of a lack of fit that remains.
+
+    The lack of fit is that of the low harmonics. A term with most of its χ² in other lines, such as
+    a fine cogging, is not judged by it.
+    """
     evidence, needed = judge.evidence, judge.needs
     failed, rest = evidence.lack_of_fit(chosen)
     if not failed:
         return ()
-    found = {
-        term
-        for term in chosen
-        if rest > _EXPLAINED * evidence.lack_of_fit([each for each in chosen if each != term])[1]
-    }
+    found = set()
+    for term in chosen:
+        others = [each for each in chosen if each != term]
+        without = evidence.lack_of_fit(others)[1]
+        whole = judge.try_term(term, others).statistic * judge.dispersion
+        if rest > _EXPLAINED * without and without - rest > _EXPLAINED * whole:
+            found.add(term)
     return tuple(term for term in chosen if {term, needed.get(term, term)} & found)
 
 
@@ -312,7 +353,8 @@ class RecordingInformation:
         """Linearise one recording and eliminate its motion."""
         count = int(np.count_nonzero(part.free))
         nothing = NormalEquations(0.0, np.zeros((count, count)), np.zeros(count))
-        (system,) = joint_systems([part], [experiment.noise], nothing, held_out=False)
+        none = Signature.none(part)
+        (system,) = joint_systems([part], [experiment.noise], nothing, [none], held_out=False)
         motion = system.columns.shape[2] - count
         system = system.with_effects(candidate_effects.tolerance_columns()[0])
         unknowns = system.columns.shape[2]
@@ -340,7 +382,9 @@ class RecordingInformation:
             _part=part,
         )
 
-    def lack_of_fit(self, places: Places, prior: NormalEquations) -> HarmonicLackOfFit | None:
+    def lack_of_fit(
+        self, places: Places, prior: NormalEquations, level: float
+    ) -> HarmonicLackOfFit | None:
         """Test the low harmonics with some of (p, θ) as unknowns; None if they are not tested."""
         experiment = self._experiment
         if experiment.fit is None or experiment.noise.forces.includes_model_error:
@@ -349,7 +393,8 @@ class RecordingInformation:
         system = self._system.select(np.concatenate([self._order[places], self._order[first:]]))
         known = NormalEquations(0.0, system.information, system.gradient) + prior.select(places)
         solved = replace(system, information=known.matrix, gradient=known.gradient).solution
-        return harmonic_lack_of_fit(experiment, self._part, solved, experiment.motion.harmonics)
+        harmonics = experiment.motion.harmonics
+        return harmonic_lack_of_fit(experiment, self._part, solved, harmonics, level=level)
 
     def residual_chi_square(self, step: Array) -> tuple[float, int]:
         """Return χ² of the forces after a step of (p, θ), (u,), and the number of rows."""
@@ -494,7 +539,8 @@ class Evidence:
         """Return whether a model with these candidates leaves a lack of fit, and its χ² excess."""
         kept = [self.blocks[term] for term in terms]
         places = np.sort(np.concatenate([self.own_terms, *kept]))
-        found = [each.lack_of_fit(places, self.prior) for each in self.recordings]
+        level = HARMONIC_LACK_OF_FIT / len(self.recordings)
+        found = [each.lack_of_fit(places, self.prior, level) for each in self.recordings]
         tests = [test for test in found if test is not None]
         return any(test.failed for test in tests), sum(test.excess for test in tests)
 

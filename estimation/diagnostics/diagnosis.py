@@ -69,6 +69,7 @@ from estimation.diagnostics.significance import (
 from estimation.diagnostics.tolerance_test import tolerance_findings
 from estimation.diagnostics.verdict import check_motion_onset, verdict
 from estimation.estimators.experiment import Experiment
+from estimation.estimators.influence import Influence
 from estimation.estimators.prior_estimate import invert_covariance
 from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate
@@ -152,6 +153,12 @@ class _Case:
     search_system: JointSystem
     """With the empirical noise: effects are searched for with this one. A given covariance that is
     too small has a test for itself and must not appear as an effect."""
+    effects: CandidateEffects
+    tolerated: tuple[Signature, Array, Array]
+    """Columns of the deviations with tolerances, their 1/std² and means less the estimates:
+    deviations within their tolerances are no effects."""
+    influence: Influence | None
+    """Of the experiment's errors on the estimate; None for held-out data."""
 
 
 def _linearise_all(
@@ -176,16 +183,25 @@ def _linearise_all(
             "diagnosis: linearisation at the estimate", tuple(zip(coloured, motions, strict=True))
         )
     ]
+    effects = [
+        CandidateEffects(robot, experiment, motion, estimate.values, part)
+        for experiment, motion, part in zip(coloured, motions, parts, strict=True)
+    ]
+    in_the_model = {} if held_out or estimate.systematic is None else estimate.systematic.estimates
+    tolerated = [each.tolerance_columns(in_the_model) for each in effects]
+    deviations = [columns for columns, _, _ in tolerated]
     prior = priors.equations(estimate.values)
     if held_out:
         precision = invert_covariance(estimate.covariance[np.ix_(free, free)])
         prior = NormalEquations(0.0, precision, np.zeros(len(precision)))
     noises = [experiment.noise for experiment in coloured]
-    systems = joint_systems(parts, noises, prior, held_out=held_out)
+    systems = joint_systems(parts, noises, prior, deviations, held_out=held_out)
     empirical = [empirical_noise(experiment) for experiment in coloured]
     changed = any(one is not other for one, other in zip(empirical, noises, strict=True))
     search_systems = (
-        joint_systems(parts, empirical, prior, held_out=held_out) if changed else systems
+        joint_systems(parts, empirical, prior, deviations, held_out=held_out)
+        if changed
+        else systems
     )
     white = [part.apply_filters(e.noise) for part, e in zip(parts, coloured, strict=True)]
     return [
@@ -198,6 +214,9 @@ def _linearise_all(
             filtered=white[number],
             system=systems[number],
             search_system=search_systems[number],
+            effects=effects[number],
+            tolerated=tolerated[number],
+            influence=None if held_out else estimate.influences[number],
         )
         for number, experiment in enumerate(coloured)
     ]
@@ -237,20 +256,16 @@ def _diagnose_experiment(
     held_out: bool,
 ) -> AttributedDiagnosis:
     """Search one experiment for effects and test it, at 1/`shares` of the levels."""
-    experiment, part = case.experiment, case.part
-    effects = CandidateEffects(robot, experiment, case.motion, estimate.values, part)
-    families = list_hypotheses(effects, priors.names, held_out=held_out, experiments=shares)
-    # Deviations within their tolerances are no effects.
-    in_the_model = {} if held_out or estimate.systematic is None else estimate.systematic.estimates
-    tolerated = effects.tolerance_columns(in_the_model)
+    experiment, part, tolerated = case.experiment, case.part, case.tolerated
+    families = list_hypotheses(case.effects, priors.names, held_out=held_out, experiments=shares)
     attribution = attribute(
-        case.search_system.with_effects(*tolerated),
+        case.search_system.with_tolerances(*tolerated),
         part,
         families,
         experiment.recording.step,
         experiments=shares,
     )
-    tolerant = case.system.with_effects(*tolerated)
+    tolerant = case.system.with_tolerances(*tolerated)
     explained = attribution.last.solution
     if case.search_system is not case.system:
         explained = tolerant.with_effects(attribution.columns).solution
@@ -290,14 +305,14 @@ def _diagnose_experiment(
         pointwise=experiment.fit is None,
         attribution=attribution,
         reliability=()
-        if held_out
+        if case.influence is None
         else candidate_reliability(
             attribution,
             case.search_system,
             part,
             tolerated[0],
+            case.influence,
             stated=(robot.description.tolerances or RobotTolerances()).stated_terms,
-            tolerances_estimated=estimate.systematic is not None and estimate.systematic.estimated,
         ),
     )
 

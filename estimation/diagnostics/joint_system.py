@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 import scipy.linalg as sla
@@ -66,6 +66,10 @@ class JointSystem:
     length_columns: Array
     """(R', 6) and (R', 6, u), whitened residuals and columns of the lengths; `information` and
     `gradient` already include them."""
+    others: NormalEquations | None = None
+    """Information of the other experiments on the free parameters and the deviations with
+    tolerances, of which `information` and `gradient` include the part on the parameters; None:
+    there is no other experiment."""
 
     @cached_property
     def solution(self) -> SolvedSystem:
@@ -106,6 +110,22 @@ class JointSystem:
             information=np.block([[self.information, cross], [cross.T, own]]),
             gradient=np.concatenate([self.gradient, gradient]),
         )
+
+    def with_tolerances(self, deviations: Signature, precision: Array, off: Array) -> JointSystem:
+        """Include deviations with tolerances, common to all experiments, among the unknowns.
+
+        `precision` and `off`, (t,), are those of `with_effects`.
+        """
+        found = self.with_effects(deviations, precision, off)
+        if self.others is None:
+            return found
+        parameters = len(self.others.gradient) - deviations.count
+        places = np.r_[0:parameters, len(self.gradient) : len(found.gradient)]
+        matrix, gradient = self.others.matrix.copy(), self.others.gradient.copy()
+        matrix[:parameters, :parameters], gradient[:parameters] = 0.0, 0.0
+        found.information[np.ix_(places, places)] += matrix
+        found.gradient[places] += gradient
+        return found
 
     def select(self, unknowns: Places) -> JointSystem:
         """Return the system of some unknowns; the others keep their values."""
@@ -181,6 +201,7 @@ def joint_systems(
     parts: Sequence[Linearisation],
     noises: Sequence[NoiseModel],
     known: NormalEquations,
+    deviations: Sequence[Signature],
     *,
     held_out: bool,
 ) -> list[JointSystem]:
@@ -193,6 +214,8 @@ def joint_systems(
     known : NormalEquations
         Prior information on the free parameters: the prior of an estimate, or Cov(p̂)⁻¹ without a
         gradient for held-out data.
+    deviations : sequence of Signature
+        Columns of the deviations with tolerances, the same in all experiments.
     held_out : bool
         The parameters were not estimated from these experiments, so that they carry no information
         on each other's residuals.
@@ -206,19 +229,26 @@ def joint_systems(
         RowWhitening.of(noise.lengths, part.length_counts)
         for part, noise in zip(parts, noises, strict=True)
     ]
+    tolerated = deviations[0].count
     measured = [
-        _length_equations(part, rows) for part, rows in zip(parts, length_rows, strict=True)
+        _length_equations(part, rows, own)
+        for part, rows, own in zip(parts, length_rows, deviations, strict=True)
     ]
-    own = [
-        rows.equations(part.forces, part.columns).with_motion(motion).eliminate(count)
-        for part, rows, motion in zip(parts, force_rows, measured, strict=True)
+    shares = [
+        rows.equations(part.forces, np.insert(part.columns, [count], own.forces, axis=2))
+        .with_motion(motion)
+        .eliminate(count + tolerated)
+        for part, rows, own, motion in zip(parts, force_rows, deviations, measured, strict=True)
         if len(parts) > 1 and not held_out
     ]
     systems = []
-    for number, (part, noise, motion, of_forces, of_lengths) in enumerate(
+    for number, (part, noise, length_share, of_forces, of_lengths) in enumerate(
         zip(parts, noises, measured, force_rows, length_rows, strict=True)
     ):
-        others = sum((each for other, each in enumerate(own) if other != number), known)
+        motion, own, others = length_share.select(slice(tolerated, None)), known, None
+        if shares:
+            others = reduce(NormalEquations.__add__, shares[:number] + shares[number + 1 :])
+            own = known + others.select(slice(count))
         unknowns = part.columns.shape[2]
         lengths = np.zeros((0, ACTUATORS)) if part.lengths is None else part.lengths
         length_columns = np.zeros((len(lengths), ACTUATORS, unknowns))
@@ -229,24 +259,27 @@ def joint_systems(
                 length_rows=of_lengths,
                 forces=of_forces(part.forces),
                 columns=of_forces(part.columns),
-                information=np.asarray(sla.block_diag(others.matrix, motion.matrix)),
-                gradient=np.concatenate([others.gradient, motion.gradient]),
+                information=np.asarray(sla.block_diag(own.matrix, motion.matrix)),
+                gradient=np.concatenate([own.gradient, motion.gradient]),
                 freedom=noise.forces.weights_freedom,
                 lengths=of_lengths(lengths) if len(lengths) else lengths,
                 length_columns=of_lengths(length_columns) if len(lengths) else length_columns,
+                others=others,
             )
         )
     return systems
 
 
-def _length_equations(part: Linearisation, rows: RowWhitening) -> NormalEquations:
-    """Return the equations of motion and signs from the lengths and the variance of the signs."""
+def _length_equations(
+    part: Linearisation, rows: RowWhitening, deviations: Signature
+) -> NormalEquations:
+    """Return the lengths' equations of deviations, motion and signs, with the signs' variance."""
     signs = part.sign_errors.shape[2]
     if part.lengths is None:
         return NormalEquations(0.0, np.eye(signs), np.zeros(signs))
-    columns = np.pad(part.length_columns, ((0, 0), (0, 0), (0, signs)))
-    found = rows.equations(part.lengths, columns)
-    prior = np.arange(len(found.gradient)) >= part.length_columns.shape[2]
+    columns = np.concatenate([deviations.lengths, part.length_columns], axis=2)
+    found = rows.equations(part.lengths, np.pad(columns, ((0, 0), (0, 0), (0, signs))))
+    prior = np.arange(len(found.gradient)) >= columns.shape[2]
     return replace(found, matrix=found.matrix + np.diag(prior.astype(float)))
 
 

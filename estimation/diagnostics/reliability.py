@@ -3,8 +3,9 @@
 Baarda's reliability (Publications on Geodesy 2-5, 1968). Internal: the smallest size of each
 candidate effect that its test finds with a probability of `POWER`. For one column z with the
 information I (`estimation.diagnostics.joint_system`) and the noncentrality λ of its test it is
-√(λ/I). External: an effect of size c moves the parameters by D c, D = J⁻¹ Uᵀ W z. For several
-columns, the effects with cᵀ I c ≤ λ move parameter p by at most √(λ d I⁻¹ dᵀ), d the row of D.
+√(λ/I). External: an effect of size c moves the parameters by D c, where D is the response of the
+estimator (`Influence.response`). For several columns, the effects with cᵀ I c ≤ λ move parameter p
+by at most √(λ d I⁻¹ dᵀ), d the row of D.
 
 The effects of all recordings are the same: their shifts add, and each recording tests them alone.
 Effects that a tolerance describes are part of the standard deviations already, and effects without
@@ -29,6 +30,7 @@ from estimation.diagnostics.hypothesis import POWER, Hypothesis
 from estimation.diagnostics.joint_system import JointSystem
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.significance import Strut
+from estimation.estimators.influence import Influence
 from expdesign.runfolder import described
 
 _Key = tuple[str, str, int | None, float | None]
@@ -90,9 +92,9 @@ def candidate_reliability(
     system: JointSystem,
     part: Linearisation,
     tolerated: Signature,
+    influence: Influence,
     *,
     stated: Collection[str] = (),
-    tolerances_estimated: bool,
 ) -> tuple[CandidateReliability, ...]:
     """Return the reliability of all candidates in one recording.
 
@@ -102,17 +104,20 @@ def candidate_reliability(
         Its candidates and their first tests.
     system : JointSystem
         The recording without the deviations `tolerated`, which the tests regard as unknown.
+    influence : Influence
+        Of the recording's errors on the estimate.
     stated : collection of str
         Terms whose size is stated as a tolerance, of zero if the machine has none: left out.
-    tolerances_estimated : bool
-        They were estimated with the parameters, too.
     """
     tests = attribution.first
     families = list(tests.families.values())
     signature = Signature.concatenate([each.hypothesis.columns for each in families])
-    solution = tests.solution if tolerances_estimated else system.solution
     count = int(np.count_nonzero(part.free))
-    shift = solution.root[:count] @ solution.project(signature).mixed.T
+    forces, lengths = (
+        part.cells.expand(signature.forces),
+        part.length_cells.expand(signature.lengths),
+    )
+    shift = influence.response(forces.__getitem__, lengths.__getitem__)[:count]
     counted = np.zeros(signature.count, dtype=bool)
     if tolerated.count:
         free = system.with_effects(tolerated).solution.project(signature)
@@ -134,7 +139,7 @@ def candidate_reliability(
                     hypothesis,
                     number,
                     fit.rank,
-                    _noncentrality(family.limit, fit.rank),
+                    _noncentrality(family.limit, fit.rank, tests.conditional.freedom),
                     fit.covariance,
                     shift[:, places],
                     gram,
@@ -144,14 +149,20 @@ def candidate_reliability(
 
 
 @cache
-def _noncentrality(log_level: float, freedom: int) -> float:
-    """Return λ of a noncentral χ² that is significant at this level with `POWER`."""
-    critical = scipy.stats.chi2.isf(np.exp(log_level), freedom)
+def _noncentrality(log_level: float, count: int, freedom: float) -> float:
+    """Return λ of a noncentral χ² that is significant at this level with `POWER`.
+
+    With an estimated Σ of ν degrees of freedom, `freedom`, it is `count` times a noncentral F.
+    """
+    shape, central, noncentral = (count,), scipy.stats.chi2, scipy.stats.ncx2
+    if np.isfinite(freedom):
+        shape, central, noncentral = (count, freedom), scipy.stats.f, scipy.stats.ncf
+    critical = central.isf(np.exp(log_level), *shape)
 
     def lacking(value: float) -> float:
-        return float(scipy.stats.ncx2.sf(critical, freedom, value)) - POWER
+        return float(noncentral.sf(critical, *shape, value)) - POWER
 
-    return float(brentq(lacking, 1e-6, 10 * critical + 100))
+    return float(brentq(lacking, 1e-6, 10 * count * critical + 100))
 
 
 def undetected_effects(

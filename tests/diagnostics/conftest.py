@@ -10,7 +10,7 @@ from scipy import stats
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.hypotheses import list_hypotheses
 from estimation.diagnostics.joint_system import joint_systems
-from estimation.diagnostics.linearisation import CandidateEffects, linearise
+from estimation.diagnostics.linearisation import CandidateEffects, Signature, linearise
 from estimation.diagnostics.residual_covariance import (
     held_out_residual_covariance,
     joint_residual_covariance,
@@ -135,7 +135,8 @@ class LinearTwin:
         noise = self.lab.noise
         model = replace(noise, forces=replace(noise.forces, freedom=self.freedom))
         information = self.zero if known is None else known
-        return joint_systems([part], [model], information, held_out=held_out)[0]
+        none = Signature.none(part)
+        return joint_systems([part], [model], information, [none], held_out=held_out)[0]
 
     def families(self, *, held_out):
         """Return the causes that are looked for at the truth."""
