@@ -152,7 +152,7 @@ def model_functions(terms: tuple[Term, ...]) -> Mapping[str, ModelFunction]:
     )
     rubbing = [
         graph.parameters[k] if sliding else ca.SX(0)
-        for k, sliding in enumerate(bool(term.rates) for term in terms for _ in term.parameters)
+        for k, sliding in enumerate(term.is_friction for term in terms for _ in term.parameters)
     ]
     return {
         "forces": of("forces of the actuators", tuple(states), _actuator_forces(graph, signs)),
@@ -317,7 +317,7 @@ def vectors_of(robot: Robot, width: float, count: int, seed: int) -> Vectors:
     """
     states = random_states(robot, count, seed)
     motion = robot.strut_motion(*np.split(states, 3, axis=1))
-    sliding = np.array([bool(term.rates) for term in robot.terms for _ in term.parameters])
+    sliding = np.array([term.is_friction for term in robot.terms for _ in term.parameters])
     regressors = _regressors(robot, states, width)
     return Vectors(
         states,

@@ -17,20 +17,21 @@ nearest multiple of the base frequency.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.finding import Assumption
+from estimation.diagnostics.finding import Assumption, join_words
 from estimation.diagnostics.hypothesis import MODELLED, Candidates, Family, Hypothesis, Label
 from estimation.diagnostics.linearisation import CandidateEffects, Linearisation, Signature
 from estimation.diagnostics.significance import HYPOTHESES
 from estimation.processing.hum import mains_frequencies
 from estimation.processing.periodic_recording import PeriodicRecording
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
+from expdesign.robot.deviation import toleranced_deviations
 
 _FEWEST_PERIODS = 2
 _MULTIPLES = 3
@@ -62,8 +63,9 @@ def list_hypotheses(
     """
     own = parameter_hypothesis(effects.part, names, held_out=held_out)
     others = []
-    for family, find in _FAMILIES:
-        found = find(effects)
+    stated = {each.group for each in toleranced_deviations(effects.robot)}
+    for declared, find in _FAMILIES:
+        found, family = find(effects), _mention_tolerances(declared, stated)
         if found.labels or family.kind != "hum":
             modelled = not found.labels and family.reason_untested == MODELLED
             others.append(Hypothesis(**vars(family), **vars(found), modelled=modelled))
@@ -77,6 +79,15 @@ def list_hypotheses(
         replace(hypothesis, level=level)
         for hypothesis, level in zip((own, *others), levels, strict=True)
     )
+
+
+def _mention_tolerances(family: Family, stated: Collection[str]) -> Family:
+    """Return a family whose advice does not ask for a tolerance that is stated already."""
+    exceeded = [f"`tolerances.{group}`" for group in family.tolerances if group in stated]
+    if not exceeded:
+        return family
+    advice = f"it exceeds the stated {join_words(exceeded)}: measure it, or state a larger one"
+    return replace(family, assumption=replace(family.assumption, advice=advice))
 
 
 def parameter_hypothesis(
@@ -405,6 +416,7 @@ _FAMILIES = (
         lambda effects: _candidates(effects.gains(), _EACH),
         "state the uncertainty of the force constants, `tolerances.force_constant.each`, with "
         + _JOINTLY,
+        tolerances=("force_constant.each",),
         assumed="the forces have the same gain",
         fails="the gain of an actuator's force differs from the others",
         scale=100.0,
@@ -440,6 +452,7 @@ _FAMILIES = (
         ),
         "measure it, or state the uncertainty of the joints, `tolerances.base_joints` and "
         "`tolerances.platform_joints`, with " + _JOINTLY,
+        tolerances=("base_joints", "platform_joints"),
         assumed="the joints are where the robot file says",
         fails="a joint is not at its position in the robot file",
         phrase="{place} displaced",
@@ -451,6 +464,7 @@ _FAMILIES = (
         "a tilt of gravity",
         _deviations(["gravity_1", "gravity_2"], [_ALL], [range(2)]),
         "level the base, or state its uncertainty, `tolerances.gravity`, with " + _JOINTLY,
+        tolerances=("gravity",),
         assumed="gravity has the direction of the robot file",
         fails="gravity does not have the direction in the robot file",
         unit="deg",
@@ -462,6 +476,7 @@ _FAMILIES = (
         _deviations(actuator_names("strut_length_"), _EACH),
         "reference the strut again, or state the uncertainty of the zeros, "
         "`tolerances.strut_length`, with " + _JOINTLY,
+        tolerances=("strut_length",),
         assumed="lengths are measured from where the robot file says",
         fails="the zero of a length is wrong",
         unit="mm",
@@ -473,6 +488,7 @@ _FAMILIES = (
         _delay,
         f"state the uncertainty of the delay, `tolerances.delay`, with {_JOINTLY}; a delay from "
         "the data sheet goes into `data.delay`",
+        tolerances=("delay",),
         assumed="forces and lengths are sampled at the same time",
         fails="the forces lag behind the lengths",
         absent="no significant delay of the forces ({value:.3g} ± {std:.1g} ms)",

@@ -57,6 +57,8 @@ class Family:
     """Share of the level of all families, relative to the others."""
     assumption: Assumption
     """Assumption that there is no such effect."""
+    tolerances: tuple[str, ...] = ()
+    """Groups of the deviations that are such effects."""
     noun: str
     """Noun for such an effect, such as ``a constant force``."""
     absent: str

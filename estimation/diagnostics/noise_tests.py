@@ -71,20 +71,23 @@ def whiteness(
         K independent series, in time.
     expected : callable, optional
         (channel, lag) → Σ_t Cov(e_t, e_{t + lag}) / σ² of residuals of a correct model, whose
-        neighbours are correlated by the fit.
+        neighbours are correlated by the fit; for lag 0 that less the number of samples.
     """
     series, samples, channels = values.shape
     lags = max(1, min(_LAGS, samples // 5))
     total = np.sum(values**2, axis=(0, 1)) / (series * samples)
+    free = np.ones(channels)  # share of the degrees of freedom that the fit leaves
+    if expected is not None:
+        free += np.array([expected(j, 0) for j in range(channels)]) / (series * samples)
     correlation = np.zeros((channels, lags))
     normalised = np.zeros((channels, lags))
     for lag in range(1, lags + 1):
-        products = np.sum(values[:, :-lag] * values[:, lag:], axis=(0, 1)) / total
+        products = np.sum(values[:, :-lag] * values[:, lag:], axis=(0, 1)) / total * free
         pairs = series * (samples - lag)
         if expected is not None:
             products = products - np.array([expected(j, lag) for j in range(channels)])
         correlation[:, lag - 1] = products / pairs
-        normalised[:, lag - 1] = products / np.sqrt(pairs)
+        normalised[:, lag - 1] = products / np.sqrt(pairs * free)
     statistic = np.max(np.abs(normalised), axis=1)
     p_values = np.minimum(1.0, 2 * lags * scipy.stats.norm.sf(statistic))
     return Whiteness(
@@ -349,7 +352,8 @@ def _test_channels(
         samples = contrasts(periods)
         white = whiteness(samples, level=level)
         if noise_filter is not None:
-            periods = np.stack([noise_filter(period) for period in measured])
+            unscaled = periods if noise_filter.size is None else measured
+            periods = np.stack([noise_filter(period) for period in unscaled])
             # The jump between a period's end and beginning appears as outliers after the filter.
             ends = noise_filter.reach(samples.std(axis=(0, 1)))
             samples = contrasts(periods)[:, ends : noise_filter.samples - ends]

@@ -51,8 +51,9 @@ class ResidualCovariance:
         return np.maximum(1.0 + np.pad(values, (0, len(own) - len(values))), 0.0)
 
     def lagged_covariance(self, channel: int, lag: int) -> float:
-        """Return Σ_t Cov(e_t, e_{t + lag}) / σ_j² within the rows of one channel."""
-        pairs = self._mapped[:-lag, channel], self.columns[lag:, channel]
+        """Return Σ_t Cov(e_t, e_{t + lag}) / σ_j² of one channel, without the noise itself."""
+        rows = len(self.columns) - lag
+        pairs = self._mapped[:rows, channel], self.columns[lag:, channel]
         product = float(np.einsum("ru,ru->", *pairs))
         return product / float(self.noise.covariance[channel, channel])
 

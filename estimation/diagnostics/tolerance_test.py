@@ -56,9 +56,7 @@ def tolerance_findings(estimate: ParameterEstimate) -> tuple[Finding, ...]:
     if p >= level:
         sentence = f"the estimated deviations are within their tolerances ({total})"
         return (_WITHIN.holds(sentence, p, level),)
-    far = seen[np.argsort(-abs(case.z[seen]))]
-    far = far[abs(case.z[far]) > _NAMED]
-    if len(far):
+    if far := case.exceeding():
         names = [case.entries[k].name for k in far[:_MOST_NAMED]]
         where = join_words(names if len(far) <= _MOST_NAMED else [*names, "others"])
         numbers = "; ".join(case.describe(k) for k in far[:_MOST_NAMED])
@@ -107,8 +105,33 @@ class _Case:
     @property
     def z(self) -> Array:
         """(t,), estimates in their standard deviations; 0 where the data say nothing."""
-        std = np.sqrt(np.diag(self.covariance))
-        return np.where(std > SEEN, self.theta / np.maximum(std, SEEN), 0.0)
+        return self._z_given([])
+
+    def exceeding(self) -> list[int]:
+        """Return the entries that exceed their tolerances, given each other, the largest first.
+
+        An entry is left out if the others explain its estimate: several displaced joints shift
+        that of the common force constant, too.
+        """
+        named: list[int] = []
+        while len(named) < np.count_nonzero(self.z):
+            left = abs(self._z_given(named))
+            worst = int(np.argmax(left))
+            if left[worst] <= _NAMED:
+                break
+            named.append(worst)
+        for k in sorted(named, key=lambda k: abs(self.z[k])):
+            others = [each for each in named if each != k]
+            named = named if abs(self._z_given(others)[k]) > _NAMED else others
+        return sorted(named, key=lambda k: -abs(self.z[k]))
+
+    def _z_given(self, known: list[int]) -> Array:
+        """Return the estimates in their standard deviations, (t,), if others may have any size."""
+        cross = self.covariance[:, known]
+        slope = cross @ np.linalg.pinv(self.covariance[np.ix_(known, known)], hermitian=True)
+        std = np.sqrt(np.maximum(np.diag(self.covariance) - np.sum(slope * cross, axis=1), 0.0))
+        rest = self.theta - slope @ self.theta[known]
+        return np.where(std > SEEN, rest / np.maximum(std, SEEN), 0.0)
 
     def joint_test(self, places: NDArray[np.bool_]) -> _JointTest:
         """Test some entries together, in the combinations that the data show."""

@@ -190,25 +190,30 @@ def _colour_test(matrices: ComplexArray, response: ComplexArray) -> ComplexArray
 def _neighbours(lines: NoiseLines, width: int, kept: Array) -> tuple[ComplexArray, Array]:
     """Return the mean over ± width lines without the line itself, (L, 6, 6), and its freedom.
 
-    It is NaN without any kept line.
+    Adjacent lines that share a contrast with it are left out, too. NaN without any kept line.
     """
     samples, count = lines.samples, len(kept)
     own = np.arange(count)
-    # Beyond zero and N/2 follow the conjugates of the same lines: the line itself occurs twice, and
-    # the others count once.
-    double = (own > 0) & (2 * own < samples)
-    itself = double & ((2 * own <= width) | (own + width >= samples - own))
+    apart = 2 if lines.adjacent_shared else 1
 
-    def windows(values: ComplexArray) -> ComplexArray:
+    def around(values: ComplexArray) -> ComplexArray:
+        # Beyond zero and N/2 follow the conjugates of the same lines.
         circle = np.concatenate([values, values[1 : samples - count + 1].conj()[::-1]])
-        circle = np.concatenate([circle[samples - width :], circle, circle[:width]])
-        sums = np.cumsum(np.concatenate([np.zeros_like(circle[:1]), circle]), axis=0)
-        return (sums[2 * width + 1 :] - sums[: -2 * width - 1])[:count]
+        padded = np.concatenate([circle[samples - width :], circle, circle[:width]])
+        sums = np.cumsum(np.concatenate([np.zeros_like(circle[:1]), padded]), axis=0)
+        total = (sums[2 * width + 1 :] - sums[: -2 * width - 1])[:count]
+        for offset in range(1 - apart, apart):
+            conjugate = -(own + offset) % samples
+            distance = np.minimum((own - conjugate) % samples, (conjugate - own) % samples)
+            again = (distance >= apart) & (distance <= width)
+            shape = (count, *(1,) * (values.ndim - 1))
+            total = total - circle[(own + offset) % samples]
+            total = total - np.where(again.reshape(shape), circle[conjugate], 0)
+        return total
 
     # Whole numbers except for the rounding of the sums.
-    weight = np.rint(windows(kept.astype(np.complex128)).real - kept * (1 + itself))
-    whole = lines.matrices * kept[:, None, None]
-    total = windows(whole) - whole - np.where(itself[:, None, None], whole.conj(), 0)
+    weight = np.rint(around(kept.astype(np.complex128)).real)
+    total = around(lines.matrices * kept[:, None, None])
     twice = np.maximum(width - own, 0) + np.maximum(own + width - samples // 2, 0)
     distinct = np.maximum(weight - twice, 1.0)
     share = np.where(weight > 0, 1 / np.maximum(weight, 1.0), np.nan)
@@ -271,6 +276,8 @@ class NoiseLines:
     """N, of a period."""
     freedom: float
     """Complex degrees of freedom of every line (number of contrasts); inf if it was given."""
+    adjacent_shared: bool = False
+    """Whether adjacent lines share a contrast, as with an even number of periods."""
 
     @classmethod
     def of(cls, periods: Array) -> NoiseLines:
@@ -291,7 +298,7 @@ class NoiseLines:
         about = count * np.arange(last + 1)[:, None] + np.arange(-half, half + 1)
         noise = lines[about % len(lines)]
         matrices = np.einsum("m,lmi,lmj->lij", weights / (count - 1), noise, noise.conj())
-        return cls(matrices, samples, float(count - 1))
+        return cls(matrices, samples, float(count - 1), adjacent_shared=count % 2 == 0)
 
     @property
     def covariance(self) -> Array:

@@ -158,7 +158,10 @@ class Machine:
     def _shares(self) -> tuple[Mask, Mask, Mask]:
         """Return masks of parameters: smooth load terms, other terms, terms outside the motor."""
         kinds = [
-            (term.name in CARRIED and not term.rates, term.name in CARRIED and bool(term.rates))
+            (
+                term.name in CARRIED and not term.is_friction,
+                term.name in CARRIED and term.is_friction,
+            )
             for term in self.robot.terms
             for _ in term.parameters
         ]

@@ -250,7 +250,7 @@ def _doubts(model: ControlModel, known: Identification, file: str) -> Iterator[s
     negative = [
         one.name
         for (term, one), value in zip(parameters, model.robot.parameters, strict=True)
-        if term.rates and value < one.lower
+        if term.is_friction and value < one.lower
     ]
     if negative:
         yield (

@@ -268,7 +268,7 @@ def chosen_terms(
     """
     names = [term.name for term in described]
     if drive.geared is not None and DRIVE_INERTIA.name not in names:
-        friction = (k for k, term in enumerate(described) if term.definition.rates)
+        friction = (k for k, term in enumerate(described) if term.definition.is_friction)
         names.insert(next(friction, len(names)), DRIVE_INERTIA.name)
     return terms_named(names, general=platform == "general", turning=turning)
 
@@ -282,10 +282,10 @@ def insert_terms(
     load; a term follows the one whose constants it takes.
     """
     found = list(own)
-    for term in sorted(added, key=lambda one: bool(one.definition.rates)):
+    for term in sorted(added, key=lambda one: one.definition.is_friction):
         names, place = [one.name for one in found], len(found)
-        if not term.definition.rates:
-            place = next((k for k, one in enumerate(found) if one.definition.rates), place)
+        if not term.definition.is_friction:
+            place = next((k for k, one in enumerate(found) if one.definition.is_friction), place)
         if (partner := term.definition.beside) in names:
             place = max(place, names.index(partner) + 1)
         found.insert(place, term)

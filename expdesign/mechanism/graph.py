@@ -197,7 +197,7 @@ class HexapodGraph:
                 direct if columns.torques is None else direct + self._wrench_of_torques(torques)
             )
             own_parts = (direct, torques, wrench, along)
-            if not (term.rates or self._open_load):
+            if not (term.is_friction or self._open_load):
                 first = found[0].shape[1]
                 own_nominal = self.nominal[first : first + none.shape[1]]
                 load += (self.inverse_jacobian_transposed @ wrench + along) @ own_nominal
@@ -205,7 +205,7 @@ class HexapodGraph:
                 if self.loading and any(loading[len(self.loading) :]):
                     raise ValueError(f"the load of {term.name} is not that of the terms before it")
                 self.loading = loading
-            loading += (not term.rates,) * len(term.parameters)
+            loading += (not term.is_friction,) * len(term.parameters)
             found = [ca.horzcat(*pair) for pair in zip(found, own_parts, strict=True)]
         self.loading += (False,) * (len(loading) - len(self.loading))
         return found

@@ -192,7 +192,9 @@ class Term:
     columns: Callable[[Instant], Columns]
     """The columns for one of each parameter, in its unit."""
     rates: tuple[SlidingRate, ...] = ()
-    """Rates with signs in the columns. A term with any is friction, and no load."""
+    """Rates with signs in the columns. A term with any is friction."""
+    viscous: bool = False
+    """True for friction without a sign in its columns."""
     constants: tuple[Constant, ...] = ()
     beside: str = ""
     """Name of another term with constants for its columns; it must be listed before."""
@@ -205,6 +207,11 @@ class Term:
     """Matrices that test the physical consistency of estimates with their covariance."""
     place: int = 1000
     """Sorting key in the catalogue and in its tables."""
+
+    @property
+    def is_friction(self) -> bool:
+        """True for a term that takes energy, and is no load of the actuators."""
+        return self.viscous or bool(self.rates)
 
     def __hash__(self) -> int:
         """Hash the name: terms are the keys of kernels, and that is asked for in every call."""

@@ -284,6 +284,9 @@ def json_type(kind: type[Any]) -> type[Any]:
     )
 
 
+_MISSING = "the key is missing"
+
+
 def read_keys(kind: type[JsonFile], path: Path) -> Any:
     """Read and check the keys of a JSON file; return them as attributes."""
     if not path.is_file():
@@ -294,7 +297,12 @@ def read_keys(kind: type[JsonFile], path: Path) -> Any:
     try:
         keys = checker(json_type(kind)).validate_python(data)
     except ValidationError as error:
-        raise InputError(_problems(path, data, error)) from error
+        found = list(_problems(path, data, error))
+        lacking = [problem.key for problem in found if problem.message == _MISSING]
+        if lacking and not kind.WRITTEN_BY_HAND:
+            message = "the key is missing: made by an earlier version, or edited; run it again"
+            raise InputError(message, path, key=lacking[0]) from error
+        raise InputError(found) from error
     wrong = [
         Problem(f"{quote(value)} is not a number of a result", path, key=key_path(key), allowed=to)
         for to in [f"numbers up to {LARGEST_NUMBER:g}, null for a missing one"]
@@ -331,9 +339,7 @@ def _problems(path: Path, data: object, error: ValidationError) -> Iterator[Prob
         missing = details["type"] == "missing"
         key = _key_in(data, details["loc"][:-1] if missing else details["loc"])
         key += details["loc"][-1:] if missing else ()
-        message, allowed, _ = (
-            ("the key is missing", None, None) if missing else value_problem(details)
-        )
+        message, allowed, _ = (_MISSING, None, None) if missing else value_problem(details)
         # Of the alternatives that one value may be, the last is the widest.
         found[key] = Problem(message, path, key=key_path(key), allowed=allowed)
     yield from found.values()

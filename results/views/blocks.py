@@ -9,6 +9,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import DiagnosisVerdict, Finding, Status
+from estimation.diagnostics.linearisation import GENERAL_PLATFORM
 from estimation.diagnostics.reliability import UndetectedEffect
 from estimation.estimators.result import ABOUT_CENTRE, TEN, about_centre
 from estimation.identification.estimator_result import PayloadRow
@@ -76,6 +77,8 @@ def undetected_blocks(effects: Sequence[UndetectedEffect]) -> list[Block]:
         "effect that the machine does not have, and a tolerance for one that it may have, which σ "
         "then includes. The column std_undetected of estimates.csv contains what remains."
     )
+    if GENERAL_PLATFORM in worst:
+        text += " An asymmetry of the platform has no tolerance: state `platform: general`."
     columns = (
         TableColumn("effect and size", kind="text", of="text"),
         TableColumn("moves most", kind="parameter", of="worst"),

@@ -75,7 +75,7 @@ def test_whiteness_of_residuals_allows_for_the_fit():
     basis, _ = np.linalg.qr(basis)
 
     def expected(_, lag):
-        return -float(np.sum(basis[:-lag] * basis[lag:]))
+        return -float(np.sum(basis[: len(basis) - lag] * basis[lag:]))
 
     raw, allowed = [], []
     for _ in range(200):

@@ -70,8 +70,7 @@ VISCOUS_JOINTS = Term(
         for end in ("base", "platform")
     ),
     columns=_viscous_joints,
-    # Without any sign in its columns: they mark the term as friction.
-    rates=(ALPHA_RATE, BETA_RATE),
+    viscous=True,
 )
 """Grease and seals of the joints: torques in proportion to their relative angular velocity.
 
