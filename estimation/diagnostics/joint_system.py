@@ -234,7 +234,7 @@ def joint_systems(
         _length_equations(part, rows, own)
         for part, rows, own in zip(parts, length_rows, deviations, strict=True)
     ]
-    shares = [
+    shares: list[NormalEquations] = [
         rows.equations(part.forces, np.insert(part.columns, [count], own.forces, axis=2))
         .with_motion(motion)
         .eliminate(count + tolerated)

@@ -154,9 +154,11 @@ def _noncentrality(log_level: float, count: int, freedom: float) -> float:
 
     With an estimated Σ of ν degrees of freedom, `freedom`, it is `count` times a noncentral F.
     """
-    shape, central, noncentral = (count,), scipy.stats.chi2, scipy.stats.ncx2
-    if np.isfinite(freedom):
-        shape, central, noncentral = (count, freedom), scipy.stats.f, scipy.stats.ncf
+    known = not np.isfinite(freedom)
+    shape = (count,) if known else (count, freedom)
+    central, noncentral = (
+        (scipy.stats.chi2, scipy.stats.ncx2) if known else (scipy.stats.f, scipy.stats.ncf)
+    )
     critical = central.isf(np.exp(log_level), *shape)
 
     def lacking(value: float) -> float:
