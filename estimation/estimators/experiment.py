@@ -168,8 +168,8 @@ class Experiment:
         return self.select_rows(self.recording.forces.counts)
 
     @property
-    def weights(self) -> Array:
-        """(R,) weights of the rows: their counts, less where signs of friction are uncertain."""
+    def effective_counts(self) -> Array:
+        """(R,) counts as weights of the rows, less where signs of friction are uncertain."""
         return self.counts if self.certainty is None else self.counts * self.certainty
 
     def with_sign_variance(self, robot: Robot, values: Array) -> Experiment:

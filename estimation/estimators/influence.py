@@ -89,7 +89,7 @@ class Influence:
 
     def forces(self) -> Iterator[Part]:
         """Yield K of the forces, part by part; in one part if a filter is applied."""
-        yield from _weighted(self._force_response(), self.experiment.weights, self.weights)
+        yield from _weighted(self._force_response(), self.experiment.effective_counts, self.weights)
 
     def lengths(self) -> Iterator[Part]:
         """Yield K of the lengths; nothing after pointwise kinematics, where K is unknown."""
@@ -142,7 +142,7 @@ class Influence:
         """Return the covariance due to the noise of the forces."""
         noise = self.experiment.noise.forces
         loss = self.weights.weighting_loss
-        return _sandwich_covariance(self.forces(), noise, self.experiment.weights, loss)
+        return _sandwich_covariance(self.forces(), noise, self.experiment.effective_counts, loss)
 
     def covariance_from_lengths(self) -> Covariance | None:
         """Return the covariance due to the noise of the lengths; None where K is unknown."""
@@ -164,7 +164,11 @@ def difference_covariance(first: Sequence[Influence], second: Sequence[Influence
         one, other = (each.of(own_rows) for each in pair)
         recording, noise = one.experiment.recording, one.experiment.noise
         for parts, own, counts in (
-            (zip(one.forces(), other.forces(), strict=True), noise.forces, one.experiment.weights),
+            (
+                zip(one.forces(), other.forces(), strict=True),
+                noise.forces,
+                one.experiment.effective_counts,
+            ),
             (
                 zip(one.lengths(), other.lengths(), strict=True),
                 noise.lengths,

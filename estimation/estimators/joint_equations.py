@@ -239,11 +239,11 @@ class PerturbedMachine:
         weights : NoiseEstimate
             Noise by which the rows are weighted, after its filter.
         """
-        forces, weights = experiment.recording.forces, experiment.weights
+        forces, counts = experiment.recording.forces, experiment.effective_counts
 
         def rows(part: slice) -> Rows:
             found = self.forces(experiment, motion, values, part)
-            return forces.values[part] - found.values, found.columns(free), weights[part]
+            return forces.values[part] - found.values, found.columns(free), counts[part]
 
         parts = chunks(experiment.recording.samples)
         return NormalEquations.of(map(rows, parts), weights.covariance, weights.filter)

@@ -116,7 +116,7 @@ class _Problem:
             rows = (
                 experiment.forces - experiment.fitted_regressors @ start,
                 experiment.fitted_regressors[:, :, free],
-                experiment.weights,
+                experiment.effective_counts,
             )
             total = total + NormalEquations.of([rows], weights.covariance, weights.filter)
         values = start.copy()
