@@ -25,10 +25,10 @@ from estimation.diagnostics.residuals import lack_of_fit
 from estimation.identification import Estimation, estimate_parameters, prepare_experiment
 from estimation.identification.term_selection import Selection
 from estimation.twin import Twin
-from estimation.validation.motions import motion_of_run
 from expdesign.configuration import RunConfiguration, load_run
 from expdesign.configuration.experiment import ValidationMotion
 from expdesign.configuration.robot import load_robot_description
+from expdesign.motion.benchmark import motion_of_run
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 

@@ -33,13 +33,13 @@ from estimation.feedforward.result import (
 from estimation.identification.estimate import IdentifiedModel
 from estimation.identification.recording import estimated_machine
 from estimation.twin.disturbances import Repeated, force_gains, noise_sources, repetition_stream
-from estimation.validation.motions import broken_limits, motion_name, motion_of_run
 from expdesign.configuration import ComputationError, RunConfiguration
 from expdesign.configuration.experiment import Cogging
 from expdesign.configuration.schema import MOST_SAMPLES, require_at_most
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.strut import ANGLES
 from expdesign.mechanism.term import parameters_of
+from expdesign.motion.benchmark import broken_limits, motion_name, motion_of_run
 from expdesign.progress import progress_prefix
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.deviation import Deviation

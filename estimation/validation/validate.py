@@ -22,10 +22,10 @@ from estimation.identification import prepare_experiment
 from estimation.identification.estimate import IdentifiedModel
 from estimation.identification.recording import apply_calibration, estimated_machine
 from estimation.twin import Twin
-from estimation.validation.motions import broken_limits, motion_name, motion_of_run
 from estimation.validation.prediction_error import Accuracy, Kept, prediction_errors
 from expdesign.configuration import InputError, Problem, RunConfiguration, ValidationMotion
 from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.motion.benchmark import broken_limits, motion_name, motion_of_run
 from expdesign.progress import progress_prefix, report_progress
 from expdesign.robot import robot_from
 from expdesign.runfolder import (

@@ -24,7 +24,6 @@ from estimation.estimators import Experiment, ParameterEstimate
 from estimation.identification import prepare_experiment, run_estimators
 from estimation.identification.estimation import parameter_priors
 from estimation.twin import Twin
-from estimation.validation.motions import benchmark_motion, broken_limits, motion_name
 from estimation.validation.validate import PredictionResiduals
 from examples.paper.comparison import Share
 from examples.paper.setting import (
@@ -39,6 +38,7 @@ from expdesign import FourierTrajectory, InputError, Robot
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms.friction import ACTUATOR
 from expdesign.mechanism.terms.rigid_platform import MASS
+from expdesign.motion.benchmark import benchmark_motion, broken_limits, motion_name
 from expdesign.robot import robot_from
 from results.figures.residuals import prediction_figure
 

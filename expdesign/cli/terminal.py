@@ -16,6 +16,7 @@ from rich.text import Text
 
 from expdesign.cli.output import messages, note, results, warn
 from expdesign.configuration import RunConfiguration
+from expdesign.experiment.judging import criterion_symbol
 from expdesign.information.criteria import Criterion, criteria
 from expdesign.progress import Listener, listen_to_progress
 from expdesign.recheck.limit_check import TOLERANCE
@@ -201,7 +202,7 @@ class Terminal(Progress):
             criteria()[section.criterion],
             section.starts,
             hops,
-            section.information,
+            criterion_symbol(configuration),
             section.max_seconds,
         )
         hidden = nullcontext() if self._activity is None else self._activity.hide()

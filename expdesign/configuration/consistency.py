@@ -184,6 +184,8 @@ def _unknown_parameters(
     tried = (p.name for one in candidates for p in one.definition.parameters)
     named = {
         ("design", "parameters"): (run.design.named_parameters or (), own),
+        ("design", "known"): (run.design.known, own),
+        ("design", "interest"): (run.design.interesting_parameters, own),
         ("estimate", "fixed"): (run.estimate.fixed, own),
         ("estimate", "prior"): (run.estimate.named_priors, own),
         ("estimate", "bounds"): (run.estimate.bounds, (*own, *tried)),

@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 
 from constraints import limit_definitions
 from expdesign.configuration.errors import nearest_name, quote, refusal, require
-from expdesign.configuration.experiment import ExperimentSection
+from expdesign.configuration.experiment import ExperimentSection, Motion, ValidationMotion
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH, RESERVE
 from expdesign.configuration.parameters import ParameterName
 from expdesign.configuration.quantity import (
@@ -41,7 +41,7 @@ from expdesign.configuration.schema import (
     word_for_none,
     word_or,
 )
-from expdesign.mechanism.terms import rigid_platform
+from expdesign.mechanism.terms import known_parameters, rigid_platform
 
 _LARGEST_HARMONICS = 100
 _MOST_SAMPLES = 20_000
@@ -112,6 +112,39 @@ _Judged = Annotated[
     | Annotated[Annotated[tuple[ParameterName, ...], Distinct], Tag("(inline)")],
     Discriminator(lambda value: "(name)" if isinstance(value, str) else "(inline)"),
 ]
+DERIVED = ("mass", "centre", "inertia", "motor_inertia", "gravity")
+"""Groups of derived quantities for `DesignSection.interest`."""
+
+
+def _interest_names() -> tuple[str, ...]:
+    return tuple(known_parameters())
+
+
+def _read_task(value: object) -> object:
+    if not isinstance(value, str):
+        return value
+    if value in get_args(Motion):
+        return {"motion": value}
+    return {"motion": "file", "file": value}
+
+
+class TaskSection(Section):
+    """A task of the machine, whose forces are to be predicted."""
+
+    task: Annotated[ValidationMotion, BeforeValidator(_read_task)]
+    """A motion as in `validate`; ``circle`` alone is the one by default, another text is the run
+    folder or `design.json` with the motion."""
+
+
+_Interest = Annotated[
+    Annotated[
+        tuple[Annotated[str, one_of(_interest_names, "quantity of interest")], ...],
+        Distinct,
+        Tag("(names)"),
+    ]
+    | Annotated[TaskSection, Tag("(inline)")],
+    Discriminator(lambda value: "(names)" if isinstance(value, list | tuple) else "(inline)"),
+]
 PAYLOAD = "payload"
 _PLATFORM = [parameter.name for parameter in rigid_platform.GENERAL.parameters]
 
@@ -146,6 +179,16 @@ class DesignSection(Section):
     ] = None
     """Parameters for the experiment to identify; None (``all`` in the YAML): all; ``base``: the
     combinations that motions within the limits can excite; ``payload``: the ten of the platform."""
+    known: Annotated[tuple[ParameterName, ...], Distinct] = ()
+    """Parameters that are known; all others are unknown."""
+    interest: Annotated[
+        _Interest | None,
+        *word_for_none("all", BeforeValidator(lambda value: value)),
+    ] = None
+    """Quantities that the criterion judges, while the other unknown parameters are nuisances:
+    parameters, groups of derived quantities (``mass``, ``centre``, ``inertia``, ``motor_inertia``,
+    ``gravity``), or the forces along a task, by their mean variance (criterion ``a``). None
+    (``all`` in the YAML): all unknown parameters."""
     prior: RobotSource | None = None
     """Identified machine before an unknown change of `parameters`: a run folder, its
     identified-robot.yaml, or the machine itself. The criterion then judges the change, with the
@@ -174,10 +217,43 @@ class DesignSection(Section):
             )
         return self
 
+    @model_validator(mode="after")
+    def _check_interest(self) -> DesignSection:
+        if self.known and self.parameters is not None:
+            raise refusal(
+                "design.parameters holds all others as known: it excludes design.known",
+                "one of the two",
+                key="known",
+            )
+        if self.interest is None:
+            return self
+        if self.prior is not None or self.parameters is not None:
+            other = "parameters" if self.prior is None else "prior"
+            raise refusal(
+                f"design.{other} states its own quantities of interest",
+                f"interest without {other}",
+                key="interest",
+            )
+        if self.interest == ():
+            raise refusal("nothing is of interest", "all, or at least one name", key="interest")
+        if isinstance(self.interest, TaskSection) and self.criterion != "a":
+            raise refusal(
+                "the forces along a task are judged by their mean variance",
+                "criterion: a",
+                key="criterion",
+            )
+        return self
+
     @property
     def information(self) -> str:
         """Symbol of the judged matrix: ``F``, or ``S`` for the change since a prior."""
         return "F" if self.prior is None else "S"
+
+    @property
+    def interesting_parameters(self) -> tuple[str, ...]:
+        """Parameters among the quantities of interest, by their names."""
+        named = self.interest if isinstance(self.interest, tuple) else ()
+        return tuple(name for name in named if name not in DERIVED)
 
     @property
     def named_parameters(self) -> tuple[str, ...] | None:

@@ -17,6 +17,7 @@ from expdesign.configuration.consistency import (
     prior_machine,
     selection_warnings,
 )
+from expdesign.configuration.design import TaskSection
 from expdesign.configuration.document import (
     Document,
     Located,
@@ -257,6 +258,9 @@ def _complete(
 
     machine = None if truth is None else truth.description
     design = with_prior("design", run.design)
+    if isinstance(design.interest, TaskSection):
+        task = design.interest.model_copy(update={"task": with_absolute_file(design.interest.task)})
+        design = design.model_copy(update={"interest": task})
     complete = run.model_copy(
         update={
             "format": RUN_FORMAT,

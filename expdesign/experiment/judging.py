@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration
 from expdesign.configuration.consistency import identification_of
+from expdesign.configuration.design import TaskSection
 from expdesign.configuration.noise import NOISE_FROM_DATA
 from expdesign.information import fisher
 from expdesign.information.criteria import criteria
+from expdesign.information.fisher import information_matrix
+from expdesign.information.identifiable import DEPENDENT, root_of
 from expdesign.information.marginal import Marginal
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.motion.benchmark import motion_of_run
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.recheck.excitable import structural_base
 from expdesign.recheck.information import Evaluator
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.deviation import Deviation, toleranced_deviations
 from expdesign.robot.fixed_lengths import group_effects
+from expdesign.trajectory import FourierTrajectory, TrajectoryFile
+
+_TASK_SAMPLES = 400
 
 
 def noise_evaluator(configuration: RunConfiguration) -> Evaluator:
@@ -49,8 +58,11 @@ def unknown_parameters(configuration: RunConfiguration, robot: Robot) -> tuple[s
     """Return the unknown parameters in the order of the regressor; the others are held."""
     if configuration.run.design.parameters == "base":
         return structural_base(robot).base
-    wanted = configuration.run.design.named_parameters
-    return tuple(name for name in robot.parameter_names if wanted is None or name in wanted)
+    design = configuration.run.design
+    wanted = design.named_parameters or robot.parameter_names
+    return tuple(
+        name for name in robot.parameter_names if name in wanted and name not in design.known
+    )
 
 
 def judge(
@@ -65,12 +77,20 @@ def judge(
     unknown = noise.names if noise.marginal is None else robot.parameter_names
     columns = np.array([robot.parameter_names.index(name) for name in unknown], dtype=np.intp)
     chosen = counted_deviations(configuration, robot)
-    if noise.marginal is None and not chosen:
+    section, samples = configuration.run.design, _samples(configuration)
+    if noise.marginal is None and section.interest is None and not chosen:
         return problem, noise
-    samples = _samples(configuration)
-    marginal = noise.marginal or Marginal.of_all(len(unknown), samples)
-    names = noise.names
-    judged = noise.scaling[[robot.parameter_names.index(name) for name in names]]
+    if section.interest is None:
+        marginal = noise.marginal or Marginal.of_all(len(unknown), samples)
+        names = noise.names
+        judged = noise.scaling[[robot.parameter_names.index(name) for name in names]]
+    else:
+        names, slopes = _interest(configuration, robot)
+        slopes, sizes = slopes[:, columns], robot.scales[columns]
+        marginal = Marginal.of_quantities(slopes, sizes, samples)
+        judged = np.ones(len(names))
+        if section.scaling == "nominal" and isinstance(section.interest, tuple):
+            judged = np.linalg.norm(slopes * sizes, axis=1)
     scaling, searched = noise.scaling[columns], marginal
     if chosen:
         estimated = estimates_deviations(configuration)
@@ -92,12 +112,69 @@ def judge(
     return problem.with_marginal(searched, scaling, judged, columns, chosen), evaluator
 
 
+def _interest(configuration: RunConfiguration, robot: Robot) -> tuple[tuple[str, ...], Array]:
+    """Return names of the quantities of interest and their derivatives to the parameters, (k, m).
+
+    Of a task they are combinations of the parameters: the sum of their variances is the variance
+    of the predicted forces, averaged over the motion and summed over the actuators.
+    """
+    interest, every = configuration.run.design.interest, robot.parameter_names
+    if isinstance(interest, TaskSection):
+        motion = _task_motion(configuration, interest, robot)
+        samples = motion.sample(motion.sample_times(_TASK_SAMPLES))
+        regressors = robot.regressor(*samples) / np.sqrt(_TASK_SAMPLES)
+        root = root_of(information_matrix(regressors, np.eye(ACTUATORS)))
+        sizes = np.linalg.norm(root * robot.scales, axis=1)
+        root = root[sizes > DEPENDENT * np.max(sizes)]
+        return tuple(f"task {k}" for k in range(1, len(root) + 1)), root
+    names, rows = list[str](), list[Array]()
+    for name in interest or ():
+        names.append(name)
+        rows.append(np.eye(len(every))[every.index(name)])
+    slopes = np.array(rows)
+    if np.linalg.matrix_rank(slopes * robot.scales) < len(names):
+        raise _refusal(configuration, f"{', '.join(names)} are not independent of each other")
+    return tuple(names), slopes
+
+
+def _refusal(configuration: RunConfiguration, message: str) -> InputError:
+    allowed = "names of parameters or of other derived quantities"
+    return InputError(message, file=configuration.file, key="design.interest", allowed=allowed)
+
+
+def _task_motion(
+    configuration: RunConfiguration, interest: TaskSection, robot: Robot
+) -> FourierTrajectory:
+    task = interest.task
+    if task.file is not None:
+        return TrajectoryFile.read(Path(task.file)).trajectory
+    return motion_of_run(configuration, task, robot.home, "design.interest.task")
+
+
 def counted_deviations(configuration: RunConfiguration, robot: Robot) -> tuple[Deviation, ...]:
     """Return the deviations whose share of the errors the criterion counts."""
     run = configuration.run
     if run.design.counts == "noise" or run.estimate.systematic == "none":
         return ()
     return toleranced_deviations(robot)
+
+
+def criterion_symbol(configuration: RunConfiguration) -> str:
+    """Return the symbol of the matrix in the criterion: ``F``, or ``S`` with nuisances."""
+    design = configuration.run.design
+    nuisances = counted_deviations(configuration, robot_from(configuration.robot))
+    return "S" if nuisances or design.interest is not None else design.information
+
+
+def nuisances_in_words(configuration: RunConfiguration) -> str:
+    """Return the meaning of S where the criterion counts nuisances; empty without any."""
+    design, parts = configuration.run.design, list[str]()
+    if design.interest is not None:
+        parts.append("S is the information on design.interest, other parameters being unknown")
+    if counted_deviations(configuration, robot_from(configuration.robot)):
+        verb = "estimated" if estimates_deviations(configuration) else "budgeted"
+        parts.append(f"the tolerances count as {verb}")
+    return "; ".join(parts)
 
 
 def estimates_deviations(configuration: RunConfiguration) -> bool:

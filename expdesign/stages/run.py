@@ -140,7 +140,7 @@ def refuse_unfit(configuration: RunConfiguration) -> None:
     What follows from the configuration alone has been refused with it.
     """
     if configuration.run.validation:
-        from estimation.validation.motions import refuse_unfit_motions
+        from expdesign.motion.benchmark import refuse_unfit_motions
 
         refuse_unfit_motions(configuration, configuration.robot.home)
 

@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from constraints.arrays import Array
 from expdesign.experiment import DesignResult
+from expdesign.experiment.judging import criterion_symbol
 from expdesign.information.criteria import criteria
 from expdesign.recheck.limit_check import REACHED, TOLERANCE, LimitCheck
 from expdesign.solver.phases import PHASE_TITLES, Iteration
@@ -294,7 +295,7 @@ def _mark_phases(axes: Axes, trace: Trace, longest: float) -> None:
 def _objective_axis(axes: Axes, result: DesignResult, found: Sequence[Trace]) -> list[Line2D]:
     """Name the axis, scale it to what matters; draw and return the written design's value."""
     criterion = criteria().get(result.criterion)
-    information = result.configuration.run.design.information
+    information = criterion_symbol(result.configuration)
     title = result.criterion if criterion is None else criterion.named(information)
     scaling = {"si": "SI units", "nominal": "nominal scaling"}.get(result.scaling, result.scaling)
     invariant = criterion is not None and criterion.invariant

@@ -10,6 +10,7 @@ from constraints import limit_definitions
 from expdesign.configuration import InputError
 from expdesign.configuration.limits import held_in_words
 from expdesign.experiment import DesignResult
+from expdesign.experiment.judging import criterion_symbol, nuisances_in_words
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity, sensitivity_at_design
 from expdesign.experiment.setup import plan_search
 from expdesign.information.criteria import OF_A_CHANGE, criteria
@@ -186,7 +187,8 @@ def _verdict(result: DesignResult) -> StageVerdict:
 
 def _facts(result: DesignResult) -> tuple[Fact, ...]:
     criterion = criteria().get(result.criterion)
-    information = result.configuration.run.design.information
+    information = criterion_symbol(result.configuration)
+    meaning = nuisances_in_words(result.configuration)
     percents = np.array([parameter.rel_std_percent_experiment for parameter in result.parameters])
     relative = percents[np.isfinite(percents)]
     finite = np.isfinite(result.criterion_value)
@@ -195,7 +197,8 @@ def _facts(result: DesignResult) -> tuple[Fact, ...]:
         Fact(
             criterion.named(information) if criterion else result.criterion,
             value,
-            f"one period, {result.samples} samples, {_SCALINGS.get(result.scaling, '')}",
+            f"one period, {result.samples} samples, {_SCALINGS.get(result.scaling, '')}"
+            f"{'; ' * bool(meaning)}{meaning}",
         )
     ]
     if relative.size:

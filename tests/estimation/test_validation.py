@@ -9,10 +9,10 @@ from estimation.diagnostics.finding import Assumption, DiagnosisVerdict, Status
 from estimation.identification import estimate_parameters, estimation_result
 from estimation.identification.estimate import identified_model
 from estimation.identification.result import EstimationResult
-from estimation.validation.motions import benchmark_motion
 from estimation.validation.validate import validate
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.experiment import ValidationMotion
+from expdesign.motion.benchmark import benchmark_motion
 from tests.estimation.cases import ROBOT, STEP, measured, read_estimate, run, trajectory
 
 MOTION = trajectory(seed=2)

@@ -1,0 +1,79 @@
+"""Quantities of interest, known parameters and tasks, by plain formulas of F⁻¹."""
+
+import numpy as np
+import pytest
+
+from expdesign.configuration import InputError, load_run
+from expdesign.experiment.setup import plan_search, probe_motion
+from expdesign.motion.benchmark import motion_of_run
+
+SAMPLES = 200
+
+
+def _run(**design):
+    return load_run({"name": "x", "robot": "palida", "design": {"starts": 1, "hops": 0, **design}})
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return probe_motion(plan_search(_run()), 0)
+
+
+@pytest.fixture(scope="module")
+def covariance(motion):
+    return np.linalg.inv(plan_search(_run()).evaluator.information(motion, SAMPLES))
+
+
+def _value(motion, **design):
+    """The reported criterion; that of the search for sharp friction is the same."""
+    plan = plan_search(_run(**design))
+    evaluator, problem = plan.evaluator, plan.problem
+    found = evaluator.value(evaluator.information(motion, SAMPLES))
+    level = problem.criterion.levels[0]
+    cost = problem.cost.value(problem.variables.pack(motion), 1e-9, level)
+    assert problem.cost.criterion_value(cost) == pytest.approx(found, rel=1e-8)
+    return found, evaluator.robot
+
+
+def test_others_are_unknown(motion, covariance):
+    names = ["p10", "p3"]
+    found, robot = _value(motion, interest=names)
+    at = [robot.parameter_names.index(name) for name in names]
+    own = covariance[np.ix_(at, at)]
+    assert found == pytest.approx(-np.linalg.slogdet(own)[1], rel=1e-9)
+    found, _ = _value(motion, interest=names, criterion="a", scaling="nominal")
+    assert found == pytest.approx(np.sum(np.diag(own) / robot.scales[at] ** 2), rel=1e-9)
+
+
+def test_known_parameters_are_held(motion, covariance):
+    found, robot = _value(motion, interest=["p10"], known=["p1", "v2"])
+    information = np.linalg.inv(covariance)
+    kept = [k for k, name in enumerate(robot.parameter_names) if name not in ("p1", "v2")]
+    own = np.linalg.inv(information[np.ix_(kept, kept)])
+    place = kept.index(robot.parameter_names.index("p10"))
+    assert found == pytest.approx(-np.log(own[place, place]), rel=1e-8)
+
+
+def test_forces_along_a_task(motion, covariance):
+    """The mean of tr A C Aᵀ over the circle: the variance of the predicted forces."""
+    run = _run(interest={"task": "circle"}, criterion="a")
+    found, robot = _value(motion, interest={"task": "circle"}, criterion="a")
+    circle = motion_of_run(run, run.run.design.interest.task, robot.home, "task")
+    regressors = robot.regressor(*circle.sample(circle.sample_times(300)))
+    expected = np.einsum("nij,jk,nik->", regressors, covariance, regressors) / 300
+    assert found == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("design", "message"),
+    [
+        ({"interest": {"task": "circle"}}, "mean variance"),
+        ({"interest": ["p10"], "parameters": ["p3"]}, "states its own"),
+        ({"known": ["p10"], "parameters": ["p3"]}, "one of the two"),
+        ({"interest": []}, "nothing is of interest"),
+        ({"interest": ["p99"]}, "p9"),
+    ],
+)
+def test_refusals(design, message):
+    with pytest.raises(InputError, match=message):
+        _run(**design)
