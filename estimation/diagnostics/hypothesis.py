@@ -232,16 +232,11 @@ class HypothesisResult:
         hypothesis = test.hypothesis
         far = scipy.stats.norm.isf(np.exp(test.limit) / 2) + scipy.stats.norm.ppf(POWER)
         rows = []
-        own = slice(test.first, test.first + hypothesis.columns.count)
-        information = np.where(
-            conditional.identifiable[own], np.diag(conditional.information)[own], np.nan
-        )
-        alone = conditional.score[own] / information, 1 / np.sqrt(information)
         for number, (name, strut) in enumerate(hypothesis.labels):
-            values, std = (each[number : number + 1] for each in alone)
-            if hypothesis.places:
-                fit = conditional.fit(test.places(number))
-                values, std = fit.values, np.sqrt(np.diag(fit.covariance))
+            fit = conditional.fit(test.places(number))
+            values, std = fit.values, np.sqrt(np.diag(fit.covariance))
+            if not fit.rank and not hypothesis.places:
+                values = std = np.full(1, np.nan)
             rows.append(
                 CandidateResult(
                     parameter=name,

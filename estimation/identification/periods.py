@@ -175,19 +175,14 @@ def clock_error(
 
 
 def _unsuitable(data: Measurement, message: str) -> UnsuitableDataError:
-    begin = find_motion_onset(data)
-    if begin is not None:
-        return UnsuitableDataError(
-            f"{message}; the struts do not move before {begin:.4g} s",
-            file=Path(data.source) if data.source else None,
-            allowed=f"data.start: {begin:.4g} s, which leaves the rows at rest out",
-        )
-    return UnsuitableDataError(
-        message,
-        file=Path(data.source) if data.source else None,
-        allowed="a design (--design), a period column, a fixed trajectory.frequency, or data "
-        "that repeat",
+    allowed = (
+        "a design (--design), a period column, a fixed trajectory.frequency, or data that repeat"
     )
+    if (begin := find_motion_onset(data)) is not None:
+        message = f"{message}; the struts do not move before {begin:.4g} s"
+        allowed = f"data.start: {begin:.4g} s, which leaves the rows at rest out"
+    file = Path(data.source) if data.source else None
+    return UnsuitableDataError(message, file=file, allowed=allowed)
 
 
 _TWO = 2 - 1e-9
