@@ -222,14 +222,7 @@ class ParameterPriors:
 
         None if all parameters are estimated individually.
         """
-        if self.base is None:
-            return None
-        at = [self.names.index(name) for name in self.base.names]
-        own = [self.names.index(name) for name in self.base.base]
-        found = np.eye(len(self.names))
-        found[at] = 0.0
-        found[np.ix_(own, at)] = self.base.matrix
-        return found
+        return None if self.base is None else self.base.regrouping(self.names)
 
     def at_bound(self, values: Array) -> NDArray[np.bool_]:
         """Return which of the parameters, (m,), are at one of their bounds."""

@@ -24,7 +24,6 @@ from estimation.estimators.prior_estimate import UnloadedMachine
 from estimation.estimators.priors import ParameterPriors
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.motion import NormalEquations
-from expdesign.mechanism.bodies import ENTRIES, RigidBody, inertia_of
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.robot.deviation import Deviation
 from expdesign.runfolder import Numbers, OpenNumbers, UnboundedNumbers, described
@@ -360,32 +359,3 @@ def _noise_variance_uncertainty(estimate: ParameterEstimate, transfer: Array) ->
         found += combined.covariance_from_forces().variance
         found += 0.0 if lengths is None else lengths.variance
     return found
-
-
-def about_centre(values: Array) -> tuple[Array, Array]:
-    """Return the centre of mass and the inertia about it, of a payload's ten parameters.
-
-    Returns
-    -------
-    derived : (9,)
-        In the order of `ABOUT_CENTRE`.
-    slope : (9, 10)
-        Its derivatives with respect to the ten, for the delta method.
-    """
-    mass, moment = float(values[0]), values[1:4]
-    centre = moment / mass
-    inertia = RigidBody(1.0, centre, inertia_of(values[4:] / mass)).about_centre * mass
-    slope = np.zeros((len(ABOUT_CENTRE), len(TEN)))
-    slope[:3, 0] = -centre / mass
-    slope[:3, 1:4] = np.eye(3) / mass
-    by_moment = [
-        -(2 * centre[k] * np.eye(3) - np.outer(axis, centre) - np.outer(centre, axis))
-        for k, axis in enumerate(np.eye(3))
-    ]
-    by_mass = (centre @ centre) * np.eye(3) - np.outer(centre, centre)
-    for row, (i, j) in enumerate(ENTRIES, start=3):
-        slope[row, 0] = by_mass[i, j]
-        slope[row, 1:4] = [each[i, j] for each in by_moment]
-    slope[3:, 4:] = np.eye(6)
-    derived = np.concatenate([centre, [inertia[i, j] for i, j in ENTRIES]])
-    return derived, slope

@@ -32,6 +32,7 @@ from estimation.identification.estimation import Estimation, estimate_parameters
 from estimation.identification.estimator_result import (
     ConstantResult,
     EstimatorResult,
+    estimated_quantities,
 )
 from estimation.identification.recording import PreparedRecording
 from estimation.identification.result import (
@@ -198,6 +199,7 @@ def _estimator(estimation: Estimation, found: ParameterEstimate) -> EstimatorRes
         values=dict(zip(priors.names, found.values.tolist(), strict=True)),
         covariance_systematic=found.covariance_systematic,
         constants=tuple(_constants(robot_from(estimation.configuration.robot), found.systematic)),
+        derived=tuple(estimated_quantities(estimation.robot, found, priors.regrouping)),
         payload=estimation.payloads.get(name),
         consistent=estimation.consistent[name],
         combinations=estimation.combinations[name],

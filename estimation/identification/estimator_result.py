@@ -6,7 +6,7 @@ Each part is stored under the estimator in `estimate.json`, and as rows of a tab
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Annotated
 
 import numpy as np
@@ -17,14 +17,17 @@ from estimation.estimators.result import (
     SEEN,
     TEN,
     EstimateUncertainty,
+    ParameterEstimate,
     PayloadEstimate,
-    about_centre,
 )
 from estimation.uncertainty.consistency import ConsistentEstimate
 from estimation.uncertainty.intervals import Combination, interval_widths
 from expdesign.information.identifiable import KnownCombination
+from expdesign.mechanism.bodies import about_centre
 from expdesign.mechanism.terms import parameter_unit
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
+from expdesign.robot import Robot
+from expdesign.robot.derived import ErrorShares, KnownQuantity, derived_quantities, known_quantities
 from expdesign.runfolder import Numbers, OpenNumber, described
 from expdesign.trajectory import FourierKeys
 
@@ -165,6 +168,41 @@ class ConstantRow(ConstantResult, OfEstimator):
     """A row of `tables/constants.csv`."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class EstimatedQuantity(KnownQuantity):
+    """A derived quantity with its 95 % interval."""
+
+    ci_low: Annotated[OpenNumber, described("see unit", "lower end of the 95 % interval")]
+    ci_high: Annotated[OpenNumber, described("see unit", "upper end of the 95 % interval")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DerivedRow(EstimatedQuantity, OfEstimator):
+    """A row of `tables/estimate_derived.csv`."""
+
+
+def estimated_quantities(
+    robot: Robot, found: ParameterEstimate, regrouping: Array | None
+) -> Iterator[EstimatedQuantity]:
+    """Yield the derived quantities of an estimate with its intervals.
+
+    `regrouping`, (m, m), is the matrix from p to β for base parameters; None without these.
+    """
+    system, free = found.systematic, found.std > 0
+    effects = np.zeros((len(found.values), 0)) if system is None else system.scaled_response
+    sources = () if system is None else tuple(one.group for one in system.deviations)
+    errors = ErrorShares(found.covariance_random, effects, sources)
+    derived = derived_quantities(robot, found.values)
+    widths = np.where(free, interval_widths(found.freedom), 0.0)
+    # Functions of several parameters get the freedom of the least known one.
+    least = np.max(np.where(derived.jacobian != 0, widths, 0.0), axis=1)
+    width = dict(zip(derived.names, least.tolist(), strict=True))
+    for one in known_quantities(derived, errors, robot.scales, regrouping):
+        half = width[one.quantity] * one.std
+        ends = {"ci_low": one.value - half, "ci_high": one.value + half}
+        yield EstimatedQuantity(**asdict(one), **ends)
+
+
 _SURE = 3.0
 """Smallest mass, in standard deviations, with a defined centre."""
 _UNITS = tuple(parameter_unit(name) for name in OF_A_BODY.values())
@@ -259,6 +297,10 @@ class EstimatorResult(EstimateUncertainty):
         tuple[ConstantResult, ...],
         described("", "constants of terms that were estimated, as in tables/constants.csv"),
     ]
+    derived: Annotated[
+        tuple[EstimatedQuantity, ...],
+        described("", "mass, centre, inertia and further quantities; of each the table's columns"),
+    ] = ()
     payload: Annotated[
         PayloadEstimate | None,
         described("", "load in addition to the machine identified before; null: none"),

@@ -20,6 +20,7 @@ from estimation.identification.estimator_result import (
     BudgetRow,
     ConsistentRow,
     ConstantRow,
+    DerivedRow,
     DeviationRow,
     EstimatorResult,
     OfEstimator,
@@ -344,6 +345,15 @@ class EstimationResult(EstimateFile, StageResult):
             lambda name, entry: (
                 EstimatedCombination(estimator=name, **asdict(row)) for row in entry.base_parameters
             )
+        )
+
+    @property
+    def derived(
+        self,
+    ) -> Annotated[tuple[DerivedRow, ...], Table("tables/estimate_derived.csv", optional=True)]:
+        """Derived quantities of every estimator."""
+        return self._rows(
+            lambda name, entry: (DerivedRow(estimator=name, **asdict(row)) for row in entry.derived)
         )
 
     @property

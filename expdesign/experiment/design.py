@@ -14,13 +14,15 @@ from expdesign.configuration import ConfigurationLike, InputError, RunConfigurat
 from expdesign.experiment import result
 from expdesign.experiment.judging import noise_evaluator
 from expdesign.experiment.precision import (
+    derived_precisions,
     experiment_information,
     identified_combinations,
     imprecise,
     parameter_precisions,
     precision,
+    predicted_errors,
     scaled_eigenvalues,
-    systematic_std,
+    tolerance_std,
     whole,
 )
 from expdesign.experiment.setup import plan_search, probe_motion
@@ -96,19 +98,12 @@ def design(
     evaluator, samples = noise, configuration.run.trajectory.samples
     information = evaluator.information(trajectory, samples)
     whole_information, total = experiment_information(evaluator, trajectory, configuration)
-    periods, stated = configuration.run.experiment.periods, configuration.robot.noise
+    periods = configuration.run.experiment.periods
+    errors = predicted_errors(configuration, evaluator, trajectory, whole_information, total)
     predicted = result.PredictedStd(
         per_period=precision(evaluator, information, samples, 1),
         experiment=precision(evaluator, whole_information, total, periods),
-        systematic=systematic_std(
-            evaluator.robot,
-            trajectory,
-            samples,
-            evaluator.names,
-            evaluator.covariance,
-            None if stated is None else stated.length_covariance,
-            evaluator.marginal,
-        ),
+        **tolerance_std(evaluator.names, errors),
     )
     robot, section = evaluator.robot, configuration.run.design
     steps = trajectory.period / plan.controller_period
@@ -130,16 +125,19 @@ def design(
         status=status,
         status_text=status_text,
         solver=search_statistics(found, section.criterion),
-        base_parameters=identified_combinations(configuration, evaluator, whole_information),
+        base_parameters=identified_combinations(
+            configuration, evaluator, whole_information, errors
+        ),
+        derived=derived_precisions(configuration, evaluator, errors),
         hum=plan.hum.distances(trajectory.omega),
         warnings=(
             *configuration.warnings,
             *_warnings(configuration, trajectory, plan),
-            *imprecise(robot, predicted.experiment),
+            *imprecise(robot, predicted, errors),
         ),
         motion=SampledMotion.of(robot, trajectory, trajectory.sample_times(round(steps))),
         checks=found.finish.check.limits,
-        parameters=tuple(parameter_precisions(robot, predicted)),
+        parameters=tuple(parameter_precisions(robot, predicted, errors)),
         iterations=tuple(search_iterations(found)),
         eigenvalues=tuple(scaled_eigenvalues(information, robot.scales[evaluator.columns])),
         information=information,

@@ -7,7 +7,13 @@ the lengths yield another motion, and the forces other parameters: with L = ∂l
     ∂ξ̂/∂θ = (Σ Lᵀ Δ⁻¹ L)⁻¹ Σ Lᵀ Δ⁻¹ Z_l,
     D = F⁻¹ Σ Aᵀ Σ⁻¹ (Z_f − ∂(A p)/∂ξ · ∂ξ̂/∂θ).
 
-D does not depend on the number of periods.
+D does not depend on the number of periods. With θ estimated by maximum likelihood and its
+tolerances Θ as priors the columns U = Z_f − ∂(A p)/∂ξ · ∂ξ̂/∂θ are further columns of A: with F of
+[A | U] over all samples
+
+    C = (F + Θ⁻¹)⁻¹,   D = −C_pθ Θ⁻¹,
+
+and C_pp is the total covariance. For both estimators it is within 1 % of the estimate's own.
 
 For a change π since an identification with the same tolerances and the error D₀ θ of its parameters
 the common part of both errors cancels: with S and R of `expdesign.information.fisher`
@@ -18,6 +24,7 @@ the common part of both errors cancels: with S and R of `expdesign.information.f
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,6 +32,7 @@ from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.configuration.schema import MOST_SAMPLES
 from expdesign.experiment import result
+from expdesign.experiment.judging import estimates_deviations
 from expdesign.information import fisher
 from expdesign.information.identifiable import (
     IDENTIFIABLE,
@@ -32,7 +40,9 @@ from expdesign.information.identifiable import (
     KnownCombination,
     identified_base,
     known_combinations,
+    listed,
     root_of,
+    root_of_inverse,
 )
 from expdesign.information.marginal import Marginal
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
@@ -40,6 +50,13 @@ from expdesign.mechanism.terms import parameter_unit
 from expdesign.recheck.excitable import structural_base
 from expdesign.recheck.information import Evaluator
 from expdesign.robot import Robot, deviation
+from expdesign.robot.derived import (
+    NOISE,
+    ErrorShares,
+    KnownQuantity,
+    derived_quantities,
+    known_quantities,
+)
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
 _WHOLE = 1e-6
@@ -77,29 +94,86 @@ def precision(
     return result.PredictedPrecision(samples, periods, named)
 
 
-def identified_combinations(
-    configuration: RunConfiguration, evaluator: Evaluator, information: Array
-) -> tuple[KnownCombination, ...]:
-    """Return the combinations that the whole experiment, with this information, identifies."""
+def predicted_errors(
+    configuration: RunConfiguration,
+    evaluator: Evaluator,
+    trajectory: FourierTrajectory,
+    information: Array,
+    samples: int,
+) -> ErrorShares:
+    """Return the errors of the judged parameters, k, in the whole experiment, by source.
+
+    Parameters
+    ----------
+    information : (k, k)
+        F of the whole experiment.
+    samples : int
+        Number of its samples.
+    """
+    noise = configuration.robot.noise
+    effects = tolerance_effects(
+        evaluator.robot,
+        trajectory,
+        configuration.run.trajectory.samples,
+        evaluator.names,
+        evaluator.covariance,
+        None if noise is None else noise.length_covariance,
+        evaluator.marginal,
+        evaluator.memory,
+    )
+    random = fisher.parameter_covariance(information, evaluator.names)
+    return effects.shares(random, samples, estimated=estimates_deviations(configuration))
+
+
+def tolerance_std(names: tuple[str, ...], errors: ErrorShares) -> dict[str, dict[str, float]]:
+    """Return the tolerances' share and the total by parameter, SI; nothing without tolerances."""
+    found = {"systematic": errors.std_systematic, "total": errors.std} if errors.sources else {}
+    return {key: dict(zip(names, std.tolist(), strict=True)) for key, std in found.items()}
+
+
+def derived_precisions(
+    configuration: RunConfiguration, evaluator: Evaluator, errors: ErrorShares
+) -> tuple[KnownQuantity, ...]:
+    """Return the derived quantities that the experiment determines; none of a changed machine."""
+    if evaluator.marginal is not None:
+        return ()
     robot = evaluator.robot
-    base = identified_base(root_of(information), evaluator.names, robot.scales[evaluator.columns])
-    # Parameters neither judged nor regrouped count as known.
-    together = configuration.run.design.parameters == "base"
-    structure = structural_base(robot) if together else BaseParameters.each(evaluator.names)
+    every = np.eye(len(robot.parameters))[:, evaluator.columns]
+    regrouping = _structure(configuration, evaluator).regrouping(robot.parameter_names)
+    found = known_quantities(derived_quantities(robot), errors.of(every), robot.scales, regrouping)
+    return tuple(found)
+
+
+def _structure(configuration: RunConfiguration, evaluator: Evaluator) -> BaseParameters:
+    """Return the base parameters of the structure; other parameters count as known."""
+    if configuration.run.design.parameters == "base":
+        return structural_base(evaluator.robot)
+    return BaseParameters.each(evaluator.names)
+
+
+def identified_combinations(
+    configuration: RunConfiguration, evaluator: Evaluator, information: Array, errors: ErrorShares
+) -> tuple[KnownCombination, ...]:
+    """Return the combinations that the whole experiment, with these errors, identifies."""
+    robot, total = evaluator.robot, errors.covariance
+    root = root_of_inverse(total) if errors.sources else root_of(information)
+    base = identified_base(root, evaluator.names, robot.scales[evaluator.columns])
+    structure = _structure(configuration, evaluator)
     at = [robot.parameter_names.index(name) for name in structure.names]
     judged = [structure.names.index(name) for name in evaluator.names]
     covariance = np.zeros((len(at), len(at)))
-    covariance[np.ix_(judged, judged)] = fisher.parameter_covariance(information, evaluator.names)
+    covariance[np.ix_(judged, judged)] = total
     scales = dict(zip(robot.parameter_names, robot.scales.tolist(), strict=True))
     return known_combinations(base, structure, robot.parameters[at], covariance, scales)
 
 
 def parameter_precisions(
-    robot: Robot, predicted: result.PredictedStd
+    robot: Robot, predicted: result.PredictedStd, errors: ErrorShares
 ) -> Iterator[result.ParameterPrecision]:
     """Yield nominal value and predicted standard deviations of every judged parameter."""
     nominal = robot.description.parameters
-    for name, one_period in predicted.per_period.std.items():
+    stds = zip(predicted.per_period.std.items(), errors.largest_source, strict=True)
+    for (name, one_period), source in stds:
         experiment = predicted.experiment.std[name]
         size = abs(nominal[name]) or np.nan
         yield result.ParameterPrecision(
@@ -111,6 +185,8 @@ def parameter_precisions(
             100 * one_period / size,
             100 * experiment / size,
             predicted.systematic.get(name, np.nan),
+            predicted.total.get(name, np.nan),
+            source if predicted.total else "",
         )
 
 
@@ -122,21 +198,65 @@ def scaled_eigenvalues(information: Array, scales: Array) -> Iterator[result.Eig
         yield result.Eigenvalue(number, *map(float, pair))
 
 
-def imprecise(robot: Robot, precision: result.PredictedPrecision) -> tuple[str, ...]:
+def imprecise(robot: Robot, predicted: result.PredictedStd, errors: ErrorShares) -> tuple[str, ...]:
     """Return a warning that names the parameters the experiment does not identify, or nothing."""
     scales = dict(zip(robot.parameter_names, robot.scales, strict=True))
-    share = {name: std / float(scales[name]) for name, std in precision.std.items()}
+    found = predicted.total or predicted.experiment.std
+    share = {name: std / float(scales[name]) for name, std in found.items()}
     weak = [f"{n} ({_percent(value)})" for n, value in share.items() if not value <= IDENTIFIABLE]
     if not weak:
         return ()
+    limiting = {
+        source
+        for value, source in zip(share.values(), errors.largest_source, strict=True)
+        if not value <= IDENTIFIABLE and source != NOISE
+    }
+    floor = f" (these do not reduce the share of {listed(sorted(limiting))})" if limiting else ""
     return (
         f"not identifiable with this experiment: {', '.join(weak)}. In brackets the predicted "
         f"standard deviation, which is to be below {100 * IDENTIFIABLE:g} % of the value: measure "
-        "more periods, or state what is known (`estimate.fixed`, `estimate.prior`)",
+        f"more periods{floor}, or state what is known (`estimate.fixed`, `estimate.prior`)",
     )
 
 
-def systematic_std(
+@dataclass(frozen=True, eq=False)
+class ToleranceEffects:
+    """Effects of the tolerances on the parameters of a motion, t of them on k parameters."""
+
+    sources: tuple[str, ...]
+    """(t,), key of each tolerance."""
+    response: Array
+    """(k, t), of one standard deviation of each on the Gauss–Markov estimate, SI."""
+    joint: Array | None = None
+    """(k + t, k + t), information on the parameters, SI, and on the inexact quantities in units of
+    their tolerances; None for a change since an identification."""
+    samples: float = 1.0
+    """Number of samples in `joint`."""
+
+    def shares(self, random: Array, samples: float, *, estimated: bool) -> ErrorShares:
+        """Return the errors of an experiment with so many samples.
+
+        Parameters
+        ----------
+        random : (k, k)
+            Covariance due to noise with exact tolerances, SI.
+        samples : float
+        estimated : bool
+            Whether the inexact quantities are estimated with the parameters, by their tolerances as
+            priors.
+        """
+        if not estimated or self.joint is None or not self.sources:
+            return ErrorShares(random, self.response, self.sources)
+        count = len(random)
+        data = self.joint * (samples / self.samples)
+        prior = np.diag(np.repeat([0.0, 1.0], [count, len(self.sources)]))
+        scale = np.sqrt(np.diag(data + prior))
+        outer = np.multiply.outer(scale, scale)
+        own: Array = np.asarray(np.linalg.inv((data + prior) / outer) / outer)[:count]
+        return ErrorShares(own @ data @ own.T, -own[:, count:], self.sources)
+
+
+def tolerance_effects(
     robot: Robot,
     trajectory: FourierTrajectory,
     samples: int,
@@ -144,11 +264,12 @@ def systematic_std(
     force_covariance: Array,
     length_covariance: Array | None,
     change: Marginal | None = None,
-) -> dict[str, float]:
-    """Return the standard deviation due to the tolerances, by parameter, SI; empty without any.
+    memory: fisher.PeriodicNoise | None = None,
+) -> ToleranceEffects:
+    """Return the effects of the tolerances on a motion's parameters.
 
-    It is evaluated at the nominal parameters, with exact signs of friction, whose changes are
-    neglected, and with weights for white noise.
+    They are evaluated at the nominal parameters, with exact signs of friction, whose changes are
+    neglected; the response has weights for white noise.
 
     Parameters
     ----------
@@ -162,10 +283,12 @@ def systematic_std(
         Δ, m²; None: equal weights of all lengths.
     change : Marginal, optional
         Change since an identification: the names are then those of the changed parameters.
+    memory : PeriodicNoise, optional
+        Coloured noise of the forces.
     """
     chosen = deviation.toleranced_deviations(robot)
     if not chosen and (change is None or not change.moved):
-        return {}
+        return ToleranceEffects((), np.zeros((len(names), 0)))
     times = np.arange(samples) * trajectory.period / samples
     bases = _bases(trajectory, times)
     table = np.concatenate(
@@ -184,32 +307,36 @@ def systematic_std(
     equal = np.eye(ACTUATORS) if length_covariance is None else length_covariance
     by_motion = _rows(np.einsum("sic,sh->sich", jacobian, bases[0]), fisher.whitening(equal))
     moved = np.linalg.lstsq(by_motion, _rows(lengths, fisher.whitening(equal)), rcond=None)[0]
-    slope = sum(
-        np.einsum(
-            "sic,sh->sich",
-            forces.state_slope[:, :, COORDINATES * order : COORDINATES * (order + 1)],
-            bases[order],
-        )
-        for order in range(3)
-    )
-    white = fisher.whitening(force_covariance)
+    slope = np.zeros((samples, ACTUATORS, len(moved)))
+    for order in range(3):
+        own = slice(COORDINATES * order, COORDINATES * (order + 1))
+        along = np.einsum("sic,sh->sich", forces.state_slope[:, :, own], bases[order])
+        slope += along.reshape(slope.shape)
+    tolerances = np.array([each.tolerance for each in chosen])
     used = names if change is None else robot.parameter_names
     judged = [robot.parameter_names.index(name) for name in used]
-    regressors = _rows(forces.regressors[:, :, judged], white)
-    unexplained = _rows(forces.columns, white) - _rows(np.asarray(slope), white) @ moved
+    regressors = forces.regressors[:, :, judged]
+    unexplained = (forces.columns - slope @ moved) * tolerances
+    white = fisher.whitening(force_covariance)
+    known, unknown = _rows(regressors, white), _rows(unexplained, white)
     if change is not None:
-        seen = (regressors.T @ unexplained).T
-        causes = {one.key: row * one.tolerance for one, row in zip(chosen, seen, strict=True)}
-        information = regressors.T @ regressors
+        keys = [one.key for one in chosen]
+        causes = dict(zip(keys, (known.T @ unknown).T, strict=True))
+        information = known.T @ known
         for key, moved_before in change.moved.items():
             causes[key] = causes.get(key, 0.0) - information @ moved_before
         response = change.gain(information, samples) @ np.array(list(causes.values())).T
-        return dict(zip(names, np.linalg.norm(response, axis=1).tolist(), strict=True))
-    sizes = np.linalg.norm(regressors, axis=0)
+        groups = {one.name: one.group for one in deviation.deviations(robot)}
+        return ToleranceEffects(tuple(groups.get(name, name) for name, _ in causes), response)
+    sizes = np.linalg.norm(known, axis=0)
     sizes = np.where(sizes > 0, sizes, 1.0)
-    response = np.linalg.lstsq(regressors / sizes, unexplained, rcond=None)[0] / sizes[:, None]
-    share = np.linalg.norm(response * np.array([each.tolerance for each in chosen]), axis=1)
-    return dict(zip(names, share.tolist(), strict=True))
+    response = np.linalg.lstsq(known / sizes, unknown, rcond=None)[0] / sizes[:, None]
+    extended = np.concatenate([regressors, unexplained], axis=2)
+    if memory is None:
+        joint = fisher.information_matrix(extended, force_covariance)
+    else:
+        joint = memory.information(extended, trajectory.omega)
+    return ToleranceEffects(tuple(each.group for each in chosen), response, joint, samples)
 
 
 def _bases(trajectory: FourierTrajectory, times: Array) -> tuple[Array, ...]:

@@ -17,6 +17,7 @@ from expdesign.information.identifiable import KnownCombination
 from expdesign.motion.executable import SampledMotion
 from expdesign.recheck.limit_check import LimitCheck, Recheck
 from expdesign.robot import Robot, robot_from
+from expdesign.robot.derived import KnownQuantity
 from expdesign.runfolder import (
     JSON_ONLY,
     Matrix,
@@ -66,8 +67,11 @@ class PredictedStd:
     per_period: _Precision
     experiment: _Precision
     systematic: dict[str, float] = field(default_factory=dict)
-    """Standard deviation of each parameter that the robot's tolerances make, SI, whatever the
-    number of periods; empty without tolerances."""
+    """Share of the robot's tolerances in the experiment's total, by parameter, SI; empty without
+    tolerances."""
+    total: dict[str, float] = field(default_factory=dict)
+    """Standard deviation of the experiment with noise and tolerances, by parameter, SI, for the
+    estimator of the run; empty without tolerances."""
 
 
 @dataclass(frozen=True)
@@ -91,8 +95,28 @@ class ParameterPrecision:
     ]
     std_systematic: Annotated[
         OpenNumber,
-        described("see unit", "share of the robot's tolerances, in both; empty without them"),
+        described("see unit", "share of the robot's tolerances; empty without them"),
     ] = np.nan
+    std_total: Annotated[
+        OpenNumber,
+        described(
+            "see unit",
+            "whole experiment, of noise and tolerances, by the run's estimator; empty without them",
+        ),
+    ] = np.nan
+    source: Annotated[
+        str, described("", "largest contribution to it: noise, or the tolerance's key")
+    ] = ""
+
+    @property
+    def std(self) -> float:
+        """Predicted standard deviation of the whole experiment: the total where there is one."""
+        return self.std_total if np.isfinite(self.std_total) else self.std_experiment
+
+    @property
+    def rel_std_percent(self) -> float:
+        """The same in percent of the nominal value; NaN where that is zero."""
+        return 100 * self.std / abs(self.nominal) if self.nominal else np.nan
 
 
 @dataclass(frozen=True)
@@ -155,8 +179,9 @@ class DesignResult(FourierKeys, StageResult):
         described(
             "SI",
             "per_period and experiment: samples, periods and the standard deviation of each "
-            "parameter that noise makes; systematic: the one that the robot's tolerances make, "
-            "empty without them",
+            "parameter that noise makes; total: of noise and the robot's tolerances in the "
+            "experiment, by the run's estimator; systematic: the tolerances' share in it; both "
+            "empty without tolerances",
         ),
     ]
     status: Annotated[str, described("", "converged, not converged, interrupted or limits broken")]
@@ -178,6 +203,15 @@ class DesignResult(FourierKeys, StageResult):
         described("", "combinations that the experiment identifies; of each the table's columns"),
         Table("tables/design_combinations.csv"),
     ]
+    derived: Annotated[
+        tuple[KnownQuantity, ...],
+        described(
+            "",
+            "mass, centre, inertia and further quantities that the experiment determines; of each "
+            "the table's columns",
+        ),
+        Table("tables/design_derived.csv", optional=True),
+    ] = ()
     hum: Annotated[
         tuple[HumDistance, ...],
         described(
@@ -277,7 +311,7 @@ class DesignResult(FourierKeys, StageResult):
 
     @property
     def systematic(self) -> dict[str, float]:
-        """Standard deviations that the robot's tolerances make, by parameter, SI."""
+        """Share of the robot's tolerances in the total standard deviations, by parameter, SI."""
         return self.predicted_std.systematic
 
     @property

@@ -50,7 +50,11 @@ class SweptDesign:
     ] = np.nan
     median_rel_std_percent: Annotated[
         OpenNumber,
-        described("%", "predicted std of the experiment over nominal value, median of parameters"),
+        described(
+            "%",
+            "predicted std of the experiment (with tolerances the total) over nominal value, "
+            "median of parameters",
+        ),
     ] = np.nan
     worst_rel_std_percent: Annotated[OpenNumber, described("%", "the largest of them")] = np.nan
     worst_parameter: Annotated[str, described("", "that it is of")] = ""
@@ -83,7 +87,7 @@ class SweptDesign:
     @classmethod
     def of(cls, number: int, point: GridPoint, result: DesignResult, reason: str) -> SweptDesign:
         """Return the row of the design of a point."""
-        percents = {p.name: p.rel_std_percent_experiment for p in result.parameters}
+        percents = {p.name: p.rel_std_percent for p in result.parameters}
         known = {name: value for name, value in percents.items() if np.isfinite(value)}
         worst = max(known, key=lambda name: known[name], default="")
         return _row(

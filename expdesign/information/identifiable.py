@@ -105,6 +105,18 @@ class BaseParameters:
         """Return β, (b,), of parameters (m,)."""
         return self.matrix @ parameters
 
+    def regrouping(self, names: Sequence[str]) -> Array:
+        """Return the matrix, (m, m), from p to β for base parameters, to 0 for regrouped ones.
+
+        `names` are those of the m parameters; the others of them stay.
+        """
+        at = [names.index(name) for name in self.names]
+        own = [names.index(name) for name in self.base]
+        found = np.eye(len(names))
+        found[at] = 0.0
+        found[np.ix_(own, at)] = self.matrix
+        return found
+
     def into(self, name: str) -> tuple[str, ...]:
         """Return the base parameters into which a parameter regroups."""
         column = self.matrix[:, self.names.index(name)]

@@ -97,6 +97,46 @@ def _about(point: Array) -> Array:
     return (point @ point) * np.eye(3) - np.outer(point, point)
 
 
+def about_centre(values: Array) -> tuple[Array, Array]:
+    """Return the centre of mass and the inertia about it, with their derivatives.
+
+    Parameters
+    ----------
+    values : (10,)
+        Mass, first moments x, y, z, and the inertia of `ENTRIES` about the frame's origin, SI.
+
+    Returns
+    -------
+    derived : (9,)
+        Centre x, y, z, m, then the inertia of `ENTRIES` about it, kg m².
+    slope : (9, 10)
+        Its derivatives with respect to the ten, for the delta method.
+
+    Examples
+    --------
+    >>> values = np.array([2.0, 0.0, 0.0, 1.0, 3.0, 3.0, 1.0, 0.0, 0.0, 0.0])
+    >>> about_centre(values)[0].tolist()
+    [0.0, 0.0, 0.5, 2.5, 2.5, 1.0, 0.0, 0.0, 0.0]
+    """
+    mass, moment = float(values[0]), values[1:4]
+    centre = moment / mass
+    inertia = RigidBody(1.0, centre, inertia_of(values[4:] / mass)).about_centre * mass
+    slope = np.zeros((9, 10))
+    slope[:3, 0] = -centre / mass
+    slope[:3, 1:4] = np.eye(3) / mass
+    by_moment = [
+        -(2 * centre[k] * np.eye(3) - np.outer(axis, centre) - np.outer(centre, axis))
+        for k, axis in enumerate(np.eye(3))
+    ]
+    by_mass = (centre @ centre) * np.eye(3) - np.outer(centre, centre)
+    for row, (i, j) in enumerate(ENTRIES, start=3):
+        slope[row, 0] = by_mass[i, j]
+        slope[row, 1:4] = [each[i, j] for each in by_moment]
+    slope[3:, 4:] = np.eye(6)
+    derived = np.concatenate([centre, [inertia[i, j] for i, j in ENTRIES]])
+    return derived, slope
+
+
 def together(bodies: Iterable[RigidBody]) -> RigidBody:
     """Return bodies of one frame that move as one; nothing at all is a body without mass."""
     found = RigidBody(0.0, np.zeros(3), np.zeros((3, 3)))

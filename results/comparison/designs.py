@@ -67,6 +67,7 @@ def compare_designs(
             Drawing(compared_precision_figure, comparison.precision_series),
             _effort_table(comparison),
             _precision_table(comparison),
+            *_derived_tables(designs),
         ]
         text, best = _efficiencies_in_words(comparison)
         sentence += text
@@ -138,13 +139,35 @@ class ComparedDesign:
     def relative_std(self, samples: float) -> Array:
         """Return the standard deviations relative to the own nominal values, (m,); NaN for none.
 
-        They are those of the design's own experiment, which `tables/parameters.csv` states, by
-        the square root of the samples.
+        The random share is that of the design's own experiment, which `tables/parameters.csv`
+        states, by the square root of the samples; that of the tolerances does not depend on them.
         """
         own = self.result.predicted_std.experiment.samples
-        std = np.array([parameter.std_experiment for parameter in self.result.parameters])
-        scale = np.where(self.nominal == 0, np.nan, np.abs(self.nominal))
-        return np.asarray(std * np.sqrt(own / samples) / scale, dtype=np.float64)
+        random, systematic = self._shares
+        std = np.hypot(random * np.sqrt(own / samples), systematic)
+        return np.asarray(std / self._sizes, dtype=np.float64)
+
+    def periods(self, precision: float, sampling: float) -> Array:
+        """Return the periods that each parameter needs for a relative σ, (m,); inf: no number."""
+        own = self.result.predicted_std.experiment.samples
+        random, systematic = self._shares
+        one = random * np.sqrt(own / (self.result.trajectory.period * sampling)) / self._sizes
+        left = precision**2 - (systematic / self._sizes) ** 2
+        found = np.ceil(one**2 / np.where(left > 0, left, np.nan) - 1e-9)
+        return np.where(left <= 0, np.inf, np.maximum(found, 1.0))
+
+    @property
+    def _sizes(self) -> Array:
+        return np.where(self.nominal == 0, np.nan, np.abs(self.nominal))
+
+    @property
+    def _shares(self) -> tuple[Array, Array]:
+        """Standard deviations due to noise and to tolerances in the own experiment, (m,), SI."""
+        std = np.array([parameter.std for parameter in self.result.parameters])
+        if not (shares := self.result.systematic):
+            return std, np.zeros(len(std))
+        fixed = np.array([shares[name] for name in self.names])
+        return np.sqrt(np.maximum(std**2 - fixed**2, 0.0)), fixed
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,13 +252,8 @@ class DesignComparison:
     @cached_property
     def periods(self) -> dict[str, Array]:
         """Periods that each parameter needs for the precision wanted, (m,), by design."""
-        one = {
-            design.label: design.relative_std(design.result.trajectory.period * self.sampling)
-            for design in self.designs
-        }
         return {
-            label: np.maximum(np.ceil((relative / self.precision) ** 2 - 1e-9), 1.0)
-            for label, relative in one.items()
+            design.label: design.periods(self.precision, self.sampling) for design in self.designs
         }
 
     @property
@@ -403,6 +421,21 @@ def _precision_table(comparison: DesignComparison) -> ReportTable:
         f"each design needs for {100 * comparison.precision:g} %"
     )
     return ReportTable.of("compared_parameters", caption, columns)
+
+
+def _derived_tables(designs: tuple[ComparedDesign, ...]) -> list[Block]:
+    """Return predicted σ of the derived quantities of all designs, each in its own experiment."""
+    by_label = {each.label: {row.quantity: row for row in each.result.derived} for each in designs}
+    first = {name: row for rows in by_label.values() for name, row in rows.items()}
+    columns = [
+        TableColumn("quantity", kind="text", of=lambda name: name),
+        TableColumn("unit", kind="text", of=lambda name: first[name].unit),
+    ]
+    for label, rows in by_label.items():
+        std = {name: row.std for name, row in rows.items()}
+        columns.append(TableColumn(f"σ, {label}", digits=3, of=std.get))
+    caption = "Predicted standard deviations of derived quantities, each for its own experiment, SI"
+    return [ReportTable.of("compared_derived", caption, columns, list(first))] if first else []
 
 
 def _effort_table(comparison: DesignComparison) -> ReportTable:

@@ -95,7 +95,7 @@ def compare_estimates(folders: Mapping[str, RunFolder], *_: object) -> view.Stag
         for label, folder in folders.items()
     )
     names = common_parameters(found)
-    blocks: list[view.Block] = [_values_table(found, names)]
+    blocks: list[view.Block] = [*_derived_tables(found), _values_table(found, names)]
     if len(found) > 1:
         blocks.append(view.Drawing(compared_estimates_figure, estimates_series(found)))
     different, tested = 0, 0
@@ -199,3 +199,24 @@ def _values_table(found: tuple[ComparedEstimate, ...], names: tuple[str, ...]) -
         ]
     caption = "Best estimate of every folder with its 95 % interval, SI units"
     return view.ReportTable.of("compared_estimates", caption, columns)
+
+
+def _derived_tables(found: tuple[ComparedEstimate, ...]) -> list[view.Block]:
+    """Return the derived quantities that all estimates have."""
+    tables = {
+        each.label: {row.quantity: row for row in each.result.best_estimator.derived}
+        for each in found
+    }
+    first, *others = tables.values()
+    names = [name for name in first if all(name in rows for rows in others)]
+    columns = [
+        view.TableColumn("quantity", kind="text", of=names),
+        view.TableColumn("unit", kind="text", of=[first[name].unit for name in names]),
+    ]
+    for label, rows in tables.items():
+        columns += [
+            view.TableColumn(label, digits=5, of=[rows[name].value for name in names]),
+            view.TableColumn("σ", kind="error", digits=3, of=[rows[name].std for name in names]),
+        ]
+    caption = "Derived quantities of the best estimate of every folder, SI units"
+    return [view.ReportTable.of("compared_derived", caption, columns)] if names else []

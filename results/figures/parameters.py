@@ -26,7 +26,7 @@ _WIDTH = 0.38
 @drawing.figure_definition(
     "precision",
     "Predicted standard deviation of every parameter relative to its nominal value, over "
-    "one period of the design and over the whole experiment.",
+    "one period of the design (noise alone) and over the whole experiment (with tolerances).",
     height=3.3,
 )
 def precision_figure(figure: Figure, result: DesignResult) -> None:
@@ -34,12 +34,12 @@ def precision_figure(figure: Figure, result: DesignResult) -> None:
     parameters, experiment = result.parameters, result.experiment
     periods = experiment.periods
     whole = f"experiment ({periods:g} period{'s' * (periods != 1)}"
-    percents = np.array(
-        [(p.rel_std_percent_per_period, p.rel_std_percent_experiment) for p in parameters]
-    )
+    whole += f", {_count(experiment.samples)} samples"
+    whole += ", with tolerances)" if result.systematic else ")"
+    percents = np.array([(p.rel_std_percent_per_period, p.rel_std_percent) for p in parameters])
     series = (
         (f"one period ({_count(result.samples)} samples)", drawing.SECOND, -_WIDTH / 2),
-        (f"{whole}, {_count(experiment.samples)} samples)", drawing.EMPHASIS, _WIDTH / 2),
+        (whole, drawing.EMPHASIS, _WIDTH / 2),
     )
     axes = figure.subplots()
     position = np.arange(len(parameters), dtype=float)

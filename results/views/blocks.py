@@ -11,16 +11,18 @@ from constraints.arrays import Array
 from estimation.diagnostics.finding import DiagnosisVerdict, Finding, Status
 from estimation.diagnostics.linearisation import GENERAL_PLATFORM
 from estimation.diagnostics.reliability import UndetectedEffect
-from estimation.estimators.result import ABOUT_CENTRE, TEN, about_centre
-from estimation.identification.estimator_result import PayloadRow
+from estimation.estimators.result import ABOUT_CENTRE, TEN
+from estimation.identification.estimator_result import EstimatedQuantity, PayloadRow
 from estimation.identification.result import EstimateFile, EstimationResult
 from estimation.identification.term_selection import SAME_MOTION, UNSETTLED, without_bounds
 from estimation.selection import SelectionRow
 from estimation.uncertainty.intervals import FAMILY_LEVEL, Differences, difference_test
 from expdesign.information.identifiable import KnownCombination
+from expdesign.mechanism.bodies import about_centre
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
+from expdesign.robot.derived import KnownQuantity
 from results.figures.parameters import WORTH, selection_figure
-from results.notation import count_text, readable
+from results.notation import DisplayUnit, count_text, handy_unit, readable
 from results.views.view import (
     Block,
     Drawing,
@@ -208,6 +210,39 @@ def combination_blocks(
         "the unit of its first parameter, which alone is known less precisely or not at all"
     )
     return (ReportTable.of(key, caption, columns, together, screen=True),)
+
+
+def derived_blocks(found: Sequence[KnownQuantity], whose: str) -> list[Block]:
+    """Return the table of derived quantities; nothing without any.
+
+    `whose` completes the caption: ``"of the design, predicted"``.
+    """
+    if not found:
+        return []
+
+    def unit(row: KnownQuantity) -> DisplayUnit:
+        return handy_unit(row.unit, [row.value])
+
+    def column(label: str, of: str, digits: int = 3) -> TableColumn:
+        return TableColumn(label, digits=digits, of=lambda row: unit(row).factor * getattr(row, of))
+
+    intervals = isinstance(found[0], EstimatedQuantity)
+    shared = any(row.std_systematic > 0 for row in found)
+    columns = (
+        TableColumn("quantity", kind="text", of="quantity"),
+        TableColumn("unit", kind="text", of=lambda row: unit(row).symbol),
+        column("value", "value", 5),
+        column("σ", "std"),
+        TableColumn("σ / value", "%", digits=3, of="rel_std_percent"),
+        *([column("σ noise", "std_random"), column("σ tolerances", "std_systematic")] * shared),
+        *([TableColumn("largest source", kind="text", of="source")] * shared),
+        *([column("95 % from", "ci_low", 5), column("95 % to", "ci_high", 5)] * intervals),
+    )
+    caption = (
+        f"Quantities {whose}: mass, centre and inertia of the platform with the sliders' masses, "
+        "forces of the actuators at rest at home without friction"
+    )
+    return [ReportTable.of("derived", caption, columns, found, screen=True, latex=True)]
 
 
 def share_columns(result: EstimationResult) -> list[TableColumn]:

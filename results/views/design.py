@@ -18,10 +18,11 @@ from expdesign.information.fisher import SingularInformationError
 from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.recheck.information import Evaluator
 from expdesign.recheck.limit_check import REACHED, LimitCheck
+from expdesign.robot.derived import NOISE
 from expdesign.solver.feasibility import InfeasibleLimitsError
 from results.figures.design import DESIGN_FIGURES
 from results.notation import DisplayUnit, duration, handy_unit, percent, readable
-from results.views.blocks import combination_blocks
+from results.views.blocks import combination_blocks, derived_blocks
 from results.views.folder import RunFolder
 from results.views.view import (
     Block,
@@ -63,6 +64,7 @@ def design_view(folder: RunFolder) -> StageView:
             if result.configuration.run.design.prior
             else []
         ),
+        *derived_blocks(result.derived, "with the σ predicted for the experiment"),
         limits_table(result),
         *([] if folder.brief else _reserve(result, sensitivity)),
         *_gains(sensitivity),
@@ -129,7 +131,7 @@ def parameters_table(result: DesignResult) -> ReportTable:
         TableColumn("σ, one period", "%", digits=3, of="rel_std_percent_per_period"),
         TableColumn("σ, experiment", digits=3, of="std_experiment"),
         TableColumn("σ, experiment", "%", digits=3, of="rel_std_percent_experiment"),
-        *([TableColumn("σ, tolerances", digits=3, of="std_systematic")] if shared else []),
+        *(_TOTAL if shared else ()),
     )
     experiment = result.predicted_std.experiment
     caption = (
@@ -141,8 +143,15 @@ def parameters_table(result: DesignResult) -> ReportTable:
     return ReportTable.of("parameters", caption, columns, result.parameters, latex=True)
 
 
+_TOTAL = (
+    TableColumn("σ, tolerances", digits=3, of="std_systematic"),
+    TableColumn("σ, total", digits=3, of="std_total"),
+    TableColumn("σ, total", "%", digits=3, of="rel_std_percent"),
+    TableColumn("largest source", kind="text", of="source"),
+)
 _TOLERANCES = (
-    "; the share of the robot's tolerances adds to both, and more periods do not reduce it"
+    " for noise alone; total: of noise and the robot's tolerances in the experiment, by the run's "
+    "estimator. More periods do not reduce the share of a tolerance that is the largest source"
 )
 
 
@@ -189,7 +198,7 @@ def _facts(result: DesignResult) -> tuple[Fact, ...]:
     criterion = criteria().get(result.criterion)
     information = criterion_symbol(result.configuration)
     meaning = nuisances_in_words(result.configuration)
-    percents = np.array([parameter.rel_std_percent_experiment for parameter in result.parameters])
+    percents = np.array([parameter.rel_std_percent for parameter in result.parameters])
     relative = percents[np.isfinite(percents)]
     finite = np.isfinite(result.criterion_value)
     value = readable(result.criterion_value, 6) if finite else "singular"
@@ -202,16 +211,32 @@ def _facts(result: DesignResult) -> tuple[Fact, ...]:
         )
     ]
     if relative.size:
-        note = f"predicted σ below half of the value; median {readable(np.median(relative), 3)} %"
+        total = "total " if result.systematic else ""
+        median = readable(np.median(relative), 3)
+        note = f"predicted {total}σ below half of the value; median {median} %"
         if zeros := int(np.sum(np.isnan(percents))):
             note += f"; {zeros} others have the value zero in the robot file"
         known = int(np.sum(relative < 100 * IDENTIFIABLE))
         facts.append(Fact("parameters identifiable", f"{known} of {relative.size}", note))
+        facts += _tolerance_fact(result)
     if result.checks:
         tightest = max(result.checks, key=lambda check: check.used)
         used = percent(tightest.used, 4)
         facts.append(Fact("tightest limit", used, f"used of {tightest.title}"))
     return tuple(facts)
+
+
+def _tolerance_fact(result: DesignResult) -> list[Fact]:
+    """Return the tolerance that limits most parameters; nothing where noise limits most of them."""
+    sources = [one.source for one in result.parameters if one.source not in ("", NOISE)]
+    if 2 * len(sources) <= len(result.parameters):
+        return []
+    most = max(dict.fromkeys(sources), key=sources.count)
+    note = (
+        f"the largest source of {sources.count(most)} of {len(result.parameters)} parameters; "
+        f"noise is of {len(result.parameters) - len(sources)}: more periods hardly help"
+    )
+    return [Fact("limiting tolerance", most, note)]
 
 
 def _details(result: DesignResult) -> tuple[Fact, ...]:

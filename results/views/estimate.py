@@ -23,6 +23,7 @@ from results.views.blocks import (
     constants_blocks,
     contradictions,
     count_findings,
+    derived_blocks,
     differences_table,
     findings_block,
     information_sentence,
@@ -124,6 +125,8 @@ def _blocks(
     if not result.intervals_cover:
         blocks.append(TextBlock(result.intervals_note, Level.CAUTION, screen=True))
     blocks += payload_blocks(result, payload)
+    name = NAMES.get(result.best, result.best)
+    blocks += derived_blocks(result.best_estimator.derived, f"of the {name} estimate")
     blocks.append(estimates_table(result, truth))
     if len(result.estimators) > 1:
         blocks.append(_estimators_table(result))

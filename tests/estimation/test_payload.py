@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 
 from estimation.estimators.influence import EstimatedDeviation, SystematicUncertainty
 from estimation.estimators.prior_estimate import UnloadedMachine
-from estimation.estimators.result import TEN, about_centre, payload_estimate
+from estimation.estimators.result import TEN, payload_estimate
 from estimation.identification import estimate_parameters, estimation_result
 from estimation.identification.result import EstimationResult
 from estimation.twin import Twin
 from expdesign.configuration import load_run
 from expdesign.configuration.bodies import BodyDescription, payload_parameters
 from expdesign.configuration.robot import as_general
-from expdesign.mechanism.bodies import inertia_of
+from expdesign.mechanism.bodies import about_centre, inertia_of
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.robot import load_robot
 from expdesign.robot.deviation import deviations

@@ -10,7 +10,7 @@ from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.tolerance_test import tolerance_findings
 from estimation.estimators import covariance_ml_less_gm
 from estimation.identification import estimate_parameters, estimation_result
-from expdesign.experiment.precision import systematic_std
+from expdesign.experiment.precision import tolerance_effects
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import apply_deviations, toleranced_deviations
 from tests.estimation.cases import ROBOT, measured, run, trajectory
@@ -247,7 +247,7 @@ def test_a_design_predicts_the_share_of_an_estimate(chosen):
     config = _run(estimators=["gm"])
     result = estimate_parameters(config, _measured(np.zeros(len(chosen)), robot=SMOOTH), MOTION)
     noise = ROBOT.description.noise
-    predicted = systematic_std(
+    predicted = tolerance_effects(
         replace(robot_from(config.robot), description=_smooth(config.robot)),
         MOTION,
         100,
@@ -256,8 +256,9 @@ def test_a_design_predicts_the_share_of_an_estimate(chosen):
         noise.length_covariance,
     )
     found = np.sqrt(np.diag(result["gm"].covariance_systematic))
-    np.testing.assert_allclose(list(predicted.values()), found, rtol=5e-3)
-    assert systematic_std(ROBOT, MOTION, 100, ("p1",), np.eye(6), None) == {}
+    share = np.linalg.norm(predicted.response, axis=1)
+    np.testing.assert_allclose(share, found, rtol=5e-3)
+    assert not tolerance_effects(ROBOT, MOTION, 100, ("p1",), np.eye(6), None).sources
 
 
 def test_an_estimated_machine_is_diagnosed_along_the_motion_that_was_estimated(chosen):
