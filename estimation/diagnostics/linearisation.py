@@ -41,7 +41,6 @@ from estimation.kinematics import length_residuals
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.prediction import (
     chunks,
-    force_kernel,
 )
 from estimation.processing import NoiseEstimate, NoiseModel
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -53,6 +52,7 @@ from expdesign.robot.deviation import (
     Deviation,
     deviations,
     estimated_constants,
+    force_jumps,
     toleranced_deviations,
 )
 
@@ -203,9 +203,7 @@ def linearise(
         ]
         regressors = np.concatenate([each.regressors for each in predicted])
         slope = np.concatenate([each.columns(none).dense() for each in predicted])
-        late = experiment.share_of_delay(robot, motion)
-        signs = experiment.signs(robot, motion)
-        sign_errors = _sign_errors(robot, cells, state, signs, late, values)
+        sign_errors = _sign_errors(robot, experiment, motion, cells, state, values)
         length_cells = _cells(experiment, recording.lengths.times, recording.lengths.counts)
         lengths = length_residuals(robot, recording, motion)
         slopes = [
@@ -245,18 +243,22 @@ def _cells(experiment: Experiment, times: Array, counts: Array) -> PhaseCells:
 
 
 def _sign_errors(
-    robot: Robot, cells: PhaseCells, state: Array, signs: Array, late: Array, values: Array
+    robot: Robot,
+    experiment: Experiment,
+    motion: HarmonicMotion,
+    cells: PhaseCells,
+    state: Array,
+    values: Array,
 ) -> Array:
     """Return the columns of unknown signs in the means over the cells, (R, 6, s), N.
 
     A rate has the same error δ at all rows of one reversal. With P = P(rate + δ > 0) the signs of
-    two rows then have the covariance 4 (min(P, P') − P P'), a Brownian bridge over P. The share
-    `late`, (T, s), of the variance of δ is due to the delay, a deviation with a column of its own:
-    the part that is linear in it, 4 ρ ρ' φ φ' with the normal density φ, is left out.
+    two rows then have the covariance 4 (min(P, P') − P P'), a Brownian bridge over P. A delay is a
+    deviation with a column of its own: of its share ρ² in the variance of δ the part that is linear
+    in the delay, 4 ρ ρ' φ φ' with the normal density φ, is left out.
     """
-    kernel = force_kernel(robot.terms)
+    signs, spread = experiment.signs(robot, motion), experiment.spread_along(motion)
     above = (1 + cells.mean(signs)) / 2
-    density = np.sqrt(cells.mean(late) / (2 * np.pi)) * np.exp(-(ndtri(above) ** 2) / 2)
     first = np.arange(len(above))
     if cells.index is not None:
         _, first = np.unique(cells.index, return_index=True)
@@ -266,20 +268,17 @@ def _sign_errors(
         for rows in np.split(unsure, np.flatnonzero(np.diff(unsure) > 1) + 1):
             if not len(rows):
                 continue
-            ends = []
-            for end in (-1.0, 1.0):
-                changed = signs[first[rows]].copy()
-                changed[:, rate] = end
-                regressors, _ = kernel(state[first[rows]], changed, robot.machine, values)
-                ends.append(regressors @ values)
-            inside, linear = share[rows], density[rows, rate]
+            at, inside = first[rows], share[rows]
+            jumps, _, change = force_jumps(robot, state[at], signs[at], values)
+            density = np.exp(-(ndtri(inside) ** 2) / 2) / np.sqrt(2 * np.pi)
+            late = robot.delay_std * change[:, rate] * density
+            late /= np.maximum(spread[at, rate], np.finfo(np.float64).tiny)
             bridge = np.minimum.outer(inside, inside) - np.multiply.outer(inside, inside)
-            bridge -= np.multiply.outer(linear, linear)
-            variances, modes = np.linalg.eigh(4 * bridge)
+            variances, modes = np.linalg.eigh(4 * (bridge - np.multiply.outer(late, late)))
             kept = variances > UNSURE
             found = np.zeros((len(above), ACTUATORS, int(np.count_nonzero(kept))))
             factors = modes[:, kept] * np.sqrt(variances[kept])
-            found[rows] = (ends[1] - ends[0])[:, :, None] / 2 * factors[:, None]
+            found[rows] = jumps[:, :, rate, None] * factors[:, None]
             columns.append(found)
     return np.concatenate(columns, axis=2)
 

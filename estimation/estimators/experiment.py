@@ -16,8 +16,9 @@ from estimation.kinematics import (
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.prediction import held_regressor_kernel
 from estimation.processing import NoiseModel, PeriodicRecording
-from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot import Robot
+from expdesign.robot.deviation import force_jumps
 
 UNSURE = 1e-3
 """Variance of a friction sign below which its effect on the forces is negligible."""
@@ -187,13 +188,8 @@ class Experiment:
         if not len(rows):
             return self
         state = self.fit.motion.at(recording.forces.times[rows]).state()
-        kernel = held_regressor_kernel(robot.terms)
-        variance = np.zeros((len(rows), ACTUATORS))
-        for rate in range(signs.shape[1]):
-            ends = np.repeat(signs[None, rows], 2, axis=0)
-            ends[:, :, rate] = [[-1.0], [1.0]]
-            low, high = (kernel(state, end, robot.machine)[0] @ values for end in ends)
-            variance += (1 - signs[rows, rate, None] ** 2) * ((high - low) / 2) ** 2
+        jumps, _, _ = force_jumps(robot, state, signs[rows], values)
+        variance = np.einsum("sij,sj->si", jumps**2, 1 - signs[rows] ** 2)
         # Rows of one phase in several periods have the same sign.
         alike = recording.forces.counts[rows] * (1 if recording.averaged else recording.periods)
         ratio = np.max(variance / np.diag(noise.covariance), axis=1) * alike
@@ -220,21 +216,10 @@ class Experiment:
 
     def signs_for_robot(self, robot: Robot, motion: HarmonicMotion) -> Array:
         """Return the expected friction signs for the terms of another robot, (S, s)."""
-        spread = self._spread_for_robot(robot, motion)
-        return expected_signs(robot, motion, self.recording.forces.times, spread)
-
-    def share_of_delay(self, robot: Robot, motion: HarmonicMotion) -> Array:
-        """Return the delay's share of the variance of the rates of friction, (S, s)."""
-        spread = self.spread_along(motion)
-        if not robot.delay_std:
-            return np.zeros_like(spread)
-        others = self._spread_for_robot(replace(robot, delay_std=0.0), motion)
-        return 1 - (others / np.maximum(spread, others)) ** 2
-
-    def _spread_for_robot(self, robot: Robot, motion: HarmonicMotion) -> Array:
-        refined = self._matching_refined_motion(motion)
+        refined, times = self._matching_refined_motion(motion), self.recording.forces.times
         covariance = self.fitted.covariance if refined is None else refined.covariance
-        return rate_spread(robot, motion, self.recording.forces.times, covariance)
+        spread = rate_spread(robot, motion, times, covariance)
+        return expected_signs(robot, motion, times, spread)
 
     def _matching_refined_motion(self, motion: HarmonicMotion) -> RefinedMotion | None:
         """Return the refined motion if this motion has the same harmonics."""

@@ -259,15 +259,25 @@ def _jump_kernel(terms: tuple[Term, ...]) -> Graph:
     return Graph("jumping_force", [graph.state, graph.signs], inputs, outputs)
 
 
+def force_jumps(
+    robot: Robot, state: Array, signs: Array, parameters: Array
+) -> tuple[Array, Array, Array]:
+    """Return ∂(A p)/∂signs, (S, 6, s), the rates of dry friction and their derivatives, (S, s).
+
+    States are (S, 18) or more, signs (S, s), s ≥ 1.
+    """
+    kernel = _jump_kernel(robot.terms)
+    jumps, rate, change = kernel(state[:, :_STATE], signs, robot.machine, parameters)
+    return jumps, rate, change
+
+
 def exact_signs(robot: Robot, state: Array) -> Array:
     """Return the signs of the rates that the terms use, (S, s), at states (S, 18) or more."""
     count = robot.graph.signs.shape[0]
     nothing = np.zeros((len(state), count))
     if not count:
         return nothing
-    kernel = _jump_kernel(robot.terms)
-    _, rate, _ = kernel(state[:, :_STATE], nothing, robot.machine, robot.parameters)
-    return np.sign(rate)
+    return np.sign(force_jumps(robot, state, nothing, robot.parameters)[1])
 
 
 def delay_of_jumps(
@@ -281,8 +291,7 @@ def delay_of_jumps(
     """
     if not signs.shape[1]:
         return np.zeros((len(state), ACTUATORS))
-    kernel = _jump_kernel(robot.terms)
-    slope, rate, change = kernel(state[:, :_STATE], signs, robot.machine, parameters)
+    slope, rate, change = force_jumps(robot, state, signs, parameters)
     near = np.abs(rate) < np.abs(change) * step / 2
     return -np.einsum("sij,sj->si", slope, np.where(near, 2 * np.sign(change) / step, 0.0))
 
