@@ -3,9 +3,10 @@
 Differences between periods show it independently of errors of the model, which are the same in
 every period. In each period the residuals of all actuators are regressed on the predicted force and
 on a constant of each actuator, weighted with Σ⁻¹ (a filter of the noise applies to residuals and
-columns alike); the twelve coefficients are regressed on the number of the period. Their scatter
-about these lines, over all actuators together, scales the variance according to Σ, so that coloured
-noise, or a given Σ that is too small, does not appear as a drift.
+columns alike); the gains are regressed on the number of the period. Their scatter about these
+lines, over all actuators together, scales the variance according to Σ, so that coloured noise, or a
+given Σ that is too small, does not appear as a drift. The constants have another scatter: a filter
+knows less of the slowest noise.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ class GainDriftTest:
     ] = GAIN_DRIFT
     scale: Annotated[
         OpenNumber,
-        described("1", "variance of the coefficients between periods, relative to Σ"),
+        described("1", "variance of the gains between periods, relative to Σ"),
     ] = np.nan
     log_p: Annotated[
         OpenNumber, described("1", "logarithm of p of the most significant, corrected")
@@ -80,16 +81,17 @@ def gain_drift(experiment: Experiment, part: Linearisation, level: float) -> Gai
         *(_fit_period(*each, white) for each in zip(residuals, columns, strict=True)),
         strict=True,
     )
-    values, covariance = np.array(coefficients), np.array(inverses)
+    # Gains, with drifting constants fitted as well.
+    gains = slice(ACTUATORS)
+    values, covariance = np.array(coefficients)[:, gains], np.array(inverses)[:, gains, gains]
     time = np.arange(periods) - (periods - 1) / 2
     slope = time @ values / (time @ time)
     of_slope = np.einsum("m,mij->ij", time**2, covariance) / (time @ time) ** 2
     rest = values - np.mean(values, axis=0) - np.multiply.outer(time, slope)
     freedom = float(rest.shape[1] * (periods - 2))
     scale = float(np.einsum("mi,mij,mj->", rest, np.linalg.inv(covariance), rest)) / freedom
-    # Gains, with drifting constants fitted as well.
-    own = of_slope[:ACTUATORS, :ACTUATORS] * scale
-    return _select_drifts(slope[:ACTUATORS], own, freedom, periods, GainDriftTest("", level, scale))
+    test = GainDriftTest("", level, scale)
+    return _select_drifts(slope, of_slope * scale, freedom, periods, test)
 
 
 def _select_drifts(
