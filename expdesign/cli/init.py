@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -18,7 +19,7 @@ from expdesign.configuration.errors import Problem
 from expdesign.configuration.schema import validate
 from expdesign.machines.importing import MachineDescription, machine_from_answers, read_machine
 from expdesign.machines.machine import MachineDraft
-from expdesign.machines.writing import WrittenFiles, write_files
+from expdesign.machines.writing import WrittenFiles, refuse_existing, write_files
 from expdesign.stages.execution import refuse_unwritable
 from expdesign.stages.stage import short
 
@@ -41,22 +42,67 @@ def write_machine(
     folder = Path.cwd() if out is None else out.absolute()
     refuse_unwritable(folder)
     given = {key: INIT_OPTIONS[key].read(text) for key, text in options.items() if text is not None}
-    description = _validated_answers({"name": name, **given})
+    _validated_answers({"name": name, **given})
+    refuse_existing(name, folder)
     known = read_machine(name, sources) if sources else MachineDraft(name)
     if sys.stdin.isatty() and not as_json:
-        given = _ask_missing(given, _known_options(known))
-        description = _validated_answers({"name": name, **given})
-    try:
-        files = write_files(machine_from_answers(description, known), folder)
-    except InputError as error:
+        files = _ask_and_write(name, given, known, folder)
+    else:
         # Values from a file are named by their keys.
-        options_of = given if sources else INIT_OPTIONS
-        raise InputError(_with_option(problem, options_of) for problem in error.problems) from None
+        files = _write(name, given, known, folder, given if sources else INIT_OPTIONS)
     if as_json:
         where = {"robot": str(files.robot), "run": str(files.run)}
         write_json({"status": 0, **where, "assumed": files.assumed})
     else:
         _show(files)
+
+
+def _write(
+    name: str,
+    given: Mapping[str, Any],
+    known: MachineDraft,
+    folder: Path,
+    options: Mapping[str, Any],
+) -> WrittenFiles:
+    description = _validated_answers({"name": name, **given})
+    try:
+        return write_files(machine_from_answers(description, known), folder)
+    except InputError as error:
+        raise InputError(_with_option(problem, options) for problem in error.problems) from None
+
+
+def _ask_and_write(
+    name: str, options: Mapping[str, Any], known: MachineDraft, folder: Path
+) -> WrittenFiles:
+    """Ask for missing values and write the files; answers that contradict are asked for again."""
+    given = dict(options)
+    try:
+        _ask_missing(given, _known_options(known))
+        while True:
+            try:
+                return _write(name, given, known, folder, INIT_OPTIONS)
+            except InputError as error:
+                for problem in error.problems:
+                    messages().print(f"  {problem}")
+                named = {problem.key.partition("[")[0] for problem in error.problems}
+                before = dict(given)
+                for key in (key for key in INIT_OPTIONS if flag(key) in named):
+                    answer = _answer(key, needed=False)
+                    given.pop(key, None)
+                    given |= {} if answer is None else {key: answer}
+                if given == before:
+                    raise
+    except (InputError, typer.Abort):
+        answers = [f"{flag(key)} {shlex.quote(_text(value))}" for key, value in given.items()]
+        note(f"the answers so far: expdesign init {' '.join([name, *answers])}")
+        raise
+
+
+def _text(value: Any) -> str:
+    """Return an answer as the text of its option."""
+    if not isinstance(value, list):
+        return str(value)
+    return ("; " if isinstance(value[0], list) else ", ").join(map(_text, value))
 
 
 def _validated_answers(data: dict[str, Any]) -> Located[MachineDescription]:
@@ -90,18 +136,16 @@ def _known_options(machine: MachineDraft) -> set[str]:
     return found | {key for key, known in there.items() if known}
 
 
-def _ask_missing(given: dict[str, Any], known: set[str]) -> dict[str, Any]:
+def _ask_missing(given: dict[str, Any], known: set[str]) -> None:
     """Ask for values that are neither given nor known; an empty answer leaves a default."""
-    found = dict(given)
     messages().print(
         "An empty answer takes a default, with a comment in the file that asks you to check it."
     )
     for key in _ASKED:
-        if key not in found and key not in known and _is_useful(key, found):
+        if key not in given and key not in known and _is_useful(key, given):
             # A circle needs all its values.
-            answer = _answer(key, needed=key in _CIRCLES and "base_radius" in found)
-            found |= {} if answer is None else {key: answer}
-    return found
+            answer = _answer(key, needed=key in _CIRCLES and "base_radius" in given)
+            given |= {} if answer is None else {key: answer}
 
 
 def _is_useful(key: str, given: dict[str, Any]) -> bool:
@@ -133,10 +177,13 @@ def _answer(key: str, *, needed: bool) -> Any:
         try:
             _validated_answers({"name": "asked", key: value})
         except InputError as error:
-            for problem in error.problems:
-                allowed = f" (allowed: {problem.allowed})" if problem.allowed else ""
-                messages().print(f"  {problem.message}{allowed}")
-            continue
+            (problem, *_) = error.problems
+            allowed = f" (allowed: {problem.allowed})" if problem.allowed else ""
+            messages().print(f"  {problem.message}{allowed}")
+            meant = problem.nearest if isinstance(value, str) else None
+            if not (meant and typer.confirm(f"  {meant}?", err=True)):
+                continue
+            value = meant
         return value
 
 

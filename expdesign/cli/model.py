@@ -20,13 +20,14 @@ from estimation.controlmodel.model import (
     force_uncertainty,
 )
 from estimation.identification.result import EstimateFile
-from expdesign.cli.output import results, write_json
+from expdesign.cli.output import note, results, write_json
 from expdesign.cli.runs import warn_of_changes
 from expdesign.cli.terminal import working
 from expdesign.configuration import InputError
 from expdesign.configuration.quantity import SPEED
 from expdesign.configuration.tolerances import IDENTIFIED_ROBOT as IDENTIFIED
 from expdesign.configuration.tolerances import Identification
+from expdesign.library import robot_files
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 from expdesign.progress import report_progress
 from expdesign.robot import Robot, load_robot
@@ -72,6 +73,11 @@ def write_model(source: str, name: str, out: Path | None, width: str, *, as_json
         message = f"there is no format '{name}'" if name else "no format is given"
         raise InputError(message, key="--format", allowed=" | ".join(FORMATS))
     folder = Path(source).resolve() if Path(source).is_dir() else None
+    if folder is not None and source in robot_files():
+        # A folder without an estimate does not hide the robot.
+        folder = folder if (folder / IDENTIFIED).is_file() else None
+        used, other = ("robot", "folder") if folder is None else ("folder", "robot")
+        note(f"the {used} {source} is used, not the {other} of that name")
     robot_file = source if folder is None else _identified(folder)
     place = Path("runs") / load_robot(robot_file).name if folder is None else folder
     target = (place / FOLDER / name if out is None else out).absolute()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -9,21 +11,53 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import ValidatorFunctionWrapHandler, WrapValidator
 
 from constraints.plugins import declarations
 from expdesign.configuration import quantity
 from expdesign.configuration.document import Located
-from expdesign.configuration.errors import InputError, Problem
+from expdesign.configuration.errors import InputError, Problem, refusal
 from expdesign.configuration.geometry import HalfAngle, JointRing, PairedStruts, geometry_at
 from expdesign.configuration.parameters import DIRECT, Drive
-from expdesign.configuration.schema import Ascending, Name, Pair, Point, Section, exactly
+from expdesign.configuration.quantity import quantity_in
+from expdesign.configuration.schema import Ascending, Name, Pair, Section, exactly
 from expdesign.machines import readers
 from expdesign.machines.assumed import points
 from expdesign.machines.machine import MachineDraft, MachineFormat, Points, Question
 from expdesign.machines.writing import INERTIA
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES
 
-_Joints = Annotated[tuple[Point, ...], exactly(ACTUATORS, "joints")]
+
+def _plausible(
+    smallest: str, largest: str, meant: str = "", plain: float = math.inf
+) -> WrapValidator:
+    """Return a validator of a magnitude; plain numbers from `plain` on are asked for their unit."""
+
+    def check(raw: Any, parse: ValidatorFunctionWrapHandler) -> float:
+        text, unit = str(raw).strip(), smallest.partition(" ")[2]
+        if _PLAIN.fullmatch(text) and abs(float(text)) >= plain:
+            message = f"{text} without a unit is {text} {unit}"
+            allowed = f'a text with its unit, such as "{text} {meant}"'
+            raise refusal(message, allowed, f"{text} {meant}")
+        value: float = parse(raw)
+        low, high = map(quantity_in(unit).parse, (smallest, largest))
+        if value and not low <= abs(value) <= high:
+            message = f"{quantity.quantity_text(value, unit)} is not plausible for a machine"
+            raise refusal(message, f"{smallest} to {largest}")
+        return value
+
+    return WrapValidator(check)
+
+
+_PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_Coordinate = Annotated[quantity.Length, _plausible("1e-9 m", "100 m", "mm", 5)]
+_Size = Annotated[quantity.Length, quantity.Positive, _plausible("1e-4 m", "100 m", "mm", 5)]
+_Force = Annotated[quantity.Force, quantity.Positive, _plausible("1e-9 N", "1e9 N")]
+_Joints = Annotated[
+    tuple[Annotated[tuple[_Coordinate, ...], exactly(3, "coordinates [x, y, z]")], ...],
+    exactly(ACTUATORS, "joints"),
+]
+_Angle = Annotated[HalfAngle, _plausible("0 rad", "2 rad", "deg", 1)]
 _PAIRS: dict[str, PairedStruts] = {"base": "1-2", "platform": "2-3"}
 _ANSWERS = {
     "base_radius": "base_joints",
@@ -41,27 +75,39 @@ class MachineDescription(Section):
     """Answers to the questions about a machine, SI; None: no answer."""
 
     name: Name
-    base_radius: Annotated[quantity.Length, quantity.Positive] | None = None
-    base_half_angle: HalfAngle | None = None
+    base_radius: _Size | None = None
+    base_half_angle: _Angle | None = None
     base_joints: _Joints | None = None
-    platform_radius: Annotated[quantity.Length, quantity.Positive] | None = None
-    platform_half_angle: HalfAngle | None = None
+    platform_radius: _Size | None = None
+    platform_half_angle: _Angle | None = None
     platform_joints: _Joints | None = None
-    platform_z: quantity.Length | None = None
-    home_height: quantity.Length | None = None
-    strut_length: (
-        Annotated[tuple[Annotated[quantity.Length, quantity.Positive], ...], Ascending, Pair] | None
+    platform_z: _Coordinate | None = None
+    home_height: _Coordinate | None = None
+    strut_length: Annotated[tuple[_Size, ...], Ascending, Pair] | None = None
+    stroke: _Size | None = None
+    strut_speed: (
+        Annotated[quantity.Speed, quantity.Positive, _plausible("1e-9 m/s", "100 m/s", "mm/s", 5)]
+        | None
     ) = None
-    stroke: Annotated[quantity.Length, quantity.Positive] | None = None
-    strut_speed: Annotated[quantity.Speed, quantity.Positive] | None = None
-    strut_acceleration: Annotated[quantity.Acceleration, quantity.Positive] | None = None
-    actuator_force: Annotated[quantity.Force, quantity.Positive] | None = None
+    strut_acceleration: (
+        Annotated[quantity.Acceleration, quantity.Positive, _plausible("1e-9 m/s^2", "1e5 m/s^2")]
+        | None
+    ) = None
+    actuator_force: _Force | None = None
     mass: Annotated[quantity.Mass, quantity.Positive] | None = None
     drive: Literal["direct", "screw", "gear"] | None = None
-    lead: Annotated[quantity.Length, quantity.Positive] | None = None
-    inertia: Annotated[quantity.Inertia, quantity.NotNegative] | None = None
-    force_std: Annotated[quantity.Force, quantity.Positive] | None = None
-    length_std: Annotated[quantity.Length, quantity.Positive] | None = None
+    lead: (
+        Annotated[quantity.Length, quantity.Positive, _plausible("1e-6 m", "10 m", "mm", 1)] | None
+    ) = None
+    inertia: (
+        Annotated[quantity.Inertia, quantity.NotNegative, _plausible("1e-12 kg m^2", "1e6 kg m^2")]
+        | None
+    ) = None
+    force_std: _Force | None = None
+    length_std: (
+        Annotated[quantity.Length, quantity.Positive, _plausible("1e-12 m", "1 m", "um", 0.1)]
+        | None
+    ) = None
 
 
 def machine_from_answers(

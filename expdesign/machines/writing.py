@@ -53,11 +53,7 @@ def write_files(machine: MachineDraft, folder: Path) -> WrittenFiles:
     Unknown values get a documented default and a comment that asks to check it. Existing files are
     refused.
     """
-    places = [folder / name for name in file_names(machine.name)]
-    for place in places:
-        if place.exists() or place.is_symlink():
-            message = "the file is there already, and is not written over"
-            raise InputError(message, place, allowed="another name, or another folder")
+    places = refuse_existing(machine.name, folder)
     complete = complete_machine(machine)
     texts = robot_file(complete), run_file(complete)
     with tempfile.TemporaryDirectory() as elsewhere:
@@ -76,6 +72,16 @@ def write_files(machine: MachineDraft, folder: Path) -> WrittenFiles:
     keys = {"parameters" if key in names else key for key in assumed}
     keys = {"bodies" if key.startswith("bodies.") else key for key in keys}
     return WrittenFiles(places[0], places[1], tuple(sorted(keys)))
+
+
+def refuse_existing(name: str, folder: Path) -> list[Path]:
+    """Return the paths of a machine's two files; refuse paths that exist."""
+    places = [folder / file for file in file_names(name)]
+    for place in places:
+        if place.exists() or place.is_symlink():
+            message = "the file is there already, and is not written over"
+            raise InputError(message, place, allowed="another name, or another folder")
+    return places
 
 
 def robot_file(complete: Complete) -> str:

@@ -194,6 +194,94 @@ def test_a_terminal_is_asked_for_what_is_not_given(expdesign, answers):
     assert robot.home[2] == 0.65
 
 
+@pytest.mark.parametrize(
+    ("key", "text", "said"),
+    [
+        ("base_radius", "1e200 m", "1e+200 m is not plausible for a machine"),
+        ("base_radius", "1e-200", "1e-200 m is not plausible for a machine"),
+        ("base_radius", "720 m", "720 m is not plausible for a machine"),
+        ("base_radius", "720", "720 without a unit is 720 m"),
+        ("base_half_angle", "7", "7 without a unit is 7 rad"),
+        ("base_joints", "450,0,0;" * 6, "450 without a unit is 450 m"),
+        ("platform_z", "-300", "-300 without a unit is -300 m"),
+        ("home_height", "300", "300 without a unit is 300 m"),
+        ("strut_length", "600, 900", "600 without a unit is 600 m"),
+        ("stroke", "1e300 m", "1e+300 m is not plausible for a machine"),
+        ("strut_speed", "200 m/s", "200 m/s is not plausible for a machine"),
+        ("strut_speed", "300", "300 without a unit is 300 m/s"),
+        ("strut_acceleration", "1e200", "1e+200 m/s^2 is not plausible for a machine"),
+        ("actuator_force", "1e-200 N", "1e-200 N is not plausible for a machine"),
+        ("lead", "1e-200 mm", "1e-203 m is not plausible for a machine"),
+        ("lead", "5", "5 without a unit is 5 m"),
+        ("inertia", "1e200", "1e+200 kg m^2 is not plausible for a machine"),
+        ("force_std", "1e200", "1e+200 N is not plausible for a machine"),
+        ("length_std", "5", "5 without a unit is 5 m"),
+    ],
+)
+def test_values_of_no_machine_are_refused(expdesign, tmp_path, key, text, said):
+    status, _, err = expdesign("init", "mine", f"--{key.replace('_', '-')}={text}")
+    assert status == 2
+    assert f"--{key.replace('_', '-')}" in err
+    assert said in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_number_without_a_unit_is_confirmed(expdesign, answers, monkeypatch):
+    answers(
+        base_radius="720",
+        base_half_angle=["7", "8"],
+        platform_radius="250 mm",
+        platform_half_angle="12 deg",
+        home_height="650 mm",
+    )
+    questions, replies = [], [True, False, True]
+    monkeypatch.setattr(
+        init.typer, "confirm", lambda text, **_: questions.append(text.strip()) or replies.pop(0)
+    )
+    status, _, err = expdesign("init", "mine")
+    assert status == 0, err
+    assert questions == ["720 mm?", "7 deg?", "8 deg?"]
+    robot = load_run("mine-run.yaml").robot
+    np.testing.assert_allclose(np.linalg.norm(robot.base_joints, axis=1), 0.72)
+
+
+def test_nothing_is_asked_for_files_that_exist(expdesign, answers):
+    asked = answers()
+    expdesign("init", "mine")
+    asked.clear()
+    status, _, err = expdesign("init", "mine")
+    assert status == 2
+    assert "the file is there already" in err
+    assert asked == []
+
+
+def test_answers_that_contradict_are_asked_for_again(expdesign, answers):
+    circles = {
+        "base_radius": "450 mm",
+        "base_half_angle": "8 deg",
+        "platform_radius": "250 mm",
+        "platform_half_angle": "12 deg",
+        "home_height": "700 mm",
+    }
+    asked = answers(**circles)
+    options = ("--stroke", "3 m", "--mass", "64 kg")
+    assert expdesign("init", "mine", *options, "--json")[0] == 2  # it needs the joints
+    status, _, err = expdesign("init", "mine", *options)
+    assert status == 0, err
+    assert "the struts have" in err
+    assert asked.count("stroke") == 1
+    assert asked.count("base_radius") == 1
+
+
+def test_answers_are_kept_when_the_command_ends(expdesign, answers):
+    answers(actuator_force="2 kN", strut_length="600 mm, 900 mm")
+    status, _, err = expdesign("init", "mine", "--platform-joints", "0.1,0,0;" * 6)
+    assert status == 2
+    assert "the answers so far: expdesign init mine" in err
+    assert "--strut-length '600 mm, 900 mm'" in err
+    assert "--platform-joints '0.1, 0, 0; " in err
+
+
 def test_empty_answers_leave_everything_open(expdesign, answers):
     asked = answers()
     status, _, err = expdesign("init", "mine")

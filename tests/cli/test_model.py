@@ -147,6 +147,17 @@ def test_a_robot_without_an_estimate_says_so(expdesign, tmp_path, monkeypatch):
     assert (tmp_path / "runs/palida/model/python/palida_model.py").is_file()
 
 
+def test_a_folder_does_not_hide_a_robot_that_ships_silently(expdesign, folder, monkeypatch):
+    monkeypatch.chdir(folder.parent)
+    (folder.parent / "palida").mkdir()
+    for used, named in (("robot", False), ("folder", True)):
+        status, out, err = expdesign("model", "palida", "--format", "python", "--json")
+        assert status == 0, err
+        assert bool(json.loads(out)["origin"]["run"]) == named
+        assert f"the {used} palida is used" in err
+        shutil.copytree(folder, folder.parent / "palida", dirs_exist_ok=True)
+
+
 def test_a_robot_file_that_was_changed_since_is_told(expdesign, folder):
     path = folder / "identified-robot.yaml"
     path.write_text(path.read_text(encoding="utf-8") + "# mine\n", encoding="utf-8")
