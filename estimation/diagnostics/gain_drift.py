@@ -23,8 +23,7 @@ from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.noise_tests import why_not_compared
 from estimation.diagnostics.significance import GAIN_DRIFT, Strut, log_two_sided
 from estimation.estimators.experiment import Experiment
-from estimation.measurement_model.motion import whiten_rows
-from expdesign.information.fisher import whitening
+from estimation.measurement_model.motion import NormalEquations
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import OpenNumber, described
 
@@ -76,14 +75,16 @@ def gain_drift(experiment: Experiment, part: Linearisation, level: float) -> Gai
         return GainDriftTest(
             f"fewer than {_FEWEST_PERIODS} periods leave no scatter about lines", level
         )
-    white = whitening(experiment.noise.forces.covariance)
-    coefficients, inverses = zip(
-        *(_fit_period(*each, white) for each in zip(residuals, columns, strict=True)),
-        strict=True,
-    )
+    noise = experiment.noise.forces.covariance
+    fits = [
+        NormalEquations.of([(rest, own, np.ones(len(rest)))], noise)
+        for rest, own in zip(residuals, columns, strict=True)
+    ]
+    inverses = np.linalg.inv([fit.matrix for fit in fits])
+    coefficients = np.einsum("mij,mj->mi", inverses, [fit.gradient for fit in fits])
     # Gains, with drifting constants fitted as well.
     gains = slice(ACTUATORS)
-    values, covariance = np.array(coefficients)[:, gains], np.array(inverses)[:, gains, gains]
+    values, covariance = coefficients[:, gains], inverses[:, gains, gains]
     time = np.arange(periods) - (periods - 1) / 2
     slope = time @ values / (time @ time)
     of_slope = np.einsum("m,mij->ij", time**2, covariance) / (time @ time) ** 2
@@ -152,11 +153,3 @@ def _split_periods(experiment: Experiment, part: Linearisation) -> tuple[list[Ar
     number = np.floor(times / recording.period * (1 + 1e-12)).astype(int)
     rows = [np.flatnonzero(number == k) for k in range(int(recording.periods))]
     return [part.force_rows[each] for each in rows], [columns[each] for each in rows]
-
-
-def _fit_period(rest: Array, columns: Array, white: Array) -> tuple[Array, Array]:
-    """Fit gains and constants in one period: coefficients, (12,), and their covariance."""
-    ones = np.ones(len(rest))
-    rows = whiten_rows(columns, white, ones).reshape(rest.size, -1)
-    inverse: Array = np.asarray(np.linalg.inv(rows.T @ rows), dtype=np.float64)
-    return inverse @ (rows.T @ whiten_rows(rest, white, ones).ravel()), inverse
