@@ -32,6 +32,7 @@ NAMES = (
     "term_selection",
     "multibody",
     "tolerances",
+    "totals",
     "constants",
     "calls",
     "control_model",

@@ -1,0 +1,161 @@
+"""Designs for the noise alone, and for the total error of an estimator, on drawn machines.
+
+Every machine is drawn from the tolerances. Ten periods of some 250 samples have as much less noise
+as ten at 1 kHz. Predicted and achieved errors are geometric means over the parameters, relative to
+their scales; the achieved ones are root mean squares over the machines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from constraints.arrays import Array
+from estimation.estimators import ParameterEstimate
+from estimation.identification.estimation import (
+    add_systematic_uncertainty,
+    parameter_priors,
+    run_estimators,
+)
+from estimation.identification.recording import prepare_experiment
+from estimation.twin import Twin
+from estimation.twin.machine import draw_machine
+from expdesign import design
+from expdesign.configuration import RunConfiguration, load_run
+from expdesign.experiment.setup import plan_search
+from expdesign.robot import robot_from
+from expdesign.robot.deviation import toleranced_deviations
+from expdesign.trajectory import FourierTrajectory
+
+TITLE = "Designs for the total error"
+
+SECTIONS = ("palida", "palida_quick", "linuxcnc", "rubin")
+"""Robots; `palida_quick` is a search of a minute."""
+_TOLERANCES = {
+    "base_joints": "0.1 mm",
+    "platform_joints": "0.1 mm",
+    "strut_length": "0.1 mm",
+    "force_constant": {"common": "0.5 %", "each": "0.5 %"},
+    "gravity": "0.1 deg",
+}
+_QUICK = {"starts": 16, "hops": 16}
+_DESIGNS = {
+    "noise": {"counts": "noise"},
+    "total, estimated": {"counts": "total"},
+    "total, budget": {"counts": "total", "systematic": "budget"},
+}
+_SAMPLES = 250
+"""Of a period."""
+
+Row = dict[str, Any]
+
+
+def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
+    """Yield a row per design of a robot."""
+    name, _, quick = section.partition("_")
+    first = np.nan
+    for label, settings in _DESIGNS.items():
+        search = {"counts": settings["counts"], **(_QUICK if quick else {})}
+        systematic = settings.get("systematic", "auto")
+        run = _run(name, search, systematic)
+        plan_search(run).problem.compile()
+        result = design(run)
+        seconds = result.solver.cpu_seconds
+        first = seconds if label == "noise" else first
+        motion = result.trajectory
+        row: Row = {"design for": label, "search / that for noise": f"{seconds / first:.1f}"}
+        for other in ("auto", "budget"):
+            predicted = _predicted(_run(name, {"counts": "total"}, other), motion)
+            row[f"predicted, {other} (%)"] = f"{100 * _mean(predicted):.2f}"
+        count = repetitions or 200
+        for estimator, achieved in _achieved(name, motion, count).items():
+            row[f"achieved, {estimator} (%)"] = f"{100 * _mean(achieved):.2f}"
+        yield row | {"machines": count}
+
+
+def summary(table: pd.DataFrame) -> str:
+    """Return the gains of the designs for the total."""
+    noise, auto, budget = (table.iloc[k] for k in range(3))
+    gains = [
+        f"{kind}: {float(own[key]) / float(noise[key]):.2f} of the error"
+        for kind, own, key in (
+            ("estimated", auto, "achieved, ml estimated (%)"),
+            ("budget", budget, "achieved, ml budget (%)"),
+        )
+    ]
+    return "; ".join(gains)
+
+
+def _run(robot: str, search: dict[str, Any], systematic: str, **more: Any) -> RunConfiguration:
+    return load_run(
+        {
+            "name": f"totals-{robot}",
+            "robot": robot,
+            "tolerances": _TOLERANCES,
+            "design": search,
+            "estimate": {"systematic": systematic},
+        }
+        | more
+    )
+
+
+def _mean(errors: Array) -> float:
+    return float(np.exp(np.mean(np.log(errors))))
+
+
+def _predicted(run: RunConfiguration, motion: FourierTrajectory) -> Array:
+    """Return the predicted relative standard deviations of the whole experiment."""
+    evaluator = plan_search(run).evaluator
+    samples, experiment = run.run.trajectory.samples, run.run.experiment
+    total = experiment.periods * experiment.sampling * motion.period
+    information = evaluator.whole_information(motion, samples) * (total / samples)
+    assert evaluator.marginal is not None
+    judged = evaluator.judged(information, evaluator.marginal.samples)
+    return np.sqrt(np.diag(np.linalg.inv(judged))) / evaluator.robot.scales
+
+
+def _achieved(robot_name: str, motion: FourierTrajectory, count: int) -> dict[str, Array]:
+    """Return the relative rms errors of each estimator over drawn machines."""
+    stated = _run(robot_name, {}, "auto")
+    sampling = _SAMPLES / motion.period
+    less = sampling / stated.run.experiment.sampling
+    noise = stated.robot.noise
+    assert noise is not None and noise.force_covariance is not None
+    assert noise.length_covariance is not None
+    fewer = _run(
+        robot_name,
+        {},
+        "auto",
+        experiment={"sampling": sampling},
+        noise={
+            "force_covariance": (less * noise.force_covariance).tolist(),
+            "length_covariance": (less * noise.length_covariance).tolist(),
+        },
+    )
+    errors: dict[str, list[Array]] = {}
+    robot = robot_from(fewer.robot)
+    for number in range(count):
+        for name, found in _estimates(fewer, motion, number).items():
+            errors.setdefault(name, []).append((found.values - robot.parameters) / robot.scales)
+    return {name: np.sqrt(np.mean(np.square(each), axis=0)) for name, each in errors.items()}
+
+
+def _estimates(
+    run: RunConfiguration, motion: FourierTrajectory, number: int
+) -> dict[str, ParameterEstimate]:
+    drawn = draw_machine(run, np.random.default_rng([0, number]))
+    with threadpool_limits(limits=1):
+        data = Twin.of(drawn.configuration, motion, seed=number).measurement(1)
+        robot = robot_from(run.robot)
+        priors, chosen = parameter_priors(run, robot), toleranced_deviations(robot)
+        experiments = [prepare_experiment(run, robot, data, motion)]
+        plain = run_estimators(robot, experiments, priors, ("gm", "ml"))
+        joint = run_estimators(robot, experiments, priors, ("ml",), chosen)
+    return {
+        f"{name} budget": add_systematic_uncertainty(found, priors, chosen)
+        for name, found in plain.items()
+    } | {"ml estimated": joint["ml"]}
