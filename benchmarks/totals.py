@@ -124,7 +124,8 @@ def _achieved(robot_name: str, motion: FourierTrajectory, count: int) -> dict[st
     sampling = _SAMPLES / motion.period
     less = sampling / stated.run.experiment.sampling
     noise = stated.robot.noise
-    assert noise is not None and noise.force_covariance is not None
+    assert noise is not None
+    assert noise.force_covariance is not None
     assert noise.length_covariance is not None
     fewer = _run(
         robot_name,

@@ -117,7 +117,7 @@ DERIVED = ("mass", "centre", "inertia", "motor_inertia", "gravity")
 
 
 def _interest_names() -> tuple[str, ...]:
-    return tuple(known_parameters())
+    return (*known_parameters(), *DERIVED)
 
 
 def _read_task(value: object) -> object:

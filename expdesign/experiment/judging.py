@@ -23,6 +23,7 @@ from expdesign.problem.design_problem import DesignProblem
 from expdesign.recheck.excitable import structural_base
 from expdesign.recheck.information import Evaluator
 from expdesign.robot import Robot, robot_from
+from expdesign.robot.derived import derived_quantities
 from expdesign.robot.deviation import Deviation, toleranced_deviations
 from expdesign.robot.fixed_lengths import group_effects
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
@@ -87,10 +88,19 @@ def judge(
     else:
         names, slopes = _interest(configuration, robot)
         slopes, sizes = slopes[:, columns], robot.scales[columns]
-        marginal = Marginal.of_quantities(slopes, sizes, samples)
-        judged = np.ones(len(names))
         if section.scaling == "nominal" and isinstance(section.interest, tuple):
             judged = np.linalg.norm(slopes * sizes, axis=1)
+        else:
+            judged = np.ones(len(names))
+        directions, shares, _ = np.linalg.svd(slopes / judged[:, None] * sizes)
+        rank = int(np.sum(shares > DEPENDENT * shares[0]))
+        if not rank or not np.all(judged > 0):
+            raise _refusal(configuration, "known parameters determine a quantity of interest")
+        if rank < len(names):
+            # Some follow from others: as many combinations, with the same sum of variances.
+            slopes = directions[:, :rank].T @ (slopes / judged[:, None])
+            names, judged = tuple(f"combination {k + 1}" for k in range(rank)), np.ones(rank)
+        marginal = Marginal.of_quantities(slopes, sizes, samples)
     scaling, searched = noise.scaling[columns], marginal
     if chosen:
         estimated = estimates_deviations(configuration)
@@ -124,17 +134,20 @@ def _interest(configuration: RunConfiguration, robot: Robot) -> tuple[tuple[str,
         samples = motion.sample(motion.sample_times(_TASK_SAMPLES))
         regressors = robot.regressor(*samples) / np.sqrt(_TASK_SAMPLES)
         root = root_of(information_matrix(regressors, np.eye(ACTUATORS)))
-        sizes = np.linalg.norm(root * robot.scales, axis=1)
-        root = root[sizes > DEPENDENT * np.max(sizes)]
-        return tuple(f"task {k}" for k in range(1, len(root) + 1)), root
+        return every, root
+    derived = derived_quantities(robot)
     names, rows = list[str](), list[Array]()
     for name in interest or ():
-        names.append(name)
-        rows.append(np.eye(len(every))[every.index(name)])
-    slopes = np.array(rows)
-    if np.linalg.matrix_rank(slopes * robot.scales) < len(names):
-        raise _refusal(configuration, f"{', '.join(names)} are not independent of each other")
-    return tuple(names), slopes
+        if name in every:
+            names.append(name)
+            rows.append(np.eye(len(every))[every.index(name)])
+            continue
+        own = [k for k, one in enumerate(derived.quantities) if one.group == name]
+        if not own:
+            raise _refusal(configuration, f"the terms of {robot.name} do not determine the {name}")
+        names += [derived.names[k] for k in own]
+        rows += [derived.jacobian[k] for k in own]
+    return tuple(names), np.array(rows)
 
 
 def _refusal(configuration: RunConfiguration, message: str) -> InputError:

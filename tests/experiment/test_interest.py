@@ -6,6 +6,7 @@ import pytest
 from expdesign.configuration import InputError, load_run
 from expdesign.experiment.setup import plan_search, probe_motion
 from expdesign.motion.benchmark import motion_of_run
+from expdesign.robot.derived import derived_quantities
 
 SAMPLES = 200
 
@@ -64,6 +65,17 @@ def test_forces_along_a_task(motion, covariance):
     assert found == pytest.approx(expected, rel=1e-3)
 
 
+def test_derived_quantities_by_their_jacobian(motion, covariance):
+    for groups, criterion in ((["mass", "centre", "inertia"], "d"), (["gravity", "mass"], "a")):
+        found, robot = _value(motion, interest=groups, criterion=criterion)
+        derived = derived_quantities(robot)
+        rows = [k for k, one in enumerate(derived.quantities) if one.group in groups]
+        own = derived.jacobian[rows] @ covariance @ derived.jacobian[rows].T
+        # Holding forces at home follow from fewer combinations of parameters.
+        expected = np.trace(own) if criterion == "a" else -np.linalg.slogdet(own)[1]
+        assert found == pytest.approx(expected, rel=1e-7)
+
+
 @pytest.mark.parametrize(
     ("design", "message"),
     [
@@ -72,8 +84,10 @@ def test_forces_along_a_task(motion, covariance):
         ({"known": ["p10"], "parameters": ["p3"]}, "one of the two"),
         ({"interest": []}, "nothing is of interest"),
         ({"interest": ["p99"]}, "p9"),
+        ({"interest": ["motor_inertia"]}, "do not determine"),
+        ({"interest": ["p10"], "known": ["p10"]}, "known parameters determine"),
     ],
 )
 def test_refusals(design, message):
     with pytest.raises(InputError, match=message):
-        _run(**design)
+        plan_search(_run(**design))
