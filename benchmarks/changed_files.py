@@ -5,7 +5,8 @@ the folder with exit status 2. The change is *harmless* if exit status and all w
 those of the unchanged folder, without doubt if the file is *not read*. Anything else is a finding:
 *silent*. The files are those of a run with every stage, with a table and a control model that were
 added by hand, and of a sweep; of figures, LaTeX tables and designs of the sweep one stands for all.
-CSV tables of one folder are changed together; files without an outcome then are changed one by one.
+Results are changed together, and so are tables, figures and recordings; a file that is neither
+named nor harmless among them is changed alone.
 """
 
 from __future__ import annotations
@@ -48,8 +49,10 @@ _COMMANDS = {
     "run": "run whole.yaml --out run",
 }
 _OF_A_SWEEP = {"sweep": "run sweep.yaml --out swept", "sweep report": "report swept"}
-_ONE_OF = (".svg", ".tex", ".py", ".csv")
-"""Endings of files of one kind: in `figures/`, `tables/` and `model/` the first stands for all."""
+_ONE_OF = (".svg", ".tex", ".py")
+"""Endings of files of one kind: the first of a folder stands for all."""
+_ALONE = ("columns.json", "design.json", "exports.json", "manifest.json", "run.yaml", "sweep.json")
+"""Files that are changed one by one; results are changed together, and so are all others."""
 _DESIGN = {"seed": 0, "smoothing": [0.4], "max_iterations": 4}
 _STAGES: dict[str, Any] = {
     "montecarlo": {"repetitions": 2, "estimators": ["ls"]},
@@ -113,18 +116,18 @@ class _Trials:
 
     def files(self, folder: str) -> list[list[str]]:
         """Return the files of a folder, one for all of a kind, in groups changed together."""
-        found = dict[tuple[str, str], list[str]]()
+        found = dict[str, list[str]]()
+        kinds = set[tuple[Path, str]]()
         for path in sorted((self.template / folder).rglob("*")):
             name = path.relative_to(self.template)
-            if not path.is_file() or "designs/periods-4" in str(name):
-                continue
-            group = found.setdefault((str(name.parent), path.suffix or path.name), [])
-            alone = path.suffix not in _ONE_OF or path.parent.name == "exports"
-            if alone:
-                found[str(name), ""] = [str(name)]
-            elif path.suffix == ".csv" or not group:
-                group.append(str(name))
-        return [group for group in found.values() if group]
+            kind = (name.parent, path.suffix)
+            left_out = "periods-4" in name.parts or (path.suffix in _ONE_OF and kind in kinds)
+            if path.is_file() and not left_out:
+                kinds.add(kind)
+                results = path.suffix in (".json", ".yaml")
+                group = str(name) if path.name in _ALONE else "results" if results else "others"
+                found.setdefault(group, []).append(str(name))
+        return list(found.values())
 
     def judge(self, changed: list[str], line: str) -> dict[str, str]:
         """Return the outcome of a command for each of the files that were changed together."""

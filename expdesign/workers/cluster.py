@@ -322,15 +322,15 @@ def _results(
                     if future.status == "error":
                         raise  # that of the job
                     ended.put(future)  # its worker has died since, and it is done again
-                    continue
                 except killed as error:
                     raise ClusterError(
                         f"workers of the cluster of {address} died, perhaps out of memory"
                     ) from error
                 except CancelledError as error:
                     raise ClusterError(f"the cluster of {address} was lost") from error
-                under_way.discard(future)
-                yield result
+                else:
+                    under_way.discard(future)
+                    yield result
             if stop_requested():
                 return
     finally:
