@@ -95,12 +95,10 @@ def _exceeding(scores: ConditionalScores) -> list[int]:
     """
     named: list[int] = []
     size = abs(_z(scores))
-    while len(named) < np.count_nonzero(size):
-        left = abs(_z(scores.conditional_on(named)))
-        worst = int(np.argmax(left))
-        if left[worst] <= _NAMED:
-            break
-        named.append(worst)
+    while (
+        np.max(left := np.where(size > _NAMED, abs(_z(scores.conditional_on(named))), 0)) > _NAMED
+    ):
+        named.append(int(np.argmax(left)))
     for k in sorted(named, key=lambda k: size[k]):
         others = [each for each in named if each != k]
         named = named if abs(_z(scores.conditional_on(others))[k]) > _NAMED else others

@@ -7,11 +7,12 @@ import pytest
 
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.hypothesis import evaluate_hypothesis
-from estimation.diagnostics.joint_system import EffectProjection
+from estimation.diagnostics.joint_system import EffectProjection, joint_systems
 from estimation.diagnostics.linearisation import CandidateEffects, linearise
 from estimation.estimators import PerturbedMachine
 from estimation.estimators.experiment import Experiment, RefinedMotion
 from estimation.kinematics import fit_motion
+from estimation.measurement_model.motion import NormalEquations
 from estimation.processing import NoiseModel, PeriodSource
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
@@ -116,6 +117,32 @@ def test_what_a_clock_moves_depends_on_where_the_frequency_comes_from(lab, palid
     np.testing.assert_allclose(columns.forces, forces.deviations, atol=1e-9)
     np.testing.assert_allclose(columns.lengths, lengths.deviations, atol=1e-12)
     assert np.any(columns.lengths) == (source in (PeriodSource.DESIGN, PeriodSource.FREQUENCY))
+
+
+def test_deviations_are_the_same_unknowns_in_all_recordings(lab, palida):
+    """All data together say the same of them and of the parameters, seen from either recording."""
+    tolerances = {"strut_length": 1e-3, "gravity": 0.01}
+    robot = robot_from(load_run({"name": "n", "robot": palida | {"tolerances": tolerances}}).robot)
+    experiments = [lab.experiment(lab.measure(seed), lab.noise) for seed in (1, 2)]
+    motion, values = experiments[0].fit.motion, robot.parameters
+    free, count = lab.knowledge.free, len(values)
+    parts = [linearise(robot, each, values, free, motion) for each in experiments]
+    tolerated = [
+        CandidateEffects(robot, each, motion, values, part).tolerance_columns()
+        for each, part in zip(experiments, parts, strict=True)
+    ]
+    nothing = NormalEquations(0.0, np.zeros((count, count)), np.zeros(count))
+    columns = [each for each, _, _ in tolerated]
+    systems = joint_systems(parts, [lab.noise] * 2, nothing, columns, held_out=False)
+    inverses = []
+    for system, own in zip(systems, tolerated, strict=True):
+        found = system.with_tolerances(*own)
+        common = np.r_[0:count, len(system.gradient) : len(found.gradient)]
+        inverses.append(found.solution.inverse[np.ix_(common, common)])
+    scale = np.sqrt(np.diag(inverses[0]))
+    np.testing.assert_allclose(*(each / np.outer(scale, scale) for each in inverses), atol=1e-6)
+    alone = systems[0].with_effects(*tolerated[0]).solution.inverse
+    assert np.max(np.diag(inverses[0])[:count] / np.diag(alone)[:count]) > 1.01
 
 
 def test_a_term_of_the_robot_is_no_suspect(suspects, palida):

@@ -19,26 +19,27 @@ def lab():
     return Laboratory(samples=200, periods=4)
 
 
-@pytest.fixture(scope="module")
-def found(lab):
-    """Return the undetected effects of a sound recording, by family, parameter and strut."""
+@pytest.fixture(scope="module", params=["ml", "ls"])
+def found(lab, request):
+    """Return an estimator and what it cannot see in a sound recording, by family and place."""
     experiment = lab.experiment(lab.measure(1), lab.noise)
-    estimate = lab.estimate([experiment], "ml")
+    estimate = lab.estimate([experiment], request.param)
     effects = diagnose(lab.robot, [experiment], lab.knowledge, estimate).undetected
-    return {(one.kind, one.parameter, one.strut): one for one in effects}
+    return request.param, {(one.kind, one.parameter, one.strut): one for one in effects}
 
 
 @pytest.mark.parametrize(("kind", "strut"), [("force_offset", 0), ("gain", 4)])
 def test_an_effect_of_that_size_moves_the_estimate_by_that_much(lab, found, kind, strut):
     """The same noise with the effect and with its opposite, estimated anew."""
-    effect = found[kind, "", strut]
+    estimator, effects = found
+    effect = effects[kind, "", strut]
     data = lab.measure(1)
     estimates = []
     for size in (effect.size, -effect.size):
         forces = data.forces.copy()
         forces[:, strut] += size if kind == "force_offset" else size * forces[:, strut]
         experiment = lab.experiment(replace(data, forces=forces), lab.noise)
-        estimates.append(lab.estimate([experiment], "ml"))
+        estimates.append(lab.estimate([experiment], estimator))
     moved = np.abs(estimates[0].values - estimates[1].values) / 2 / estimates[0].std
     names = lab.knowledge.names
     expected = np.array([effect.shifts[name] for name in names]) / estimates[0].std

@@ -318,6 +318,22 @@ def test_one_deviation_far_beyond_its_tolerance_is_named(joint):
     assert not finding.failed
 
 
+def test_displaced_joints_do_not_make_the_force_constant_look_wrong(joint):
+    """Its estimate exceeds its tolerance, too, but the joints explain it."""
+    names = [one.name for one in joint.systematic.deviations]
+    tolerances = joint.systematic.tolerances
+    shown = joint.deviation_scatter / np.multiply.outer(tolerances, tolerances)
+    joints = [k for k, name in enumerate(names) if "_joint_" in name]
+    constant = names.index("force_constant")
+    # The estimate of a machine whose joints are off, each in the direction that moves it most.
+    theta = shown[:, joints] @ (15 * np.sign(shown[constant, joints]))
+    z = theta / np.sqrt(np.diag(shown))
+    assert z[constant] > 3
+    (finding,) = tolerance_findings(_with_theta(joint, theta * tolerances))
+    assert "_joint_" in finding.contradiction
+    assert "force_constant" not in finding.sentence + finding.contradiction
+
+
 def test_a_machine_far_beyond_a_tolerance_is_found(chosen):
     theta = np.where([each.name == "base_joint_2_z" for each in chosen], 4e-3, 0.0)
     found = estimate_parameters(
