@@ -90,6 +90,7 @@ for _command in (
     machine_commands.init,
     machine_commands.check,
     run_commands.design,
+    run_commands.plan,
     run_commands.simulate,
     run_commands.montecarlo,
     run_commands.noise,

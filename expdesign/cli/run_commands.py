@@ -51,6 +51,30 @@ def design(
     _execute("design", run, out, as_json, resume=resume)
 
 
+def plan(
+    run: RunArgument,
+    want: Annotated[
+        list[str] | None,
+        option(
+            "--want",
+            "NAME=VALUE",
+            "A wanted standard deviation: mass=1%, centre=5mm, p10=0.1kg; give it several times. "
+            "It replaces that of `goals` in the run file.",
+        ),
+    ] = None,
+    design: DesignOption = None,
+    out: OutOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Plan the measuring time for wanted precisions.
+
+    Prints the periods and minutes that reach each goal, and for goals that no time reaches the
+    tolerance in the way and the size that it must have. Makes the design first if there is none.
+    Writes plan.json, tables and a figure. Exit status 1 if a goal is not reachable.
+    """
+    _execute("goals", run, out, as_json, sources={"designs": _given(design)}, wanted=want or ())
+
+
 def simulate(
     run: RunArgument,
     design: DesignOption = None,

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from expdesign.cli.output import note, say, warn, write_json
 from expdesign.cli.terminal import Terminal, working
-from expdesign.configuration import InputError, RunConfiguration, load_run
+from expdesign.configuration import InputError, RunConfiguration, load_run, quote
 from expdesign.runfolder.files import RUN_FILE
 from expdesign.runfolder.lock import one_writer
 from expdesign.stages.execution import (
@@ -32,6 +33,7 @@ def execute_stage(
     sources: Mapping[str, Any] | None = None,
     strict: bool = False,
     repetitions: int | None = None,
+    wanted: Sequence[str] = (),
     resume: bool = False,
 ) -> None:
     """Execute one stage of a run; the sources replace the inputs that the folder holds."""
@@ -43,9 +45,15 @@ def execute_stage(
         before = configuration.warnings_before(name)
         if repetitions is not None:
             configuration = configuration.with_section("montecarlo", repetitions=repetitions)
+        if wanted:
+            goals = goals_from_texts(configuration.run.goals, wanted)
+            run = configuration.run.model_copy(update={"goals": goals})
+            configuration = replace(configuration, run=run)
         inputs = Sources(**(sources or {}))
         work = Workspace(configuration, folder, Terminal(quiet=as_json), inputs, resume)
         work.warn(before)
+        if name == "goals" and not inputs.designs and not work.design_file.is_file():
+            execute(stages()["design"], work)
         outcome = execute(stages()[name], work)
     if strict and outcome.doubt:
         raise StageFailed(f"{outcome.doubt}, and --strict was given", outcome.summary)
@@ -131,6 +139,25 @@ def precision_share(text: str) -> float:
         allowed = "above 0 and at most 100 %, e.g. 1% or 0.01"
         raise InputError(message, key="--precision", allowed=allowed)
     return share
+
+
+def goals_from_texts(texts: Mapping[str, Any], wanted: Sequence[str]) -> dict[str, Any]:
+    """Return goals of a run file with those of ``--want NAME=VALUE``, which replace them.
+
+    Examples
+    --------
+    >>> goals_from_texts({"mass": "2 %"}, ["mass=1%", "centre=5mm"])
+    {'mass': '1%', 'centre': '5mm'}
+    """
+    found = dict(texts)
+    for text in wanted:
+        name, sign, value = (part.strip() for part in text.partition("="))
+        if not (name and sign and value):
+            raise InputError(
+                f"{quote(text)} is no goal", key="--want", allowed="NAME=VALUE, such as mass=1%"
+            )
+        found[name] = value
+    return found
 
 
 def warn_of_changes(folder: Path, label: str = "", *stages: str) -> None:

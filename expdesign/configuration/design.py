@@ -361,6 +361,17 @@ def _check_grid(paths: dict[str, tuple[Any, ...]]) -> dict[str, tuple[Any, ...]]
     return paths
 
 
+def _read_goal(_name: str, value: Any) -> Any:
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise refusal(f"{quote(value)} is no standard deviation", "1 %, or 5 mm")
+    return value
+
+
+Goals = Annotated[
+    dict[str, Any], by_key(_read_goal, "quantities with standard deviations, such as mass: 1 %")
+]
+"""Wanted standard deviations, in the user's notation."""
+
 Sweep = Annotated[
     dict[str, tuple[Any, ...]],
     by_key(_read_values, "key paths with lists of values"),

@@ -15,7 +15,13 @@ from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from constraints.plugins import declared_classes
 from expdesign.configuration import schema
-from expdesign.configuration.design import DesignSection, MotionSection, Sweep, TrajectorySection
+from expdesign.configuration.design import (
+    DesignSection,
+    Goals,
+    MotionSection,
+    Sweep,
+    TrajectorySection,
+)
 from expdesign.configuration.errors import format_number, refusal, require
 from expdesign.configuration.estimate import DataSection, EstimateSection, MonteCarloSection
 from expdesign.configuration.experiment import (
@@ -72,6 +78,8 @@ class RunDescription(schema.Section):
     robot: RobotSource
     trajectory: TrajectorySection = TrajectorySection()
     design: Annotated[DesignSection, _STAGE] = DesignSection()
+    goals: Annotated[Goals, _STAGE] = Field(default_factory=dict)
+    """Wanted standard deviations by quantity or parameter, in the user's notation."""
     motion: MotionSection = MotionSection()
     limits: Limits = Field(default_factory=dict)
     """In the user's notation; they override the robot's by key."""

@@ -24,9 +24,11 @@ the common part of both errors cancels: with S and R of `expdesign.information.f
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+import scipy.linalg as sla
 
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
@@ -61,6 +63,8 @@ from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
 _WHOLE = 1e-6
 _LARGE = 100.0
+_UNSEEN = 1e-12
+"""Information on inexact quantities, relative to the largest, that is a rounding error."""
 
 
 def experiment_information(
@@ -110,8 +114,17 @@ def predicted_errors(
     samples : int
         Number of its samples.
     """
+    effects = experiment_tolerance_effects(configuration, evaluator, trajectory)
+    random = fisher.parameter_covariance(information, evaluator.names)
+    return effects.shares(random, samples, estimated=estimates_deviations(configuration))
+
+
+def experiment_tolerance_effects(
+    configuration: RunConfiguration, evaluator: Evaluator, trajectory: FourierTrajectory
+) -> ToleranceEffects:
+    """Return the effects of the robot's tolerances on the judged parameters of a motion."""
     noise = configuration.robot.noise
-    effects = tolerance_effects(
+    return tolerance_effects(
         evaluator.robot,
         trajectory,
         configuration.run.trajectory.samples,
@@ -121,8 +134,6 @@ def predicted_errors(
         evaluator.marginal,
         evaluator.memory,
     )
-    random = fisher.parameter_covariance(information, evaluator.names)
-    return effects.shares(random, samples, estimated=estimates_deviations(configuration))
 
 
 def tolerance_std(names: tuple[str, ...], errors: ErrorShares) -> dict[str, dict[str, float]]:
@@ -247,13 +258,40 @@ class ToleranceEffects:
         """
         if not estimated or self.joint is None or not self.sources:
             return ErrorShares(random, self.response, self.sources)
-        count = len(random)
-        data = self.joint * (samples / self.samples)
-        prior = np.diag(np.repeat([0.0, 1.0], [count, len(self.sources)]))
-        scale = np.sqrt(np.diag(data + prior))
-        outer = np.multiply.outer(scale, scale)
-        own: Array = np.asarray(np.linalg.inv((data + prior) / outer) / outer)[:count]
-        return ErrorShares(own @ data @ own.T, -own[:, count:], self.sources)
+        responses, eigenvalues, modes = self._decomposition
+        if np.isinf(samples):
+            prior, data = np.where(eigenvalues > 0, 0.0, 1.0), np.zeros(len(eigenvalues))
+        else:
+            data = eigenvalues * (samples / self.samples)
+            prior = 1 / (data + 1)
+            data = data * prior**2
+        noise = (responses * data) @ responses.T
+        return ErrorShares(random + noise, responses * prior @ modes.T, self.sources)
+
+    @cached_property
+    def _decomposition(self) -> tuple[Array, Array, Array]:
+        """Modes of the inexact quantities with free parameters.
+
+        Effects on the parameters, (k, t), information, (t,), and the modes, (t, t).
+        """
+        joint, count = np.asarray(self.joint), len(self.response)
+        own, mixed, others = joint[:count, :count], joint[:count, count:], joint[count:, count:]
+        scale = np.sqrt(np.diag(own))
+        factor = sla.cho_factor(own / np.multiply.outer(scale, scale))
+        errors = sla.cho_solve(factor, mixed / scale[:, None]) / scale[:, None]
+        eigenvalues, modes = np.linalg.eigh(others - mixed.T @ errors)
+        # What the data do not show at all is a rounding error.
+        seen = eigenvalues > _UNSEEN * np.max(np.diag(others))
+        return errors @ modes, np.where(seen, eigenvalues, 0.0), modes
+
+    def scaled(self, sources: tuple[str, ...], factor: float) -> ToleranceEffects:
+        """Return the effects with some tolerances multiplied by a factor."""
+        factors = np.where(np.isin(self.sources, sources), factor, 1.0)
+        joint = self.joint
+        if joint is not None:
+            both = np.append(np.ones(len(self.response)), factors)
+            joint = joint * np.multiply.outer(both, both)
+        return replace(self, response=self.response * factors, joint=joint)
 
 
 def tolerance_effects(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -13,6 +14,7 @@ from typing import NamedTuple
 from expdesign.configuration import ComputationError, quantity_text
 from expdesign.configuration.run import GridPoint
 from expdesign.experiment import DesignResult, design
+from expdesign.experiment.plan import PlanResult, plan_measurement
 from expdesign.experiment.sweep import (
     FAILED,
     INTERRUPTED,
@@ -41,6 +43,7 @@ from expdesign.workers import (
 from results.comparison.designs import compare_designs
 from results.views.design import design_view
 from results.views.folder import StageViews
+from results.views.plan import plan_view
 from results.views.sweep import sweep_view
 
 _KEPT = "if a start has a result by now, the best so far is finished and saved"
@@ -104,6 +107,34 @@ def design_outcome(result: DesignResult, work: Workspace) -> Outcome:
         failure="" if result.passed else _failure(result, short(work.folder)),
         temporary=() if result.status == "interrupted" else (work.folder / SEARCH_JOURNAL,),
     )
+
+
+def run_goals(work: Workspace) -> Outcome:
+    """Plan the measuring time; a goal that no time reaches is a failure."""
+    design = work.design()
+    warnings = work.warn_of(design)
+    result = plan_measurement(work.configuration, design.trajectory)
+    missed = [one.goal for one in result.goals if not one.reachable]
+    return Outcome(
+        result=result,
+        summary={
+            "reachable": result.reachable,
+            "periods": result.periods if result.reachable else None,
+            "minutes": result.minutes if result.reachable else None,
+            "goals": [
+                {
+                    key: None if isinstance(value, float) and math.isnan(value) else value
+                    for key, value in asdict(one).items()
+                }
+                for one in result.goals
+            ],
+        },
+        warnings=tuple(warnings),
+        failure=f"no measuring time reaches {listed(missed)}" if missed else "",
+    )
+
+
+GOALS = StageFunctions(run_goals, StageViews(PlanResult, plan_view))
 
 
 def name_unexcited(make: Callable[[], DesignResult]) -> DesignResult:

@@ -45,6 +45,29 @@ class DesignStage(Stage):
         return "the sweep does it for each of its designs" if sweeps else ""
 
 
+class GoalsStage(Stage):
+    """Measuring time for wanted precisions."""
+
+    name = "goals"
+    does = "plans the measuring time for wanted precisions"
+    file = "plan.json"
+    writes = TABLES
+    sections = run_sections(
+        "trajectory",
+        "design",
+        "goals",
+        estimate={"systematic", "estimators"},
+        experiment={"periods", "sampling"},
+    )
+    needs = ("design",)
+
+    def functions(self) -> StageFunctions:
+        """Return the plan and its view."""
+        from expdesign.stages.design import GOALS
+
+        return GOALS
+
+
 class ExperimentStage(Stage):
     """Simulated experiment on the digital twin."""
 
@@ -232,6 +255,7 @@ class ReportStage(Stage):
 
 _BUILT_IN: tuple[type[Stage], ...] = (
     DesignStage,
+    GoalsStage,
     ExperimentStage,
     NoiseStage,
     MonteCarloStage,

@@ -16,6 +16,7 @@ from matplotlib.transforms import Bbox
 from constraints.arrays import Array
 from estimation.montecarlo.result import StatisticsRow
 from expdesign.configuration.grid import value_text
+from expdesign.experiment.plan import PlanResult
 from expdesign.experiment.sweep import SweepResult, point_label
 from results.figures import drawing
 
@@ -306,3 +307,34 @@ def _put(name: Text, step: float, right: int, up: int) -> Bbox:
     name.set_position((step * right, step * up))
     name.set(horizontalalignment=horizontal, verticalalignment=vertical)
     return name.get_window_extent()
+
+
+@drawing.figure_definition(
+    "plan",
+    "Predicted standard deviation of the deciding quantity of every goal over the wanted one, "
+    "against measuring time. Dashed: the floor by the tolerances; dot: the planned time.",
+    height=3.3,
+)
+def plan_figure(figure: Figure, result: PlanResult) -> None:
+    """Draw precision over measuring time with floors and planned times."""
+    axes = figure.subplots()
+    handles: list[Line2D] = []
+    for place, goal in enumerate(result.goals):
+        colour = drawing.PALETTE[place % len(drawing.PALETTE)]
+        points = np.array([(p.minutes, p.std) for p in result.curves if p.goal == goal.goal])
+        label = goal.goal if goal.quantity == goal.goal else f"{goal.goal} ({goal.quantity})"
+        handles += axes.plot(points[:, 0], points[:, 1] / goal.wanted, color=colour, label=label)
+        if goal.floor > 0:
+            axes.axhline(goal.floor / goal.wanted, color=colour, linestyle="--", linewidth=0.8)
+        if goal.reachable:
+            std = np.exp(np.interp(np.log(goal.minutes), *np.log(points).T))
+            axes.plot(goal.minutes, std / goal.wanted, "o", color=colour, markersize=4)
+    axes.axhline(1.0, color=drawing.ALERT, linewidth=1.0, zorder=3)
+    drawing.write_margin(axes, 1.0, "goal", drawing.ALERT)
+    axes.set(xscale="log", yscale="log", xlabel="Measuring time (min)")
+    ratios = [p.std / g.wanted for g in result.goals for p in result.curves if p.goal == g.goal]
+    low, high = min(*ratios, 1.0), max(*ratios, 1.0)
+    axes.set(ylabel="Predicted std / wanted std", ylim=(low / 1.5, high * 1.5))
+    drawing.label_decades(axes.xaxis)
+    drawing.label_decades(axes.yaxis)
+    drawing.add_legend_above(axes, handles)

@@ -244,7 +244,7 @@ def test_the_page_of_commands_has_a_row_for_every_command_and_option():
     listed = table(DOCS / "commands.md", "# Commands")
     rows = {codes(row[0])[0].split()[1]: row[0] for row in listed}
     assert set(rows) == set(commands)
-    called = {"experiment": "simulate", "feedforward": "run", "sweep": "run"}
+    called = {"experiment": "simulate", "goals": "plan", "feedforward": "run", "sweep": "run"}
     assert {called.get(name, name) for name in stages()} <= set(rows)
     for name, row in rows.items():
         options = {option for parameter in commands[name].params for option in parameter.opts}

@@ -20,6 +20,7 @@ CHANGED = {
     "name": "other",
     "trajectory": {"harmonics": 4},
     "design": {"parameters": ["p1", "p2"]},
+    "goals": {"mass": "1 %"},
     "motion": {"jerk": 900.0},
     "experiment": {"periods": 3},
     "data": {"delimiter": ";"},
@@ -48,7 +49,7 @@ def test_what_a_stage_names_is_there(name):
     assert {stage.after, stage.shown_after} <= {"", *stages()}
 
 
-STORED = ("design", "noise", "montecarlo", "estimate", "validate", "feedforward", "sweep")
+STORED = ("design", "goals", "noise", "montecarlo", "estimate", "validate", "feedforward", "sweep")
 
 
 @pytest.mark.parametrize("name", STORED)

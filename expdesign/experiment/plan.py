@@ -1,0 +1,365 @@
+"""The measuring time for wanted precisions: periods, minutes, and the obstacles.
+
+The standard deviation of a quantity falls with the number of periods to a floor that the tolerances
+of the machine make. A goal below its floor needs smaller tolerances, at any measuring time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from pydantic_core import PydanticCustomError
+
+from constraints.arrays import Array
+from expdesign.configuration import ComputationError, InputError, RunConfiguration
+from expdesign.configuration.errors import nearest_name, quote
+from expdesign.configuration.quantity import quantity_in
+from expdesign.experiment.judging import estimates_deviations, noise_evaluator
+from expdesign.experiment.precision import (
+    ToleranceEffects,
+    derived_precisions,
+    experiment_information,
+    experiment_tolerance_effects,
+)
+from expdesign.experiment.sensitivity import sensitivity_at_design
+from expdesign.experiment.setup import plan_search
+from expdesign.information import fisher
+from expdesign.mechanism.terms import parameter_unit
+from expdesign.recheck.information import Evaluator
+from expdesign.robot.derived import ErrorShares, derived_quantities
+from expdesign.runfolder import OpenNumber, StageResult, Table, described
+from expdesign.trajectory import FourierTrajectory
+
+_MOST_PERIODS = 10**9
+_CURVE = 25
+"""Number of points of a curve."""
+_HALF = math.sqrt(0.5)
+"""Share of a goal that the floor may take, so that half of the variance is left to noise."""
+_STEPS = 40
+_EXPLAINED = 0.1
+"""Largest unexplained share of the cost's gradient for a statement on limits."""
+
+
+@dataclass(frozen=True)
+class PlannedGoal:
+    """One goal and the measuring time that reaches it."""
+
+    goal: Annotated[str, described("", "name in `goals` or --want")]
+    quantity: Annotated[str, described("", "quantity of the goal that decides")]
+    unit: Annotated[str, described("", "SI unit of the standard deviations")]
+    wanted: Annotated[float, described("see unit", "wanted standard deviation")]
+    std: Annotated[float, described("see unit", "predicted for the experiment of the run file")]
+    floor: Annotated[
+        float, described("see unit", "predicted without a limit of time, by the tolerances alone")
+    ]
+    reachable: Annotated[bool, described("", "some number of periods reaches it")]
+    periods: Annotated[OpenNumber, described("1", "periods that reach it; empty if none does")]
+    minutes: Annotated[OpenNumber, described("min", "measuring time of these periods")]
+    source: Annotated[
+        str,
+        described("", "largest source of error then, or of the floor: noise or a tolerance's key"),
+    ]
+    tolerance_percent: Annotated[
+        OpenNumber,
+        described(
+            "%",
+            "size of that tolerance alone, relative to the robot file, at which the floor leaves "
+            "half of the wanted variance to noise; empty if the goal is reachable or no size is "
+            "enough",
+        ),
+    ]
+    all_tolerances_percent: Annotated[
+        OpenNumber, described("%", "the same for all tolerances together; empty if reachable")
+    ]
+
+
+@dataclass(frozen=True)
+class PrecisionPoint:
+    """Predicted precision of a goal's deciding quantity at some measuring time."""
+
+    goal: Annotated[str, described("", "name of the goal")]
+    periods: Annotated[float, described("1", "number of periods")]
+    minutes: Annotated[float, described("min", "measuring time")]
+    std: Annotated[float, described("see tables/plan.csv", "predicted standard deviation")]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlanResult(StageResult):
+    """Measuring times of a design for the goals of a run."""
+
+    FILE: ClassVar[str] = "plan.json"
+    WRITTEN_BY: ClassVar[str] = "`expdesign plan`"
+
+    name: Annotated[str, described("", "name of the run")]
+    robot_name: Annotated[str, described("", "name of the robot", name="robot")]
+    period: Annotated[float, described("s", "of the motion")]
+    estimator: Annotated[
+        str, described("", "estimator of the prediction: tolerances estimated, or budget")
+    ]
+    limit: Annotated[
+        str, described("", "limit whose widening helps most, by its key; empty: not known")
+    ]
+    limit_gain_percent: Annotated[
+        OpenNumber,
+        described("%", "gain of the criterion if that limit were 10 % wider; empty: not known"),
+    ]
+    goals: Annotated[tuple[PlannedGoal, ...], Table("tables/plan.csv", some=True)]
+    curves: Annotated[tuple[PrecisionPoint, ...], Table("tables/plan_precision.csv", some=True)]
+
+    @property
+    def reachable(self) -> Annotated[bool, described("", "every goal is reached in some time")]:
+        """Whether every goal is reached in some time."""
+        return all(one.reachable for one in self.goals)
+
+    @property
+    def periods(
+        self,
+    ) -> Annotated[OpenNumber, described("1", "periods that reach all goals; null if none does")]:
+        """Number of periods that reach all goals; NaN where one is not reachable."""
+        return max(one.periods for one in self.goals) if self.reachable else np.nan
+
+    @property
+    def minutes(self) -> Annotated[OpenNumber, described("min", "measuring time of these periods")]:
+        """Measuring time of these periods, min."""
+        return self.periods * self.period / 60
+
+
+def plan_measurement(configuration: RunConfiguration, trajectory: FourierTrajectory) -> PlanResult:
+    """Return the measuring times of a motion for the goals of a run.
+
+    Raises
+    ------
+    InputError
+        A goal is unknown, not determined by the design, or has a wrong unit.
+    """
+    evaluator = noise_evaluator(configuration)
+    prediction = _Prediction.of(configuration, evaluator, trajectory)
+    wanted = [
+        _Wish.of(name, value, prediction, configuration)
+        for name, value in configuration.run.goals.items()
+    ]
+    if not wanted:
+        raise InputError(
+            "there is no goal", key="--want", allowed="for example --want mass=1% --want centre=5mm"
+        )
+    goals = [_planned(wish, prediction, trajectory.period) for wish in wanted]
+    limit, gain = _helpful_limit(configuration, trajectory)
+    return PlanResult(
+        name=configuration.run.name,
+        robot_name=configuration.robot.name,
+        period=trajectory.period,
+        estimator="tolerances estimated" if prediction.estimated else "budget",
+        limit=limit,
+        limit_gain_percent=gain,
+        goals=tuple(goals),
+        curves=tuple(_curves(goals, prediction, trajectory.period)),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Prediction:
+    """Predicted errors of n quantities for any number of periods."""
+
+    names: tuple[str, ...]
+    groups: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    """(n,), nominal, SI."""
+    rows: Array
+    """(n, k), their derivatives to the judged parameters."""
+    random: Array
+    """(k, k), covariance of one period due to noise with exact tolerances."""
+    samples: float
+    """Number of samples of one period."""
+    effects: ToleranceEffects
+    estimated: bool
+    stated: float
+    """Number of periods in the run file."""
+
+    @classmethod
+    def of(
+        cls, configuration: RunConfiguration, evaluator: Evaluator, trajectory: FourierTrajectory
+    ) -> _Prediction:
+        """Return the prediction of derived quantities and parameters."""
+        robot, periods = evaluator.robot, configuration.run.experiment.periods
+        information, total = experiment_information(evaluator, trajectory, configuration)
+        random = fisher.parameter_covariance(information, evaluator.names) * periods
+        errors = ErrorShares(random, np.zeros((len(random), 0)), ())
+        known = [one.quantity for one in derived_precisions(configuration, evaluator, errors)]
+        derived, own = derived_quantities(robot), evaluator.columns
+        at = [derived.names.index(name) for name in known]
+        chosen = [derived.quantities[place] for place in at]
+        return cls(
+            names=(*known, *evaluator.names),
+            groups=(*(one.group for one in chosen), *evaluator.names),
+            units=(*(one.unit for one in chosen), *map(parameter_unit, evaluator.names)),
+            values=np.concatenate([derived.values[at], robot.parameters[own]]),
+            rows=np.concatenate([derived.jacobian[at][:, own], np.eye(len(random))]),
+            random=random,
+            samples=total / periods,
+            effects=experiment_tolerance_effects(configuration, evaluator, trajectory),
+            estimated=estimates_deviations(configuration),
+            stated=periods,
+        )
+
+    def errors(self, periods: float) -> ErrorShares:
+        """Return the errors of all quantities for a number of periods, which may be infinite."""
+        shares = self.effects.shares(
+            self.random / periods, self.samples * periods, estimated=self.estimated
+        )
+        return shares.of(self.rows)
+
+    def with_tolerances(self, sources: tuple[str, ...], factor: float) -> _Prediction:
+        """Return the prediction for a machine with some tolerances multiplied by a factor."""
+        return replace(self, effects=self.effects.scaled(sources, factor))
+
+
+@dataclass(frozen=True)
+class _Wish:
+    """A goal: quantities, by their places, and wanted standard deviations, SI."""
+
+    name: str
+    wanted: dict[int, float]
+
+    @classmethod
+    def of(
+        cls, name: str, value: Any, prediction: _Prediction, configuration: RunConfiguration
+    ) -> _Wish:
+        """Read a goal in the user's notation: a share of the value, or a number with its unit."""
+        valid = dict.fromkeys((*prediction.groups, *prediction.names))
+        places = [
+            place
+            for place, own in enumerate(zip(prediction.groups, prediction.names, strict=True))
+            if name in own
+        ]
+        key = f"goals.{name}"
+        if not places:
+            near = nearest_name(name, valid)
+            hint = f"; did you mean {quote(near)}?" if near else ""
+            raise InputError(
+                f"{quote(name)} is no quantity that the design determines{hint}",
+                file=configuration.file,
+                key=key,
+                allowed=", ".join(valid),
+            )
+        found = {}
+        for place in places:
+            size, unit = abs(float(prediction.values[place])), prediction.units[place]
+            try:
+                if str(value).strip().endswith("%"):
+                    limit = quantity_in("1").parse(str(value).strip()[:-1]) / 100 * size
+                else:
+                    limit = quantity_in(unit).parse(value)
+            except PydanticCustomError as error:
+                allowed = f"a standard deviation in {unit}, or a share of the value such as 1%"
+                raise InputError(
+                    error.message(), file=configuration.file, key=key, allowed=allowed
+                ) from error
+            if not limit > 0:
+                raise InputError(
+                    f"the wanted standard deviation {quote(value)} of "
+                    f"{prediction.names[place]} is not above zero",
+                    file=configuration.file,
+                    key=key,
+                    allowed=f"a standard deviation in {unit} above 0",
+                )
+            found[place] = limit
+        return cls(name, found)
+
+    def excess(self, errors: ErrorShares) -> tuple[float, int]:
+        """Return the largest ratio of predicted to wanted standard deviation, and its place."""
+        ratios = {place: float(errors.std[place]) / limit for place, limit in self.wanted.items()}
+        most = max(ratios, key=lambda place: ratios[place])
+        return ratios[most], most
+
+
+def _planned(wish: _Wish, prediction: _Prediction, period: float) -> PlannedGoal:
+    floor = prediction.errors(np.inf)
+    excess, place = wish.excess(floor)
+    reachable = excess < 1 and wish.excess(prediction.errors(_MOST_PERIODS))[0] <= 1
+    periods, errors, alone, together = np.nan, floor, np.nan, np.nan
+    if reachable:
+        periods = float(_fewest_periods(wish, prediction))
+        errors = prediction.errors(periods)
+        place = wish.excess(errors)[1]
+    source = errors.largest_source[place]
+    if not reachable:
+        by_source = floor.by_source
+        source = max(by_source, key=lambda key: float(by_source[key][place]))
+        alone = 100 * _largest_factor(wish, prediction, (source,))
+        together = 100 * _largest_factor(wish, prediction, tuple(by_source))
+    return PlannedGoal(
+        goal=wish.name,
+        quantity=prediction.names[place],
+        unit=prediction.units[place],
+        wanted=wish.wanted[place],
+        std=float(prediction.errors(prediction.stated).std[place]),
+        floor=float(floor.std[place]),
+        reachable=reachable,
+        periods=periods,
+        minutes=periods * period / 60,
+        source=source,
+        tolerance_percent=alone,
+        all_tolerances_percent=together,
+    )
+
+
+def _fewest_periods(wish: _Wish, prediction: _Prediction) -> int:
+    """Return the smallest sufficient number of periods; the errors fall with it."""
+    low, high = 0, 1
+    while wish.excess(prediction.errors(high))[0] > 1:
+        low, high = high, 2 * high
+    while high - low > 1:
+        middle = (low + high) // 2
+        if wish.excess(prediction.errors(middle))[0] > 1:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+def _largest_factor(wish: _Wish, prediction: _Prediction, sources: tuple[str, ...]) -> float:
+    """Return the largest factor of tolerances with a floor that leaves half to noise; NaN: none."""
+
+    def excess(factor: float) -> float:
+        return wish.excess(prediction.with_tolerances(sources, factor).errors(np.inf))[0]
+
+    if excess(0.0) > _HALF:
+        return np.nan
+    low, high = 0.0, 1.0
+    for _ in range(_STEPS):
+        middle = (low + high) / 2
+        low, high = (low, middle) if excess(middle) > _HALF else (middle, high)
+    return low
+
+
+def _curves(
+    goals: list[PlannedGoal], prediction: _Prediction, period: float
+) -> Iterator[PrecisionPoint]:
+    """Yield the precision of the deciding quantities over measuring time."""
+    longest = max([10 * prediction.stated, *(3 * g.periods for g in goals if g.reachable)])
+    for periods in np.geomspace(1, longest, _CURVE).tolist():
+        std = dict(zip(prediction.names, prediction.errors(periods).std.tolist(), strict=True))
+        for goal in goals:
+            minutes = periods * period / 60
+            yield PrecisionPoint(goal.goal, periods, minutes, std[goal.quantity])
+
+
+def _helpful_limit(
+    configuration: RunConfiguration, trajectory: FourierTrajectory
+) -> tuple[str, float]:
+    """Return the limit whose widening helps most and its gain, %; nothing where it is not known."""
+    if trajectory.sine.shape[1] != configuration.run.trajectory.harmonics:
+        return "", np.nan  # the motion of another run
+    try:
+        found = sensitivity_at_design(plan_search(configuration), trajectory)
+    except (ComputationError, InputError):
+        return "", np.nan
+    if found.unexplained > _EXPLAINED or not found.gains:
+        return "", np.nan
+    key = max(found.gains, key=lambda name: found.gains[name])
+    return (key, 100 * found.gains[key]) if found.gains[key] > 0 else ("", np.nan)

@@ -1,0 +1,95 @@
+"""View of a plan: the measuring time for wanted precisions, and the obstacles."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from expdesign.experiment.plan import PlannedGoal, PlanResult
+from expdesign.information.identifiable import listed
+from results.figures.studies import plan_figure
+from results.notation import handy_unit, readable
+from results.views.design import limit_title
+from results.views.folder import RunFolder
+from results.views.view import (
+    Block,
+    Drawing,
+    Fact,
+    Level,
+    ReportTable,
+    StageVerdict,
+    StageView,
+    TableColumn,
+    TextBlock,
+)
+
+
+def plan_view(folder: RunFolder) -> StageView:
+    """Return the view of the plan in a folder."""
+    result = folder.result(PlanResult)
+    obstacles = [_obstacle(one) for one in result.goals if not one.reachable]
+    blocks: tuple[Block, ...] = (
+        _table(result),
+        *(TextBlock(text, Level.CAUTION, screen=True) for text in obstacles),
+        Drawing(plan_figure, result),
+    )
+    return StageView(_verdict(result), blocks, _facts(result), heading="Measuring time")
+
+
+def _table(result: PlanResult) -> ReportTable:
+    def column(label: str, of: str) -> TableColumn:
+        return TableColumn(
+            label,
+            digits=3,
+            of=lambda row: handy_unit(row.unit, [row.wanted]).factor * getattr(row, of),
+        )
+
+    columns = (
+        TableColumn("goal", kind="text", of="goal"),
+        TableColumn("decided by", kind="text", of="quantity"),
+        TableColumn("unit", kind="text", of=lambda row: handy_unit(row.unit, [row.wanted]).symbol),
+        column("σ wanted", "wanted"),
+        column("σ, run file", "std"),
+        column("σ, floor", "floor"),
+        TableColumn("periods", of="periods"),
+        TableColumn("measuring", "min", digits=3, of="minutes"),
+        TableColumn("largest source", kind="text", of="source"),
+    )
+    caption = (
+        f"Periods of {readable(result.period)} s that reach each goal (standard deviations, "
+        f"{result.estimator}); floor: σ without a limit of time"
+    )
+    return ReportTable.of("plan", caption, columns, result.goals, screen=True, latex=True)
+
+
+def _obstacle(goal: PlannedGoal) -> str:
+    """Return the tolerance that stands against a goal, and its sufficient size, in words."""
+    text = f"{goal.goal}: no measuring time reaches it. The largest obstacle is {goal.source}"
+    alone, every = goal.tolerance_percent, goal.all_tolerances_percent
+    if np.isfinite(alone):
+        text += f"; {readable(alone, 2)} % of this tolerance would be small enough"
+    elif np.isfinite(every):
+        text += (
+            f", and no size of it alone is enough; {readable(every, 2)} % of all tolerances would "
+            "be small enough"
+        )
+    return f"{text}."
+
+
+def _verdict(result: PlanResult) -> StageVerdict:
+    if result.reachable:
+        sentence = (
+            f"{readable(result.periods, 6)} periods, {readable(result.minutes, 3)} min of "
+            "measuring, reach every goal."
+        )
+        return StageVerdict("Plan", Level.GOOD, "reachable", sentence, "plan")
+    missed = [one.goal for one in result.goals if not one.reachable]
+    sentence = f"No measuring time reaches {listed(missed)}."
+    return StageVerdict("Plan", Level.BAD, "not reachable", sentence, "plan")
+
+
+def _facts(result: PlanResult) -> tuple[Fact, ...]:
+    if not result.limit:
+        return ()
+    gain = f"+{readable(result.limit_gain_percent, 2)} %"
+    note = f"of the design's criterion with 10 % more {limit_title(result.limit)}"
+    return (Fact("limit that helps most", gain, note),)

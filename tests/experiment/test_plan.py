@@ -1,0 +1,103 @@
+"""Measuring times for wanted precisions, against the prediction and against experiments."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.identification import estimate_parameters
+from estimation.identification.estimator_result import estimated_quantities
+from expdesign.configuration import InputError
+from expdesign.experiment.plan import plan_measurement
+from expdesign.robot import robot_from
+from expdesign.robot.deviation import apply_deviations, toleranced_deviations
+from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
+
+MOTION = trajectory()
+SETTINGS = {"noise": "given", "harmonics": 2}
+TOLERANCES = {"base_joints": "0.1 mm", "force_constant": {"common": "0.5 %"}, "gravity": "0.1 deg"}
+
+
+def _run(goals, tolerances=None, periods=5, **settings):
+    given = {} if tolerances is None else {"tolerances": tolerances}
+    return run(
+        {**SETTINGS, **settings},
+        goals=goals,
+        experiment={"periods": periods, "sampling": f"{1 / STEP} Hz"},
+        **given,
+    )
+
+
+def test_noise_alone_falls_with_the_root_of_the_periods():
+    plan = plan_measurement(_run({"mass": "0.5 %", "centre": "0.05 mm", "v1": 0.5}), MOTION)
+    assert plan.reachable
+    for goal in plan.goals:
+        assert goal.floor == 0
+        assert goal.periods == np.ceil(5 * (goal.std / goal.wanted) ** 2)
+        assert goal.minutes == pytest.approx(goal.periods * MOTION.period / 60)
+        assert goal.source == "noise"
+    assert plan.periods == max(goal.periods for goal in plan.goals)
+    assert [goal.quantity for goal in plan.goals] == ["mass", "centre_z", "v1"]
+
+
+@pytest.mark.parametrize("systematic", ["auto", "budget"])
+def test_a_goal_below_the_floor_names_the_tolerance(systematic):
+    """The common force constant is in the mass like a factor: its tolerance is the floor."""
+    tolerances = {**TOLERANCES, "base_joints": "10 um", "gravity": "0.01 deg"}
+    plan = plan_measurement(
+        _run({"mass": "0.4 %", "v1": "50 %"}, tolerances, systematic=systematic), MOTION
+    )
+    mass, friction = plan.goals
+    assert friction.reachable
+    assert not mass.reachable
+    assert not plan.reachable
+    assert np.isnan(plan.periods)
+    assert mass.floor == pytest.approx(0.005 * 16.307, rel=0.25)
+    assert mass.source == "force_constant.common"
+    smaller = {"common": f"{0.5 * mass.tolerance_percent / 100} %"}
+    changed = {**tolerances, "force_constant": smaller}
+    reached = plan_measurement(
+        _run({"mass": "0.4 %"}, changed, systematic=systematic), MOTION
+    ).goals[0]
+    assert reached.reachable
+    assert reached.floor == pytest.approx(mass.wanted * np.sqrt(0.5), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("goals", "words"),
+    [
+        ({"mas": "1 %"}, "did you mean 'mass'"),
+        ({"mass": "5 mm"}, "5 mm"),
+        ({"centre": 0}, "not above zero"),
+        ({}, "no goal"),
+    ],
+)
+def test_goals_that_are_refused(goals, words):
+    with pytest.raises(InputError) as refused:
+        plan_measurement(_run(goals), MOTION)
+    assert words in str(refused.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("systematic", ["auto", "budget"])
+def test_experiments_of_the_planned_length_reach_the_goals(systematic):
+    """The errors of 40 machines within their tolerances have the wanted size, within 3 σ of it."""
+    config = _run({"mass": "0.8 %"}, TOLERANCES, systematic=systematic)
+    (goal,) = plan_measurement(config, MOTION).goals
+    assert goal.reachable
+    nominal = robot_from(config.robot)
+    chosen = toleranced_deviations(nominal)
+    tolerances = np.array([one.tolerance for one in chosen])
+    gain = [one.name for one in chosen].index("force_constant")
+    ratios = []
+    for seed in range(40):
+        theta = tolerances * np.random.default_rng(100 + seed).normal(size=len(chosen))
+        machine = apply_deviations(ROBOT, chosen, theta)
+        data = measured(MOTION, seed, robot=machine, periods=int(goal.periods))
+        data = replace(data, forces=data.forces * (1 + theta[gain]))
+        found = estimate_parameters(config, data, MOTION)
+        rows = estimated_quantities(found.robot, found.best, None)
+        mass = next(row for row in rows if row.quantity == "mass")
+        assert mass.std == pytest.approx(goal.wanted, rel=0.1)
+        ratios.append((mass.value - 16.307) / goal.wanted)
+    assert np.sqrt(np.mean(np.square(ratios))) == pytest.approx(1.0, abs=3 / np.sqrt(2 * 40))
