@@ -26,6 +26,8 @@ from estimation.twin import Twin
 from estimation.twin.machine import draw_machine
 from expdesign import design
 from expdesign.configuration import RunConfiguration, load_run
+from expdesign.experiment.judging import noise_evaluator
+from expdesign.experiment.precision import experiment_information, predicted_errors
 from expdesign.experiment.setup import plan_search
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import toleranced_deviations
@@ -33,8 +35,8 @@ from expdesign.trajectory import FourierTrajectory
 
 TITLE = "Designs for the total error"
 
-SECTIONS = ("palida", "palida_quick", "linuxcnc", "rubin")
-"""Robots; `palida_quick` is a search of a minute."""
+SECTIONS = ("palida", "palida_quick", "linuxcnc", "linuxcnc_quick")
+"""Robots; those with ``quick`` have a search of a minute."""
 _TOLERANCES = {
     "base_joints": "0.1 mm",
     "platform_joints": "0.1 mm",
@@ -69,8 +71,9 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
         motion = result.trajectory
         row: Row = {"design for": label, "search / that for noise": f"{seconds / first:.1f}"}
         for other in ("auto", "budget"):
-            predicted = _predicted(_run(name, {"counts": "total"}, other), motion)
-            row[f"predicted, {other} (%)"] = f"{100 * _mean(predicted):.2f}"
+            judged, stated = _predicted(_run(name, {"counts": "total"}, other), motion)
+            row[f"criterion's, {other} (%)"] = f"{100 * _mean(judged):.2f}"
+            row[f"predicted, {other} (%)"] = f"{100 * _mean(stated):.2f}"
         count = repetitions or 200
         for estimator, achieved in _achieved(name, motion, count).items():
             row[f"achieved, {estimator} (%)"] = f"{100 * _mean(achieved):.2f}"
@@ -107,15 +110,21 @@ def _mean(errors: Array) -> float:
     return float(np.exp(np.mean(np.log(errors))))
 
 
-def _predicted(run: RunConfiguration, motion: FourierTrajectory) -> Array:
-    """Return the predicted relative standard deviations of the whole experiment."""
-    evaluator = plan_search(run).evaluator
+def _predicted(run: RunConfiguration, motion: FourierTrajectory) -> tuple[Array, Array]:
+    """Return relative standard deviations of the whole experiment.
+
+    Those that the criterion judges, and those that a design states.
+    """
+    evaluator, noise = plan_search(run).evaluator, noise_evaluator(run)
     samples, experiment = run.run.trajectory.samples, run.run.experiment
     total = experiment.periods * experiment.sampling * motion.period
     information = evaluator.whole_information(motion, samples) * (total / samples)
     assert evaluator.marginal is not None
     judged = evaluator.judged(information, evaluator.marginal.samples)
-    return np.sqrt(np.diag(np.linalg.inv(judged))) / evaluator.robot.scales
+    whole, count = experiment_information(noise, motion, run)
+    stated = predicted_errors(run, noise, motion, whole, count)
+    std = np.sqrt(np.diag(np.linalg.inv(judged)))
+    return std / evaluator.robot.scales, stated.std / evaluator.robot.scales
 
 
 def _achieved(robot_name: str, motion: FourierTrajectory, count: int) -> dict[str, Array]:
