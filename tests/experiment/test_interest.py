@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from expdesign.configuration import InputError, load_run
+from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.experiment.setup import plan_search, probe_motion
 from expdesign.motion.benchmark import motion_of_run
 from expdesign.robot.derived import derived_quantities
@@ -74,6 +74,17 @@ def test_derived_quantities_by_their_jacobian(motion, covariance):
         # Holding forces at home follow from fewer combinations of parameters.
         expected = np.trace(own) if criterion == "a" else -np.linalg.slogdet(own)[1]
         assert found == pytest.approx(expected, rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    "interest",
+    ["all", ["mass", "p10"], {"task": {"motion": "circle", "radius": "50 mm"}}, {"task": "a.json"}],
+)
+def test_resolved_run_reads_the_same(interest, tmp_path):
+    run = _run(interest=interest, criterion="a")
+    file = tmp_path / "run.yaml"
+    file.write_text(resolved_yaml(run), encoding="utf-8")
+    assert load_run(file).run.design == run.run.design
 
 
 @pytest.mark.parametrize(
