@@ -276,10 +276,10 @@ def identified_robot(estimation: Estimation, diagnosis: Diagnosis | None) -> str
 
     With `estimate.consistent` these are the nearest physically consistent parameters.
 
-    Estimated joints, gravity and constants replace those of the robot, with their standard
-    deviations as tolerances. Tolerances of the measurement stay. A constant with `estimate: true`
-    keeps it, with this tolerance as its prior. Terms that the robot lacks are not added, even with
-    estimated parameters: their tolerances stay as well.
+    The parameters replace the bodies. Estimated joints, gravity and constants replace those of the
+    robot, with their standard deviations as tolerances. Tolerances of the measurement stay. A
+    constant with `estimate: true` keeps it, with this tolerance as its prior. Terms that the robot
+    lacks are not added, even with estimated parameters: their tolerances stay as well.
     """
     robot, best = robot_from(estimation.configuration.robot), estimation.best
     found = best.systematic
@@ -295,6 +295,7 @@ def identified_robot(estimation: Estimation, diagnosis: Diagnosis | None) -> str
         update={
             "name": identified_name(description.name),
             "parameters": parameters,
+            "bodies": None,
             "identification": _identification(estimation, diagnosis),
         }
     )

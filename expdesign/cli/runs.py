@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from expdesign.cli.output import note, say, warn, write_json
+from expdesign.cli.output import note, results, say, warn, write_json
 from expdesign.cli.terminal import Terminal, working
 from expdesign.configuration import InputError, RunConfiguration, load_run, quote
 from expdesign.runfolder.files import RUN_FILE
@@ -19,7 +19,7 @@ from expdesign.stages.execution import (
     refuse_unwritable,
     run_folder,
 )
-from expdesign.stages.registry import reported_stages, stages
+from expdesign.stages.registry import FIRST, reported_stages, stages
 from expdesign.stages.run import folder_changes, report_of, run
 from expdesign.stages.stage import Sources, StageFailed, Workspace, short
 
@@ -50,11 +50,15 @@ def execute_stage(
             run = configuration.run.model_copy(update={"goals": goals})
             configuration = replace(configuration, run=run)
         inputs = Sources(**(sources or {}))
-        work = Workspace(configuration, folder, Terminal(quiet=as_json), inputs, resume)
+        work = Workspace(
+            configuration, folder, Terminal(quiet=as_json), inputs, resume, stages=reported_stages()
+        )
         work.warn(before)
         if name == "goals" and not inputs.designs and not work.design_file.is_file():
             execute(stages()["design"], work)
         outcome = execute(stages()[name], work)
+        if name == FIRST and "report" in configuration.run.stages:
+            execute(stages()["report"], work)
     if strict and outcome.doubt:
         raise StageFailed(f"{outcome.doubt}, and --strict was given", outcome.summary)
     if as_json:
@@ -97,6 +101,7 @@ def compare_folders(
 ) -> None:
     """Write the comparison of run folders."""
     from results.comparison.comparison import write_comparison
+    from results.render.terminal import print_view
 
     share = precision_share(precision)
     place = out.absolute()
@@ -107,7 +112,9 @@ def compare_folders(
     if not quick and not as_json and any((path / "design.json").is_file() for path in paths):
         note("one solve per design for the costs of its limits (--quick leaves them out) …")
     with working("compare"), one_writer(place, "expdesign compare"):
-        written = write_comparison(paths, place, reported_stages(), precision=share, quick=quick)
+        written, views = write_comparison(
+            paths, place, reported_stages(), precision=share, quick=quick
+        )
     if as_json:
         write_json(
             {
@@ -118,6 +125,8 @@ def compare_folders(
             }
         )
     else:
+        for view in views:
+            print_view(view, results())
         say(f"comparison: {short(place / 'report.html')}")
 
 

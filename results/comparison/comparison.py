@@ -41,8 +41,8 @@ def write_comparison(
     *,
     precision: float,
     quick: bool = False,
-) -> list[Path]:
-    """Compare run folders and write `report.html`, `tables/` and `figures/`; return the files.
+) -> tuple[list[Path], list[StageView]]:
+    """Write `report.html`, `tables/` and `figures/` of run folders; return files and views.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def write_comparison(
             write_text(file, text)
             written.append(file)
     write_text(out / NAME, html_page(page))
-    return [*written, out / NAME]
+    return [*written, out / NAME], views
 
 
 def csv_table(table: ReportTable) -> str:
@@ -218,7 +218,7 @@ def compare_facts(stage: str, folders: Mapping[str, RunFolder]) -> StageView | N
     columns = [TableColumn(title, kind="text") for title in ("", *views)]
     title = next(iter(views.values())).verdict.title
     table = ReportTable.of(
-        f"compared_{stage}", f"{title}: verdicts and main numbers", columns, rows
+        f"compared_{stage}", f"{title}: verdicts and main numbers", columns, rows, screen=True
     )
     sentence = f"{count_text(len(views), 'folder')}: verdicts and main numbers."
     verdict = StageVerdict(title, Level.NEUTRAL, "compared", sentence, f"compared_{stage}")

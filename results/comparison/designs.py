@@ -420,7 +420,7 @@ def _precision_table(comparison: DesignComparison) -> ReportTable:
         f"states for its own experiment, in percent of {comparison.whose}, and the periods that "
         f"each design needs for {100 * comparison.precision:g} %"
     )
-    return ReportTable.of("compared_parameters", caption, columns)
+    return ReportTable.of("compared_parameters", caption, columns, screen=True)
 
 
 def _derived_tables(designs: tuple[ComparedDesign, ...]) -> list[Block]:

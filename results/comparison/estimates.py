@@ -198,7 +198,7 @@ def _values_table(found: tuple[ComparedEstimate, ...], names: tuple[str, ...]) -
             view.TableColumn("to", digits=5, of=values + half),
         ]
     caption = "Best estimate of every folder with its 95 % interval, SI units"
-    return view.ReportTable.of("compared_estimates", caption, columns)
+    return view.ReportTable.of("compared_estimates", caption, columns, screen=True)
 
 
 def _derived_tables(found: tuple[ComparedEstimate, ...]) -> list[view.Block]:

@@ -96,7 +96,11 @@ def test_manifest(designed):
     assert stage["status"] == "done"
     assert manifest["seeds"]["design"] == 0
     written = {str(p.relative_to(designed[0])) for p in designed[0].rglob("*") if p.is_file()}
-    assert set(stage["files"]) == written - {"manifest.json", "run.yaml"}
+    report = manifest["stages"]["report"]  # which the run file names
+    assert report["status"] == "done"
+    assert "report.html" in report["files"]
+    files = {*stage["files"], *report["files"]}
+    assert files == written - {"manifest.json", "run.yaml"}
 
 
 def test_design_json_has_what_the_contract_says(record):
