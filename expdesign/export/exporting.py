@@ -95,7 +95,7 @@ def _remedy(check: ReadBack, settings: Settings) -> str:
     if settings.form.controller is not None:
         return settings.form.controller.condition(settings)
     ways = [short if section.segment is None else f"no segment, or {short}"]
-    if settings.digits is not None:
+    if settings.digits is not None and (section.digits is not None or section.segment is None):
         ways.append("more digits")
     if len(check.failures) == 1 and not check.deviation.position <= settings.tolerance:
         # What else is beyond, a limit of the robot or the information, it does not change.
