@@ -1,5 +1,7 @@
 """What is known of a change, against the joint problem that it is the Schur complement of."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -153,3 +155,30 @@ def test_what_tolerances_have_moved_is_kept_by_their_name():
     response = np.arange(M, dtype=float)[:, None]
     prior = _prior(np.eye(M), deviations=[one], response=response.tolist())
     np.testing.assert_allclose(prior.moved["delay", 0.5], 0.5 * response[:, 0])
+
+
+@pytest.mark.parametrize("estimated", [True, False])
+def test_tolerances_of_a_change_are_those_of_the_joint_problem(estimated):
+    """One cause moved the earlier estimate and moves this one; another is new, a third is past."""
+    rng = np.random.default_rng(9)
+    causes = np.array([[0.5, 0.0, 0.0], [0.0, 2.0, 0.0]])
+    before = rng.normal(size=(M, 3)) * [1, 0, 1]
+    moved = {("delay", 0.5): before[:, 0], ("clock", 1.0): before[:, 2]}
+    prior = dataclasses.replace(_prior(_matrix(rng)), moved=moved)
+    keys = [("delay", 0.5), ("gravity", 2.0)]
+    found = prior.with_effects(causes[:, :2], keys, estimated=estimated)
+    information = _matrix(rng, M + 2)
+    own = np.concatenate([np.eye(M)[:, CHANGED], prior.nuisance], axis=1)
+    own = np.pad(own, ((0, 2), (0, 0)))
+    effects = np.concatenate([-before, causes])
+    known = np.diag([0.0] * 3 + [1.0] * (own.shape[1] - 3))
+    if estimated:
+        own = np.concatenate([own, effects], axis=1)
+        known = np.diag([*np.diag(known), *np.ones(3)])
+    covariance = np.linalg.inv(own.T @ information @ own + known)
+    if not estimated:
+        bias = covariance @ own.T @ information @ effects
+        covariance = covariance + bias @ bias.T
+    expected = np.linalg.inv(covariance[:3, :3])
+    judged = found.information(information, 1)
+    np.testing.assert_allclose(judged, expected, rtol=1e-6, atol=1e-7 * np.max(expected))
