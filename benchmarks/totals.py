@@ -35,8 +35,13 @@ from expdesign.trajectory import FourierTrajectory
 
 TITLE = "Designs for the total error"
 
-SECTIONS = ("palida", "palida_quick", "linuxcnc", "linuxcnc_quick")
-"""Robots; those with ``quick`` have a search of a minute."""
+SECTIONS = ("palida", "palida_quick", "linuxcnc", "linuxcnc_quick", "interest", "interest_quick")
+"""Robots, or designs for quantities of interest; ``quick``: a search of a minute."""
+_INTERESTS: dict[str, dict[str, Any]] = {
+    "all parameters": {},
+    "mass, centre": {"interest": ["mass", "centre"]},
+    "forces on the circle": {"interest": {"task": "circle"}, "criterion": "a"},
+}
 _TOLERANCES = {
     "base_joints": "0.1 mm",
     "platform_joints": "0.1 mm",
@@ -59,6 +64,9 @@ Row = dict[str, Any]
 def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
     """Yield a row per design of a robot."""
     name, _, quick = section.partition("_")
+    if name == "interest":
+        yield from _interest_rows(_QUICK if quick else {})
+        return
     first = np.nan
     for label, settings in _DESIGNS.items():
         search = {"counts": settings["counts"], **(_QUICK if quick else {})}
@@ -80,8 +88,33 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
         yield row | {"machines": count}
 
 
+def _interest_rows(search: dict[str, Any]) -> Iterator[Row]:
+    """Yield the predicted errors of quantities of interest for palida without tolerances."""
+    about = {"name": "interest", "robot": "palida"}
+    circle = load_run(about | {"design": _INTERESTS["forces on the circle"]})
+    forces = plan_search(circle).evaluator
+    for label, settings in _INTERESTS.items():
+        result = design(load_run(about | {"design": {**search, **settings}}))
+        derived = {one.quantity: one for one in result.derived}
+        samples, periods = result.samples, result.experiment.periods
+        variance = forces.value(forces.information(result.trajectory, samples))
+        whole = periods * result.samples_per_period / samples
+        yield {
+            "design for": label,
+            "log det F": f"{result.log_det_information:.2f}",
+            "σ of the mass (g)": f"{1e3 * derived['mass'].std:.2f}",
+            "σ of the centre (µm)": f"{1e6 * derived['centre_z'].std:.2f}",
+            "rms error of a force on the circle (mN)": f"{1e3 * np.sqrt(variance / whole / 6):.1f}",
+        }
+
+
 def summary(table: pd.DataFrame) -> str:
-    """Return the gains of the designs for the total."""
+    """Return the gains of the designs for the total, or for the quantities of interest."""
+    if "machines" not in table:
+        return "smallest: " + ", ".join(
+            f"{name} {table['design for'][table[name].astype(float).idxmin()]}"
+            for name in table.columns[2:]
+        )
     noise, auto, budget = (table.iloc[k] for k in range(3))
     gains = [
         f"{kind}: {float(own[key]) / float(noise[key]):.2f} of the error"
