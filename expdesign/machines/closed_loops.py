@@ -32,6 +32,7 @@ _ALLOWED = (
     "six struts, each with one sliding joint between a cardan or ball joint on the base and one on "
     "the platform"
 )
+BY_HAND = "or the joints by hand: --base-joints, --platform-joints and --home-height"
 _MISSED = 1e-4
 """Distance of axes that count as meeting, of the machine's size: the rounding of files."""
 _FAR_APART = 2e-2
@@ -94,8 +95,14 @@ def hexapod(
     groups = Groups(len(bodies), joints)
     slides = [joint for joint in joints if joint.kind == "slide"]
     if len(slides) != ACTUATORS:
-        message = f"the model has {len(slides)} sliding joints beside those that place the platform"
-        raise InputError(message, file, allowed=_ALLOWED)
+        turning = sum(joint.kind == "rotation" for joint in joints)
+        loops = len(joints) - len(bodies) + 1
+        message = (
+            f"the model has {len(slides)} sliding joints beside those that place the platform, "
+            f"{turning} joints that turn (cranks, if they have motors) and {max(loops, 0)} closed "
+            f"loops"
+        )
+        raise InputError(message, file, allowed=f"{_ALLOWED}; {BY_HAND}")
     rotations = Rotations(groups, joints)
     ends = [groups.of(body) for body in slides[0].bodies]
     base_group = _hub(ends[0], rotations) if base is None else groups.of(base)

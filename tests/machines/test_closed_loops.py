@@ -243,6 +243,24 @@ def test_what_is_no_hexapod_is_told_with_its_line(title, old, new, tmp_path):
     assert caught.value.problems[0].file == tmp_path / f"model{suffix}"
 
 
+@pytest.mark.parametrize("text", ["", "<lower/><upper></upper>", "<lower>-inf</lower><effort/>"])
+def test_limits_of_joints_that_turn_may_be_empty(text, machines, tmp_path):
+    axis = "<xyz>1 0 0</xyz>"
+    content = bench.sdf().replace(axis, f"{axis}<limit>{text}</limit>")
+    machine = read(tmp_path, content, ".sdf")
+    assert machine.limits == machines["sdf"].limits
+    np.testing.assert_array_equal(machine.base_joints, machines["sdf"].base_joints)
+
+
+def test_a_mechanism_without_slides_is_described_in_its_refusal(tmp_path):
+    cranks = bench.sdf().replace('type="prismatic"', 'type="revolute"')
+    with pytest.raises(InputError, match="0 sliding joints") as caught:
+        read(tmp_path, cranks, ".sdf")
+    assert "18 joints that turn" in str(caught.value)
+    assert "5 closed loops" in str(caught.value)
+    assert "--base-joints" in str(caught.value)
+
+
 @pytest.mark.parametrize(
     "content",
     [

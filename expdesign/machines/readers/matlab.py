@@ -2,7 +2,7 @@
 
 Two sets of names are known: ``pos_base`` with ``pos_top`` or ``body_pts``, and ``height``, of the
 MathWorks Stewart platform demonstration; and the struct ``stewart`` of stewart-simscape, with
-``platform_F.Fa``, ``platform_M.Mb`` and ``geometry.H``.
+``platform_F.Fa``, ``platform_M.Mb`` and ``geometry.H``. Any other file is read as a list of joints.
 
 SciPy's reader trusts the sizes that a file declares: it runs in a separate process, which hands
 over numbers as text.
@@ -19,6 +19,7 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.configuration.errors import InputError
 from expdesign.machines.machine import MachineDraft, MachineFormat, Question, rows
+from expdesign.machines.readers.joint_list import draft_of_points
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.workers.local import EndlessError, run_isolated
 
@@ -61,8 +62,21 @@ def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
         return _mathworks(name, source, values, files[0])
     if "stewart.platform_F.Fa" in values:
         return _simscape(name, source, values, files[0])
-    names = ", ".join(sorted(variables)[:8]) or "no variable of numbers"
-    raise InputError(f"no joints of a Stewart platform; it has {names}", files[0], allowed=_NAMES)
+    return _by_names(name, source, values, files[0])
+
+
+def _by_names(name: str, source: str, values: dict[str, Array], file: Path) -> MachineDraft:
+    """Return the machine of two matrices by their names, or of an older struct.
+
+    The older struct of stewart-simscape has the joints of the platform twice: Ab in the frame of
+    Aa, and Bb in that of the platform.
+    """
+    last = {key.rpartition(".")[2]: value for key, value in values.items()}
+    if {"Aa", "Ab", "Bb"} <= set(last):
+        height = float(np.mean(_points(last, "Ab", file) - _points(last, "Bb", file), axis=0)[2])
+        values = {"Aa": last["Aa"], "Bb": last["Bb"], "height": np.array(height)}
+    plain = {k: float(v.reshape(())) if v.size == 1 else v for k, v in values.items()}
+    return draft_of_points(name, source, plain, file)
 
 
 def _mathworks(name: str, source: str, values: dict[str, Array], file: Path) -> MachineDraft:

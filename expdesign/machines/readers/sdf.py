@@ -180,7 +180,8 @@ def _joint(element: Element, frames: _Frames, numbers: dict[str, int]) -> Joint:
     point = frames.place(element.attributes["name"].strip()).origin
     tags = ("axis", "axis2")[: _AXES.get(title, 0)]
     axes = np.array([frames.axis(element, tag) for tag in tags]).reshape(-1, 3)
-    limit = axis.first("limit") if (axis := element.first("axis")) is not None else None
+    axis = element.first("axis") if title == "prismatic" else None
+    limit = None if axis is None else axis.first("limit")
     low, high = (_limit(element, limit, tag) for tag in ("lower", "upper"))
     travel = (low, high) if low is not None and high is not None and low < high else None
     force, speed = (_limit(element, limit, tag) for tag in ("effort", "velocity"))
@@ -207,7 +208,7 @@ def _end(joint: Element, side: str) -> str:
 def _limit(joint: Element, limit: Element | None, tag: str) -> float | None:
     """Return a limit; None for one that is missing or so large that it is none."""
     given = None if limit is None else limit.first(tag)
-    if given is None:
+    if given is None or not given.text.strip():
         return None
     try:
         value = float(given.text)

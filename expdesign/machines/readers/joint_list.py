@@ -1,0 +1,205 @@
+"""Lists of joints in JSON, YAML or CSV: two sets of six points, known by their names."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic_core import PydanticCustomError
+
+from constraints.arrays import Array
+from expdesign.configuration.document import read_text, read_yaml
+from expdesign.configuration.errors import InputError
+from expdesign.configuration.quantity import LENGTH
+from expdesign.machines.machine import MachineDraft, MachineFormat, Question, rows
+from expdesign.mechanism.hexapod import ACTUATORS
+
+_LARGEST = 1024 * 1024
+_DEEPEST = 8
+_NAMES = {
+    "base": re.compile(r"base|lower|bottom|fixed|ground|\b(a|aa|fa)\b"),
+    "platform": re.compile(r"platform|plate|top|upper|moving|mobile|effector|\b(b|bb|mb)\b"),
+}
+_HEIGHT = re.compile(r"\b(height|h)\b")
+_UNIT = re.compile(r"\bunits?\b")
+_MILLIMETRES = 5.0
+"""Coordinates from here on are taken as millimetres in a file without a unit."""
+_RAISED = 0.1
+"""Height of the platform's points over those of the base, as a share of the base's size, from which
+both are in one frame."""
+_ALLOWED = (
+    "two sets of six points [x, y, z], base_joints and platform_joints, and optionally height and "
+    "unit; CSV has the columns base_x … platform_z, or name, x, y, z"
+)
+
+
+def draft_of_points(
+    name: str, source: str, values: Mapping[str, Any], file: Path, unit: str | None = None
+) -> MachineDraft:
+    """Return the machine with the two sets of six points among named values.
+
+    Parameters
+    ----------
+    name, source : str
+    values : mapping
+        Arrays, numbers and texts by dotted names.
+    file : Path
+    unit : str, optional
+        Unit of the lengths; by default a value named ``unit``, else metres or millimetres by size.
+
+    Raises
+    ------
+    InputError
+        There is no set for base or platform, or several.
+    """
+    sets = {key: points for key, value in values.items() if (points := _six(value)) is not None}
+    chosen = {}
+    for end, pattern in _NAMES.items():
+        others = [one for key, one in _NAMES.items() if key != end]
+        found = [
+            key
+            for key in sets
+            if pattern.search(_words(key)) and not any(o.search(_words(key)) for o in others)
+        ]
+        if len(found) != 1:
+            listed = ", ".join(sets) or "none"
+            message = f"{len(found)} sets of joints of the {end}; sets of six points: {listed}"
+            raise InputError(message, file, allowed=_ALLOWED)
+        chosen[end] = sets[found[0]]
+    given = [value for key, value in values.items() if _HEIGHT.search(_words(key))]
+    heights = [float(one) for one in given if isinstance(one, int | float)]
+    stated = [value for key, value in values.items() if _UNIT.search(_words(key))]
+    questions = []
+    if unit is None and stated:
+        unit = str(stated[0])
+    if unit is None:
+        largest = max(float(np.max(np.abs(points))) for points in chosen.values())
+        unit = "mm" if largest >= _MILLIMETRES else "m"
+        text = f"The file has no unit: its lengths are taken as {unit}. Are they?"
+        questions.append(Question("base_joints", text))
+    try:
+        scale = LENGTH.parse(f"1 {unit}")
+    except PydanticCustomError as error:
+        raise InputError(error.message(), file, key="unit", allowed="such as mm") from None
+    base, platform = (scale * points for points in (chosen["base"], chosen["platform"]))
+    home = np.array([0.0, 0.0, scale * heights[0]]) if heights else None
+    raised = abs(float(np.mean(platform[:, 2]) - np.mean(base[:, 2])))
+    if home is None and raised > _RAISED * float(np.ptp(base, axis=0).max()):
+        home = platform.mean(axis=0)
+        platform = platform - home
+        text = "The joints of the platform are given over the base: the TCP is put amid them."
+        questions.append(Question("home", text))
+    return MachineDraft(
+        name=name,
+        source=source,
+        base_joints=rows(base),
+        platform_joints=rows(platform),
+        home=None if home is None else (*rows(home[None])[0], 0.0, 0.0, 0.0),
+        questions=tuple(questions),
+    )
+
+
+def _words(key: str) -> str:
+    """Return a name in lower case, its words separated: ``basePoints`` → ``base points``."""
+    return re.sub(r"[^a-z0-9]+", " ", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", key).lower())
+
+
+def _six(value: Any) -> Array | None:
+    """Return six finite points, (6, 3), in rows or columns; None for anything else."""
+    try:
+        points = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None
+    points = points.T if points.shape == (3, ACTUATORS) else points
+    return points if points.shape == (ACTUATORS, 3) and np.all(np.isfinite(points)) else None
+
+
+def _flat(value: Any, name: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
+    """Yield the values of nested mappings by dotted names; x, y, z of points become lists."""
+    if isinstance(value, list) and value and all(isinstance(one, dict) for one in value):
+        points = [[_coordinate(one, axis) for axis in "xyz"] for one in value]
+        if all(number is not None for point in points for number in point):
+            value = points
+        else:  # a list of struts, each with the points of its ends
+            keys = [key for key in value[0] if all(key in one for one in value)]
+            value = {key: [one[key] for one in value] for key in keys}
+    if isinstance(value, dict) and depth < _DEEPEST:
+        if all(_coordinate(value, axis) is not None for axis in "xyz"):
+            yield name, [_coordinate(value, axis) for axis in "xyz"]
+            return
+        for key, item in value.items():
+            yield from _flat(item, f"{name}.{key}" if name else str(key), depth + 1)
+    else:
+        yield name, value
+
+
+def _grouped(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values with the points of equal names but for their numbers as one list."""
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        group = re.sub(r"[\s_.-]*\d+", "", key)
+        if isinstance(value, list) and len(value) == 3 and group != key:  # noqa: PLR2004 - x, y, z
+            found.setdefault(group, []).append(value)
+        else:
+            found[key] = value
+    return found
+
+
+def _coordinate(point: Mapping[str, Any], axis: str) -> Any:
+    found = point.get(axis, point.get(axis.upper()))
+    return None if isinstance(found, dict) else found
+
+
+def _table(text: str) -> dict[str, Any]:
+    """Return the sets of points in a CSV table, by columns ``base_x`` … or by rows with a name."""
+    lines = [line for line in text.splitlines() if line.strip()]
+    delimiter = max(";\t,", key=lines[0].count) if lines else ","
+    header, *table = csv.reader(lines, delimiter=delimiter)
+    header = [cell.strip() for cell in header]
+    units = re.findall(r"[\[(]\s*(\w+)\s*[\])]", lines[0])
+    names = [re.sub(r"\s*[\[(].*", "", cell) for cell in header]
+    columns = {name: [row[k].strip() for row in table] for k, name in enumerate(names)}
+    found: dict[str, Any] = {"unit": units[0]} if units else {}
+    axes = {_words(name): name for name in names}
+    if {"x", "y", "z"} <= set(axes):
+        labels = next(iter(columns.values()))
+        points = zip(*(columns[axes[axis]] for axis in "xyz"), strict=True)
+        return found | {label: list(one) for label, one in zip(labels, points, strict=True)}
+    for name in names:
+        if (match := re.fullmatch(r"(.*?)[\s_.]*([xyzXYZ])", name)) is not None:
+            found.setdefault(match[1], {})[match[2].lower()] = columns[name]
+    return {key: list(one.values()) if isinstance(one, dict) else one for key, one in found.items()}
+
+
+def _values(file: Path) -> dict[str, Any]:
+    suffix = file.suffix.lower()
+    if suffix in (".yaml", ".yml"):
+        return dict(_flat(read_yaml(file).data))
+    text = read_text(file, _LARGEST, "text in UTF-8")
+    if suffix == ".csv":
+        try:
+            return _table(text)
+        except (IndexError, ValueError, csv.Error) as error:
+            raise InputError(f"not a table: {error}", file, allowed=_ALLOWED) from None
+    try:
+        return dict(_flat(json.loads(text)))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"not valid JSON: {error}", file) from None
+
+
+def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
+    values = _grouped(_values(files[0]))
+    return draft_of_points(name, f"list of joints, {files[0].name}", values, files[0])
+
+
+def _claims(path: Path) -> bool:
+    # PI's YAML has its own reader.
+    return not any(re.search(r"\baxis_\d\.", key) for key in _values(path))
+
+
+FORMAT = MachineFormat("a list of joints", (".json", ".csv", ".yaml", ".yml"), _claims, _read)

@@ -1,0 +1,116 @@
+"""Lists of joints in JSON, YAML, CSV and MATLAB files of several layouts."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from expdesign.configuration import InputError
+from expdesign.machines.importing import read_machine
+from tests.machines.machines_of import asked
+from tests.machines.test_matlab import ring
+
+BASE = ring(0.45, 0, 8)
+PLATFORM = np.roll(ring(0.25, 60, 12, -0.05), 1, axis=0)
+HOME = [0.0, 0.0, 0.7]
+
+
+def _points(points):
+    return [dict(zip("xyz", point, strict=True)) for point in points.tolist()]
+
+
+def _rows(names, *ends):
+    """Return CSV with one line for each joint."""
+    table = [
+        f"{name}{j};{x};{y};{z}"
+        for name, points in zip(names, ends, strict=True)
+        for j, (x, y, z) in enumerate(points.tolist(), 1)
+    ]
+    return "\n".join(["joint;x [mm];y [mm];z [mm]", *table])
+
+
+def _columns(unit, *points):
+    """Return CSV with one line for each strut."""
+    head = [f"{end}_{axis}{unit}" for end in ("base", "platform") for axis in "xyz"]
+    table = np.hstack(points).tolist()
+    return "\n".join([",".join(head), *(",".join(map(str, row)) for row in table)])
+
+
+def _named(*ends):
+    return "height: 0.7\n" + "".join(
+        f"{name}_{j}: {point}\n"
+        for name, points in zip("ab", ends, strict=True)
+        for j, point in enumerate(points.tolist(), 1)
+    )
+
+
+LISTS = {"basePoints": BASE.tolist(), "topPoints": PLATFORM.tolist(), "height": 0.7, "unit": "m"}
+OBJECTS = {
+    "units": "mm",
+    "h": 700,
+    "lower": {"joints": _points(1e3 * BASE)},
+    "upper": {"joints": _points(1e3 * PLATFORM)},
+}
+LEGS = [{"fixed": a, "moving": b} for a, b in zip(BASE.tolist(), PLATFORM.tolist(), strict=True)]
+COORDINATES = {
+    "base": dict(zip("xyz", BASE.T.tolist(), strict=True)),
+    "platform": dict(zip("xyz", PLATFORM.T.tolist(), strict=True)),
+    "height": 0.7,
+}
+TEXTS = {
+    "lists.json": json.dumps(LISTS),
+    "objects.json": json.dumps(OBJECTS),
+    "struts.json": json.dumps({"height": 0.7, "legs": LEGS}),
+    "named.yaml": _named(BASE, PLATFORM),
+    "coordinates.yml": json.dumps(COORDINATES),
+    "struts.csv": _columns("", BASE, PLATFORM + HOME),
+    "millimetres.csv": _columns(" [mm]", 1e3 * BASE, 1e3 * (PLATFORM + HOME)),
+    "joints.csv": _rows(("base", "top"), 1e3 * BASE, 1e3 * (PLATFORM + HOME)),
+}
+WITH_UNIT = {"lists.json", "objects.json", "millimetres.csv", "joints.csv"}
+STRUCT = {"Aa": BASE, "Ab": PLATFORM + HOME, "Bb": PLATFORM, "L": 0.7 * np.ones(6)}
+MATRICES = {
+    "older struct": {"stewart": STRUCT},
+    "struct with a height": {"stewart": {"Aa": BASE.T, "Bb": PLATFORM.T, "H": 0.7}},
+    "plain matrices": {"A": BASE.T, "B": PLATFORM.T, "h": 0.7, "R": np.eye(3)},
+    "millimetres": {"base_mm": 1e3 * BASE, "platform_mm": 1e3 * PLATFORM, "height": 700.0},
+}
+
+
+def _assert_is_the_machine(machine):
+    np.testing.assert_allclose(machine.base_joints, BASE, atol=1e-12)
+    joints = np.array(machine.platform_joints) + machine.home[:3]
+    np.testing.assert_allclose(joints, PLATFORM + HOME, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_a_list_of_joints(name, tmp_path):
+    (tmp_path / name).write_text(TEXTS[name], encoding="utf-8")
+    machine = read_machine("m", [tmp_path / name])
+    _assert_is_the_machine(machine)
+    assert ("base_joints" in asked(machine)) == (name not in WITH_UNIT)
+
+
+@pytest.mark.parametrize("name", MATRICES)
+def test_matrices_of_a_matlab_file(name, tmp_path):
+    savemat(tmp_path / "m.mat", MATRICES[name])
+    machine = read_machine("m", [tmp_path / "m.mat"])
+    _assert_is_the_machine(machine)
+    assert "base_joints" in asked(machine)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"lower": BASE.tolist()}, "2 sets of joints of the base; sets of six points: base, top"),
+        ({"base": BASE[:5].tolist()}, "0 sets of joints of the base; sets of six points: top"),
+        ({"unit": "kg"}, "'1 kg' is a mass, not a length"),
+    ],
+)
+def test_other_lists_are_refused_with_the_sets_that_they_have(changed, said, tmp_path):
+    joints = {"base": BASE.tolist(), "top": PLATFORM.tolist()} | changed
+    (tmp_path / "m.json").write_text(json.dumps(joints), encoding="utf-8")
+    with pytest.raises(InputError, match="allowed") as caught:
+        read_machine("m", [tmp_path / "m.json"])
+    assert said in str(caught.value)
