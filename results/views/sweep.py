@@ -26,8 +26,8 @@ from results.views.view import (
 _NOTE = "interrupted: designs are missing or not complete"
 _READ = (
     "Every design has a run folder: expdesign run FOLDER/run.yaml --out FOLDER continues one, "
-    "expdesign compare compares several. σ is the predicted standard deviation from the noise of "
-    "the whole experiment, over the nominal value."
+    "expdesign compare compares several. σ is the predicted standard deviation of the whole "
+    "experiment, from its noise and the robot's tolerances, over the nominal value."
 )
 
 

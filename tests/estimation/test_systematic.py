@@ -261,6 +261,23 @@ def test_a_design_predicts_the_share_of_an_estimate(chosen):
     assert not tolerance_effects(ROBOT, MOTION, 100, ("p1",), np.eye(6), None).sources
 
 
+@pytest.mark.parametrize(("systematic", "name"), [("auto", "ml"), ("budget", "gm")])
+def test_a_design_predicts_the_total_of_the_estimator(chosen, systematic, name):
+    """Noise and tolerances of three periods, estimated or in the budget, within 2 %."""
+    config = _run(systematic=systematic, estimators=[name])
+    found = estimate_parameters(config, _measured(np.zeros(len(chosen)), robot=SMOOTH), MOTION)
+    robot = replace(robot_from(config.robot), description=_smooth(config.robot))
+    noise = ROBOT.description.noise
+    effects = tolerance_effects(
+        robot, MOTION, 100, found.priors.names, noise.force_covariance, noise.length_covariance
+    )
+    samples = found.recordings[0].experiment.recording.rows
+    random = np.linalg.inv(effects.joint[:24, :24]) * effects.samples / samples
+    shares = effects.shares(random, samples, estimated=systematic == "auto")
+    std = np.sqrt(np.diag(found[name].covariance))
+    np.testing.assert_allclose(shares.std, std, rtol=0.02)
+
+
 def test_an_estimated_machine_is_diagnosed_along_the_motion_that_was_estimated(chosen):
     # Joints elsewhere look like further harmonics, of which fewer are left once they are moved.
     rng = np.random.default_rng(13)
