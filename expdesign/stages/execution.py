@@ -140,8 +140,8 @@ def input_hash(stage: Stage, work: Workspace) -> str:
     configuration = work.configuration
     made_from = " ".join(work.made_from(need) for need in stage.inputs(configuration))
     if stage.sections is None:
-        # The whole run.yaml, which a report shows.
-        sections = resolved_yaml(configuration)
+        # The whole run.yaml, which a report shows, and the changes by hand that it names.
+        sections = "\n".join([resolved_yaml(configuration), *other_changes(stage, work.folder)])
     else:
         sections = sections_text(configuration, stage.sections)
     return text_hash(stage.name, sections, made_from, sorted(package_versions().items()))
@@ -184,6 +184,16 @@ def stage_changes(stage: Stage, folder: Path) -> list[str]:
     if manifest is None or made is None:
         return []
     changed = set(manifest.changed_files(folder)) & made.files.keys() - {COLUMNS_FILE}
+    return [f"{file} was changed by hand" for file in sorted(changed) if (folder / file).exists()]
+
+
+def other_changes(stage: Stage, folder: Path) -> list[str]:
+    """Return the changes by hand of a folder's files that a stage did not write, in sentences."""
+    manifest = Manifest.known(folder)
+    if manifest is None:
+        return []
+    own = manifest.stages[stage.name].files if stage.name in manifest.stages else {}
+    changed = set(manifest.changed_files(folder)) - own.keys() - {COLUMNS_FILE}
     return [f"{file} was changed by hand" for file in sorted(changed) if (folder / file).exists()]
 
 

@@ -18,6 +18,7 @@ from expdesign.stages.execution import (
     input_hash,
     is_done,
     keep_configuration,
+    other_changes,
     refuse_removed,
     refuse_unwritable,
     run_folder,
@@ -94,6 +95,9 @@ def _run_stages(work: Workspace) -> RunResult:
         if reason := stage.reason_left_out(configuration):
             work.progress.note(f"{stage.name}: left out, {reason}")
             continue
+        if stage.sections is None:
+            for change in other_changes(stage, folder):
+                work.progress.warn(change)
         work.inputs[stage.name] = input_hash(stage, work)
         if is_done(stage, work):
             work.progress.note(f"{stage.name}: done already, in {short(folder)}")
@@ -168,4 +172,7 @@ def report_of(folder: Path) -> Outcome:
 
     place = folder.absolute()
     with one_writer(place, "expdesign report") if place.is_dir() else nullcontext():
-        return report_folder(place, reported_stages())
+        outcome = report_folder(place, reported_stages())
+        if (known := Manifest.known(place)) is not None:
+            known.with_files(place, outcome.files).write(place)
+        return outcome

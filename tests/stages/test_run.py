@@ -15,6 +15,7 @@ from expdesign.cli.app import app
 from expdesign.experiment import DesignResult
 from expdesign.runfolder.lock import one_writer
 from expdesign.runfolder.manifest import Manifest
+from expdesign.stages.execution import record_added
 from expdesign.stages.registry import DesignStage, stages
 from expdesign.stages.stage import StageFunctions
 from tests.stages.test_registry import assert_declared_files
@@ -129,6 +130,27 @@ def test_a_design_of_this_run_is_reported_from_memory(run_of, tmp_path, monkeypa
     monkeypatch.setattr("expdesign.stages.report.write_report", write_report)
     expdesign.run(run_of(report={}), out=tmp_path / "out")
     assert any(isinstance(result, DesignResult) for result in given)
+
+
+def test_a_file_changed_after_the_report_is_said_and_reported_again(run_of, tmp_path):
+    folder, file = tmp_path / "out", run_of(report={})
+    added = folder / "added.txt"
+
+    def again():
+        heard = Heard()
+        made = expdesign.run(file, out=folder, progress=heard)
+        return made.stages["report"].kept, [w for w in heard.warnings if "by hand" in w]
+
+    expdesign.run(file, out=folder)
+    added.write_text("1")
+    record_added(folder, [added], {})
+    assert CliRunner().invoke(app, ["report", str(folder)]).exit_code == 0
+    assert again() == (True, [])  # the page is that of a command
+    added.write_text("2")
+    said = ["added.txt was changed by hand"]
+    assert [again(), again()] == [(False, said), (True, said)]
+    added.write_text("1")
+    assert again() == (False, [])
 
 
 def test_a_warning_of_the_robot_is_told_once_in_a_folder(run_of, tmp_path):
