@@ -435,7 +435,9 @@ def _derived_tables(designs: tuple[ComparedDesign, ...]) -> list[Block]:
         std = {name: row.std for name, row in rows.items()}
         columns.append(TableColumn(f"σ, {label}", digits=3, of=std.get))
     caption = "Predicted standard deviations of derived quantities, each for its own experiment, SI"
-    return [ReportTable.of("compared_derived", caption, columns, list(first))] if first else []
+    return (
+        [ReportTable.of("compared_design_derived", caption, columns, list(first))] if first else []
+    )
 
 
 def _effort_table(comparison: DesignComparison) -> ReportTable:

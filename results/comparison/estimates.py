@@ -219,4 +219,4 @@ def _derived_tables(found: tuple[ComparedEstimate, ...]) -> list[view.Block]:
             view.TableColumn("σ", kind="error", digits=3, of=[rows[name].std for name in names]),
         ]
     caption = "Derived quantities of the best estimate of every folder, SI units"
-    return [view.ReportTable.of("compared_derived", caption, columns)] if names else []
+    return [view.ReportTable.of("compared_estimate_derived", caption, columns)] if names else []

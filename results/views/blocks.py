@@ -212,10 +212,10 @@ def combination_blocks(
     return (ReportTable.of(key, caption, columns, together, screen=True),)
 
 
-def derived_blocks(found: Sequence[KnownQuantity], whose: str) -> list[Block]:
+def derived_blocks(key: str, found: Sequence[KnownQuantity], whose: str) -> list[Block]:
     """Return the table of derived quantities; nothing without any.
 
-    `whose` completes the caption: ``"of the design, predicted"``.
+    `key` is its name in the page; `whose` completes the caption: ``"of the ML estimate"``.
     """
     if not found:
         return []
@@ -242,7 +242,7 @@ def derived_blocks(found: Sequence[KnownQuantity], whose: str) -> list[Block]:
         f"Quantities {whose}: mass, centre and inertia of the platform with the sliders' masses, "
         "forces of the actuators at rest at home without friction"
     )
-    return [ReportTable.of("derived", caption, columns, found, screen=True, latex=True)]
+    return [ReportTable.of(key, caption, columns, found, screen=True, latex=True)]
 
 
 def share_columns(result: EstimationResult) -> list[TableColumn]:

@@ -64,7 +64,9 @@ def design_view(folder: RunFolder) -> StageView:
             if result.configuration.run.design.prior
             else []
         ),
-        *derived_blocks(result.derived, "with the σ predicted for the experiment"),
+        *derived_blocks(
+            "design_derived", result.derived, "with the σ predicted for the experiment"
+        ),
         limits_table(result),
         *([] if folder.brief else _reserve(result, sensitivity)),
         *_gains(sensitivity),

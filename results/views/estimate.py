@@ -126,7 +126,9 @@ def _blocks(
         blocks.append(TextBlock(result.intervals_note, Level.CAUTION, screen=True))
     blocks += payload_blocks(result, payload)
     name = NAMES.get(result.best, result.best)
-    blocks += derived_blocks(result.best_estimator.derived, f"of the {name} estimate")
+    blocks += derived_blocks(
+        "estimate_derived", result.best_estimator.derived, f"of the {name} estimate"
+    )
     blocks.append(estimates_table(result, truth))
     if len(result.estimators) > 1:
         blocks.append(_estimators_table(result))
