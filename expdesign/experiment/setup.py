@@ -63,7 +63,7 @@ def plan_search(configuration: RunConfiguration) -> SearchPlan:
     # random motion gets a unit diagonal.
     probe = probe_motion(plan, 0)
     if evaluator.deviating:
-        # In the unknowns of the search: components of gravity in place of tilts, for example.
+        # The search has other unknowns: components of gravity, for example, instead of tilts.
         scales = problem.cost.scaling
         found = problem.cost.information(problem.variables.pack(probe), plan.widths[-1])
         information = found / np.multiply.outer(scales, scales) * problem.cost.samples
