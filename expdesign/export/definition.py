@@ -432,6 +432,8 @@ class TableFormat:
     """What has executed tables of this format: the program, or a model of the controller."""
     digits: int | None = 6
     """After the decimal point, for millimetres."""
+    count_digits: int = 3
+    """The same for counts."""
     units: str = "mm"
     angles: str = "deg"
     axes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)

@@ -46,7 +46,6 @@ LONGEST = 3600.0
 """Longest scaled motion, s."""
 
 COUNTS = "counts"
-_COUNT_DIGITS = 3
 _MORE_DIGITS = {"m": 3, "mm": 0, "um": -3, "in": 2}
 
 BAG = ".mcap"
@@ -230,7 +229,7 @@ def resolve_settings(section: ExportSection, task: Task, place: str = "") -> Set
     if digits is None and form.digits is not None and not section.binary_suffix:
         more = _MORE_DIGITS[section.units or form.units]
         counted = section.counts_per_metre is not None
-        digits = _COUNT_DIGITS if counted else max(0, form.digits + more)
+        digits = form.count_digits if counted else max(0, form.digits + more)
     home = task.motion.sample(0.0).pose
     # What the axes move: the pose itself or the struts' lengths.
     moved = home if axes.space == "pose" else task.robot.inverse_kinematics(home)

@@ -46,6 +46,16 @@ def rows_alone(step):
     return read
 
 
+def galil(step):
+    def read(path, start):
+        moved = np.array(re.findall(r"^CD (.*)$", path.read_text().split("=0")[0], re.M)[:-1])
+        steps = np.array([line.split(",") for line in moved], dtype=float)
+        rows = np.cumsum(np.vstack([start, steps]), axis=0)
+        return step * np.arange(len(rows)), rows, None
+
+    return read
+
+
 def zaber(path, _start):
     points = import_module("zaber_motion.ascii").PvtSequence.load_sequence_data(str(path))
     points = points.sequence_data

@@ -18,6 +18,7 @@ from tests.export import reading
 from tests.export.motions import CASES, task
 
 STEP = 4e-3
+COUNTS = {"counts_per_metre": 1e8}
 UNIFORM = {"segment": STEP, "tolerance": "200 um"}
 # Segments are searched for xps-pvt and ros2, and for the platform of ros2.
 GIVEN = {"segment": "4 ms", "tolerance": "50 um"}
@@ -34,6 +35,7 @@ EXPORTS = {
     "linuxcnc-gcode": ({}, reading.gcode, POSE_MM, 0.5e-6),
     "linuxcnc-strut": (UNIFORM, reading.rows_alone(STEP), STRUT_MM, 0.5e-6),
     "pi-wave": (UNIFORM, reading.rows_alone(STEP), POSE_MM, 0.5e-6),
+    "galil-contour": (UNIFORM | COUNTS, reading.galil(STEP), np.full(6, 1e8), 0.5),
     "csv": (UNIFORM, reading.csv, np.ones(6), 1e-12),
     "mat": (UNIFORM, reading.mat, STRUT_MM, 1e-9),
     "mat pose": (UNIFORM | {"space": "pose"}, reading.mat, POSE_MM, 1e-9),
