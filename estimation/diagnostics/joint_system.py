@@ -274,13 +274,13 @@ def _length_equations(
     part: Linearisation, rows: RowWhitening, deviations: Signature
 ) -> NormalEquations:
     """Return the lengths' equations of deviations, motion and signs, with the signs' variance."""
-    signs = part.sign_errors.shape[2]
+    signs = part.sign_precision
     if part.lengths is None:
-        return NormalEquations(0.0, np.eye(signs), np.zeros(signs))
+        return NormalEquations(0.0, np.diag(signs), np.zeros(len(signs)))
     columns = np.concatenate([deviations.lengths, part.length_columns], axis=2)
-    found = rows.equations(part.lengths, np.pad(columns, ((0, 0), (0, 0), (0, signs))))
-    prior = np.arange(len(found.gradient)) >= columns.shape[2]
-    return replace(found, matrix=found.matrix + np.diag(prior.astype(float)))
+    found = rows.equations(part.lengths, np.pad(columns, ((0, 0), (0, 0), (0, len(signs)))))
+    prior = np.concatenate([np.zeros(columns.shape[2]), signs])
+    return replace(found, matrix=found.matrix + np.diag(prior))
 
 
 @dataclass(frozen=True, eq=False)

@@ -126,6 +126,9 @@ class Linearisation:
     sign_errors: Array
     """(R, 6, s), errors of the predicted forces due to unknown signs of dry friction, N: each
     column has an unknown factor of unit variance."""
+    sign_precision: Array
+    """(s,), prior precision of these factors in a fit: a sign that is almost certain is either
+    right or wrong by 2, an error of many standard deviations. A fit allows for it."""
     lengths: Array | None
     """(R', 6), measured minus predicted, m; None after pointwise kinematics."""
     length_counts: Array
@@ -194,7 +197,7 @@ def linearise(
             raise ValueError("an experiment has a fitted or a pointwise motion")
         state, regressors = experiment.pointwise.state, experiment.fitted_regressors
         slope = np.zeros((len(times), ACTUATORS, 0))
-        sign_errors = np.zeros((len(times), ACTUATORS, 0))
+        sign_errors, sign_precision = np.zeros((len(times), ACTUATORS, 0)), np.zeros(0)
     else:
         state = motion.at(times).state()
         machine, none = PerturbedMachine.exact(robot), np.zeros_like(free)
@@ -203,7 +206,8 @@ def linearise(
         ]
         regressors = np.concatenate([each.regressors for each in predicted])
         slope = np.concatenate([each.columns(none).dense() for each in predicted])
-        sign_errors = _sign_errors(robot, experiment, motion, cells, state, values)
+        signs = _sign_errors(robot, experiment, motion, cells, state, values)
+        sign_errors, sign_precision = signs
         length_cells = _cells(experiment, recording.lengths.times, recording.lengths.counts)
         lengths = length_residuals(robot, recording, motion)
         slopes = [
@@ -221,6 +225,7 @@ def linearise(
         motion_columns=cells.mean(slope),
         free=free,
         sign_errors=sign_errors,
+        sign_precision=sign_precision,
         lengths=None if lengths is None else length_cells.mean(lengths),
         length_counts=length_cells.totals,
         length_columns=length_columns,
@@ -249,20 +254,21 @@ def _sign_errors(
     cells: PhaseCells,
     state: Array,
     values: Array,
-) -> Array:
+) -> tuple[Array, Array]:
     """Return the columns of unknown signs in the means over the cells, (R, 6, s), N.
 
     A rate has the same error δ at all rows of one reversal. With P = P(rate + δ > 0) the signs of
     two rows then have the covariance 4 (min(P, P') − P P'), a Brownian bridge over P. A delay is a
     deviation with a column of its own: of its share ρ² in the variance of δ the part that is linear
-    in the delay, 4 ρ ρ' φ φ' with the normal density φ, is left out.
+    in the delay, 4 ρ ρ' φ φ' with the normal density φ, is left out. Returned with the precisions
+    of their factors in a fit, (s,).
     """
     signs, spread = experiment.signs(robot, motion), experiment.spread_along(motion)
     above = (1 + cells.mean(signs)) / 2
     first = np.arange(len(above))
     if cells.index is not None:
         _, first = np.unique(cells.index, return_index=True)
-    columns = [np.zeros((len(above), ACTUATORS, 0))]
+    columns, precision = [np.zeros((len(above), ACTUATORS, 0))], [np.zeros(0)]
     for rate, share in enumerate(above.T):
         unsure = np.flatnonzero(4 * share * (1 - share) > UNSURE)
         for rows in np.split(unsure, np.flatnonzero(np.diff(unsure) > 1) + 1):
@@ -280,7 +286,8 @@ def _sign_errors(
             factors = modes[:, kept] * np.sqrt(variances[kept])
             found[rows] = jumps[:, :, rate, None] * factors[:, None]
             columns.append(found)
-    return np.concatenate(columns, axis=2)
+            precision.append(np.minimum(variances[kept], 1.0))
+    return np.concatenate(columns, axis=2), np.concatenate(precision)
 
 
 @dataclass(frozen=True, eq=False)

@@ -127,7 +127,8 @@ class LinearTwin:
             self.experiment.fit.motion,
         )
         # The linear law is what is tested: unknown signs of friction are no part of the draws.
-        self.part = replace(self.part, sign_errors=self.part.sign_errors[:, :, :0])
+        none = self.part.sign_errors[:, :, :0]
+        self.part = replace(self.part, sign_errors=none, sign_precision=np.zeros(0))
         self.estimates = {"gm": laboratory.estimate([self.experiment], "gm")}
         self.freedom = float((laboratory.periods - 1) * laboratory.samples)
 
