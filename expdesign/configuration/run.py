@@ -189,8 +189,8 @@ def stage_keys() -> tuple[str, ...]:
 
     Examples
     --------
-    >>> stage_keys()[:2], stage_keys()[-1]
-    (('design', 'experiment'), 'report')
+    >>> stage_keys()[:3], stage_keys()[-1]
+    (('design', 'goals', 'experiment'), 'report')
     """
     return tuple(_stage_fields())
 
