@@ -73,7 +73,7 @@ def print_table(console: Console, table: ReportTable) -> None:
             column.heading,
             justify="right" if column.numeric else "left",
             overflow="fold",
-            min_width=max(map(len, whole)),
+            min_width=max(map(len, whole), default=0),
         )
     for cells in rows:
         made.add_row(*cells)
