@@ -409,10 +409,12 @@ FORMAT = TableFormat(
     guide=Guide(
         before=(
             "Points have position, velocity and acceleration: the controller has to interpolate "
-            "with quintic polynomials (joint_trajectory_controller does, with "
-            "interpolation_method: splines). For a platform the message contains the TCP's "
-            "position, a quaternion (x, y, z, w), and twists in the base frame. The controller "
-            "has to listen:\n\n"
+            "with quintic polynomials. joint_trajectory_controller does, with "
+            "interpolation_method: splines, the default of Humble and later; with none it jumps "
+            "from point to point. Messages have the definitions of Humble and were read with "
+            "rosbags; no running ROS 2 has executed them. For a platform the message contains "
+            "the TCP's position, a quaternion (x, y, z, w), and twists in the base frame. The "
+            "controller has to listen:\n\n"
             "    ros2 topic info {topic}"
         ),
         load="{load}",
