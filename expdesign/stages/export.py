@@ -185,8 +185,7 @@ def export_one(
     else:
         _describe_beside(path, ExportResult(motion, entry))
     outcome = _outcome(motion, [made], (path, *made.beside))
-    view = view_result(stage, outcome.result, replace(work, folder=path.parent.parent))
-    return replace(outcome, view=view)
+    return replace(outcome, view=view_result(stage, outcome.result, work))
 
 
 def _refuse_taken_name(path: Path, key: str) -> None:

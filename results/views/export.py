@@ -39,10 +39,12 @@ def export_view(folder: RunFolder) -> StageView:
     result = folder.result(ExportResult)
     motion, files = result.motion, result.files
     place = folder.stage_file("export").parent
-    missing = [name for name in files if not (place / name).is_file()]
+    # The tables of a command have just been written, perhaps elsewhere.
+    listed_files = {} if folder.brief else files
+    missing = [name for name in listed_files if not (place / name).is_file()]
     changed = [
         name
-        for name, entry in files.items()
+        for name, entry in listed_files.items()
         if name not in missing and file_hash(place / name) != entry.sha256
     ]
     scales = list(dict.fromkeys(entry.scale for entry in files.values()))

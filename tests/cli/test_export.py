@@ -186,6 +186,7 @@ def test_what_belongs_to_a_table_lies_beside_it(expdesign, folder, tmp_path):
     words = "in single servo cycles strut acceleration of strut 5 is -33.5729 m/s^2"
     assert f"the machine breaks limits: table.ngc: {words}" in " ".join(messages.split())
     assert f"table.ngc breaks limits: {words}" in " ".join(answer.split())
+    assert answer.startswith("Controller tables: beyond limits.")
     assert (out.parent / "table.genhexkins.hal").is_file()
     assert "table.genhexkins.hal" in (out.parent / "table.ngc.README.txt").read_text()
     status, _, messages = expdesign(*arguments[:-1], "9")
