@@ -36,7 +36,8 @@ def test_forces_are_the_robots_and_their_parts_add_up(robot):
     still = robot.actuator_forces(pose, 0 * rate, 0 * rate)
     np.testing.assert_allclose(vectors.rest, still, atol=1e-10)
     # Without its friction a robot has the rest of the forces; the load of the friction stays.
-    free = robot.parameters * [not term.rates for term in robot.terms for _ in term.parameters]
+    friction = [term.is_friction for term in robot.terms for _ in term.parameters]
+    free = robot.parameters * ~np.array(friction)
     others = robot.regressor(pose, rate, acceleration) @ free
     np.testing.assert_allclose(vectors.friction, forces - others, atol=1e-10)
 
