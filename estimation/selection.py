@@ -55,6 +55,8 @@ from expdesign.runfolder import OpenNumber, described
 
 _EXPLAINED = 0.5
 """Share of a remaining lack of fit that a term must explain."""
+_SEEN = 0.25
+"""Share of a term's χ² that the tested lines must contain to judge it."""
 
 
 @dataclass(frozen=True)
@@ -234,8 +236,8 @@ class Judge:
 def find_imitations(judge: Judge, chosen: Sequence[str]) -> tuple[str, ...]:
     """Return chosen terms that explain less than half of a lack of fit that remains.
 
-    The lack of fit is that of the low harmonics. A term with most of its χ² in other lines, such as
-    a fine cogging, is not judged by it.
+    The lack of fit is that of the low harmonics. A term with less than a quarter of its χ² there,
+    such as a fine cogging, is not judged by it.
     """
     evidence, needed = judge.evidence, judge.needs
     failed, rest = evidence.lack_of_fit(chosen)
@@ -246,7 +248,7 @@ def find_imitations(judge: Judge, chosen: Sequence[str]) -> tuple[str, ...]:
         others = [each for each in chosen if each != term]
         without = evidence.lack_of_fit(others)[1]
         whole = judge.try_term(term, others).statistic * judge.dispersion
-        if rest > _EXPLAINED * without and without - rest > _EXPLAINED * whole:
+        if rest > _EXPLAINED * without and without - rest > _SEEN * whole:
             found.add(term)
     return tuple(term for term in chosen if {term, needed.get(term, term)} & found)
 

@@ -1,5 +1,7 @@
 """The check catches files that are not what the design asks for."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
@@ -65,7 +67,8 @@ def _short(line):
 
 
 def _wrong_digit(line):
-    k = line.index(".", len(line) // 2) + 1
+    # The first decimal of a number, or the first digit of a whole one.
+    k = re.search(r"\.\d|(?<=,)\d", line[len(line) // 2 :]).end() - 1 + len(line) // 2
     return f"{line[:k]}{(int(line[k]) + 4) % 10}{line[k + 1 :]}"
 
 
