@@ -1,7 +1,7 @@
 """The measuring time for wanted precisions: periods, minutes, and the obstacles.
 
 The standard deviation of a quantity falls with the number of periods to a floor that the tolerances
-of the machine make. A goal below its floor needs smaller tolerances, at any measuring time.
+of the machine make. A goal below its floor needs smaller tolerances.
 """
 
 from __future__ import annotations
@@ -30,11 +30,14 @@ from expdesign.experiment.setup import plan_search
 from expdesign.information import fisher
 from expdesign.mechanism.terms import parameter_unit
 from expdesign.recheck.information import Evaluator
-from expdesign.robot.derived import ErrorShares, derived_quantities
+from expdesign.robot.derived import NOISE, ErrorShares, derived_quantities
 from expdesign.runfolder import OpenNumber, StageResult, Table, described
 from expdesign.trajectory import FourierTrajectory
 
-_MOST_PERIODS = 10**9
+LONGEST_DAYS = 30
+"""Longest planned measuring time. Estimated tolerances have no other floor: years of data show even
+the least combination of them."""
+_DAY = 24 * 3600
 _CURVE = 25
 """Number of points of a curve."""
 _HALF = math.sqrt(0.5)
@@ -54,9 +57,12 @@ class PlannedGoal:
     wanted: Annotated[float, described("see unit", "wanted standard deviation")]
     std: Annotated[float, described("see unit", "predicted for the experiment of the run file")]
     floor: Annotated[
-        float, described("see unit", "predicted without a limit of time, by the tolerances alone")
+        float,
+        described(
+            "see unit", f"predicted for {LONGEST_DAYS} days of measuring, by the tolerances alone"
+        ),
     ]
-    reachable: Annotated[bool, described("", "some number of periods reaches it")]
+    reachable: Annotated[bool, described("", f"{LONGEST_DAYS} days of measuring reach it")]
     periods: Annotated[OpenNumber, described("1", "periods that reach it; empty if none does")]
     minutes: Annotated[OpenNumber, described("min", "measuring time of these periods")]
     source: Annotated[
@@ -68,12 +74,12 @@ class PlannedGoal:
         described(
             "%",
             "size of that tolerance alone, relative to the robot file, at which the floor leaves "
-            "half of the wanted variance to noise; empty if the goal is reachable or no size is "
-            "enough",
+            "half of the wanted variance to noise; empty if the goal is reachable, no size is "
+            "enough, or noise is the largest source",
         ),
     ]
     all_tolerances_percent: Annotated[
-        OpenNumber, described("%", "the same for all tolerances together; empty if reachable")
+        OpenNumber, described("%", "the same for all tolerances together")
     ]
 
 
@@ -146,7 +152,7 @@ def plan_measurement(configuration: RunConfiguration, trajectory: FourierTraject
         raise InputError(
             "there is no goal", key="--want", allowed="for example --want mass=1% --want centre=5mm"
         )
-    goals = [_planned(wish, prediction, trajectory.period) for wish in wanted]
+    goals = [_planned(wish, prediction) for wish in wanted]
     limit, gain = _helpful_limit(configuration, trajectory)
     return PlanResult(
         name=configuration.run.name,
@@ -156,7 +162,7 @@ def plan_measurement(configuration: RunConfiguration, trajectory: FourierTraject
         limit=limit,
         limit_gain_percent=gain,
         goals=tuple(goals),
-        curves=tuple(_curves(goals, prediction, trajectory.period)),
+        curves=tuple(_curves(goals, prediction)),
     )
 
 
@@ -179,6 +185,8 @@ class _Prediction:
     estimated: bool
     stated: float
     """Number of periods in the run file."""
+    period: float
+    """Of the motion, s."""
 
     @classmethod
     def of(
@@ -204,14 +212,24 @@ class _Prediction:
             effects=experiment_tolerance_effects(configuration, evaluator, trajectory),
             estimated=estimates_deviations(configuration),
             stated=periods,
+            period=trajectory.period,
         )
 
     def errors(self, periods: float) -> ErrorShares:
-        """Return the errors of all quantities for a number of periods, which may be infinite."""
+        """Return the errors of all quantities for a number of periods."""
         shares = self.effects.shares(
             self.random / periods, self.samples * periods, estimated=self.estimated
         )
         return shares.of(self.rows)
+
+    def longest(self) -> int:
+        """Return the number of periods of the longest planned measuring time."""
+        return max(1, int(LONGEST_DAYS * _DAY / self.period))
+
+    def floor(self) -> ErrorShares:
+        """Return the errors by the tolerances after the longest planned measuring time."""
+        errors = self.errors(self.longest())
+        return replace(errors, random=np.zeros_like(errors.random))
 
     def with_tolerances(self, sources: tuple[str, ...], factor: float) -> _Prediction:
         """Return the prediction for a machine with some tolerances multiplied by a factor."""
@@ -277,31 +295,29 @@ class _Wish:
         return ratios[most], most
 
 
-def _planned(wish: _Wish, prediction: _Prediction, period: float) -> PlannedGoal:
-    floor = prediction.errors(np.inf)
-    excess, place = wish.excess(floor)
-    reachable = excess < 1 and wish.excess(prediction.errors(_MOST_PERIODS))[0] <= 1
-    periods, errors, alone, together = np.nan, floor, np.nan, np.nan
+def _planned(wish: _Wish, prediction: _Prediction) -> PlannedGoal:
+    errors = prediction.errors(prediction.longest())
+    excess, place = wish.excess(errors)
+    reachable = excess <= 1
+    periods, alone, together = np.nan, np.nan, np.nan
     if reachable:
         periods = float(_fewest_periods(wish, prediction))
         errors = prediction.errors(periods)
         place = wish.excess(errors)[1]
     source = errors.largest_source[place]
-    if not reachable:
-        by_source = floor.by_source
-        source = max(by_source, key=lambda key: float(by_source[key][place]))
+    if not reachable and source != NOISE:
         alone = 100 * _largest_factor(wish, prediction, (source,))
-        together = 100 * _largest_factor(wish, prediction, tuple(by_source))
+        together = 100 * _largest_factor(wish, prediction, errors.sources)
     return PlannedGoal(
         goal=wish.name,
         quantity=prediction.names[place],
         unit=prediction.units[place],
         wanted=wish.wanted[place],
         std=float(prediction.errors(prediction.stated).std[place]),
-        floor=float(floor.std[place]),
+        floor=float(prediction.floor().std[place]),
         reachable=reachable,
         periods=periods,
-        minutes=periods * period / 60,
+        minutes=periods * prediction.period / 60,
         source=source,
         tolerance_percent=alone,
         all_tolerances_percent=together,
@@ -326,7 +342,7 @@ def _largest_factor(wish: _Wish, prediction: _Prediction, sources: tuple[str, ..
     """Return the largest factor of tolerances with a floor that leaves half to noise; NaN: none."""
 
     def excess(factor: float) -> float:
-        return wish.excess(prediction.with_tolerances(sources, factor).errors(np.inf))[0]
+        return wish.excess(prediction.with_tolerances(sources, factor).floor())[0]
 
     if excess(0.0) > _HALF:
         return np.nan
@@ -337,15 +353,13 @@ def _largest_factor(wish: _Wish, prediction: _Prediction, sources: tuple[str, ..
     return low
 
 
-def _curves(
-    goals: list[PlannedGoal], prediction: _Prediction, period: float
-) -> Iterator[PrecisionPoint]:
+def _curves(goals: list[PlannedGoal], prediction: _Prediction) -> Iterator[PrecisionPoint]:
     """Yield the precision of the deciding quantities over measuring time."""
     longest = max([10 * prediction.stated, *(3 * g.periods for g in goals if g.reachable)])
     for periods in np.geomspace(1, longest, _CURVE).tolist():
         std = dict(zip(prediction.names, prediction.errors(periods).std.tolist(), strict=True))
         for goal in goals:
-            minutes = periods * period / 60
+            minutes = periods * prediction.period / 60
             yield PrecisionPoint(goal.goal, periods, minutes, std[goal.quantity])
 
 

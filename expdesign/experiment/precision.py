@@ -16,7 +16,7 @@ tolerances Θ as priors the columns U = Z_f − ∂(A p)/∂ξ · ∂ξ̂/∂θ 
 and C_pp is the total covariance. For both estimators it is within 1 % of the estimate's own.
 
 For a change π since an identification with the same tolerances and the error D₀ θ of its parameters
-the common part of both errors cancels: with S and R of `expdesign.information.fisher`
+the common part of both errors cancels: with S and R of `expdesign.information.marginal`
 
     D = S⁻¹ Rᵀ (Σ Aᵀ Σ⁻¹ (Z_f − …) − F D₀).
 """
@@ -259,12 +259,9 @@ class ToleranceEffects:
         if not estimated or self.joint is None or not self.sources:
             return ErrorShares(random, self.response, self.sources)
         responses, eigenvalues, modes = self._decomposition
-        if np.isinf(samples):
-            prior, data = np.where(eigenvalues > 0, 0.0, 1.0), np.zeros(len(eigenvalues))
-        else:
-            data = eigenvalues * (samples / self.samples)
-            prior = 1 / (data + 1)
-            data = data * prior**2
+        data = eigenvalues * (samples / self.samples)
+        prior = 1 / (data + 1)
+        data = data * prior**2
         noise = (responses * data) @ responses.T
         return ErrorShares(random + noise, responses * prior @ modes.T, self.sources)
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from expdesign.configuration import ComputationError, quantity_text
 from expdesign.configuration.run import GridPoint
 from expdesign.experiment import DesignResult, design
-from expdesign.experiment.plan import PlanResult, plan_measurement
+from expdesign.experiment.plan import LONGEST_DAYS, PlanResult, plan_measurement
 from expdesign.experiment.sweep import (
     FAILED,
     INTERRUPTED,
@@ -110,7 +110,7 @@ def design_outcome(result: DesignResult, work: Workspace) -> Outcome:
 
 
 def run_goals(work: Workspace) -> Outcome:
-    """Plan the measuring time; a goal that no time reaches is a failure."""
+    """Plan the measuring time; a goal that is not reachable is a failure."""
     design = work.design()
     warnings = work.warn_of(design)
     result = plan_measurement(work.configuration, design.trajectory)
@@ -130,7 +130,7 @@ def run_goals(work: Workspace) -> Outcome:
             ],
         },
         warnings=tuple(warnings),
-        failure=f"no measuring time reaches {listed(missed)}" if missed else "",
+        failure=f"{LONGEST_DAYS} days of measuring do not reach {listed(missed)}" if missed else "",
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from expdesign.experiment.plan import PlannedGoal, PlanResult
+from expdesign.experiment.plan import LONGEST_DAYS, PlannedGoal, PlanResult
 from expdesign.information.identifiable import listed
 from results.figures.studies import plan_figure
 from results.notation import handy_unit, readable
@@ -56,14 +56,15 @@ def _table(result: PlanResult) -> ReportTable:
     )
     caption = (
         f"Periods of {readable(result.period)} s that reach each goal (standard deviations, "
-        f"{result.estimator}); floor: σ without a limit of time"
+        f"{result.estimator}); floor: share of the tolerances after {LONGEST_DAYS} days"
     )
     return ReportTable.of("plan", caption, columns, result.goals, screen=True, latex=True)
 
 
 def _obstacle(goal: PlannedGoal) -> str:
-    """Return the tolerance that stands against a goal, and its sufficient size, in words."""
-    text = f"{goal.goal}: no measuring time reaches it. The largest obstacle is {goal.source}"
+    """Return the largest source of error of a missed goal, and its sufficient size, in words."""
+    text = f"{goal.goal}: {LONGEST_DAYS} days of measuring do not reach it. The largest obstacle"
+    text += f" is {goal.source}"
     alone, every = goal.tolerance_percent, goal.all_tolerances_percent
     if np.isfinite(alone):
         text += f"; {readable(alone, 2)} % of this tolerance would be small enough"
@@ -83,7 +84,7 @@ def _verdict(result: PlanResult) -> StageVerdict:
         )
         return StageVerdict("Plan", Level.GOOD, "reachable", sentence, "plan")
     missed = [one.goal for one in result.goals if not one.reachable]
-    sentence = f"No measuring time reaches {listed(missed)}."
+    sentence = f"{LONGEST_DAYS} days of measuring do not reach {listed(missed)}."
     return StageVerdict("Plan", Level.BAD, "not reachable", sentence, "plan")
 
 

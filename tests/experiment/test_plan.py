@@ -101,3 +101,12 @@ def test_experiments_of_the_planned_length_reach_the_goals(systematic):
         assert mass.std == pytest.approx(goal.wanted, rel=0.1)
         ratios.append((mass.value - 16.307) / goal.wanted)
     assert np.sqrt(np.mean(np.square(ratios))) == pytest.approx(1.0, abs=3 / np.sqrt(2 * 40))
+
+
+def test_a_goal_of_years_is_not_reached_for_its_noise():
+    plan = plan_measurement(_run({"v1": "0.00001 %"}, {"gravity": "1e-9 deg"}), MOTION)
+    (goal,) = plan.goals
+    assert not goal.reachable
+    assert goal.source == "noise"
+    assert goal.floor < goal.wanted
+    assert np.isnan(goal.tolerance_percent)
