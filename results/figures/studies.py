@@ -329,8 +329,8 @@ def plan_figure(figure: Figure, result: PlanResult) -> None:
         if goal.reachable:
             std = np.exp(np.interp(np.log(goal.minutes), *np.log(points).T))
             axes.plot(goal.minutes, std / goal.wanted, "o", color=colour, markersize=4)
-    axes.axhline(1.0, color=drawing.ALERT, linewidth=1.0, zorder=3)
-    drawing.write_margin(axes, 1.0, "goal", drawing.ALERT)
+    axes.axhline(1.0, color=drawing.MUTED, linewidth=1.2, zorder=3)
+    drawing.write_margin(axes, 1.0, "goal", drawing.MUTED)
     axes.set(xscale="log", yscale="log", xlabel="Measuring time (min)")
     ratios = [p.std / g.wanted for g in result.goals for p in result.curves if p.goal == g.goal]
     low, high = min(*ratios, 1.0), max(*ratios, 1.0)

@@ -7,7 +7,7 @@ import numpy as np
 from expdesign.experiment.plan import LONGEST_DAYS, PlannedGoal, PlanResult
 from expdesign.information.identifiable import listed
 from results.figures.studies import plan_figure
-from results.notation import handy_unit, readable
+from results.notation import duration, handy_unit, readable
 from results.views.design import limit_title
 from results.views.folder import RunFolder
 from results.views.view import (
@@ -51,7 +51,7 @@ def _table(result: PlanResult) -> ReportTable:
         column("σ, run file", "std"),
         column("σ, floor", "floor"),
         TableColumn("periods", of="periods"),
-        TableColumn("measuring", "min", digits=3, of="minutes"),
+        TableColumn("measuring", kind="text", of=_measuring),
         TableColumn("largest source", kind="text", of="source"),
     )
     caption = (
@@ -59,6 +59,10 @@ def _table(result: PlanResult) -> ReportTable:
         f"{result.estimator}); floor: share of the tolerances after {LONGEST_DAYS} days"
     )
     return ReportTable.of("plan", caption, columns, result.goals, screen=True, latex=True)
+
+
+def _measuring(goal: PlannedGoal) -> str:
+    return duration(60 * goal.minutes) if goal.reachable else "–"
 
 
 def _obstacle(goal: PlannedGoal) -> str:
@@ -79,8 +83,8 @@ def _obstacle(goal: PlannedGoal) -> str:
 def _verdict(result: PlanResult) -> StageVerdict:
     if result.reachable:
         sentence = (
-            f"{readable(result.periods, 6)} periods, {readable(result.minutes, 3)} min of "
-            "measuring, reach every goal."
+            f"{readable(result.periods, 6)} periods, {duration(60 * result.minutes)} of measuring, "
+            "reach every goal."
         )
         return StageVerdict("Plan", Level.GOOD, "reachable", sentence, "plan")
     missed = [one.goal for one in result.goals if not one.reachable]
