@@ -142,6 +142,13 @@ def plan_measurement(configuration: RunConfiguration, trajectory: FourierTraject
     InputError
         A goal is unknown, not determined by the design, or has a wrong unit.
     """
+    if configuration.run.design.prior is not None:
+        raise InputError(
+            "goals are not planned for the change since a prior",
+            file=configuration.file,
+            key="goals",
+            allowed="goals of a design without design.prior",
+        )
     evaluator = noise_evaluator(configuration)
     prediction = _Prediction.of(configuration, evaluator, trajectory)
     wanted = [
@@ -226,10 +233,18 @@ class _Prediction:
         """Return the number of periods of the longest planned measuring time."""
         return max(1, int(LONGEST_DAYS * _DAY / self.period))
 
+    def noise(self) -> ErrorShares:
+        """Return the errors with exact tolerances after the longest planned measuring time."""
+        random = self.rows @ (self.random / self.longest()) @ self.rows.T
+        return ErrorShares(random, np.zeros((len(random), 0)), ())
+
     def floor(self) -> ErrorShares:
-        """Return the errors by the tolerances after the longest planned measuring time."""
+        """Return the errors on top of `noise`: exact tolerances would take them away.
+
+        With estimated tolerances they contain the noise of these estimates.
+        """
         errors = self.errors(self.longest())
-        return replace(errors, random=np.zeros_like(errors.random))
+        return replace(errors, random=errors.random - self.noise().random)
 
     def with_tolerances(self, sources: tuple[str, ...], factor: float) -> _Prediction:
         """Return the prediction for a machine with some tolerances multiplied by a factor."""
@@ -305,7 +320,11 @@ def _planned(wish: _Wish, prediction: _Prediction) -> PlannedGoal:
         errors = prediction.errors(periods)
         place = wish.excess(errors)[1]
     source = errors.largest_source[place]
-    if not reachable and source != NOISE:
+    if not reachable and wish.excess(prediction.noise())[0] > 1:
+        source = NOISE
+    elif not reachable:
+        by_source = errors.by_source
+        source = max(by_source, key=lambda key: float(by_source[key][place]))
         alone = 100 * _largest_factor(wish, prediction, (source,))
         together = 100 * _largest_factor(wish, prediction, errors.sources)
     return PlannedGoal(
@@ -342,14 +361,16 @@ def _largest_factor(wish: _Wish, prediction: _Prediction, sources: tuple[str, ..
     """Return the largest factor of tolerances with a floor that leaves half to noise; NaN: none."""
 
     def excess(factor: float) -> float:
-        return wish.excess(prediction.with_tolerances(sources, factor).floor())[0]
+        changed = prediction.with_tolerances(sources, factor)
+        whole = changed.errors(prediction.longest())
+        return max(wish.excess(changed.floor())[0] / _HALF, wish.excess(whole)[0])
 
-    if excess(0.0) > _HALF:
+    if excess(0.0) > 1:
         return np.nan
     low, high = 0.0, 1.0
     for _ in range(_STEPS):
         middle = (low + high) / 2
-        low, high = (low, middle) if excess(middle) > _HALF else (middle, high)
+        low, high = (low, middle) if excess(middle) > 1 else (middle, high)
     return low
 
 

@@ -110,3 +110,23 @@ def test_a_goal_of_years_is_not_reached_for_its_noise():
     assert goal.source == "noise"
     assert goal.floor < goal.wanted
     assert np.isnan(goal.tolerance_percent)
+
+
+def test_the_floor_rises_with_its_tolerances():
+    """Estimated tolerances that the data show well leave less, but never less than smaller ones."""
+
+    def floor(factor):
+        tolerances = {"gravity": f"{0.1 * factor} deg", "base_joints": f"{0.1 * factor} mm"}
+        (goal,) = plan_measurement(_run({"mass": "1 %"}, tolerances), MOTION).goals
+        return goal.floor
+
+    floors = [floor(factor) for factor in (0.01, 0.1, 1, 10, 100)]
+    assert floors == sorted(floors)
+    assert floors[0] > 0
+
+
+def test_a_goal_of_a_change_is_refused(tmp_path):
+    with pytest.raises(InputError, match="prior"):
+        plan_measurement(
+            _run({"mass": "1 %"}, design={"prior": "palida", "parameters": "payload"}), MOTION
+        )
