@@ -71,11 +71,11 @@ def _obstacle(goal: PlannedGoal) -> str:
     text += f" is {goal.source}"
     alone, every = goal.tolerance_percent, goal.all_tolerances_percent
     if np.isfinite(alone):
-        text += f"; {readable(alone, 2)} % of this tolerance would be small enough"
+        text += f"; {readable(alone, 2)} % of its stated size would be small enough"
     elif np.isfinite(every):
         text += (
-            f", and no size of it alone is enough; {readable(every, 2)} % of all tolerances would "
-            "be small enough"
+            f", and no size of it alone is enough; all tolerances at {readable(every, 2)} % of "
+            "their stated sizes would be small enough"
         )
     return f"{text}."
 
@@ -83,8 +83,8 @@ def _obstacle(goal: PlannedGoal) -> str:
 def _verdict(result: PlanResult) -> StageVerdict:
     if result.reachable:
         sentence = (
-            f"{readable(result.periods, 6)} periods, {duration(60 * result.minutes)} of measuring, "
-            "reach every goal."
+            f"{readable(result.periods, 6)} {'period' if result.periods == 1 else 'periods'}, "
+            f"{duration(60 * result.minutes)} of measuring, enough for every goal."
         )
         return StageVerdict("Plan", Level.GOOD, "reachable", sentence, "plan")
     missed = [one.goal for one in result.goals if not one.reachable]
