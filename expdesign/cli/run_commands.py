@@ -72,7 +72,8 @@ def plan(
     tolerance in the way and the size that it must have. Makes the design first if there is none.
     Writes plan.json, tables and a figure. Exit status 1 if a goal is not reachable.
     """
-    _execute("goals", run, out, as_json, sources={"designs": _given(design)}, wanted=want or ())
+    sources = {"designs": _given(design)}
+    _execute("goals", run, out, as_json, sources=sources, wanted=want or (), command="plan")
 
 
 def simulate(
@@ -106,7 +107,7 @@ def simulate(
     files. Ctrl-C keeps the repetitions that are complete.
     """
     sources = {"designs": _given(design), "table": table, "repetitions": repetitions}
-    _execute("experiment", run, out, as_json, sources=sources)
+    _execute("experiment", run, out, as_json, sources=sources, command="simulate")
 
 
 def montecarlo(

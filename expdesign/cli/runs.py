@@ -35,20 +35,19 @@ def execute_stage(
     repetitions: int | None = None,
     wanted: Sequence[str] = (),
     resume: bool = False,
+    command: str = "",
 ) -> None:
     """Execute one stage of a run; the sources replace the inputs that the folder holds."""
     configuration = load_run(config)
     folder = run_folder(configuration, out)
     refuse_unwritable(folder)
-    with one_writer(folder, f"expdesign {name}"):
+    with one_writer(folder, f"expdesign {command or name}"):
         configuration = current_configuration(configuration, folder)
         before = configuration.warnings_before(name)
         if repetitions is not None:
             configuration = configuration.with_section("montecarlo", repetitions=repetitions)
-        if wanted:
-            goals = goals_from_texts(configuration.run.goals, wanted)
-            run = configuration.run.model_copy(update={"goals": goals})
-            configuration = replace(configuration, run=run)
+        if name == "goals":
+            configuration = _with_goals(configuration, goals_from_texts(wanted))
         inputs = Sources(**(sources or {}))
         work = Workspace(
             configuration, folder, Terminal(quiet=as_json), inputs, resume, stages=reported_stages()
@@ -150,15 +149,25 @@ def precision_share(text: str) -> float:
     return share
 
 
-def goals_from_texts(texts: Mapping[str, Any], wanted: Sequence[str]) -> dict[str, Any]:
-    """Return goals of a run file with those of ``--want NAME=VALUE``, which replace them.
+def _with_goals(configuration: RunConfiguration, wanted: Mapping[str, str]) -> RunConfiguration:
+    """Return a run with further goals, all of them checked before a design is searched for."""
+    from expdesign.experiment.plan import check_goals
+
+    check_goals(configuration, wanted)
+    check_goals(configuration)
+    goals = {**configuration.run.goals, **wanted}
+    return replace(configuration, run=configuration.run.model_copy(update={"goals": goals}))
+
+
+def goals_from_texts(wanted: Sequence[str]) -> dict[str, str]:
+    """Return the goals of ``--want NAME=VALUE``.
 
     Examples
     --------
-    >>> goals_from_texts({"mass": "2 %"}, ["mass=1%", "centre=5mm"])
+    >>> goals_from_texts(["mass=1%", "centre=5mm"])
     {'mass': '1%', 'centre': '5mm'}
     """
-    found = dict(texts)
+    found: dict[str, str] = {}
     for text in wanted:
         name, sign, value = (part.strip() for part in text.partition("="))
         if not (name and sign and value):

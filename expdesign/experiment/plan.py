@@ -7,8 +7,9 @@ of the machine make. A goal below its floor needs smaller tolerances.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -142,19 +143,10 @@ def plan_measurement(configuration: RunConfiguration, trajectory: FourierTraject
     InputError
         A goal is unknown, not determined by the design, or has a wrong unit.
     """
-    if configuration.run.design.prior is not None:
-        raise InputError(
-            "goals are not planned for the change since a prior",
-            file=configuration.file,
-            key="goals",
-            allowed="goals of a design without design.prior",
-        )
+    _refuse_prior(configuration)
     evaluator = noise_evaluator(configuration)
     prediction = _Prediction.of(configuration, evaluator, trajectory)
-    wanted = [
-        _Wish.of(name, value, prediction, configuration)
-        for name, value in configuration.run.goals.items()
-    ]
+    wanted = _wishes(configuration.run.goals, prediction, configuration.file)
     if not wanted:
         raise InputError(
             "there is no goal", key="--want", allowed="for example --want mass=1% --want centre=5mm"
@@ -173,15 +165,56 @@ def plan_measurement(configuration: RunConfiguration, trajectory: FourierTraject
     )
 
 
+def check_goals(configuration: RunConfiguration, wanted: Mapping[str, Any] | None = None) -> None:
+    """Check names, units and signs of goals, which needs no motion.
+
+    By default the goals are those of the run file, otherwise those of ``--want``.
+
+    Raises
+    ------
+    InputError
+        A goal is unknown or has a wrong unit.
+    """
+    if not (goals := configuration.run.goals if wanted is None else wanted):
+        return
+    _refuse_prior(configuration)
+    evaluator = noise_evaluator(configuration)
+    robot, own = evaluator.robot, evaluator.names
+    derived = derived_quantities(robot)
+    known = _Quantities(
+        names=(*derived.names, *own),
+        groups=(*(one.group for one in derived.quantities), *own),
+        units=(*(one.unit for one in derived.quantities), *map(parameter_unit, own)),
+        values=np.concatenate([derived.values, robot.parameters[evaluator.columns]]),
+    )
+    _wishes(goals, known, configuration.file if wanted is None else None)
+
+
+def _refuse_prior(configuration: RunConfiguration) -> None:
+    if configuration.run.design.prior is not None:
+        raise InputError(
+            "goals are not planned for the change since a prior",
+            file=configuration.file,
+            key="goals",
+            allowed="goals of a design without design.prior",
+        )
+
+
 @dataclass(frozen=True, eq=False)
-class _Prediction:
-    """Predicted errors of n quantities for any number of periods."""
+class _Quantities:
+    """Quantities that a goal may name."""
 
     names: tuple[str, ...]
     groups: tuple[str, ...]
     units: tuple[str, ...]
     values: Array
     """(n,), nominal, SI."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Prediction(_Quantities):
+    """Predicted errors of n quantities for any number of periods."""
+
     rows: Array
     """(n, k), their derivatives to the judged parameters."""
     random: Array
@@ -251,6 +284,14 @@ class _Prediction:
         return replace(self, effects=self.effects.scaled(sources, factor))
 
 
+def _wishes(goals: Mapping[str, Any], known: _Quantities, file: Path | None) -> list[_Wish]:
+    """Read goals in the user's notation; those without a file are of the command line."""
+    return [
+        _Wish.of(name, value, known, file, f"goals.{name}" if file else f"--want {name}")
+        for name, value in goals.items()
+    ]
+
+
 @dataclass(frozen=True)
 class _Wish:
     """A goal: quantities, by their places, and wanted standard deviations, SI."""
@@ -260,7 +301,7 @@ class _Wish:
 
     @classmethod
     def of(
-        cls, name: str, value: Any, prediction: _Prediction, configuration: RunConfiguration
+        cls, name: str, value: Any, prediction: _Quantities, file: Path | None, key: str
     ) -> _Wish:
         """Read a goal in the user's notation: a share of the value, or a number with its unit."""
         valid = dict.fromkeys((*prediction.groups, *prediction.names))
@@ -269,13 +310,12 @@ class _Wish:
             for place, own in enumerate(zip(prediction.groups, prediction.names, strict=True))
             if name in own
         ]
-        key = f"goals.{name}"
         if not places:
             near = nearest_name(name, valid)
             hint = f"; did you mean {quote(near)}?" if near else ""
             raise InputError(
                 f"{quote(name)} is no quantity that the design determines{hint}",
-                file=configuration.file,
+                file=file,
                 key=key,
                 allowed=", ".join(valid),
             )
@@ -289,14 +329,12 @@ class _Wish:
                     limit = quantity_in(unit).parse(value)
             except PydanticCustomError as error:
                 allowed = f"a standard deviation in {unit}, or a share of the value such as 1%"
-                raise InputError(
-                    error.message(), file=configuration.file, key=key, allowed=allowed
-                ) from error
+                raise InputError(error.message(), file=file, key=key, allowed=allowed) from error
             if not limit > 0:
                 raise InputError(
                     f"the wanted standard deviation {quote(value)} of "
                     f"{prediction.names[place]} is not above zero",
-                    file=configuration.file,
+                    file=file,
                     key=key,
                     allowed=f"a standard deviation in {unit} above 0",
                 )

@@ -139,7 +139,7 @@ def folder_changes(folder: Path, configuration: RunConfiguration, *names: str) -
 
 
 def refuse_unfit(configuration: RunConfiguration) -> None:
-    """Refuse motions of the validation that cannot be made, before any stage runs.
+    """Refuse motions of the validation and goals that cannot be, before any stage runs.
 
     What follows from the configuration alone has been refused with it.
     """
@@ -147,6 +147,10 @@ def refuse_unfit(configuration: RunConfiguration) -> None:
         from expdesign.motion.benchmark import refuse_unfit_motions
 
         refuse_unfit_motions(configuration, configuration.robot.home)
+    if configuration.run.goals:
+        from expdesign.experiment.plan import check_goals
+
+        check_goals(configuration)
 
 
 def report(folder: Place) -> Path:

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from estimation.identification import estimate_parameters
 from estimation.identification.estimator_result import estimated_quantities
+from expdesign.cli.app import app
 from expdesign.configuration import InputError
 from expdesign.experiment.plan import plan_measurement
 from expdesign.robot import robot_from
@@ -130,3 +132,22 @@ def test_a_goal_of_a_change_is_refused(tmp_path):
         plan_measurement(
             _run({"mass": "1 %"}, design={"prior": "palida", "parameters": "payload"}), MOTION
         )
+
+
+@pytest.mark.parametrize("want", ["mas=1%", "mass=1 m", "centre=-1 mm"])
+def test_a_wish_is_checked_before_a_design_is_searched_for(want, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found = CliRunner().invoke(app, ["plan", "palida", "--want", want])
+    assert isinstance(found.exception, InputError)
+    (problem,) = found.exception.problems
+    assert problem.file is None
+    assert problem.key.startswith("--want")
+    assert not list(tmp_path.rglob("design.json"))
+
+
+def test_goals_are_checked_with_the_run_file(tmp_path):
+    file = tmp_path / "run.yaml"
+    file.write_text("{name: n, robot: palida, goals: {mass: 1 parsec}}", encoding="utf-8")
+    found = CliRunner().invoke(app, ["check", str(file)])
+    assert isinstance(found.exception, InputError)
+    assert found.exception.problems[0].key == "goals.mass"
