@@ -93,6 +93,9 @@ def _remedy(check: ReadBack, settings: Settings) -> str:
     short = "a shorter segment"
     if settings.form.controller is not None:
         return settings.form.controller.condition(settings)
+    if settings.digits == settings.form.count_digits == 0:
+        # Rounding to whole counts weighs most at short steps.
+        return "a longer segment, or finer counts (counts_per_metre) may help"
     ways = [short if section.segment is None else f"no segment, or {short}"]
     if settings.digits is not None and (section.digits is not None or section.segment is None):
         ways.append("more digits")

@@ -34,8 +34,8 @@ def precision_figure(figure: Figure, result: DesignResult) -> None:
     parameters, experiment = result.parameters, result.experiment
     periods = experiment.periods
     whole = f"experiment ({periods:g} period{'s' * (periods != 1)}"
-    whole += f", {_count(experiment.samples)} samples"
-    whole += ", with tolerances)" if result.systematic else ")"
+    tolerated = ", with tolerances)"  # the number of samples would not fit beside the title
+    whole += tolerated if result.systematic else f", {_count(experiment.samples)} samples)"
     percents = np.array([(p.rel_std_percent_per_period, p.rel_std_percent) for p in parameters])
     series = (
         (f"one period ({_count(result.samples)} samples)", drawing.SECOND, -_WIDTH / 2),

@@ -5,8 +5,9 @@ import pytest
 
 from expdesign.configuration import InputError, export_section
 from expdesign.export.definition import TableError
-from expdesign.export.exporting import export_table, resolve_settings
+from expdesign.export.exporting import ExportError, export_table, resolve_settings
 from expdesign.export.formats import table_formats
+from tests.export.motions import task
 from tests.export.wrong_tables import work_of
 
 READ = table_formats()["galil-contour"].read
@@ -63,3 +64,14 @@ def test_a_file_that_means_something_else_is_refused(old, new, table, tmp_path):
 def test_a_step_that_the_controller_has_not_is_refused(tmp_path):
     with pytest.raises((InputError, TableError), match="servo updates"):
         export_table(_section(segment="7.3 ms"), work_of("palida"), tmp_path / "galil.dmc")
+
+
+def test_coarse_counts_at_short_steps_are_refused_with_what_helps(tmp_path):
+    with pytest.raises(ExportError) as caught:
+        export_table(
+            export_section(format="galil-contour", counts_per_metre=1e6),
+            task("linuxcnc"),
+            tmp_path / "fine.dmc",
+        )
+    assert "longer segment" in caught.value.remedy
+    assert not (tmp_path / "fine.dmc").exists()
