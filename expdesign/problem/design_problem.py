@@ -370,7 +370,7 @@ class InformationCost:
 
     @property
     def _kernels(self) -> tuple[BatchFunction, BatchFunction]:
-        """Of S⁻¹A, or S⁻¹[A | Z], and of the gradient of its weighted sum."""
+        """Compiled functions of S⁻¹A, or S⁻¹[A | Z], and of the gradient of its weighted sum."""
         if self.effects is None:
             return _factor_kernel(self.terms), _gradient_kernel(self.terms)
         groups = self.effects.groups
