@@ -239,9 +239,12 @@ def _compose(path: Path, text: str) -> Node | None:
             message = f"not valid YAML: {_printable(reason).strip()}"
             lines = text.splitlines()
             for number in range(marks[0], marks[-1] + 1) if marks else ():
-                if number < len(lines) and re.match(r" *\t", lines[number]):
-                    line = number + 1
-                    message = f"line {line} is indented with a tab; YAML allows spaces only"
+                if number >= len(lines):
+                    break
+                indented = re.match(r" *\t", lines[number]) is not None
+                if indented or ("token" in reason and "\t" in lines[number]):
+                    line, verb = number + 1, "is indented with" if indented else "contains"
+                    message = f"line {line} {verb} a tab; YAML allows spaces only"
                     break
         raise InputError(message, path, line) from None
     return node

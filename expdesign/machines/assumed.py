@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
 
 from constraints import Limit, limit_definitions
 from constraints.arrays import Array
@@ -143,8 +144,11 @@ def _with_geometry(machine: MachineDraft) -> MachineDraft:
     base, platform = machine.base_joints, machine.platform_joints
     if (base is None) != (platform is None):
         there, lacking = ("base", "platform") if platform is None else ("platform", "base")
+        key = f"{lacking}_joints"
         message = f"the joints of the {there} are given, those of the {lacking} are not"
-        raise InputError(message, key=f"{lacking}_joints", allowed="both, or neither")
+        reasons = [question.text for question in machine.questions if question.key == key]
+        allowed = f"both, or neither; --{lacking}-joints, or --{lacking}-radius with its half-angle"
+        raise InputError(" ".join([*reasons, message]), key=key, allowed=allowed)
     base, platform = base or _BASE, platform or _PLATFORM
     home = machine.home or (0.0, 0.0, _height(machine, points(base), points(platform)), 0, 0, 0)
     return replace(machine, base_joints=base, platform_joints=platform, home=tuple(home))
@@ -161,10 +165,26 @@ def _height(machine: MachineDraft, base: Array, platform: Array) -> float:
     if "strut_length" in machine.limits:
         bounds = _bounds(machine.limits, "strut_length")
         middle = float(np.mean((bounds.lower + bounds.upper) / 2))
-        across = float(np.mean(np.hypot(*(platform - base)[:, :2].T)))
-        if middle > across:
-            height = math.sqrt(middle**2 - across**2)
+        height = height_at(middle, platform - base) or height
     return round_digits(height + gap, 3) if height + gap else height
+
+
+def height_at(length: float, struts: Array) -> float | None:
+    """Return the mean height of struts with a mean length, m; None for a length that is too short.
+
+    The struts, (6, 3), m, are given at any height.
+
+    >>> height_at(0.5, np.array([[0.3, 0, 0], [0, 0.3, 0], [0.3, 0, 0]]))
+    0.4
+    """
+    across, above = np.hypot(struts[:, 0], struts[:, 1]), struts[:, 2] - np.mean(struts[:, 2])
+
+    def excess(height: float) -> float:
+        return float(np.mean(np.hypot(across, above + height))) - length
+
+    if excess(0.0) >= 0:
+        return None
+    return round_digits(float(brentq(excess, 0.0, length + float(np.ptp(above)))))
 
 
 def _bounds(limits: Mapping[str, Any], key: str) -> Limit:

@@ -30,9 +30,8 @@ from expdesign.mechanism.strut import ANGLES
 
 _ALLOWED = (
     "six struts, each with one sliding joint between a cardan or ball joint on the base and one on "
-    "the platform"
+    "the platform; or the joints by hand: --base-joints, --platform-joints and --home-height"
 )
-BY_HAND = "or the joints by hand: --base-joints, --platform-joints and --home-height"
 _MISSED = 1e-4
 """Distance of axes that count as meeting, of the machine's size: the rounding of files."""
 _FAR_APART = 2e-2
@@ -102,7 +101,7 @@ def hexapod(
             f"{turning} joints that turn (cranks, if they have motors) and {max(loops, 0)} closed "
             f"loops"
         )
-        raise InputError(message, file, allowed=f"{_ALLOWED}; {BY_HAND}")
+        raise InputError(message, file, allowed=_ALLOWED)
     rotations = Rotations(groups, joints)
     ends = [groups.of(body) for body in slides[0].bodies]
     base_group = _hub(ends[0], rotations) if base is None else groups.of(base)
@@ -237,8 +236,12 @@ def _limits(struts: Sequence[_Strut]) -> tuple[dict[str, object], list[Question]
     for strut in struts:
         hubs = strut.head.hub - strut.foot.hub
         apart = max(float(np.linalg.norm(v)) for v in (strut.along, hubs))
-        if np.linalg.norm(np.cross(strut.axis, strut.along)) > _ASIDE * apart:
-            message = "it does not slide along the line between the strut's joints"
+        aside = float(np.linalg.norm(np.cross(strut.axis, strut.along)))
+        if aside > _ASIDE * apart:
+            message = (
+                f"it slides {np.degrees(np.arcsin(aside / apart)):.3g} deg off the line between "
+                "the strut's joints"
+            )
             raise strut.slide.source.refusal(message, _ALLOWED)
         if strut.slide.travel is None:
             continue

@@ -22,8 +22,8 @@ from expdesign.configuration.parameters import DIRECT, Drive
 from expdesign.configuration.quantity import quantity_in
 from expdesign.configuration.schema import Ascending, Name, Pair, Section, exactly
 from expdesign.machines import readers
-from expdesign.machines.assumed import points
-from expdesign.machines.machine import MachineDraft, MachineFormat, Points, Question
+from expdesign.machines.assumed import height_at, points
+from expdesign.machines.machine import MachineDraft, MachineFormat, Points, Question, round_digits
 from expdesign.machines.writing import INERTIA
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES
 
@@ -240,7 +240,7 @@ def read_machine(name: str, files: Sequence[Path]) -> MachineDraft:
     if len(files) > first.most_files:
         message = f"one machine is described by at most {first.most_files} file of {first.title}"
         raise InputError(message, files[first.most_files])
-    machine = drop_contradicting_ranges(first.read(name, tuple(files)))
+    machine = move_to_mid_stroke(drop_contradicting_ranges(first.read(name, tuple(files))))
     for key in ("base_joints", "platform_joints", "home"):
         value = getattr(machine, key)
         farthest = float(np.max(np.abs(value))) if isinstance(value, tuple) else 0.0
@@ -265,6 +265,39 @@ def _format_of(path: Path) -> MachineFormat:
         raise InputError("the file's content is not known", path, allowed=titles)
     known = ", ".join(f"{each.title} ({', '.join(each.extensions)})" for each in machine_formats())
     raise InputError(f"'{path.suffix}' is no known extension", path, allowed=known)
+
+
+_STROKE_END = 0.02
+"""Distance of a strut from the end of its stroke, as a share of it, that leaves no room to move."""
+
+
+def move_to_mid_stroke(machine: MachineDraft) -> MachineDraft:
+    """Move a home with the struts at an end of their strokes along z to mid-stroke."""
+    base, platform, home = machine.base_joints, machine.platform_joints, machine.home
+    if base is None or platform is None or home is None or "strut_length" not in machine.limits:
+        return machine
+    struts = geometry_at(np.array(home), points(base), points(platform))
+    low, high = np.broadcast_to(machine.limits["strut_length"], (ACTUATORS, 2)).T
+    share = (struts.lengths - low) / (high - low)
+    if np.all(np.abs(share - 0.5) <= 0.5 - _STROKE_END):
+        return machine
+    vectors = struts.lengths[:, None] * struts.directions
+    height, above = (
+        height_at(float(np.mean(low + high)) / 2, vectors),
+        float(np.mean(vectors[:, 2])),
+    )
+    if height is None:
+        return machine
+    z = round_digits(home[2] - above + math.copysign(height, above), 4)
+    lowest, highest = machine.limits.get("position", {}).get("z", (z, z))
+    if not lowest <= z <= highest:
+        return machine
+    text = (
+        f"In the file's pose, z = {home[2] * 1e3:.6g} mm, the struts are at an end of their stroke:"
+        " here they are at mid-stroke. Is that home?"
+    )
+    questions = (*machine.questions, Question("home", text))
+    return replace(machine, home=(*home[:2], z, *home[3:]), questions=questions)
 
 
 _ROUNDING = 1e-4

@@ -80,6 +80,7 @@ def test_byte_order_mark_is_no_part_of_the_first_key(read):
         ("a: 1\n\tb: 2\n", "line 2 is indented with a tab; YAML allows spaces only", 2),
         ("a:\n  b: 1\n\tc: 2\n", "line 3 is indented with a tab", 3),
         ("a:\n  \tb: 1\n", "line 2 is indented with a tab", 2),
+        ("a: 1\nb:\t2\n", "line 2 contains a tab; YAML allows spaces only", 2),
         ("a: *unknown\n", "not valid YAML: found undefined alias", 1),
         ("a: 1\n---\nb: 2\n", "not valid YAML", 2),
         ("1: a\n", "a key is not a text", 1),

@@ -1,4 +1,4 @@
-"""One hexapod written for MuJoCo and for Gazebo: numbers first, then their ways to say them."""
+"""One hexapod written for MuJoCo, Gazebo and ROS: numbers first, then their ways to say them."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -121,3 +121,66 @@ def sdf():
         f'<link name="platform"><pose degrees="true">{pose}</pose>'
         f"<inertial><mass>{PLATE}</mass></inertial></link>{''.join(parts)}</model></sdf>"
     )
+
+
+URDF = ("loops", "gazebo", "one leg", "floating", "open")
+"""Ways to say where the platform is."""
+
+
+def urdf(way):
+    """Return the model for ROS: legs with serial cardan joints; each leg ends in a link."""
+    frames = [text(frame.as_euler("xyz")) for frame in FRAMES]
+    parts = ['<link name="base"/>']
+    for j in range(6):
+        half = float(LENGTHS[j]) / 2
+        chain = (
+            ("cross", "base", "continuous", f'xyz="{text(BASE[j])}" rpy="{frames[j]}"', "1 0 0"),
+            ("lower", f"cross{j}", "revolute", "", "0 2 0"),
+            ("upper", f"lower{j}", "prismatic", f'xyz="0 0 {half!r}"', "0 0 1"),
+            ("tip", f"upper{j}", "fixed", f'xyz="0 0 {half!r}"', "1 0 0"),
+        )
+        for child, parent, kind, origin, axis in chain:
+            parts.append(
+                f'<link name="{child}{j}"/><joint name="to-{child}{j}" type="{kind}">'
+                f'<parent link="{parent}"/><child link="{child}{j}"/><origin {origin}/>'
+                f'<axis xyz="{axis}"/><limit lower="{STROKE[0]}" upper="{STROKE[1]}" '
+                f'effort="{FORCE}" velocity="0.4"/></joint>'
+            )
+    mass = f'<inertial><mass value="{PLATE}"/></inertial>'
+    angles = text(TILTED.as_euler("xyz"))
+    if way == "floating":
+        parts.append(
+            f'<link name="plate">{mass}</link><joint name="free" type="floating">'
+            f'<parent link="base"/><child link="plate"/>'
+            f'<origin xyz="{text(POSITION)}" rpy="{angles}"/></joint>'
+        )
+    elif way != "open":
+        # A ball joint of three hinges, the last of which carries the plate.
+        turned = FRAMES[0].inv() * TILTED
+        away = text(turned.apply(-PLATFORM[0]))
+        last = f'xyz="{away}" rpy="{text(turned.as_euler("xyz"))}"'
+        for child, parent, origin, axis in (
+            ("ball-x", "tip0", "", "1 0 0"),
+            ("ball-y", "ball-x", "", "0 1 0"),
+            ("ball-z", "ball-y", "", "0 0 1"),
+            ("plate", "ball-z", last, ""),
+        ):
+            kind = "continuous" if axis else "fixed"
+            parts.append(
+                f'<link name="{child}">{"" if axis else mass}</link>'
+                f'<joint name="to-{child}" type="{kind}"><parent link="{parent}"/>'
+                f'<child link="{child}"/><origin {origin}/>'
+                + (f'<axis xyz="{axis}"/></joint>' if axis else "</joint>")
+            )
+    for j in range(1, 6):
+        if way == "loops":
+            parts.append(
+                f'<loop_joint name="loop{j}" type="spherical"><link1 link="tip{j}"/>'
+                f'<link2 link="plate" xyz="{text(PLATFORM[j])}"/></loop_joint>'
+            )
+        elif way == "gazebo":
+            parts.append(
+                f'<gazebo><joint name="loop{j}" type="ball"><parent>tip{j}</parent>'
+                f"<child>plate</child><pose>{text(PLATFORM[j])} 0 0 0</pose></joint></gazebo>"
+            )
+    return f'<robot name="bench">{"".join(parts)}</robot>'

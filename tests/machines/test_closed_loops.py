@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from expdesign.configuration import InputError
+from expdesign.machines.assumed import complete_machine
 from expdesign.machines.importing import read_machine
 from expdesign.machines.mechanism_graph import read_xml
 from expdesign.machines.readers.mjcf import Attributes, rigid_body
@@ -53,6 +54,58 @@ def test_joints_home_and_limits_are_those_that_were_written(title, machines):
         np.testing.assert_allclose(others, first[:4] + first[5:], atol=1e-12)
         assert machine.gravity == (0, 0, -9.8)
         assert machine.moved_mass == bench.PLATE + bench.PAYLOAD
+
+
+@pytest.mark.parametrize("way", bench.URDF)
+def test_legs_of_a_urdf_model_meet_the_platform(way, tmp_path):
+    """By loops of two extensions, on one leg, floating, or as open ends of the legs alone."""
+    machine = read(tmp_path, bench.urdf(way), ".urdf")
+    np.testing.assert_allclose(machine.base_joints, bench.BASE, atol=1e-12)
+    turned = Rotation.from_euler("XYZ", machine.home[3:])
+    heads = machine.home[:3] + turned.apply(machine.platform_joints)
+    np.testing.assert_allclose(heads, bench.HEADS, atol=1e-9)
+    ends = bench.LENGTHS[:, None] + np.array(bench.STROKE)
+    np.testing.assert_allclose(machine.limits["strut_length"], ends, atol=1e-9)
+    assert (machine.limits["actuator_force"], machine.limits["strut_speed"]) == (bench.FORCE, 0.4)
+    first = [frame.as_matrix()[:, 0] for frame in bench.FRAMES]
+    np.testing.assert_allclose(machine.alpha_axes, first, atol=1e-12)
+    if way == "open":
+        assert {"home", "moved_mass"} <= asked(machine)
+        np.testing.assert_allclose(np.mean(machine.platform_joints, axis=0), 0, atol=1e-12)
+    else:
+        assert machine.moved_mass == bench.PLATE
+        np.testing.assert_allclose(machine.platform_joints, bench.PLATFORM, atol=1e-9)
+
+
+def test_parallel_legs_with_open_ends_give_the_base_and_the_strokes_only(tmp_path):
+    upright = re.sub(r' rpy="[^"]*"', "", bench.urdf("open"))
+    machine = read(tmp_path, upright, ".urdf")
+    assert machine.platform_joints is None
+    np.testing.assert_allclose(machine.base_joints, bench.BASE, atol=1e-12)
+    assert machine.limits["strut_speed"] == 0.4
+    with pytest.raises(InputError, match="legs are parallel and their ends open") as caught:
+        complete_machine(machine)
+    assert "--platform-joints" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('<link name="base"/>', '<xacro:leg n="1"/>', "which is not expanded"),
+        ('<link name="base"/>', '<link name="tip1"/>', "no name or one that is taken"),
+        ('"prismatic"', '"planar"', "the type 'planar' is not read"),
+        ('"prismatic"', '"revolute"', "0 sliding joints"),
+        ('<child link="upper2"/>', '<child link="tip2"/>', "two joints carry its child"),
+        ('<parent link="base"/>', '<parent link="none"/>', "its parent 'none' is no link"),
+        ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "has no direction"),
+    ],
+)
+def test_a_urdf_model_that_is_not_read_says_why(old, new, said, tmp_path):
+    content = bench.urdf("open")
+    assert old in content
+    with pytest.raises(InputError, match="allowed") as caught:
+        read(tmp_path, content.replace(old, new), ".urdf")
+    assert said in str(caught.value)
 
 
 def test_the_heaviest_body_is_the_platform_where_each_joint_has_a_body_of_its_own(tmp_path):

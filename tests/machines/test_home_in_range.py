@@ -1,11 +1,15 @@
 """Ranges of a file that its own home is not in."""
 
-import numpy as np
+from dataclasses import replace
 
-from expdesign.machines.importing import drop_contradicting_ranges
+import numpy as np
+import pytest
+
+from expdesign.machines.importing import drop_contradicting_ranges, move_to_mid_stroke
 from expdesign.machines.machine import MachineDraft
 from tests.machines import simulated
 from tests.machines.machines_of import asked
+from tests.machines.machines_of import lengths as lengths_at
 
 HOME = (*simulated.POSITION.tolist(), 0.0, 0.1, 0.0)
 
@@ -44,3 +48,21 @@ def test_an_end_that_home_misses_by_its_digits_is_moved():
     found = drop_contradicting_ranges(machine(strut_length=pairs))
     np.testing.assert_allclose(found.limits["strut_length"], [(h, 1.0) for h in home], atol=1e-12)
     assert not found.questions
+
+
+def test_a_home_at_the_end_of_the_stroke_is_moved_to_its_middle():
+    lengths = simulated.LENGTHS
+    base, platform = (tuple(map(tuple, points)) for points in (simulated.BASE, simulated.PLATFORM))
+    home = (*simulated.POSITION, *np.radians([4, -3, 6]))
+    retracted = MachineDraft("m", base_joints=base, platform_joints=platform, home=home)
+    for low, high in ((0.0, 0.3), (-0.3, 0.0)):
+        limits = {"strut_length": tuple(zip(lengths + low, lengths + high, strict=True))}
+        found = move_to_mid_stroke(replace(retracted, limits=limits))
+        assert asked(found) == {"home"}
+        np.testing.assert_array_equal(np.delete(found.home, 2), np.delete(home, 2))
+        middle = np.mean(lengths_at(found, found.home))
+        assert middle == pytest.approx(np.mean(lengths) + (low + high) / 2, abs=1e-4)
+    # One with room to move, and one that the range of z holds, stay.
+    for given in ({"strut_length": (0.5, 1.0)}, limits | {"position": {"z": (0.65, 0.75)}}):
+        one = replace(retracted, limits=given)
+        assert move_to_mid_stroke(one) == one

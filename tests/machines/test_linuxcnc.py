@@ -291,6 +291,17 @@ def test_halcmd_counts_after_the_files(mill, tmp_path):
     assert found.platform_joints[1:] == mill.platform_joints[1:]
 
 
+def test_joints_and_screws_may_be_in_the_ini_file(mill, tmp_path):
+    lines = (FOLDER / "mill.hal").read_text().splitlines()
+    commands = "\n".join(f"HALCMD = {line}" for line in lines if line.startswith("setp"))
+    (tmp_path / "mill.ini").write_text(
+        (FOLDER / "mill.ini").read_text().replace("HALFILE = mill.hal", commands)
+    )
+    found = read_machine("mill", [tmp_path / "mill.ini"])
+    for name in ("base_joints", "platform_joints", "drive", "alpha_axes", "home", "limits"):
+        assert getattr(found, name) == getattr(mill, name)
+
+
 @pytest.mark.parametrize(
     "line", ["loadusr -w halcmd -f more.hal", "alias pin genhexkins.base.0.x left"]
 )

@@ -58,6 +58,8 @@ def draft_of_points(
         There is no set for base or platform, or several.
     """
     sets = {key: points for key, value in values.items() if (points := _six(value)) is not None}
+    if {_words(key) for key in sets} == {"b", "p"}:
+        sets = {{"b": "base", "p": "platform"}[_words(key)]: points for key, points in sets.items()}
     chosen = {}
     for end, pattern in _NAMES.items():
         others = [one for key, one in _NAMES.items() if key != end]
@@ -110,12 +112,17 @@ def _words(key: str) -> str:
 
 
 def _six(value: Any) -> Array | None:
-    """Return six finite points, (6, 3), in rows or columns; None for anything else."""
+    """Return six finite points, (6, 3), in rows or columns; None for anything else.
+
+    Homogeneous coordinates lose their fourth number, which is 1.
+    """
     try:
         points = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
         return None
-    points = points.T if points.shape == (3, ACTUATORS) else points
+    points = points.T if points.shape in ((3, ACTUATORS), (4, ACTUATORS)) else points
+    if points.shape == (ACTUATORS, 4) and np.all(points[:, 3] == 1):
+        points = points[:, :3]
     return points if points.shape == (ACTUATORS, 3) and np.all(np.isfinite(points)) else None
 
 

@@ -32,7 +32,7 @@ from expdesign.machines.writing import INERTIA
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.strut import ANGLES, FIXED_AXES
 
-_LARGEST = 1024 * 1024
+LARGEST = 1024 * 1024
 _KINEMATICS = "genhexkins"
 _MOST_FILES = 20
 _MM = 1e-3
@@ -59,7 +59,7 @@ def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
         if inis:
             message = "two INI files are two machines"
         raise InputError(message, files[0] if not inis else inis[1], allowed="one INI file")
-    ini = read_ini(inis[0], read_text(inis[0], _LARGEST, "LinuxCNC's INI file"))
+    ini = read_ini(inis[0], read_text(inis[0], LARGEST, "LinuxCNC's INI file"))
     kinematics = ini.entry("KINS", "KINEMATICS")
     if kinematics is not None and kinematics.value.split()[:1] != [_KINEMATICS]:
         raise kinematics.refusal("these kinematics are not read", _KINEMATICS)
@@ -93,7 +93,7 @@ def _hal_files(ini: IniFile, given: Sequence[Path]) -> tuple[list[Path], list[Qu
             if name.startswith("LIB:") or path.name in known:
                 continue
             if path.suffix == ".tcl" and path.is_file():
-                if f"{_KINEMATICS}." in read_text(path, _LARGEST, "LinuxCNC's Tcl file"):
+                if f"{_KINEMATICS}." in read_text(path, LARGEST, "LinuxCNC's Tcl file"):
                     message = f"{name} names pins of {_KINEMATICS}: Tcl is not executed here"
                     raise entry.refusal(message, "setp lines in a HAL file")
             elif path.is_file() and not given:
@@ -366,7 +366,7 @@ class _Hexapod:
         pairs = [self._range(f"JOINT_{j}", size, lowest=0.0) for j in range(ACTUATORS)]
         real = [pair for pair in pairs if None not in pair]
         if len(real) == ACTUATORS:
-            limits["strut_length"] = _one_or_all([tuple(v for v in pair) for pair in real])
+            limits["strut_length"] = one_or_all([tuple(v for v in pair) for pair in real])
         else:
             ends = [value for pair in pairs for value in pair if value is not None]
             found = f"; it has {', '.join(f'{v * 1e3:g} mm' for v in sorted(set(ends)))}"
@@ -390,7 +390,7 @@ class _Hexapod:
                     raise entry.refusal(f"{value:g} is no limit", "more than zero")
                 values.append(value * self.unit)
             if len(values) == ACTUATORS:
-                limits[limit] = _one_or_all(values)
+                limits[limit] = one_or_all(values)
             else:
                 self.ask(f"limits.{limit}", f"{key} is not set for every joint.")
 
@@ -438,7 +438,8 @@ class _Hexapod:
         return low, high
 
 
-def _one_or_all(values: Sequence[object]) -> object:
+def one_or_all(values: Sequence[object]) -> object:
+    """Return the value that all struts have, or one for each."""
     return values[0] if all(value == values[0] for value in values) else tuple(values)
 
 
@@ -554,7 +555,7 @@ def read_hal(file: Path, component: str, ini: IniFile, above: tuple[Path, ...] =
     above : tuple of Path
         Files that execute this one.
     """
-    text = read_text(file, _LARGEST, "LinuxCNC's HAL file")
+    text = read_text(file, LARGEST, "LinuxCNC's HAL file")
     return _read_commands(file, _lines(text), component, ini, (*above, file.resolve()))
 
 

@@ -178,7 +178,12 @@ def _joint(element: Element, frames: _Frames, numbers: dict[str, int]) -> Joint:
             raise element.refusal(f"its {side} {quote(name)} is no link", "a link of the model")
         ends.append(numbers[name])
     point = frames.place(element.attributes["name"].strip()).origin
-    tags = ("axis", "axis2")[: _AXES.get(title, 0)]
+    # Models that split a cardan joint into two declare `revolute2` and state one axis.
+    tags = [
+        tag
+        for tag in ("axis", "axis2")[: _AXES.get(title, 0)]
+        if tag == "axis" or element.first(tag) is not None
+    ]
     axes = np.array([frames.axis(element, tag) for tag in tags]).reshape(-1, 3)
     axis = element.first("axis") if title == "prismatic" else None
     limit = None if axis is None else axis.first("limit")

@@ -1,0 +1,100 @@
+"""Hexapods of the controller Go Motion: joints, limits and units in one INI file.
+
+``[SERVO_n] PK_PARAMETERS`` has x y z of a strut's joint on the base, then on the platform; poses
+are x y z roll pitch yaw about fixed axes; ``[GOMOTION]`` has the units of a metre and of a radian.
+Source: NIST's gomotion, etc/genhex.ini and genhexkins.c.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from constraints.arrays import Array
+from expdesign.configuration.document import read_text
+from expdesign.configuration.errors import InputError
+from expdesign.machines.machine import MachineDraft, MachineFormat, Question, rows
+from expdesign.machines.readers.linuxcnc import LARGEST, IniFile, one_or_all, read_ini
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.strut import ANGLES, FIXED_AXES
+
+_SECTION = "GOMOTION"
+_KINEMATICS = "genhexkins"
+_SERVOS = [f"SERVO_{j}" for j in range(1, ACTUATORS + 1)]
+_LIMITS = {"MAX_VEL": "strut_speed", "MAX_ACC": "strut_acceleration"}
+
+
+def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
+    ini = _ini(files[0])
+    kinematics = ini.entry("TRAJ", "KINEMATICS")
+    if kinematics is not None and kinematics.value.split()[:1] != [_KINEMATICS]:
+        raise kinematics.refusal("these kinematics are not read", _KINEMATICS)
+    (metre,) = _numbers(ini, _SECTION, "LENGTH_UNITS_PER_M", 1)
+    (radian,) = _numbers(ini, _SECTION, "ANGLE_UNITS_PER_RAD", 1)
+    if min(metre, radian) <= 0:
+        message = "its units per metre and per radian are not positive"
+        raise InputError(message, files[0], key=f"[{_SECTION}]", allowed="as 100 for centimetres")
+    joints = np.array([_numbers(ini, servo, "PK_PARAMETERS", 6) for servo in _SERVOS]) / metre
+    questions, limits = list[Question](), dict[str, object]()
+    lengths = np.array([_pair(ini, servo) for servo in _SERVOS]) / metre
+    # Placeholders such as ±1000, and equal ends, limit nothing.
+    if np.all((lengths[:, 0] >= 0) & (lengths[:, 0] < lengths[:, 1])):
+        limits["strut_length"] = one_or_all(rows(lengths))
+    for key, limit in _LIMITS.items():
+        if all(ini.entry(servo, key) is not None for servo in _SERVOS):
+            values = [_numbers(ini, servo, key, 1)[0] / metre for servo in _SERVOS]
+            limits[limit] = one_or_all(values)
+    home = None
+    if ini.entry("TRAJ", "HOME") is not None:
+        pose = _numbers(ini, "TRAJ", "HOME", 6)
+        angles = Rotation.from_euler(FIXED_AXES, pose[3:] / radian).as_euler(ANGLES) + 0.0
+        home = (*rows(pose[None, :3] / metre)[0], *angles.tolist())
+    if all(ini.entry("TRAJ", key) is not None for key in ("MIN_LIMIT", "MAX_LIMIT")):
+        low, high = (_numbers(ini, "TRAJ", key, 6) for key in ("MIN_LIMIT", "MAX_LIMIT"))
+        ranges = dict(zip("xyz", np.transpose([low, high])[:3] / metre, strict=True))
+        position = {letter: tuple(pair.tolist()) for letter, pair in ranges.items()}
+        limits["position"] = {key: pair for key, pair in position.items() if pair[0] < pair[1]}
+        text = (
+            "The file limits roll, pitch and yaw about fixed axes; phi, theta, psi have another "
+            "order. Which rotations may the platform make?"
+        )
+        questions.append(Question("limits.rotation", text))
+    return MachineDraft(
+        name=name,
+        source=f"Go Motion, {_KINEMATICS}: {files[0].name}",
+        base_joints=rows(joints[:, :3]),
+        platform_joints=rows(joints[:, 3:]),
+        home=home,
+        limits=limits,
+        questions=tuple(questions),
+    )
+
+
+def _ini(file: Path) -> IniFile:
+    return read_ini(file, read_text(file, LARGEST, "Go Motion's INI file"))
+
+
+def _numbers(ini: IniFile, section: str, key: str, count: int) -> Array:
+    entry = ini.entry(section, key)
+    if entry is None:
+        message = f"{key} is missing"
+        raise InputError(message, ini.file, key=f"[{section}]", allowed=f"{count} numbers")
+    words = entry.value.partition(";")[0].split()
+    if len(words) != count:
+        raise entry.refusal(f"{len(words)} numbers", f"{count} numbers")
+    return np.array([entry.number(word) for word in words])
+
+
+def _pair(ini: IniFile, servo: str) -> list[float]:
+    """Return the range of a strut; an empty one without it."""
+    found = [ini.entry(servo, key) for key in ("MIN_LIMIT", "MAX_LIMIT")]
+    return [0.0 if entry is None else entry.number() for entry in found]
+
+
+def _claims(path: Path) -> bool:
+    return f"[{_SECTION}]" in read_text(path, LARGEST, "an INI file")
+
+
+FORMAT = MachineFormat("Go Motion's INI", (".ini",), _claims, _read)
