@@ -31,6 +31,7 @@ from expdesign.configuration.robot import RobotSource
 from expdesign.configuration.schema import (
     Ascending,
     Distinct,
+    FilledText,
     Pair,
     Section,
     Seed,
@@ -193,6 +194,9 @@ class DesignSection(Section):
     """Identified machine before an unknown change of `parameters`: a run folder, its
     identified-robot.yaml, or the machine itself. The criterion then judges the change, with the
     covariance of all parameters as prior knowledge."""
+    others: Annotated[tuple[FilledText, ...], Distinct] = ()
+    """Other motions of the same experiment, run folders or files `design.json`: the criterion is
+    that of all recordings together, each as long as this one."""
     counts: Literal["total", "noise"] = "total"
     """Errors in the criterion: ``total``, also those of the robot's tolerances, as the run's
     estimator treats them; or the noise alone. Without tolerances both are the same."""

@@ -257,10 +257,12 @@ def _complete(
         return section.model_copy(update={"file": str(absolute(file, document.folder))})
 
     machine = None if truth is None else truth.description
+    others = tuple(str(absolute(file, document.folder)) for file in run.design.others)
     design = with_prior("design", run.design)
     if isinstance(design.interest, TaskSection):
         task = design.interest.model_copy(update={"task": with_absolute_file(design.interest.task)})
         design = design.model_copy(update={"interest": task})
+    design = design.model_copy(update={"others": others})
     complete = run.model_copy(
         update={
             "format": RUN_FORMAT,

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import scipy.linalg as sla
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration
@@ -67,19 +69,23 @@ def unknown_parameters(configuration: RunConfiguration, robot: Robot) -> tuple[s
 
 
 def judge(
-    configuration: RunConfiguration, problem: DesignProblem, noise: Evaluator
+    configuration: RunConfiguration,
+    problem: DesignProblem,
+    noise: Evaluator,
+    others: Sequence[FourierTrajectory] = (),
 ) -> tuple[DesignProblem, Evaluator]:
     """Return problem and evaluation of the quantities that the criterion judges.
 
     With `design.counts` ``total`` the deviations within the robot's tolerances are nuisances, as
-    the run's estimator treats them. Without any, the evaluation is that of the noise.
+    the run's estimator treats them. Without any, the evaluation is that of the noise. The
+    information of the experiment's other motions is added.
     """
     robot = noise.robot
     unknown = noise.names if noise.marginal is None else robot.parameter_names
     columns = np.array([robot.parameter_names.index(name) for name in unknown], dtype=np.intp)
     chosen = counted_deviations(configuration, robot)
     section, samples = configuration.run.design, _samples(configuration)
-    if noise.marginal is None and section.interest is None and not chosen:
+    if noise.marginal is None and section.interest is None and not chosen and not others:
         return problem, noise
     if section.interest is None:
         marginal = noise.marginal or Marginal.of_all(len(unknown), samples)
@@ -119,7 +125,23 @@ def judge(
         deviating=chosen,
         judged_scales=judged,
     )
+    if others:
+        count = problem.cost.samples
+        every = [evaluator.whole_information(one, count) for one in others]
+        found = np.sum(every, axis=0) * (samples / count)
+        to_unknowns = _to_deviations(robot, chosen, len(unknown))
+        evaluator = replace(evaluator, marginal=replace(marginal, earlier=found))
+        searched = replace(searched, earlier=to_unknowns.T @ found @ to_unknowns)
     return problem.with_marginal(searched, scaling, judged, columns, chosen), evaluator
+
+
+def _to_deviations(robot: Robot, chosen: Sequence[Deviation], parameters: int) -> Array:
+    """Return the matrix from a search's unknowns to parameters and deviations, SI."""
+    if not chosen:
+        return np.eye(parameters)
+    tolerances = np.array([one.tolerance for one in chosen])
+    inverse = tolerances[:, None] * np.linalg.pinv(group_effects(robot, chosen))
+    return sla.block_diag(np.eye(parameters), inverse)
 
 
 def _interest(configuration: RunConfiguration, robot: Robot) -> tuple[tuple[str, ...], Array]:
@@ -182,6 +204,8 @@ def criterion_symbol(configuration: RunConfiguration) -> str:
 def nuisances_in_words(configuration: RunConfiguration) -> str:
     """Return the meaning of S where the criterion counts nuisances; empty without any."""
     design, parts = configuration.run.design, list[str]()
+    if design.others:
+        parts.append(f"for {1 + len(design.others)} recordings of a period, of design.others too")
     if design.interest is not None:
         parts.append("S is the information on design.interest, other parameters being unknown")
     if counted_deviations(configuration, robot_from(configuration.robot)):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -15,13 +17,21 @@ from expdesign.problem.design_problem import build_problem
 from expdesign.solver.feasibility import InfeasibleLimitsError, random_start
 from expdesign.solver.phases import coarse_points
 from expdesign.solver.starts import SearchPlan
-from expdesign.trajectory import FourierTrajectory, KnownHum
+from expdesign.trajectory import FourierTrajectory, KnownHum, TrajectoryFile
 
 _PROBE_ATTEMPTS = 8
 
 
-def plan_search(configuration: RunConfiguration) -> SearchPlan:
+def plan_search(
+    configuration: RunConfiguration, others: Sequence[FourierTrajectory] | None = None
+) -> SearchPlan:
     """Return the problem and the plan of a run's search; every worker process builds it once.
+
+    Parameters
+    ----------
+    configuration : RunConfiguration
+    others : sequence of FourierTrajectory, optional
+        Other motions of the experiment; those of `design.others` by default.
 
     Examples
     --------
@@ -44,7 +54,9 @@ def plan_search(configuration: RunConfiguration) -> SearchPlan:
     )
     problem = replace(problem, cost=replace(problem.cost, memory=noise.memory))
     problem = problem.with_variables(rest=run.design.start == "rest")
-    problem, evaluator = judge(configuration, problem, noise)
+    if others is None:
+        others = [TrajectoryFile.read(Path(file)).trajectory for file in run.design.others]
+    problem, evaluator = judge(configuration, problem, noise, others)
     plan = SearchPlan(
         problem=problem,
         evaluator=evaluator,

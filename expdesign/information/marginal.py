@@ -57,6 +57,8 @@ class Marginal:
     moved: Mapping[tuple[str, float], Array] = field(default_factory=dict)
     """(m,), SI, effect of one standard deviation of each tolerance on the values identified before,
     by name and tolerance."""
+    earlier: Array | None = None
+    """(M, M), information of other recordings of the same machine on the unknowns; None: none."""
 
     @classmethod
     def of_change(
@@ -161,17 +163,19 @@ class Marginal:
         """
         rows = scaling[:, None]
         budget = None if self.budget is None else self.budget / rows
+        earlier = None if self.earlier is None else self.earlier * np.outer(scaling, scaling)
         return replace(
             self,
             interest=self.interest * judged / rows,
             nuisance=self.nuisance / rows,
             budget=budget,
+            earlier=earlier,
         )
 
     def information(self, information: Array, samples: float) -> Array:
         """Return the information on the interest, (k, k), of F over a number of samples, (M, M).
 
-        The priors count in proportion to the experiment's samples.
+        The priors and earlier recordings count in proportion to the experiment's samples.
         """
         solved = self._solve(information, samples)
         return solved.marginal if solved.budget is None else solved.budget.information
@@ -217,6 +221,8 @@ class Marginal:
 
     def _solve(self, information: Array, samples: float) -> _Solved:
         weight = np.sqrt(self.samples / samples)
+        if self.earlier is not None:
+            information = information + self.earlier / weight**2
         factor = self.nuisance * weight
         seen = information @ factor
         gram = factor.T @ seen

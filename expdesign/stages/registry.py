@@ -31,6 +31,7 @@ class DesignStage(Stage):
     file = "design.json"
     writes = ("trajectory.csv", *TABLES)
     sections = run_sections("trajectory", "design", experiment={"periods", "sampling", "payload"})
+    needs = ("others",)
     compared = "trajectory.csv"
 
     def functions(self) -> StageFunctions:

@@ -75,8 +75,9 @@ class Stage(ABC):
     sections: Mapping[str, Keys] | None = None
     """Sections of the run file, or keys of them, that the result depends on; None: all."""
     needs: tuple[str, ...] = ()
-    """Inputs in addition to the run file: ``"design"``, ``"recording"`` (with the executed design,
-    if there is one), ``"estimate"``, or ``"folder"`` for all other stages. They come from the
+    """Inputs in addition to the run file: ``"design"``, ``"others"`` of a design, ``"recording"``
+    (with the executed design, if there is one), ``"estimate"``, or ``"folder"`` for all other
+    stages. They come from the
     options of the command, from memory when the same run has made them, or from the run folder."""
     compared: str = ""
     """Table that identifies the result in comparisons; empty: the stage is not compared."""
@@ -335,7 +336,7 @@ class Workspace:
         """Return an input of a stage, of `Stage.needs`, as text with all digits or hashes."""
         if need == "design":
             return trajectory_text(self.design().trajectory)
-        if need == "recording":
+        if need in ("recording", "others"):
             return " ".join(file_hash(path) for path in self.input_files(need))
         if need == "estimate":
             place = self.estimate_place
@@ -348,8 +349,10 @@ class Workspace:
 
     def input_files(self, need: str) -> list[Path]:
         """Return the files of an input of a stage, of `Stage.needs`, as far as there are any."""
+        others = [Path(file) for file in self.configuration.run.design.others]
         designs = [path.absolute() for path in self.sources.designs or (self.folder,)]
-        files = [path / self.design_file.name if path.is_dir() else path for path in designs]
+        places = others if need == "others" else designs
+        files = [path / self.design_file.name if path.is_dir() else path for path in places]
         if need == "recording":
             files = [*self.data_files(), *files]
         elif need == "estimate":
@@ -357,7 +360,7 @@ class Workspace:
             files = [place / ESTIMATE_FILE if place.is_dir() else place]
         elif need == "design" and self.sources.table is not None:
             files.append(self.sources.table.absolute())
-        elif need != "design":
+        elif need not in ("design", "others"):
             files = []
         return [file for file in files if file.is_file()]
 
