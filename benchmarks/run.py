@@ -23,7 +23,7 @@ import pandas as pd
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 NAMES = (
-    "design_seeds",
+    "effort",
     "condition",
     "harmonics",
     "montecarlo",

@@ -25,7 +25,7 @@ import pandas as pd
 import yaml  # type: ignore[import-untyped]
 
 from benchmarks.beside_pinocchio import STATES, beside_pinocchio
-from benchmarks.design_seeds import BEST_KNOWN
+from benchmarks.effort import BEST_KNOWN
 from expdesign.export.formats import table_formats
 
 TITLE = "Speed"

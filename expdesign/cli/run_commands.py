@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from expdesign.cli.options import JsonOption, RunArgument, argument, flag_option, option
 
@@ -34,11 +34,25 @@ DesignsOption = Annotated[
 ResumeOption = Annotated[
     bool, flag_option("--resume", "Continue an interrupted search: what had ended is kept.")
 ]
+EffortOption = Annotated[
+    Literal["quick", "normal", "thorough"] | None,
+    option(
+        "--effort",
+        "quick|normal|thorough",
+        "Size of the search, instead of design.effort, starts and hops of the run file.",
+    ),
+]
+SeedOption = Annotated[
+    int | None,
+    option("--seed", "S", "Seed of the search, instead of design.seed.", min=0, max=2**63 - 1),
+]
 StrictOption = Annotated[bool, flag_option("--strict", "Exit status 1 when a diagnostic fails.")]
 
 
 def design(
     run: RunArgument,
+    effort: EffortOption = None,
+    seed: SeedOption = None,
     out: OutOption = None,
     resume: ResumeOption = False,
     as_json: JsonOption = False,
@@ -48,7 +62,7 @@ def design(
     Writes the resolved configuration, design.json, trajectory.csv, tables and figures. Ctrl-C
     ends the search and keeps the best so far, marked.
     """
-    _execute("design", run, out, as_json, resume=resume)
+    _execute("design", run, out, as_json, resume=resume, effort=effort, seed=seed)
 
 
 def plan(
@@ -228,6 +242,8 @@ def report(
 
 def run(
     run: RunArgument,
+    effort: EffortOption = None,
+    seed: SeedOption = None,
     out: OutOption = None,
     resume: ResumeOption = False,
     as_json: JsonOption = False,
@@ -235,7 +251,7 @@ def run(
     """Do every stage that the run file names, in their order; finished stages are kept."""
     from expdesign.cli.runs import run_all
 
-    run_all(run, out, as_json, resume=resume)
+    run_all(run, out, as_json, resume=resume, effort=effort, seed=seed)
 
 
 def compare(

@@ -35,6 +35,8 @@ def execute_stage(
     repetitions: int | None = None,
     wanted: Sequence[str] = (),
     resume: bool = False,
+    effort: str | None = None,
+    seed: int | None = None,
     command: str = "",
 ) -> None:
     """Execute one stage of a run; the sources replace the inputs that the folder holds."""
@@ -42,7 +44,7 @@ def execute_stage(
     folder = run_folder(configuration, out)
     refuse_unwritable(folder)
     with one_writer(folder, f"expdesign {command or name}"):
-        configuration = current_configuration(configuration, folder)
+        configuration = current_configuration(configuration, folder).with_search(effort, seed)
         before = configuration.warnings_before(name)
         if repetitions is not None:
             configuration = configuration.with_section("montecarlo", repetitions=repetitions)
@@ -64,9 +66,17 @@ def execute_stage(
         write_json({"status": 0, **outcome.summary})
 
 
-def run_all(config: str, out: Path | None, as_json: bool, *, resume: bool) -> None:
+def run_all(
+    config: str,
+    out: Path | None,
+    as_json: bool,
+    *,
+    resume: bool,
+    effort: str | None = None,
+    seed: int | None = None,
+) -> None:
     """Do every stage that a run names."""
-    made = run(config, out, Terminal(quiet=as_json), resume=resume)
+    made = run(config, out, Terminal(quiet=as_json), resume=resume, effort=effort, seed=seed)
     if as_json:
         outcomes = made.stages
         write_json(

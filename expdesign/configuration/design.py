@@ -8,7 +8,7 @@ from functools import cache, partial
 from importlib import import_module
 from itertools import pairwise
 from math import prod
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Tag, model_validator
 from pydantic.fields import FieldInfo
@@ -157,17 +157,34 @@ _FALLING = require(
 )
 
 
+class Effort(NamedTuple):
+    """Size of a search."""
+
+    starts: int
+    hops: int
+
+
+EFFORTS = {
+    "quick": Effort(starts=8, hops=0),
+    "normal": Effort(starts=24, hops=40),
+    "thorough": Effort(starts=384, hops=800),
+}
+"""Sizes of searches by the values of `design.effort`."""
+
+
 class DesignSection(Section):
     """Settings of the optimal design."""
 
     criterion: Annotated[str, one_of(criterion_keys)] = "d"
-    starts: Annotated[int, whole(1, _MOST_SOLVES)] = 384
+    effort: Literal["quick", "normal", "thorough"] = "normal"
+    """Size of the search: `EFFORTS` has the starts and hops that are not given themselves."""
+    starts: Annotated[int, whole(1, _MOST_SOLVES)] = EFFORTS["normal"].starts
     """Number of random starts; the search continues from the best of them."""
     seed: Seed = 0
     """Seed of the random starts and hops."""
     search: Literal["restarts", "hopping"] = "hopping"
     """Random starts only, or followed by hops from the best motions."""
-    hops: Annotated[int, whole(0, _MOST_SOLVES)] = 800
+    hops: Annotated[int, whole(0, _MOST_SOLVES)] = EFFORTS["normal"].hops
     """Largest number of hops; without effect on restarts."""
     start: Literal["periodic", "rest"] = "periodic"
     """``rest``: rate and acceleration of the series are zero at t = 0."""
@@ -210,6 +227,15 @@ class DesignSection(Section):
     """Iterations in each phase of a start; hops and finish have shares of them."""
     max_seconds: Annotated[Duration, Positive] | None = None
     """Time for all starts and hops, s, without the finish."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_size(cls, data: Any) -> Any:
+        """Fill in the starts and hops that the effort implies; stated ones have precedence."""
+        effort = data.get("effort", "normal") if isinstance(data, dict) else None
+        if not (isinstance(effort, str) and effort in EFFORTS):
+            return data
+        return {**EFFORTS[effort]._asdict(), **data}
 
     @model_validator(mode="after")
     def _check_prior(self) -> DesignSection:
@@ -270,6 +296,7 @@ MOST_DESIGNS = 200
 LIMITS = "limits"
 SCALE = "scale"
 """Last part of a path with factors of a limit's bounds instead of bounds."""
+EFFORT = "design.effort"
 FREQUENCY = "trajectory.frequency"
 """Path for which one value means two equal bounds."""
 _SECTIONS: dict[str, tuple[type[Section], tuple[str, ...]]] = {

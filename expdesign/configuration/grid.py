@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from constraints import Limit, limit_definitions
-from expdesign.configuration.design import FREQUENCY, LIMITS, is_scale
+from expdesign.configuration.design import EFFORT, FREQUENCY, LIMITS, Effort, is_scale
 from expdesign.configuration.document import Document
 from expdesign.configuration.errors import InputError, Key, Problem
 from expdesign.configuration.limits import LIFTED, limits_as_written
@@ -104,6 +104,11 @@ def _with_values(
         if is_scale(path):
             data[section][keys[0]] = _scaled(robot, keys[0], NUMBER.parse(value), path)
             continue
+        if path == EFFORT:
+            # Starts and hops of the file, such as those that a resolved run states, are another's.
+            for key in Effort._fields:
+                if f"{section}.{key}" not in values:
+                    data[section].pop(key, None)
         place = data[section]
         if len(keys) > 1:
             place = place.setdefault(keys[0], {})

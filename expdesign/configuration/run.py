@@ -16,7 +16,9 @@ from pydantic import BeforeValidator, Field, create_model, model_validator
 from constraints.plugins import declared_classes
 from expdesign.configuration import schema
 from expdesign.configuration.design import (
+    EFFORTS,
     DesignSection,
+    Effort,
     Goals,
     MotionSection,
     Sweep,
@@ -230,6 +232,26 @@ class RunConfiguration:
         """Return the run with some keys of one section changed."""
         changed = getattr(self.run, section).model_copy(update=changes)
         return replace(self, run=self.run.model_copy(update={section: changed}))
+
+    def with_search(self, effort: str | None = None, seed: int | None = None) -> RunConfiguration:
+        """Return the run with an effort, whose starts and hops replace stated ones, and a seed.
+
+        None keeps the run's own; a point of a sweep keeps the values that are swept.
+        """
+        changes = {} if effort is None else {"effort": effort, **EFFORTS[effort]._asdict()}
+        changes |= {} if seed is None else {"seed": seed}
+        if not changes:
+            return self
+        changed = self.with_section("design", **changes)
+        changed.run.model_fields_set.intersection_update(self.run.model_fields_set)
+        swept = {path.removeprefix("design.") for path in self.run.sweep or {}}
+        swept |= set(Effort._fields) if "effort" in swept else set()
+        own = {key: value for key, value in changes.items() if key not in swept}
+        points = (
+            replace(point, configuration=point.configuration.with_section("design", **own))
+            for point in self.grid
+        )
+        return replace(changed, grid=tuple(points))
 
 
 @dataclass(frozen=True, eq=False)

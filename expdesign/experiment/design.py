@@ -47,7 +47,12 @@ cannot be optimised into an excited one: the limits are too tight."""
 
 
 def design(
-    config: ConfigurationLike, monitor: Monitor | None = None, journal: JobJournal | None = None
+    config: ConfigurationLike,
+    monitor: Monitor | None = None,
+    journal: JobJournal | None = None,
+    *,
+    effort: str | None = None,
+    seed: int | None = None,
 ) -> result.DesignResult:
     """Design the optimal excitation trajectory of a run.
 
@@ -58,6 +63,10 @@ def design(
         Gets every iteration and may request a stop; the result is then the best so far, marked.
     journal : JobJournal, optional
         Keeps the results of starts and hops, from which an interrupted design continues.
+    effort : {"quick", "normal", "thorough"}, optional
+        Size of the search, instead of the run's `design.effort`, starts and hops.
+    seed : int, optional
+        Seed of the search, instead of `design.seed`.
 
     Raises
     ------
@@ -68,7 +77,7 @@ def design(
     InfeasibleLimitsError, NoDesignError
         No motion keeps the limits.
     """
-    configuration = load_run(config)
+    configuration = load_run(config).with_search(effort, seed)
     if all(limit.is_default for limit in configuration.robot.limits.values()):
         raise InputError(
             "neither robot nor run limit anything: there is no best motion",

@@ -46,6 +46,8 @@ def run(
     progress: Progress | None = None,
     *,
     resume: bool = False,
+    effort: str | None = None,
+    seed: int | None = None,
 ) -> RunResult:
     """Do every stage that a run names, as `expdesign run` does; finished stages are kept.
 
@@ -59,6 +61,10 @@ def run(
         first Ctrl-C ends a search or a study with its result so far, the second at once.
     resume : bool
         Whether an interrupted search continues from its starts and hops that had ended.
+    effort : {"quick", "normal", "thorough"}, optional
+        Size of the search, instead of the run's `design.effort`, starts and hops.
+    seed : int, optional
+        Seed of the search, instead of `design.seed`.
 
     Raises
     ------
@@ -71,7 +77,7 @@ def run(
     folder = run_folder(configuration, out)
     refuse_unwritable(folder)
     with one_writer(folder, "expdesign run"):
-        configuration = current_configuration(configuration, folder)
+        configuration = current_configuration(configuration, folder).with_search(effort, seed)
         refuse_unfit(configuration)
         if missing := missing_design(configuration, folder):
             raise InputError(missing)

@@ -6,7 +6,7 @@ from itertools import pairwise
 import pytest
 from rich.console import Console
 
-from expdesign.cli.terminal import HEARTBEAT, Activity, left_text, time_text
+from expdesign.cli.activity import HEARTBEAT, Activity, left_text, time_text
 
 
 @pytest.fixture
@@ -18,7 +18,7 @@ def clock(monkeypatch):
             return self.now
 
     one = Clock()
-    monkeypatch.setattr("expdesign.cli.terminal.time", one)
+    monkeypatch.setattr("expdesign.cli.activity.time", one)
     return one
 
 

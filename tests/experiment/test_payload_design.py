@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 import expdesign
 from expdesign.cli.app import app
-from expdesign.cli.terminal import SearchDisplay
+from expdesign.cli.search_display import SearchDisplay
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.configuration.robot import RobotDescription, as_general
 from expdesign.experiment import DesignResult

@@ -6,7 +6,7 @@ import io
 import pytest
 from rich.console import Console
 
-from expdesign.cli.terminal import SearchDisplay
+from expdesign.cli.search_display import SearchDisplay
 from expdesign.information.criteria import criteria
 from expdesign.solver.phases import PHASE_TITLES, SearchEvent
 
@@ -34,8 +34,8 @@ def test_there_is_a_line_before_the_first_event(display):
 
 
 def test_every_number_says_what_it_is(display, monkeypatch):
-    monkeypatch.setattr("expdesign.cli.terminal.HEARTBEAT", -1.0)
-    monkeypatch.setattr("expdesign.cli.terminal._PAUSE", -1.0)
+    monkeypatch.setattr("expdesign.cli.search_display.HEARTBEAT", -1.0)
+    monkeypatch.setattr("expdesign.cli.search_display._PAUSE", -1.0)
     display.report(event("blunt", 90.5, place=(1, 3), of_round=(7, 80)))
     display.report(event("sharp", 1234.0, place=(3, 3), of_round=(2, 20)))
     display.report(event("done", float("inf"), "given up: behind"))
@@ -82,7 +82,7 @@ def test_the_time_left_counts_what_is_under_way_and_the_finish(display, monkeypa
     display.report(event("done", 1300.0, "converged"))
     display.report(dataclasses.replace(event("sharp", 1300.0, share=0.5, place=(2, 3)), start=2))
     began = display._searches
-    monkeypatch.setattr("expdesign.cli.terminal.time.monotonic", lambda: began + 14.0)
+    monkeypatch.setattr("expdesign.cli.search_display.time.monotonic", lambda: began + 14.0)
     assert "22 s" in display._left()
 
 
@@ -116,7 +116,7 @@ def test_a_table_of_the_running_starts_fits_into_80_columns(display):
 
 def test_a_log_of_an_hour_is_short(display, monkeypatch):
     clock = [display._searches]
-    monkeypatch.setattr("expdesign.cli.terminal.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("expdesign.cli.search_display.time.monotonic", lambda: clock[0])
     for _ in range(3600):
         clock[0] += 1.0
         display.report(event("done", 1300.0, "converged"))

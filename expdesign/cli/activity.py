@@ -1,0 +1,135 @@
+"""Progress of an activity on the terminal: a bar, or a line from time to time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.spinner import Spinner
+from rich.table import Table
+from rich.text import Text
+
+HEARTBEAT = 5.0
+"""Seconds between two lines, at least, where nothing can be redrawn in place."""
+_SILENT = 2.0
+"""Seconds that pass before anything is shown."""
+_BAR = 16
+_MINUTE, _HOUR = 60, 3600
+
+
+def time_text(seconds: float) -> str:
+    """Return a time in words.
+
+    Examples
+    --------
+    >>> time_text(8), time_text(125), time_text(4800)
+    ('8 s', '2 min 5 s', '1 h 20 min')
+    """
+    whole = max(0, round(seconds))
+    if whole < _MINUTE:
+        return f"{whole} s"
+    if whole < _HOUR:
+        return f"{whole // _MINUTE} min {whole % _MINUTE} s"
+    return f"{whole // _HOUR} h {whole % _HOUR // _MINUTE} min"
+
+
+def left_text(passed: float, share: float) -> str:
+    """Return the remaining time, from the time for a share of the whole; empty: unknown."""
+    if not 0 < share < 1 or passed < _SILENT:
+        return ""
+    left = passed * (1 - share) / share
+    # An estimate: its seconds mean nothing.
+    if left > _MINUTE:
+        left = 5 * round(left / 5)
+    return f"about {time_text(left)} left"
+
+
+class Activity:
+    """Display of the progress of a stage.
+
+    Parameters
+    ----------
+    console : rich Console
+    name : str
+        Name of the stage.
+    """
+
+    def __init__(self, console: Console, name: str) -> None:
+        self._console, self._name = console, name
+        self._what, self._done, self._total, self._first = "", 0, 0, 0
+        self._began = self._since = time.monotonic()
+        self._spoke = self._began - HEARTBEAT + _SILENT
+        self._spinner = Spinner("dots")
+        self._live: Live | None = None
+        self.paused = False
+
+    def show_progress(self, what: str, done: int, total: int) -> None:
+        """Show the number of finished items of `what`."""
+        if what != self._what:
+            # Items of an earlier run are not part of the time.
+            self._what, self._since, self._first = what, time.monotonic(), done
+        self._done, self._total = done, total
+        if self._console.is_terminal or self.paused:
+            return
+        if time.monotonic() - self._spoke > HEARTBEAT:
+            self._console.print(self.line)
+            self._spoke = time.monotonic()
+
+    @property
+    def line(self) -> str:
+        """Activity, progress and remaining time."""
+        now = time.monotonic()
+        counted = f", {self._done} of {self._total}" if self._total else ""
+        share = 0.0
+        if self._total > self._first:
+            share = (self._done - self._first) / (self._total - self._first)
+        left = left_text(now - self._since, share)
+        what = f": {self._what}" if self._what else ""
+        rest = f" ({left})" if left else ""
+        return f"{self._name}, {time_text(now - self._began)}{what}{counted}{rest}"
+
+    @contextmanager
+    def display(self) -> Iterator[None]:
+        """Show the progress on a terminal until the stage is done, and then remove it."""
+        if not self._console.is_terminal:
+            yield
+            return
+        self._live = Live(
+            get_renderable=self._picture,
+            console=self._console,
+            transient=True,
+            refresh_per_second=8,
+        )
+        with self._live:
+            yield
+        self._live = None
+
+    @contextmanager
+    def hide(self) -> Iterator[None]:
+        """Leave the terminal to another display."""
+        self.paused = True
+        if self._live is not None:
+            self._live.stop()
+        try:
+            yield
+        finally:
+            self.paused = False
+            if self._live is not None:
+                self._live.start(refresh=True)
+
+    def _picture(self) -> Table | Text:
+        if time.monotonic() - self._began < _SILENT:
+            return Text("")
+        row = Table.grid(padding=(0, 1))
+        row.add_column(no_wrap=True)
+        row.add_column(no_wrap=True)
+        row.add_column(no_wrap=True, overflow="ellipsis")
+        bar = ProgressBar(
+            total=self._total or None, completed=self._done, width=_BAR, pulse=not self._total
+        )
+        row.add_row(self._spinner, bar, Text(self.line))
+        return row

@@ -1,0 +1,220 @@
+"""Progress of a search on the terminal: running starts, and the precision of the best so far."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from expdesign.cli.activity import HEARTBEAT, Activity, left_text, time_text
+from expdesign.information.criteria import Criterion, criteria
+from expdesign.recheck.limit_check import TOLERANCE
+from expdesign.solver.phases import PHASE_TITLES, SearchEvent
+from expdesign.solver.search import FINISHED, REFINED, groups
+from expdesign.solver.starts import GIVEN_UP
+
+_PAUSE = 0.15
+"""The same as a share of the time that has passed: a log of an hour has some 40 lines."""
+_TRUE = ("done", "finished")
+"""Phases with an objective of the exact (unsmoothed) friction model."""
+
+
+class SearchDisplay:
+    """Display of every running start and the best so far, with progress and remaining time.
+
+    Parameters
+    ----------
+    console : rich Console
+        On a terminal the display is redrawn in place; elsewhere a line is written from time to
+        time, ever more rarely.
+    criterion : Criterion
+    starts, hops : int
+        Their largest numbers.
+    information : str
+        Symbol of the information that the criterion judges.
+    max_seconds : float, optional
+        For starts and hops; the finish, which comes on top, is not shown then.
+    """
+
+    def __init__(
+        self,
+        console: Console,
+        criterion: Criterion,
+        starts: int,
+        hops: int,
+        information: str = "F",
+        max_seconds: float | None = None,
+    ) -> None:
+        self._console, self._criterion, self._information = console, criterion, information
+        self._starts, self._hops = starts, hops
+        self._max_seconds = max_seconds or math.inf
+        self._running: dict[int, SearchEvent] = {}
+        self._best: SearchEvent | None = None
+        self._rough: set[int] = set()
+        self._starts_ended = self._hops_ended = self._refined = self._finished = 0
+        self._began = self._spoke = time.monotonic()
+        self._searches = self._began
+        self._before = Activity(console, "design")
+        self._built = False
+
+    def report(self, event: SearchEvent) -> None:
+        """Show one event."""
+        if not self._built:
+            self._built, self._searches = True, time.monotonic()
+            self._line(f"design: the search begins after {time_text(self._seconds)}")
+        if event.phase in _TRUE:
+            self._end(event)
+        elif event.phase == "waiting":
+            self._running.pop(event.start, None)
+            self._rough.add(event.start)
+        else:
+            self._running[event.start] = event
+        pause = max(HEARTBEAT, _PAUSE * self._seconds)
+        if not self._console.is_terminal and time.monotonic() - self._spoke > pause:
+            self._line(f"{self._head}; {self._best_text or self._text(event)}")
+
+    def show_progress(self, what: str, done: int, total: int) -> None:
+        """Show the progress before the first start and after the last."""
+        self._before.show_progress(what, done, total)
+
+    @contextmanager
+    def display(self) -> Iterator[None]:
+        """Show the display."""
+        if self._console.is_terminal:
+            shown = Live(
+                get_renderable=self._picture,
+                console=self._console,
+                transient=True,
+                refresh_per_second=4,
+            )
+            with shown:
+                yield
+        else:
+            self._line("design: building the problem …")
+            yield
+
+    @property
+    def _seconds(self) -> float:
+        return time.monotonic() - self._began
+
+    def _end(self, event: SearchEvent) -> None:
+        """Count a start, a hop or a finish that has ended, and write its result."""
+        self._running.pop(event.start, None)
+        name, objective = self._name(event), self._objective(event)
+        finished = event.phase == "finished"
+        if finished:
+            self._finished += 1
+            self._line(f"{name}, finished: {objective}, {event.status}")
+        else:
+            hop = event.start > self._starts
+            self._starts_ended += not hop
+            self._hops_ended += hop
+            self._refined += hop or (event.start in self._rough and event.status != GIVEN_UP)
+            self._rough |= set() if hop else {event.start}
+            if self._best is None and math.isfinite(event.objective):
+                effort = f"{event.iteration} iterations, {time_text(event.seconds)}"
+                self._line(f"{name}: {objective} within the limits after {effort}: {event.status}")
+        # A start that is done is within its limits, the recheck may find a finished one beyond.
+        usable = not finished or event.violation <= TOLERANCE
+        if usable and math.isfinite(event.objective):
+            better = max if self._criterion.larger_is_better else min
+            self._best = better(self._best or event, event, key=lambda one: one.objective)
+
+    @property
+    def _head(self) -> str:
+        """Counts of what has ended, with the time that has passed and the time that is left."""
+        hops = f" and {self._hops_ended} of {self._hops} hops" if self._hops else ""
+        left = self._left()
+        return (
+            f"{self._starts_ended} of {self._starts} starts{hops} done, "
+            f"{time_text(self._seconds)}{', ' if left else ''}{left}"
+        )
+
+    @property
+    def _best_text(self) -> str:
+        return "" if self._best is None else f"best: {self._objective(self._best)}"
+
+    def _text(self, event: SearchEvent) -> str:
+        """Return the state of a start in words."""
+        if event.status:
+            return f"{self._name(event)}: {event.status}"
+        beyond = f"{_percent(event)} beyond a limit" if event.violation > 0 else "within the limits"
+        return (
+            f"{self._name(event)}: {_phase(event)}, iteration {_iteration(event)}; "
+            f"{self._objective(event)}, {beyond}"
+        )
+
+    def _left(self) -> str:
+        """Return how long the search will take still; empty while that is not known.
+
+        A rough search counts what refinements, a hop or a finish count.
+        """
+        finishes = max(min(FINISHED, self._starts + self._hops), self._finished)
+        refined = sum(min(REFINED, len(group)) for group in groups(self._starts))
+        done = float(len(self._rough) + self._refined + self._finished)
+        for number, event in self._running.items():
+            rough = number <= self._starts and event.phase == "blunt"
+            done += event.share * (event.place[1] if rough else 1)
+        share = done / (self._starts + refined + self._hops + finishes)
+        passed = time.monotonic() - self._searches
+        return left_text(passed, max(share, passed / self._max_seconds))
+
+    def _name(self, event: SearchEvent) -> str:
+        """Return the start or hop of an event; hops have the numbers after the starts."""
+        if event.start <= self._starts:
+            return f"start {event.start} of {self._starts}"
+        return f"start {event.start} (hop {event.start - self._starts} of {self._hops})"
+
+    def _objective(self, event: SearchEvent) -> str:
+        """Return an event's objective with its name: criterion, and smoothed or true."""
+        # The rough search of a criterion that is flat far off is that of log det F.
+        of_d = event.phase == "blunt" and self._criterion.flat
+        title = (criteria()["d"] if of_d else self._criterion).named(self._information)
+        model = "true" if event.phase in _TRUE else "smoothed"
+        return f"{title} {event.objective:.6g} ({model})"
+
+    def _line(self, text: str) -> None:
+        self._spoke = time.monotonic()
+        self._console.print(text)
+
+    def _picture(self) -> Group:
+        if not self._built:
+            return Group(Text(self._before.line))
+        lines = [Text(self._head), Text(self._best_text or "best: none yet")]
+        if not self._running:
+            return Group(*lines, Text(self._before.line))
+        table = Table(box=None, pad_edge=False, header_style="dim")
+        for title in ("start", "stage", "iteration", "objective", "excess", "time"):
+            table.add_column(title, justify="left" if title == "stage" else "right", no_wrap=True)
+        for start, event in sorted(self._running.copy().items()):
+            table.add_row(
+                f"{start}",
+                _phase(event),
+                _iteration(event),
+                f"{event.objective:.6g}",
+                _percent(event),
+                time_text(event.seconds),
+            )
+        return Group(*lines, table)
+
+
+def _phase(event: SearchEvent) -> str:
+    """Return the phase of a start in words."""
+    number, count = event.place
+    title = PHASE_TITLES.get(event.phase, event.phase)
+    return f"{title} ({number} of {count})" if count > 1 else title
+
+
+def _iteration(event: SearchEvent) -> str:
+    number, most = event.of_round
+    return f"{number} of {most}" if most else f"{event.iteration}"
+
+
+def _percent(event: SearchEvent) -> str:
+    return f"{100 * max(event.violation, 0.0):.2g} %"
