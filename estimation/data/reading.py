@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cache
 from os import PathLike
@@ -33,9 +34,17 @@ from expdesign.configuration import (
     ResolvedRobot,
     quote,
 )
+from expdesign.configuration.actuator_units import ActuatorUnits
 from expdesign.configuration.document import refuse_special
 from expdesign.configuration.estimate import CHANNEL_UNITS
-from expdesign.configuration.quantity import CURRENT, LENGTH, Quantity, quantity_of_unit
+from expdesign.configuration.quantity import (
+    COUNT,
+    CURRENT,
+    LENGTH,
+    Quantity,
+    quantity_of_unit,
+    same_unit,
+)
 from expdesign.robot.robot import Robot
 
 
@@ -107,7 +116,8 @@ def measurement_of(
     if section.length_offsets == "home":
         # Lengths of the actuators: on a thread they are not the distances of the joints.
         home = machine.inverse_kinematics(machine.home)
-    table, notes = convert_to_si(table, section, home)
+    units = section.actuator_units(description)
+    table, notes = convert_to_si(table, section, units, home)
     table = _trim(table, section)
     parameters = len(description.parameter_names)
     if len(table) < parameters:
@@ -159,50 +169,57 @@ def _trim(table: RawTable, section: DataSection) -> RawTable:
 
 
 def convert_to_si(
-    table: RawTable, section: DataSection, home: Array | None = None
+    table: RawTable, section: DataSection, units: ActuatorUnits, home: Array | None = None
 ) -> tuple[RawTable, tuple[str, ...]]:
     """Convert a table to the struts' channels in s, m and N; return it with warnings.
 
     The unit of a column comes from the file, from `section.units` for the channel or its group, or
-    is SI. Currents are multiplied by the force constants. Then a length or force is
-    sign · channel + offset, and q1 of the file is the length of the first strut of
-    `section.order`. `home` contains the lengths at home, (6,), m, for ``offset: home``.
+    is SI. Angles, counts, torques and currents become lengths and forces along the struts through
+    `units`. Then a length or force is sign · channel + offset, and q1 of the file is the length of
+    the first strut of `section.order`. `home` contains the lengths at home, (6,), m, for
+    ``offset: home``.
 
     Raises
     ------
     InputError
-        A unit in the file is unknown, of another quantity, or contradicts `section.units`; or
-        currents and force constants are not both given.
+        A unit in the file is unknown, of another quantity, or contradicts `section.units`; or the
+        conversion needs a drive, counts or force constants that are not stated; or counts or force
+        constants are stated that no channel needs.
     """
     values = dict(table.values)
     problems: list[Problem] = []
     warnings: list[str] = []
-    currents = False
+    kinds = set[Quantity | None]()
     for channel in (name for name in table.values if name != "period"):
         try:
-            factor, dimension, found = _factor(channel, channel, table, section)
+            factor, kind, found = _factor(channel, channel, table, section, units)
         except InputError as error:
             problems += error.problems
             continue
         warnings += found
-        if dimension is CURRENT:
-            currents = True
-            if section.force_constants is None:
-                message = f"{channel} is a current, but no force constants are given"
-                allowed = "data.force_constants: one value or six, in N/A"
-                problems.append(table.header_problem(message, channel, allowed))
-                continue
-            factor *= section.force_constants[_strut(channel, section)]
+        kinds.add(kind)
         if factor != 1:
             values[channel] = values[channel] * factor
-    if section.force_constants is not None and not currents and not problems:
-        message = "data.force_constants are given, but no channel is a current"
-        allowed = "data.units: {Q: A} if the file holds currents, or no data.force_constants"
-        problems.append(table.header_problem(message, FORCE_CHANNELS[0], allowed))
     if problems:
         raise InputError(problems)
+    _refuse_unused_scales(table, section, kinds)
     table = replace(table, values=values)
     return _sort_by_strut(_apply_signs(table, section, home), section), tuple(warnings)
+
+
+def _refuse_unused_scales(
+    table: RawTable, section: DataSection, kinds: Collection[Quantity | None]
+) -> None:
+    """Refuse counts and force constants if no channel has the quantity that they are for."""
+    for key, kind, channel, unit in (
+        ("force_constants", CURRENT, FORCE_CHANNELS[0], "{Q: A}"),
+        ("counts_per_metre", COUNT, LENGTH_CHANNELS[0], "{q: counts}"),
+        ("counts_per_revolution", COUNT, LENGTH_CHANNELS[0], "{q: counts}"),
+    ):
+        if getattr(section, key) is not None and kind not in kinds:
+            message = f"data.{key} are given, but no channel is {kind.name}"
+            allowed = f"data.units: {unit} if the file holds {kind.name.split()[1]}s"
+            raise InputError(table.header_problem(message, channel, f"{allowed}, or no data.{key}"))
 
 
 def _apply_signs(table: RawTable, section: DataSection, home: Array | None) -> RawTable:
@@ -256,37 +273,39 @@ def _in_file(channel: str, section: DataSection) -> str:
 
 
 def _factor(
-    channel: str, place: str, table: RawTable, section: DataSection
+    channel: str, place: str, table: RawTable, section: DataSection, units: ActuatorUnits
 ) -> tuple[float, Quantity | None, list[str]]:
-    """Return the SI factor and quantity of a column's unit (None without one), and warnings.
+    """Return the SI value and quantity of a column's unit (None without one), and warnings.
 
     `channel` is its name in the file, `place` its key in the table.
     """
-    stated = section.units.get(channel, section.units.get(channel[0]))
-    given = table.columns[place].unit if place in table.columns else None
-    stated_dimension = None if stated is None else quantity_of_unit(stated)
-    factor = 1.0 if stated_dimension is None else stated_dimension.parse(f"1 {stated}")
-    if given is None:
-        return factor, stated_dimension, []
 
     def refused(message: str, allowed: str) -> InputError:
         return InputError(table.header_problem(message, place, allowed))
 
-    _, admitted = CHANNEL_UNITS[channel[0]]
-    found = quantity_of_unit(given)
-    if found is None:
+    unit, warnings = section.units.get(channel, section.units.get(channel[0])), list[str]()
+    given = table.columns[place].unit if place in table.columns else None
+    if given is not None and (found := quantity_of_unit(given)) is None:
         message = f"the file's unit {quote(given)} is not known"
-        if stated is None:
+        if unit is None:
             raise refused(message, f"a known unit, or data.units: {{{channel}: …}}")
-        return factor, stated_dimension, [f"{channel}: {message}, '{stated}' used"]
-    if found not in admitted:
-        message = f"the file's unit {quote(given)} is that of {found.name}"
-        raise refused(message, " or ".join(dimension.name for dimension in admitted))
-    given_factor = found.parse(f"1 {given}")
-    if stated is not None and (found, given_factor) != (stated_dimension, factor):
-        message = f"the file says that {channel} is in {quote(given)}, data.units says '{stated}'"
-        raise refused(message, "the same unit, or none in data.units")
-    return given_factor, found, []
+        warnings.append(f"{channel}: {message}, '{unit}' used")
+    elif given is not None and found is not None:
+        _, admitted = CHANNEL_UNITS[channel[0]]
+        if found not in admitted:
+            message = f"the file's unit {quote(given)} is that of {found.name}"
+            raise refused(message, " or ".join(dimension.name for dimension in admitted))
+        if unit is not None and not same_unit(unit, given):
+            message = f"the file says that {channel} is in {quote(given)}, data.units says '{unit}'"
+            raise refused(message, "the same unit, or none in data.units")
+        unit = given
+    if unit is None or (kind := quantity_of_unit(unit)) is None:
+        return 1.0, None, warnings
+    if channel == "t":
+        return kind.parse(f"1 {unit}"), kind, warnings
+    if missing := units.missing(unit):
+        raise refused(f"{channel} is {kind.name}, but {missing[0]}", missing[1])
+    return units.si_values(unit)[_strut(channel, section)], kind, warnings
 
 
 _UNITS = ("m", "mm", "cm", "in", "ft", "µm", "dm", "km")
@@ -370,7 +389,8 @@ def _hint(
     signs = np.array(section.channel_signs("q"))
     offsets = home if section.length_offsets == "home" else np.array(section.length_offsets)
     positions = signs * (middle - offsets)
-    factors = [_factor(_in_file(c, section), c, table, section)[0] for c in LENGTH_CHANNELS]
+    own = section.actuator_units(robot)
+    factors = [_factor(_in_file(c, section), c, table, section, own)[0] for c in LENGTH_CHANNELS]
     in_file = positions / factors
     units = {u: allowed.fits(offsets + signs * in_file * LENGTH.parse(f"1 {u}")) for u in _UNITS}
     from_home = not np.any(offsets)

@@ -15,7 +15,7 @@ from expdesign.cli.runs import execute_stage, run_configuration, warn_of_changes
 from expdesign.cli.terminal import working
 from expdesign.configuration import ExportSection, InputError, RunConfiguration
 from expdesign.configuration.document import document_from_mapping
-from expdesign.configuration.export import STRUT_ONLY, export_formats
+from expdesign.configuration.export import SCALES, STRUT_ONLY, export_formats
 from expdesign.configuration.schema import validate
 from expdesign.export.formats import table_formats
 from expdesign.export.result import FOLDER
@@ -153,8 +153,7 @@ def _contradicted_options(given: dict[str, Any], stated: ExportSection) -> dict[
     # Axes of the run are those of its coordinates.
     of_space = ("axes", *(STRUT_ONLY if space == "pose" else ()))
     against = {
-        "counts_per_metre": ("units",),
-        "units": ("counts_per_metre",),
+        **{key: tuple(other for other in SCALES if other != key) for key in SCALES},
         "space": of_space if space != stated.coordinates else (),
         "encoding": ("digits",) if given.get("encoding") == "mcap" else (),
     }

@@ -170,6 +170,7 @@ def inconsistencies(
         _impossible_selections,
         _impossible_payloads,
         _impossible_control,
+        _impossible_units,
     ):
         for key, message, allowed in check(run, robot):
             yield document.problem(key, message, allowed)
@@ -403,3 +404,16 @@ def selection_warnings(run: RunDescription) -> list[str]:
     if run.estimate.select is None or "montecarlo" not in run.stages:
         return []
     return ["montecarlo estimates the robot's own terms: it ignores estimate.select"]
+
+
+def _impossible_units(run: RunDescription, robot: ResolvedRobot) -> Iterator[_Fault]:
+    units = run.data.actuator_units(robot)
+    for channel, unit in run.data.units.items():
+        if missing := units.missing(unit):
+            fault, remedy = missing
+            yield ("data", "units", channel), f"'{unit}' cannot be converted: {fault}", remedy
+    for number, table in enumerate(run.export):
+        length = table.length_unit
+        if length and (missing := table.actuator_units(robot).missing(length)):
+            fault, remedy = missing
+            yield ("export", number), f"lengths in {length} cannot be computed: {fault}", remedy

@@ -8,9 +8,10 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from expdesign.configuration import quantity, schema
+from expdesign.configuration.actuator_units import FORCE_KINDS, LENGTH_KINDS, ActuatorUnits
 from expdesign.configuration.errors import quote, refusal, require
 from expdesign.configuration.parameters import FurtherTerms, check_parameter, parse_parameter
-from expdesign.configuration.robot import RobotDescription
+from expdesign.configuration.robot import ResolvedRobot, RobotDescription
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 
 LENGTH_CHANNELS = actuator_names("q")
@@ -19,8 +20,8 @@ CHANNELS = ("t", *LENGTH_CHANNELS, *FORCE_CHANNELS, "period")
 """Columns of a recording; `period` is optional."""
 CHANNEL_UNITS: dict[str, tuple[str, tuple[quantity.Quantity, ...]]] = {
     "t": ("a unit of time", (quantity.DURATION,)),
-    "q": ("a unit of length", (quantity.LENGTH,)),
-    "Q": ("a unit of force or of current", (quantity.FORCE, quantity.CURRENT)),
+    "q": ("a unit of length, of the motor's angle, or count", LENGTH_KINDS),
+    "Q": ("a unit of force, of the motor's torque, or of current", FORCE_KINDS),
 }
 """Quantities of the channels in a group, with words for messages."""
 _Channel = Annotated[str, schema.one_of(CHANNELS, "channel")]
@@ -80,6 +81,10 @@ class DataSection(schema.Section):
         Annotated[tuple[quantity.ForceConstant, ...], schema.per_strut("force constants")] | None
     ) = None
     """Force per ampere of the actuators, N/A, for files that hold currents."""
+    counts_per_metre: schema.Counts | None = None
+    """Counts of one metre of a strut, for files that hold counts."""
+    counts_per_revolution: schema.Counts | None = None
+    """Counts of one turn of a motor, for files that hold counts, instead of those per metre."""
     order: schema.PlainOrSection[schema.Order, OrderByChannel] | None = None
     """Number of the strut on each channel."""
     sign: schema.PlainOrSection[schema.Signs, SignsByChannel] | None = None
@@ -109,18 +114,24 @@ class DataSection(schema.Section):
             if len(channels) > 1:
                 message = f"column {quote(column)} is both {' and '.join(channels)}"
                 raise refusal(message, "a column for each channel", key="columns")
+        if self.counts_per_metre is not None and self.counts_per_revolution is not None:
+            message = "counts_per_metre and counts_per_revolution are both given"
+            raise refusal(message, "one of the two", key="counts_per_revolution")
         for key, unit in self.units.items():
-            allowed, dimensions = CHANNEL_UNITS[key[0]]
-            dimension = quantity.quantity_of_unit(unit)
-            if dimension not in dimensions:
+            allowed, kinds = CHANNEL_UNITS[key[0]]
+            kind = quantity.quantity_of_unit(unit)
+            if kind is None or kind not in kinds:
                 raise refusal(f"'{unit}' is not a unit for {key}", allowed, key="units")
-            if dimension is quantity.CURRENT and self.force_constants is None:
-                raise refusal(
-                    f"{key} is a current, but no force_constants are given",
-                    "force_constants: one value, or one for each actuator, in N/A",
-                    key="units",
-                )
+            if missing := self.actuator_units().missing(unit):
+                message = f"{key} is {kind.name}, but {missing[0]}"
+                raise refusal(message, missing[1], key="units")
         return self
+
+    def actuator_units(self, robot: ResolvedRobot | None = None) -> ActuatorUnits:
+        """Return the units of lengths and forces; without a robot its drive is not missing."""
+        return ActuatorUnits(
+            robot, self.counts_per_metre, self.counts_per_revolution, self.force_constants
+        )
 
     def channel_order(self, group: str) -> tuple[int, ...]:
         """Return the strut, from 1, on each of the six channels of a group, ``q`` or ``Q``."""

@@ -14,16 +14,23 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, SerializeAsAny, model_validator
 
 from expdesign.configuration import schema
+from expdesign.configuration.actuator_units import ActuatorUnits
 from expdesign.configuration.errors import nearest_name, quote, refusal
-from expdesign.configuration.quantity import Duration, Length, Number, Positive, Share
+from expdesign.configuration.quantity import Duration, Length, Positive, Share
+from expdesign.configuration.robot import ResolvedRobot
 from expdesign.mechanism.hexapod import ACTUATORS
 
 Space = Literal["strut", "pose"]
 _LARGEST_DIGITS = 15
 _ALWAYS = ("format", "file", "segment", "scale", "tolerance")
 STRUT_AXES = ("order", "sign", "offset")
-STRUT_ONLY = (*STRUT_AXES, "counts_per_metre")
+STRUT_ONLY = (*STRUT_AXES, "counts_per_metre", "counts_per_revolution")
 """Options about actuators, for tables of struts."""
+SCALES = ("units", "counts_per_metre", "counts_per_revolution")
+"""Options for the unit of a strut's length, one of which may be given."""
+MOTOR_UNITS = ("rad", "deg", "rev")
+"""Units of a strut's length as the angle of its motor."""
+COUNTS = "counts"
 PVT_OPTIONS = (*("space", "digits", "units", "angles", "axes", *STRUT_ONLY, "trigger"),)
 """Shared options of PVT tables."""
 
@@ -62,7 +69,8 @@ class ExportSection(schema.Section):
     """Scale F of a table with home + F (λ(F t) − home) of the motion λ, for a first run."""
     digits: Annotated[int, schema.whole(0, _LARGEST_DIGITS)] | None = None
     """Digits after the decimal point."""
-    units: Literal["m", "mm", "um", "in"] | None = None
+    units: Literal["m", "mm", "um", "in", "rad", "deg", "rev"] | None = None
+    """Unit of lengths; of a strut also the angle of its motor."""
     angles: Literal["rad", "deg"] | None = None
     axes: (
         Annotated[tuple[schema.Name, ...], schema.exactly(ACTUATORS, "names"), schema.Distinct]
@@ -75,10 +83,10 @@ class ExportSection(schema.Section):
     """Signs by the struts' numbers: position = sign · (length − offset) · counts."""
     offset: schema.Offsets | None = None
     """Lengths at which the axes of the struts read zero, m; ``"home"``: the lengths at home."""
-    counts_per_metre: (
-        Annotated[tuple[Annotated[Number, Positive], ...], schema.per_strut("counts per metre")]
-        | None
-    ) = None
+    counts_per_metre: schema.Counts | None = None
+    """Counts of one metre of a strut, instead of units."""
+    counts_per_revolution: schema.Counts | None = None
+    """Counts of one turn of a motor, instead of units."""
     tolerance: Annotated[Length, Positive] | None = None
     """Largest deviation of a strut's length from the design, m."""
     trigger: Annotated[int, schema.whole(0)] | None = None
@@ -108,9 +116,13 @@ class ExportSection(schema.Section):
             key = strut_only[0]
             message = f"'{key}' is about actuators, the table holds poses"
             raise refusal(message, "with space: strut only", key=key)
-        if self.units is not None and self.counts_per_metre is not None:
-            message = "units and counts_per_metre are both given"
-            raise refusal(message, "one of the two", key="units")
+        if self.coordinates == "pose" and self.units in MOTOR_UNITS:
+            message = f"'{self.units}' is a unit of motors, the table holds poses"
+            raise refusal(message, "with space: strut only", key="units")
+        scales = [key for key in SCALES if getattr(self, key) is not None]
+        if len(scales) > 1:
+            message = f"{scales[0]} and {scales[1]} are both given"
+            raise refusal(message, "one of the two", key=scales[0])
         first, last = self.outputs
         if self.trigger is not None and not first <= self.trigger <= last:
             message = f"{self.format} has no output {self.trigger}"
@@ -126,6 +138,16 @@ class ExportSection(schema.Section):
     def coordinates(self) -> Space:
         """Coordinates of the table."""
         return self.space or self.spaces[0]
+
+    @property
+    def length_unit(self) -> str | None:
+        """Unit of lengths; None for the format's."""
+        counted = self.counts_per_metre is not None or self.counts_per_revolution is not None
+        return COUNTS if counted else self.units
+
+    def actuator_units(self, robot: ResolvedRobot | None) -> ActuatorUnits:
+        """Return the units of the struts and motors of a robot."""
+        return ActuatorUnits(robot, self.counts_per_metre, self.counts_per_revolution)
 
     @property
     def factor(self) -> float:

@@ -55,8 +55,12 @@ _UNITS: tuple[tuple[str, int | str | float | Fraction, str], ...] = (
     ("kN kilonewton", 1000, "kg m s^-2"),
     ("MN meganewton", 10**6, "kg m s^-2"),
     ("lbf poundforce", "4.4482216152605", "kg m s^-2"),
+    ("Nm", 1, "kg m^2 s^-2"),
+    ("mNm", "1e-3", "kg m^2 s^-2"),
+    ("Ncm", "0.01", "kg m^2 s^-2"),
     ("A ampere", 1, "A"),
     ("mA milliampere", "1e-3", "A"),
+    ("count inc increment tick", 1, "count"),
 )
 """Names, usual symbol first; value in the product of base units."""
 
@@ -189,13 +193,14 @@ LENGTH_VARIANCE = Quantity("a length variance", "m^2", "0.01 mm^2")
 FORCE_CONSTANT = Quantity("a force constant", "N/A", "90 N/A")
 CURRENT = Quantity("a current", "A", "2 A")
 COMPLIANCE = Quantity("a compliance", "m/N", "0.05 um/N")
+TORQUE = Quantity("a torque", "N m", "0.4 N m")
+COUNT = Quantity("a count", "count", "4096 counts")
 
 _QUANTITIES = (
     *(LENGTH, ANGLE, SPEED, ACCELERATION, JERK, FORCE, FREQUENCY, DURATION, MASS, INERTIA),
-    *(FORCE_VARIANCE, LENGTH_VARIANCE, FORCE_CONSTANT, CURRENT, COMPLIANCE),
+    *(FORCE_VARIANCE, LENGTH_VARIANCE, FORCE_CONSTANT, CURRENT, COMPLIANCE, TORQUE, COUNT),
     Quantity("an angular speed", "rad/s", "30 deg/s"),
     Quantity("an angular acceleration", "rad/s^2", "30 deg/s^2"),
-    Quantity("a torque", "N m", "0.4 N m"),
     Quantity("a first moment", "kg m", "1.7 kg m"),
     Quantity("a viscous friction", "N s/m", "20 N s/m"),
 )
@@ -244,9 +249,24 @@ def quantity_of_unit(unit: str) -> Quantity | None:
     >>> quantity_of_unit("mm").name
     'a length'
     """
-    match = _match(f"1 {unit}")
-    found = _parse_unit(match.group(2)) if match and match.group(2) else None
+    found = _unit_of(unit)
     return None if found is None else _kind(found[1])
+
+
+def _unit_of(unit: str) -> tuple[Fraction, _Powers] | None:
+    match = _match(f"1 {unit}")
+    return _parse_unit(match.group(2)) if match and match.group(2) else None
+
+
+def same_unit(one: str, other: str) -> bool:
+    """Return whether two known units have the same value.
+
+    Examples
+    --------
+    >>> same_unit("N m", "Nm"), same_unit("m", "mm")
+    (True, False)
+    """
+    return _unit_of(one) == _unit_of(other)
 
 
 _SHOWN_AS = {

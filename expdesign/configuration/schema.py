@@ -39,7 +39,7 @@ from expdesign.configuration.errors import (
     require,
     value_problem,
 )
-from expdesign.configuration.quantity import Angle, Force, Length, Number
+from expdesign.configuration.quantity import Angle, Force, Length, Number, Positive
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES, COORDINATES
 
 
@@ -422,6 +422,8 @@ Offsets = Annotated[
     Discriminator(lambda value: "(name)" if value == "home" else "(inline)"),
 ]
 """Lengths of the struts at readings of zero, m; ``"home"``: their lengths at home."""
+Counts = Annotated[tuple[Annotated[Number, Positive], ...], per_strut("numbers of counts")]
+"""Counts of a length or turn for each strut by its number."""
 ForceOffsets = Annotated[tuple[Force, ...], per_strut("offsets")]
 """Forces of the struts at readings of zero, N."""
 

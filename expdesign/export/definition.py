@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from constraints.arrays import Array
 from expdesign.configuration import ExportSection
 from expdesign.configuration.export import Space
+from expdesign.configuration.quantity import LENGTH
 from expdesign.export.rotation import from_roll_pitch_yaw, roll_pitch_yaw
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.recheck.limit_check import Recheck
@@ -219,7 +220,7 @@ def scaled_in_words(factor: float) -> str:
     )
 
 
-LENGTH_UNITS = {"m": 1.0, "mm": 1e3, "um": 1e6, "in": 1 / 0.0254}
+LENGTH_UNITS = {unit: 1 / LENGTH.parse(f"1 {unit}") for unit in ("m", "mm", "um", "in")}
 ANGLE_UNITS = {"rad": 1.0, "deg": 180 / np.pi}
 
 

@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from expdesign.configuration import ComputationError, ExportSection, InputError
+from expdesign.configuration.export import COUNTS
 from expdesign.export.definition import (
     ANGLE_UNITS,
     LENGTH_UNITS,
@@ -45,8 +46,7 @@ Straight lines between rows 1 ms apart leave a motion of 30 m/s² by 4 µm.
 LONGEST = 3600.0
 """Longest scaled motion, s."""
 
-COUNTS = "counts"
-_MORE_DIGITS = {"m": 3, "mm": 0, "um": -3, "in": 2}
+_MORE_DIGITS = {"m": 3, "mm": 0, "um": -3, "in": 2, "rad": 2, "deg": 0, "rev": 3}
 
 BAG = ".mcap"
 
@@ -95,7 +95,7 @@ def _remedy(check: ReadBack, settings: Settings) -> str:
         return settings.form.controller.condition(settings)
     if settings.digits == settings.form.count_digits == 0:
         # Rounding to whole counts weighs most at short steps.
-        return "a longer segment, or finer counts (counts_per_metre) may help"
+        return "a longer segment, or finer counts may help"
     ways = [short if section.segment is None else f"no segment, or {short}"]
     if settings.digits is not None and (section.digits is not None or section.segment is None):
         ways.append("more digits")
@@ -227,12 +227,12 @@ def resolve_settings(section: ExportSection, task: Task, place: str = "") -> Set
     """Fill in the defaults of a format, and scale the motion as the section asks for."""
     form = table_formats()[section.format]
     task = _scale_task(section, task, place)
-    axes = _axes(section, form, task.robot)
+    axes = _axes(section, form, task.robot, place)
     digits = section.digits
     if digits is None and form.digits is not None and not section.binary_suffix:
-        more = _MORE_DIGITS[section.units or form.units]
-        counted = section.counts_per_metre is not None
-        digits = form.count_digits if counted else max(0, form.digits + more)
+        unit = section.length_unit or form.units
+        counted = unit == COUNTS
+        digits = form.count_digits if counted else max(0, form.digits + _MORE_DIGITS[unit])
     home = task.motion.sample(0.0).pose
     # What the axes move: the pose itself or the struts' lengths.
     moved = home if axes.space == "pose" else task.robot.inverse_kinematics(home)
@@ -268,19 +268,24 @@ def _scale_task(section: ExportSection, task: Task, place: str) -> Task:
     return replace(task, motion=motion.scaled(factor, task.robot.home))
 
 
-def _axes(section: ExportSection, form: TableFormat, robot: Robot) -> Axes:
+def _axes(section: ExportSection, form: TableFormat, robot: Robot, place: str) -> Axes:
     space = section.coordinates
     names = section.axes or form.axes[space]
-    length, angle = section.units or form.units, section.angles or form.angles
+    length, angle = section.length_unit or form.units, section.angles or form.angles
     if space == "pose":
         units = [length if one.unit == "m" else angle for one in POSE]
         factor = np.array([(LENGTH_UNITS | ANGLE_UNITS)[unit] for unit in units])
         places, nowhere = np.arange(COORDINATES), np.zeros(COORDINATES)
         return Axes(space, names, tuple(units), places, factor, nowhere, form.fixed_angles)
     source = np.array(section.order or range(1, ACTUATORS + 1), dtype=np.intp) - 1
-    scale = np.full(ACTUATORS, LENGTH_UNITS[length])
-    if section.counts_per_metre is not None:
-        scale, length = np.array(section.counts_per_metre), COUNTS
+    conversion = section.actuator_units(robot.description)
+    if missing := conversion.missing(length):
+        message = f"lengths in {length} cannot be computed: {missing[0]}"
+        raise InputError(message, robot.description.source, key=place, allowed=missing[1])
+    # Counts as given, to the last digit.
+    scale = np.array(
+        section.counts_per_metre or [1 / each for each in conversion.si_values(length)]
+    )
     if section.offset == "home":
         zero = robot.inverse_kinematics(robot.home)
     else:

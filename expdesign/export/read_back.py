@@ -171,7 +171,7 @@ def _row_error(rows: Rows, settings: Settings) -> tuple[float, list[str]]:
         pairs.append(("acceleration", rows.acceleration, ideal.acceleration))
     if rows.columns:
         expected = whole_motion(settings.task, rows.times)
-        pairs += [(name, rows.columns[name][:, None], v[:, None]) for name, v in expected.items()]
+        pairs += [(name, v[:, None], expected[name][:, None]) for name, v in rows.columns.items()]
     for what, written, wanted in pairs:
         size = np.max(np.abs(wanted), axis=0, initial=1.0)
         rounding = size * (_DOUBLE if settings.digits is not None else _COMPUTED)

@@ -208,6 +208,8 @@ def wrong_columns(settings: Settings, rows: Rows) -> list[str]:
     found = []
     expected = whole_motion(settings.task, rows.times) if rows.columns else {}
     for name, wanted in expected.items():
+        if name not in rows.columns:
+            continue  # not chosen
         off = np.abs(rows.columns[name] - wanted)
         row = int(np.argmax(off))
         if not off[row] <= COLUMN * max(1.0, np.max(np.abs(wanted))):

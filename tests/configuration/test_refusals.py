@@ -165,7 +165,13 @@ data: {columns: {q1: 5}} => data.columns.q1 => 5 is not a text
 data: {columns: {q1: x, q2: x}} => data.columns => 'x' is both q1 and q2
 data: {units: {q: kg}} => data.units => 'kg' is not a unit for q
 data: {units: {q: nonsense}} => data.units => 'nonsense' is not a unit for q
-data: {units: {Q: A}} => data.units => no force_constants are given
+data: {units: {Q: A}} => data.units => no force constants are given
+data: {units: {q: counts}} => data.units => q is a count, but neither counts_per_metre nor
+    counts_per_revolution are given
+data: {units: {q: rev}} => data.units.q => states no lead of the drives
+data: {counts_per_metre: 1.0, counts_per_revolution: 1.0} => data.counts_per_revolution => both
+export: [{format: csv, units: deg}] => export[1] => lengths in deg cannot be computed
+export: [{format: mat, space: pose, units: rev}] => export[1].units => is a unit of motors
 data: {delimiter: ";;"} => data.delimiter => is not one character
 data: {decimal: ","} => data.decimal => both delimiter and decimal mark
 data: {time_tolerance: 0.5} => data.time_tolerance => out of range

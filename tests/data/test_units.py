@@ -1,11 +1,17 @@
 """Units of columns: stated in the run file, in the header, or SI."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from estimation.data.reading import read_measurement
+from expdesign.configuration import DataSection, InputError, load_run
+from expdesign.configuration.parameters import Drive, Gear, Screw
 from expdesign.configuration.quantity import quantity_of_unit
+from expdesign.library import robot_files
 from tests.data.recordings import CHANNELS, write_csv
 
 SHARED = settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -14,6 +20,8 @@ TIMES = ("s", "ms", "us", "min", "h")
 FORCES = ("N", "kN", "mN", "lbf", "kg m/s^2")
 CURRENTS = ("A", "mA")
 _OF = {"t": TIMES, "q": LENGTHS, "Q": FORCES}
+_FILE = robot_files()["palida"]
+LEAD = 0.008
 
 
 def _factor(unit):
@@ -88,10 +96,61 @@ def test_force_constants_without_a_current_are_refused(tmp_path, rec, refused):
     assert "data.units: {Q: A}" in problem.allowed
 
 
+@pytest.mark.parametrize("drive", [{"screw": Screw(lead=LEAD)}, {"gear": Gear(lead=LEAD)}])
+@pytest.mark.parametrize(
+    ("channel", "unit", "per_metre_or_newton", "section"),
+    [
+        ("q", "rev", 1 / LEAD, {}),
+        ("q", "turns", 1 / LEAD, {}),
+        ("q", "rad", 2 * np.pi / LEAD, {}),
+        ("q", "deg", 360 / LEAD, {}),
+        ("q", "°", 360 / LEAD, {}),
+        ("q", "counts", 4096 / LEAD, {"counts_per_revolution": 4096}),
+        ("q", "inc", np.arange(1, 7) * 1e5, {"counts_per_metre": [1e5 * j for j in range(1, 7)]}),
+        ("Q", "N m", LEAD / (2 * np.pi), {}),
+        ("Q", "mNm", 1e3 * LEAD / (2 * np.pi), {}),
+        ("Q", "A", 1 / 90, {"force_constants": 90}),
+    ],
+)
+def test_units_of_the_motor(
+    channel, unit, per_metre_or_newton, section, drive, tmp_path, rec, palida
+):
+    """A turn moves the strut by the lead, and the power of both is the same."""
+    path, header = tmp_path / "m.csv", "gear" in drive
+    frame = rec.frame
+    names = [f"{channel}{j}" for j in range(1, 7)]
+    frame[names] *= per_metre_or_newton
+    if header:
+        frame.columns = [f"{c} ({unit})" if c in names else c for c in frame.columns]
+    frame.to_csv(path, index=False)
+    units = {} if header else {channel: unit}
+    machine = replace(palida, drive=Drive(**drive))
+    _close(read_measurement(path, DataSection(units=units, **section), machine), rec)
+
+
+@pytest.mark.parametrize("key", ["force_constants", "counts_per_metre", "counts_per_revolution"])
+def test_scales_that_no_channel_needs_are_refused(key, tmp_path, rec, refused):
+    path = tmp_path / "m.csv"
+    write_csv(path, rec)
+    (problem,) = refused(path, **{key: 90})
+    assert f"data.{key} are given, but no channel is" in problem.message
+
+
+def test_a_run_that_needs_a_lead_names_the_robot_file(tmp_path):
+    file = tmp_path / "run.yaml"
+    file.write_text("name: a\nrobot: palida\ndata:\n  units: {q: rev, Q: N}\n")
+    with pytest.raises(InputError) as caught:
+        load_run(file)
+    (problem,) = caught.value.problems
+    assert (problem.file, problem.line, problem.key) == (file, 4, "data.units.q")
+    assert str(_FILE) in problem.message
+    assert "drive: {screw: {lead: 5 mm}}" in problem.allowed
+
+
 def test_a_unit_that_is_not_known_is_the_only_defect(tmp_path, rec, refused):
     """What its channel holds is not known then: nothing is said of missing currents."""
     path = tmp_path / "m.csv"
-    rec.frame.rename(columns={f"Q{j}": f"Q{j} [counts]" for j in range(1, 7)}).to_csv(
+    rec.frame.rename(columns={f"Q{j}": f"Q{j} [PWM]" for j in range(1, 7)}).to_csv(
         path, index=False
     )
     assert all("is not known" in problem.message for problem in refused(path, force_constants=90))
@@ -102,7 +161,14 @@ def test_a_unit_that_is_not_known_is_the_only_defect(tmp_path, rec, refused):
     [
         ("q3 [mm]", {"q": "m"}, "the file says that q3 is in 'mm', data.units says 'm'"),
         ("q3 [N]", {}, "the file's unit 'N' is that of a force"),
-        ("q3 [rad]", {}, "the file's unit 'rad' is that of an angle"),
+        ("q3 [rad/s]", {}, "the file's unit 'rad/s' is that of an angular speed"),
+        ("q3 [rad]", {}, f"q3 is an angle, but {_FILE} states no lead of the drives"),
+        ("Q2 [mNm]", {}, f"Q2 is a torque, but {_FILE} states no lead of the drives"),
+        (
+            "q3 [counts]",
+            {},
+            "q3 is a count, but neither counts_per_metre nor counts_per_revolution are given",
+        ),
         ("Q2 [mm]", {}, "the file's unit 'mm' is that of a length"),
         ("Q2 [A]", {}, "Q2 is a current, but no force constants are given"),
         ("q3 [Inkremente]", {}, "the file's unit 'Inkremente' is not known"),

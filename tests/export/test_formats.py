@@ -8,12 +8,17 @@ import pytest
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 
-from expdesign.configuration import export_section
+from estimation.data.reading import read_measurement
+from expdesign.configuration import DataSection, InputError, export_section
+from expdesign.configuration.parameters import Drive, Gear
 from expdesign.export.definition import LENGTH_UNITS, Interpolation
 from expdesign.export.exporting import ExportError, export_table, file_name
 from expdesign.export.formats import table_formats
 from expdesign.export.row_times import SHARE, STEPS
+from expdesign.export.table_file import certify_file, read_table_file
+from expdesign.export.whole_table import wrong_columns
 from expdesign.mechanism.strut import rotation_matrix
+from expdesign.robot import Robot
 from tests.export import reading
 from tests.export.motions import CASES, task
 
@@ -176,6 +181,43 @@ def test_axes_units_order_signs_and_zeros(tmp_path):
         [moved[:, 2], moved[:, 0], -2 * moved[:, 1], moved[:, 5], -moved[:, 4], moved[:, 3]], axis=1
     )
     assert np.abs(positions - wanted).max() <= 0.5e-3 + 1e-8
+
+
+@pytest.mark.parametrize(
+    ("options", "units"),
+    [
+        ({"units": "rev", "columns": ["dq", "Q", "window"]}, {}),
+        ({"counts_per_revolution": 1e6, "segment": "4 ms"}, {}),
+        ({"counts_per_metre": [1e8, 2e8, 1e8, 1e8, 1e8, 3e8]}, {"Q": "N"}),
+        ({"units": "mm", "columns": ["Q"]}, {}),
+    ],
+)
+def test_a_csv_is_read_with_the_options_that_wrote_it(options, units, tmp_path):
+    """Order, signs, zeros and counts have the same keys and values in `export` and `data`."""
+    work = task()
+    turned = replace(work.robot.description, drive=Drive(gear=Gear(lead=0.02)))
+    work = replace(work, robot=Robot(turned))
+    axes = {"order": [3, 1, 2, 6, 5, 4], "sign": [1, -1, 1, 1, -1, 1], "offset": "home"}
+    given = UNIFORM | axes | options
+    made = export_table(export_section(format="csv", **given), work, tmp_path / "file.csv")
+    counts = {key: value for key, value in options.items() if "counts" in key}
+    section = DataSection(units=units, **axes, **counts)
+    found = read_measurement(made.path, section, work.robot)
+    states = work.motion.sample(STEP * np.arange(len(found)))  # at rest at the ends
+    assert np.abs(found.lengths - work.robot.inverse_kinematics(states.pose)).max() < 1e-12
+    forces = work.robot.actuator_forces(*states)
+    assert np.abs(found.forces - forces).max() < 1e-9 * np.abs(forces).max()
+    header = made.path.read_text().partition("\n")[0].split(",")
+    assert len(header) == (13 if options.get("columns") == ["Q"] else len(header))
+    table = read_table_file(made.path, made.settings)
+    assert certify_file(table).faults == ()
+    assert wrong_columns(made.settings, table.executed.rows) == []
+
+
+def test_a_table_of_motors_needs_their_lead(tmp_path):
+    work = task()
+    with pytest.raises(InputError, match=r"states no lead.*drive: \{screw: \{lead: 5 mm\}\}"):
+        export_table(export_section(format="csv", units="rev"), work, tmp_path / "file.csv")
 
 
 def test_relative_rows_do_not_gather_rounding(tmp_path):

@@ -6,47 +6,114 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
-from expdesign.configuration.export import ExportSection
-from expdesign.export.definition import Guide, Interpolation, Rows, Settings, TableFormat
+from expdesign.configuration import schema
+from expdesign.configuration.export import MOTOR_UNITS, STRUT_ONLY, ExportSection
+from expdesign.export.definition import (
+    Axes,
+    Guide,
+    Interpolation,
+    Rows,
+    Settings,
+    TableFormat,
+)
 from expdesign.export.repetition import collect
 from expdesign.export.row_times import COLUMNS
 from expdesign.export.text_table import every_line, lines_after, numbers, write_lines
-from expdesign.mechanism.hexapod import actuator_names
+from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
+from expdesign.runfolder.fields import Column
 
-_HEADER = [f"{column.name} [{column.unit}]" for column in COLUMNS]
-
-
-def _write(path: Path, rows: Rows, _settings: Settings) -> None:
-    text = zip(rows.every_time(), every_line(rows, _lines), strict=True)
-    write_lines(path, chain([",".join(_HEADER)], (f"{time!r},{line}" for time, line in text)))
-
-
-def _lines(part: Rows) -> Iterator[str]:
-    """Yield the lines of rows without their times."""
-    for row in np.column_stack([part.columns[column.name] for column in COLUMNS[1:]]):
-        yield ",".join(map(repr, row.tolist()))
-
-
-def _read(path: Path, settings: Settings) -> Rows:
-    text = lines_after(path, ",".join(_HEADER), "other columns than were written")
-    blocks = numbers(text, len(COLUMNS), "cells", ",", first=2, timed=True)
-    found = collect(((block[:, 0], block[:, 1:]) for block in blocks), settings)
-    record = {"t": found.times}
-    record |= {column.name: found.values[:, k] for k, column in enumerate(COLUMNS[1:])}
-    length, rate, acceleration = (
-        np.stack([record[name] for name in actuator_names(prefix)], axis=1)
-        for prefix in ("q", "dq", "ddq")
-    )
-    return replace(found.rows(length, rate, acceleration), columns=record).checked()
+_KINDS = tuple(dict.fromkeys(column.name.rstrip("123456") for column in COLUMNS))
+"""Names of the columns without the numbers of struts."""
+_ALWAYS = ("t", "q")
+_DERIVATIVES = ("q", "dq", "ddq")
 
 
 class CsvOptions(ExportSection):
     """Options of a CSV file with the whole motion."""
 
     spaces = ("strut",)
+    shared = ("units", *STRUT_ONLY)
+
+    columns: (
+        Annotated[
+            tuple[Annotated[str, schema.one_of(_KINDS, "column")], ...],
+            schema.at_least(1, "columns"),
+            schema.Distinct,
+        ]
+        | None
+    ) = None
+    """Columns in addition to time and lengths, without the numbers of struts; None: all."""
+
+
+def _columns(settings: Settings) -> tuple[Column, ...]:
+    """Return the columns of the file with their units."""
+    unit, chosen = settings.axes.units[0], getattr(settings.section, "columns", None)
+    units = {
+        kind: f"{unit}{per}" for kind, per in zip(_DERIVATIVES, ("", "/s", "/s^2"), strict=True)
+    }
+    if unit in MOTOR_UNITS:
+        units["Q"] = "N m"
+    return tuple(
+        replace(column, unit=units.get(kind, column.unit))
+        for column in COLUMNS
+        if (kind := column.name.rstrip("123456")) in (*_ALWAYS, *(chosen or _KINDS))
+    )
+
+
+def _force_axes(settings: Settings) -> Axes:
+    """Return the axes with their forces, or the torques of motors, as coordinates."""
+    axes, units = settings.axes, settings.section.actuator_units(settings.task.robot.description)
+    per_newton = 1 / np.array(units.si_values("N m" if axes.units[0] in MOTOR_UNITS else "N"))
+    return replace(axes, factor=np.sign(axes.factor) * per_newton, zero=np.zeros(ACTUATORS))
+
+
+def _header(settings: Settings) -> str:
+    return ",".join(f"{column.name} [{column.unit}]" for column in _columns(settings))
+
+
+def _write(path: Path, rows: Rows, settings: Settings) -> None:
+    names = [column.name for column in _columns(settings)[1:]]
+
+    def lines_of(part: Rows) -> Iterator[str]:
+        """Yield the lines of rows without their times."""
+        values = dict(part.columns)
+        forces = np.column_stack([values[name] for name in actuator_names("Q")])
+        for prefix, six in (
+            *zip(_DERIVATIVES, (part.position, part.velocities, part.accelerations), strict=True),
+            ("Q", _force_axes(settings).rows(part.times, forces).position),
+        ):
+            values |= zip(actuator_names(prefix), six.T, strict=True)
+        for row in np.column_stack([values[name] for name in names]):
+            yield ",".join(map(repr, row.tolist()))
+
+    text = zip(rows.every_time(), every_line(rows, lines_of), strict=True)
+    write_lines(path, chain([_header(settings)], (f"{time!r},{line}" for time, line in text)))
+
+
+def _read(path: Path, settings: Settings) -> Rows:
+    columns, axes = _columns(settings), settings.axes
+    text = lines_after(path, _header(settings), "other columns than were written")
+    blocks = numbers(text, len(columns), "cells", ",", first=2, timed=True)
+    found = collect(((block[:, 0], block[:, 1:]) for block in blocks), settings)
+    record = {column.name: found.values[:, k] for k, column in enumerate(columns[1:])}
+
+    six = {
+        kind: np.stack([record[name] for name in actuator_names(kind)], axis=1)
+        for kind in (*_DERIVATIVES, "Q")
+        if f"{kind}1" in record
+    }
+    struts = {kind: axes.derivatives(values) for kind, values in six.items()}
+    struts["q"] = axes.coordinates(six["q"])
+    if "Q" in six:
+        struts["Q"] = _force_axes(settings).derivatives(six["Q"])
+    for kind, values in struts.items():
+        record |= zip(actuator_names(kind), values.T, strict=True)
+    rows = found.rows(six["q"], six.get("dq"), six.get("ddq"))
+    return replace(rows, columns={"t": found.times} | record).checked()
 
 
 FORMAT = TableFormat(
@@ -63,10 +130,11 @@ FORMAT = TableFormat(
             "its time t and nothing between: run it in a loop of {step}."
         ),
         load=(
-            "One row every {step}, comma-separated, the unit in every column's name, SI units and "
-            "radians, all digits. t, pose (x y z phi theta psi), its first (d…) and second (dd…) "
-            "derivatives, strut lengths q1…q6 with theirs, cardan angles, expected actuator forces "
-            "Q1…Q6 at the nominal parameters (positive extends).\n\n"
+            "One row every {step}, comma-separated, the unit in every column's name, all digits. "
+            "t, pose (x y z phi theta psi), its first (d…) and second (dd…) derivatives, strut "
+            "lengths q1…q6 with theirs, cardan angles, expected actuator forces Q1…Q6 at the "
+            "nominal parameters (positive extends), of the axes where the export states their "
+            "unit, order, sign or zero.\n\n"
             "    python3 -c \"import pandas; print(pandas.read_csv('{file}').describe())\""
         ),
         run="Move the struts slowly to the first row, then begin with t = 0.",

@@ -110,9 +110,10 @@ class GalilOptions(ExportSection):
 
     @model_validator(mode="after")
     def _check_counts(self) -> GalilOptions:
-        if self.counts_per_metre is None:
+        if self.length_unit is None:
             message = "increments are whole counts: counts_per_metre is missing"
-            raise refusal(message, "counts of the encoder per metre of the strut")
+            allowed = "counts of the encoder per metre of the strut, or counts_per_revolution"
+            raise refusal(message, allowed)
         return self
 
 

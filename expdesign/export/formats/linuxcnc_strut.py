@@ -8,7 +8,7 @@ from itertools import chain, islice
 from pathlib import Path
 
 from constraints.arrays import Array
-from expdesign.configuration.export import STRUT_AXES, ExportSection
+from expdesign.configuration.export import STRUT_ONLY, ExportSection
 from expdesign.export.definition import (
     Guide,
     Interpolation,
@@ -148,7 +148,7 @@ class HalstreamerOptions(ExportSection):
     """Options of strut lengths for halstreamer."""
 
     spaces = ("strut",)
-    shared = ("digits", "units", *STRUT_AXES, "counts_per_metre", "repeat")
+    shared = ("digits", "units", *STRUT_ONLY, "repeat")
 
 
 def _feed(settings: Settings) -> dict[str, str]:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.io import loadmat, savemat
 from scipy.io.matlab import MatReadError
 
-from expdesign.configuration.export import STRUT_AXES, ExportSection
+from expdesign.configuration.export import STRUT_ONLY, ExportSection
 from expdesign.export.definition import (
     POSE_AXES,
     Guide,
@@ -98,7 +98,7 @@ class MatOptions(ExportSection):
     """Options of a MAT-file."""
 
     spaces = ("strut", "pose")
-    shared = ("space", "units", "angles", "axes", *STRUT_AXES, "counts_per_metre")
+    shared = ("space", "units", "angles", "axes", *STRUT_ONLY)
 
 
 FORMAT = TableFormat(
