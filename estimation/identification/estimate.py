@@ -318,11 +318,15 @@ def _identification(estimation: Estimation, diagnosis: Diagnosis | None) -> Iden
     constants = [one.name for one in estimated_constants(robot)]
     joint = slice(len(best.values) + len(constants))
     entries: list[EstimatedDeviation] = []
+    deviating = np.zeros((0, 0))
     if found is not None:
         inexact = np.isfinite([one.tolerance for one in found.deviations])
         entries = [one for one in found.deviations if np.isfinite(one.tolerance)]
         response = np.concatenate([found.response, np.asarray(found.left)])[joint, inexact]
         shared = found.joint_scaled_response[joint]
+        if found.with_priors:
+            own = len(best.values) + np.flatnonzero(inexact)
+            deviating = best.joint[np.ix_([*range(len(best.values)), *own], own)]
     return Identification(
         run=estimation.configuration.run.name,
         estimator=best.estimator,
@@ -340,6 +344,7 @@ def _identification(estimation: Estimation, diagnosis: Diagnosis | None) -> Iden
             for one in entries
         ),
         response=_nested_tuples(response) if entries else (),
+        covariance_deviations=_nested_tuples(deviating),
     )
 
 

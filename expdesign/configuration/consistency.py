@@ -41,16 +41,23 @@ def identification_of(machine: RobotSource | None) -> Identification:
 
 
 def prior_machine(
-    source: RobotSource, key: Key, robot: ResolvedRobot, document: Document
+    source: RobotSource,
+    key: Key,
+    robot: ResolvedRobot,
+    document: Document,
+    *,
+    corrected: bool = False,
 ) -> RobotDescription:
     """Return the identified machine for a prior of the run, inline or by its name.
 
-    It has no limits, noise or tolerances, since these are not part of a prior.
+    It has no limits, noise or tolerances, since these are not part of a prior. With `corrected` it
+    may differ from the robot by its estimated deviations.
     """
     placed = _locate(source, key, document)
     bare = placed.value.model_copy(update={"limits": {}, "noise": None, "tolerances": None})
     machine = resolve_robot(Located(bare, placed.document, placed.key))
-    wrong = list(_differences(machine, robot)) or list(
+    moved = bare.identification if corrected else None
+    wrong = list(_differences(machine, robot, moved)) or list(
         _covariance_faults(bare.identification, robot)
     )
     if wrong:
@@ -77,8 +84,14 @@ def _locate(source: RobotSource, key: Key, document: Document) -> Located[RobotD
     return read_robot(path)
 
 
-def _differences(machine: ResolvedRobot, robot: ResolvedRobot) -> Iterator[tuple[str, str]]:
-    """Yield differences that make the parameters of two robots incomparable, with a remedy."""
+def _differences(
+    machine: ResolvedRobot, robot: ResolvedRobot, found: Identification | None
+) -> Iterator[tuple[str, str]]:
+    """Yield differences that make the parameters of two robots incomparable, with a remedy.
+
+    Those by the deviations of an identification are none.
+    """
+    moved = {} if found is None else _largest_moves(found, robot)
     names = machine_name(machine.name), machine_name(robot.name)
     if names[0] != names[1]:
         yield f"it is the machine {names[0]}, and the run's robot is {names[1]}", _ALLOWED
@@ -86,7 +99,9 @@ def _differences(machine: ResolvedRobot, robot: ResolvedRobot) -> Iterator[tuple
     if machine.platform != robot.platform:
         kinds = f"its platform is {machine.platform}, that of the run's robot {robot.platform}"
         yield kinds, f"an identification with platform: {robot.platform}"
-    elif (machine.terms, machine.constants) != (robot.terms, robot.constants):
+    elif machine.terms != robot.terms or not np.allclose(
+        machine.constants, robot.constants, rtol=0, atol=moved.get("constants", 0.0)
+    ):
         terms = ", ".join(term.name for term in robot.terms)
         yield "its terms or their constants are not those of the run's robot", terms
     if machine.drive != robot.drive:
@@ -94,12 +109,24 @@ def _differences(machine: ResolvedRobot, robot: ResolvedRobot) -> Iterator[tuple
     for name in _DYNAMIC:
         one, other = getattr(machine, name), getattr(robot, name)
         missing = one is None or other is None
-        if one is not other if missing else not np.allclose(one, other, rtol=0, atol=_ALIKE):
+        atol = _ALIKE + moved.get(name, 0.0)
+        if one is not other if missing else not np.allclose(one, other, rtol=0, atol=atol):
             yield (
                 f"its {name} are not those of the run's robot: the parameters belong to another "
                 "geometry",
                 "the same geometry: `robot:` may be the identified-robot.yaml itself",
             )
+
+
+def _largest_moves(found: Identification, robot: ResolvedRobot) -> dict[str, float]:
+    """Return bounds of the changes by estimated deviations: of each property, and of constants."""
+    own = tuple(f"{term.name}_{one.name}" for term in robot.terms for one in term.constants)
+    starts = {key: (f"{key.removesuffix('s')}_",) for key in _DYNAMIC} | {"constants": own}
+    moves = {
+        key: sum(abs(one.value) for one in found.deviations if one.name.startswith(names))
+        for key, names in starts.items()
+    }
+    return moves | {"gravity": moves["gravity"] * float(np.linalg.norm(robot.gravity))}
 
 
 def _covariance_faults(

@@ -146,6 +146,11 @@ _Interest = Annotated[
     | Annotated[TaskSection, Tag("(inline)")],
     Discriminator(lambda value: "(names)" if isinstance(value, list | tuple) else "(inline)"),
 ]
+_Priors = Annotated[
+    Annotated[RobotSource, Tag("(one)")]
+    | Annotated[tuple[RobotSource, ...], at_least(1, "priors"), Tag("(several)")],
+    Discriminator(lambda value: "(several)" if isinstance(value, list | tuple) else "(one)"),
+]
 PAYLOAD = "payload"
 _PLATFORM = [parameter.name for parameter in rigid_platform.GENERAL.parameters]
 
@@ -207,10 +212,11 @@ class DesignSection(Section):
     parameters, groups of derived quantities (``mass``, ``centre``, ``inertia``, ``motor_inertia``,
     ``gravity``), or the forces along a task, by their mean variance (criterion ``a``). None
     (``all`` in the YAML): all unknown parameters."""
-    prior: RobotSource | None = None
-    """Identified machine before an unknown change of `parameters`: a run folder, its
-    identified-robot.yaml, or the machine itself. The criterion then judges the change, with the
-    covariance of all parameters as prior knowledge."""
+    prior: _Priors | None = None
+    """Earlier estimates of the machine: run folders, their identified-robot.yaml, or the machines
+    themselves, of different recordings. The criterion then judges the recordings together. With
+    `parameters` it is one machine before an unknown change of these: the criterion judges the
+    change, with the covariance of all parameters as prior knowledge."""
     others: Annotated[tuple[FilledText, ...], Distinct] = ()
     """Other motions of the same experiment, run folders or files `design.json`: the criterion is
     that of all recordings together, each as long as this one."""
@@ -239,11 +245,12 @@ class DesignSection(Section):
 
     @model_validator(mode="after")
     def _check_prior(self) -> DesignSection:
-        if self.prior is not None and self.named_parameters is None:
+        if self.is_change and len(self.priors) != 1:
             raise refusal(
-                "a prior is given without the parameters that have changed since",
-                f"{PAYLOAD}, or the names of the changed parameters",
-                key="parameters",
+                f"{len(self.priors)} priors are given for the change of design.parameters since "
+                "one of them",
+                "one prior, or no parameters: the machine has not changed",
+                key="prior",
             )
         return self
 
@@ -257,11 +264,10 @@ class DesignSection(Section):
             )
         if self.interest is None:
             return self
-        if self.prior is not None or self.parameters is not None:
-            other = "parameters" if self.prior is None else "prior"
+        if self.parameters is not None:
             raise refusal(
-                f"design.{other} states its own quantities of interest",
-                f"interest without {other}",
+                "design.parameters states its own quantities of interest",
+                "interest without parameters",
                 key="interest",
             )
         if self.interest == ():
@@ -276,8 +282,20 @@ class DesignSection(Section):
 
     @property
     def information(self) -> str:
-        """Symbol of the judged matrix: ``F``, or ``S`` for the change since a prior."""
+        """Symbol of the judged matrix: ``F``, or ``S`` with a prior."""
         return "F" if self.prior is None else "S"
+
+    @property
+    def priors(self) -> tuple[RobotSource, ...]:
+        """Earlier estimates of the machine."""
+        if self.prior is None:
+            return ()
+        return self.prior if isinstance(self.prior, tuple) else (self.prior,)
+
+    @property
+    def is_change(self) -> bool:
+        """Whether the criterion judges the change of `parameters` since a prior."""
+        return self.prior is not None and self.named_parameters is not None
 
     @property
     def interesting_parameters(self) -> tuple[str, ...]:

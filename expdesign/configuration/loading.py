@@ -120,7 +120,8 @@ def _load(document: Document) -> RunConfiguration:
     )
     prior_warnings = (
         f"{section}.prior: {text}"
-        for section, machine in priors.items()
+        for section, machines in priors.items()
+        for machine in (machines if isinstance(machines, tuple) else (machines,))
         for text in identification_of(machine).warnings
     )
     own = (*robot.warnings, *prior_warnings, *_noise_warnings(run, robot), *selection_warnings(run))
@@ -204,18 +205,25 @@ class _Reading:
             return resolve_robot(bare, noise=noise, sampling=run.experiment.sampling)
         return None
 
-    def priors(self, run: RunDescription, robot: ResolvedRobot) -> dict[str, RobotDescription]:
-        """Return the identified machines among the run's priors, by section."""
-        found: dict[str, RobotDescription] = {}
-        for section in ("design", "estimate"):
-            source, key = getattr(run, section).prior, (section, "prior")
-            if source is None or isinstance(source, dict):
-                continue  # none, or priors of single parameters
+    def priors(self, run: RunDescription, robot: ResolvedRobot) -> dict[str, Any]:
+        """Return the identified machines of the run's priors by section: one, or a tuple."""
+        found: dict[str, Any] = {}
+        key, design = ("design", "prior"), run.design
+        corrected = not design.is_change
+        machines = list[RobotDescription]()
+        for source in design.priors:
             with collect(self.problems):
-                found[section] = prior_machine(source, key, robot, self.document)
-        if "estimate" in found:
-            key = ("estimate", "prior")
-            self.problems.extend(payload_problems(found["estimate"], robot, key, self.document))
+                machines.append(
+                    prior_machine(source, key, robot, self.document, corrected=corrected)
+                )
+        if machines:
+            found["design"] = tuple(machines) if isinstance(design.prior, tuple) else machines[0]
+        key = ("estimate", "prior")
+        if not isinstance(run.estimate.prior, dict):  # no priors of single parameters
+            with collect(self.problems):
+                machine = prior_machine(run.estimate.prior, key, robot, self.document)
+                found["estimate"] = machine
+                self.problems.extend(payload_problems(machine, robot, key, self.document))
         return found
 
 
@@ -244,7 +252,7 @@ def _complete(
     robot: ResolvedRobot,
     truth: ResolvedRobot | None,
     document: Document,
-    priors: Mapping[str, RobotDescription],
+    priors: Mapping[str, Any],
 ) -> RunDescription:
     """Fill in values that follow from other sections, and the robots themselves."""
 

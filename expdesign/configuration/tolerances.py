@@ -92,10 +92,14 @@ class Identification(schema.Section):
     """Sources of the systematic share."""
     response: Matrix = ()
     """(m + c) × t: errors of parameters and constants per unit of each deviation."""
+    covariance_deviations: Matrix = ()
+    """(m + t) × t: covariance of the errors of parameters and deviations, all shares, with those of
+    the deviations; empty if these were not estimated."""
 
     @model_validator(mode="after")
     def _check_sizes(self) -> Identification:
         count, others = len(self.parameters), len(self.deviations)
+        joint = len(self.covariance_deviations) > 0
         if len(self.unconstrained) not in (0, count):
             reason = "unconstrained does not fit the parameters"
             raise refusal(reason, f"{count} numbers", key="unconstrained")
@@ -104,6 +108,7 @@ class Identification(schema.Section):
             ("covariance_random", count, count),
             ("covariance_systematic", count, count),
             ("response", count if others else 0, others),
+            ("covariance_deviations", len(self.parameters) + others if joint else 0, others),
         ):
             matrix = getattr(self, key)
             if len(matrix) != rows or any(len(row) != columns for row in matrix):

@@ -17,8 +17,8 @@ from expdesign.configuration.noise import NOISE_FROM_DATA
 from expdesign.information import fisher
 from expdesign.information.criteria import criteria
 from expdesign.information.fisher import information_matrix
-from expdesign.information.identifiable import DEPENDENT, root_of
-from expdesign.information.marginal import Marginal
+from expdesign.information.identifiable import DEPENDENT, listed, root_of
+from expdesign.information.marginal import Marginal, earlier_information
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.motion.benchmark import motion_of_run
 from expdesign.problem.design_problem import DesignProblem
@@ -36,16 +36,19 @@ _TASK_SAMPLES = 400
 def noise_evaluator(configuration: RunConfiguration) -> Evaluator:
     """Return the evaluation of the unknown parameters by the noise alone.
 
-    With a prior they are those that have changed.
+    For the change since a prior they are those that have changed; otherwise the information of
+    earlier recordings adds.
     """
     design, robot = configuration.run.design, robot_from(configuration.robot)
     names = unknown_parameters(configuration, robot)
     covariance, memory = force_noise(configuration)
-    change = None
-    if design.prior is not None:
+    marginal, samples = None, _samples(configuration)
+    if design.is_change:
         changed = np.array([robot.parameter_names.index(name) for name in names], dtype=np.intp)
-        known = identification_of(design.prior)
-        change = Marginal.of_change(known, changed, _samples(configuration))
+        marginal = Marginal.of_change(identification_of(design.priors[0]), changed, samples)
+    elif design.prior is not None:
+        earlier = earlier_recordings(configuration, names, ())
+        marginal = replace(Marginal.of_all(len(names), samples), earlier=earlier)
     return Evaluator(
         robot,
         covariance,
@@ -53,7 +56,8 @@ def noise_evaluator(configuration: RunConfiguration) -> Evaluator:
         robot.scales if design.scaling == "nominal" else np.ones(len(robot.scales)),
         names,
         memory,
-        change,
+        marginal,
+        unknown=None if design.is_change else names,
     )
 
 
@@ -81,7 +85,7 @@ def judge(
     information of the experiment's other motions is added.
     """
     robot = noise.robot
-    unknown = noise.names if noise.marginal is None else robot.parameter_names
+    unknown = noise.unknown or robot.parameter_names
     columns = np.array([robot.parameter_names.index(name) for name in unknown], dtype=np.intp)
     chosen = counted_deviations(configuration, robot)
     section, samples = configuration.run.design, _samples(configuration)
@@ -125,13 +129,16 @@ def judge(
         deviating=chosen,
         judged_scales=judged,
     )
+    earlier = None if section.is_change else earlier_recordings(configuration, unknown, chosen)
     if others:
         count = problem.cost.samples
         every = [evaluator.whole_information(one, count) for one in others]
         found = np.sum(every, axis=0) * (samples / count)
+        earlier = found if earlier is None else earlier + found
+    if earlier is not None:
         to_unknowns = _to_deviations(robot, chosen, len(unknown))
-        evaluator = replace(evaluator, marginal=replace(marginal, earlier=found))
-        searched = replace(searched, earlier=to_unknowns.T @ found @ to_unknowns)
+        evaluator = replace(evaluator, marginal=replace(marginal, earlier=earlier))
+        searched = replace(searched, earlier=to_unknowns.T @ earlier @ to_unknowns)
     return problem.with_marginal(searched, scaling, judged, columns, chosen), evaluator
 
 
@@ -142,6 +149,34 @@ def _to_deviations(robot: Robot, chosen: Sequence[Deviation], parameters: int) -
     tolerances = np.array([one.tolerance for one in chosen])
     inverse = tolerances[:, None] * np.linalg.pinv(group_effects(robot, chosen))
     return sla.block_diag(np.eye(parameters), inverse)
+
+
+def earlier_recordings(
+    configuration: RunConfiguration, names: Sequence[str], chosen: Sequence[Deviation]
+) -> Array | None:
+    """Return the information of earlier recordings, (k + n, k + n), SI, or None without any.
+
+    Raises
+    ------
+    InputError
+        An earlier estimate did not contain some of them.
+    """
+    total, deviating = None, [one.name for one in chosen]
+    for machine in configuration.run.design.priors:
+        known = identification_of(machine)
+        variance = zip(known.parameters, np.diag(known.covariance_random), strict=False)
+        held = {name for name, value in variance if not value > 0}.intersection(names)
+        if missing := [*held, *({*deviating} - {one.name for one in known.deviations})]:
+            raise InputError(
+                f"the estimate of the run {known.run} does not contain {listed(sorted(missing))}",
+                file=configuration.file,
+                key="design.prior",
+                allowed="an estimate of the same parameters with the same tolerances; parameters "
+                "that it held can be `design.known`",
+            )
+        found = earlier_information(known, names, deviating)
+        total = found if total is None else total + found
+    return total
 
 
 def _interest(configuration: RunConfiguration, robot: Robot) -> tuple[tuple[str, ...], Array]:
@@ -191,7 +226,25 @@ def counted_deviations(configuration: RunConfiguration, robot: Robot) -> tuple[D
     run = configuration.run
     if run.design.counts == "noise" or run.estimate.systematic == "none":
         return ()
-    return toleranced_deviations(robot)
+    return inexact_deviations(configuration, robot)
+
+
+def inexact_deviations(configuration: RunConfiguration, robot: Robot) -> tuple[Deviation, ...]:
+    """Return the robot's deviations with tolerances as they were before any recording.
+
+    The tolerances of an identified robot contain what its recordings showed. As a prior these add
+    their information, and the tolerances are those that its identification states.
+    """
+    stated = {
+        one.name: one.tolerance
+        for machine in configuration.run.design.priors
+        for one in reversed(identification_of(machine).deviations)
+        if not configuration.run.design.is_change
+    }
+    return tuple(
+        replace(one, tolerance=stated.get(one.name, one.tolerance))
+        for one in toleranced_deviations(robot)
+    )
 
 
 def criterion_symbol(configuration: RunConfiguration) -> str:
@@ -208,6 +261,9 @@ def nuisances_in_words(configuration: RunConfiguration) -> str:
         parts.append(f"for {1 + len(design.others)} recordings of a period, of design.others too")
     if design.interest is not None:
         parts.append("S is the information on design.interest, other parameters being unknown")
+    if design.prior is not None and not design.is_change:
+        runs = listed([identification_of(machine).run for machine in design.priors])
+        parts.append(f"S includes the recordings of {runs}")
     if counted_deviations(configuration, robot_from(configuration.robot)):
         verb = "estimated" if estimates_deviations(configuration) else "budgeted"
         parts.append(f"the tolerances count as {verb}")

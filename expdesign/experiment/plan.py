@@ -7,7 +7,7 @@ of the machine make. A goal below its floor needs smaller tolerances.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -19,7 +19,11 @@ from constraints.arrays import Array
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
 from expdesign.configuration.errors import nearest_name, quote
 from expdesign.configuration.quantity import quantity_in
-from expdesign.experiment.judging import estimates_deviations, noise_evaluator
+from expdesign.experiment.judging import (
+    earlier_recordings,
+    estimates_deviations,
+    noise_evaluator,
+)
 from expdesign.experiment.precision import (
     ToleranceEffects,
     derived_precisions,
@@ -191,7 +195,7 @@ def check_goals(configuration: RunConfiguration, wanted: Mapping[str, Any] | Non
 
 
 def _refuse_prior(configuration: RunConfiguration) -> None:
-    if configuration.run.design.prior is not None:
+    if configuration.run.design.is_change:
         raise InputError(
             "goals are not planned for the change since a prior",
             file=configuration.file,
@@ -217,8 +221,8 @@ class _Prediction(_Quantities):
 
     rows: Array
     """(n, k), their derivatives to the judged parameters."""
-    random: Array
-    """(k, k), covariance of one period due to noise with exact tolerances."""
+    random: Callable[[float], Array]
+    """(k, k), covariance due to noise with exact tolerances for a number of periods."""
     samples: float
     """Number of samples of one period."""
     effects: ToleranceEffects
@@ -234,9 +238,19 @@ class _Prediction(_Quantities):
     ) -> _Prediction:
         """Return the prediction of derived quantities and parameters."""
         robot, periods = evaluator.robot, configuration.run.experiment.periods
-        information, total = experiment_information(evaluator, trajectory, configuration)
-        random = fisher.parameter_covariance(information, evaluator.names) * periods
-        errors = ErrorShares(random, np.zeros((len(random), 0)), ())
+        alone = replace(evaluator, marginal=None)
+        information, total = experiment_information(alone, trajectory, configuration)
+        earlier = earlier_recordings(configuration, evaluator.names, ())
+
+        def random(count: float) -> Array:
+            if earlier is None:
+                covariance = fisher.parameter_covariance(information, evaluator.names)
+                return covariance * periods / count
+            both = information * (count / periods) + earlier
+            return fisher.parameter_covariance(both, evaluator.names)
+
+        size = len(evaluator.names)
+        errors = ErrorShares(random(periods), np.zeros((size, 0)), ())
         known = [one.quantity for one in derived_precisions(configuration, evaluator, errors)]
         derived, own = derived_quantities(robot), evaluator.columns
         at = [derived.names.index(name) for name in known]
@@ -246,7 +260,7 @@ class _Prediction(_Quantities):
             groups=(*(one.group for one in chosen), *evaluator.names),
             units=(*(one.unit for one in chosen), *map(parameter_unit, evaluator.names)),
             values=np.concatenate([derived.values[at], robot.parameters[own]]),
-            rows=np.concatenate([derived.jacobian[at][:, own], np.eye(len(random))]),
+            rows=np.concatenate([derived.jacobian[at][:, own], np.eye(size)]),
             random=random,
             samples=total / periods,
             effects=experiment_tolerance_effects(configuration, evaluator, trajectory),
@@ -258,7 +272,7 @@ class _Prediction(_Quantities):
     def errors(self, periods: float) -> ErrorShares:
         """Return the errors of all quantities for a number of periods."""
         shares = self.effects.shares(
-            self.random / periods, self.samples * periods, estimated=self.estimated
+            self.random(periods), self.samples * periods, estimated=self.estimated
         )
         return shares.of(self.rows)
 
@@ -268,7 +282,7 @@ class _Prediction(_Quantities):
 
     def noise(self) -> ErrorShares:
         """Return the errors with exact tolerances after the longest planned measuring time."""
-        random = self.rows @ (self.random / self.longest()) @ self.rows.T
+        random = self.rows @ self.random(self.longest()) @ self.rows.T
         return ErrorShares(random, np.zeros((len(random), 0)), ())
 
     def floor(self) -> ErrorShares:

@@ -34,7 +34,11 @@ from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.configuration.schema import MOST_SAMPLES
 from expdesign.experiment import result
-from expdesign.experiment.judging import estimates_deviations
+from expdesign.experiment.judging import (
+    earlier_recordings,
+    estimates_deviations,
+    inexact_deviations,
+)
 from expdesign.information import fisher
 from expdesign.information.identifiable import (
     IDENTIFIABLE,
@@ -123,17 +127,26 @@ def experiment_tolerance_effects(
     configuration: RunConfiguration, evaluator: Evaluator, trajectory: FourierTrajectory
 ) -> ToleranceEffects:
     """Return the effects of the robot's tolerances on the judged parameters of a motion."""
-    noise = configuration.robot.noise
-    return tolerance_effects(
+    noise, design = configuration.robot.noise, configuration.run.design
+    found = tolerance_effects(
         evaluator.robot,
         trajectory,
         configuration.run.trajectory.samples,
         evaluator.names,
         evaluator.covariance,
         None if noise is None else noise.length_covariance,
-        evaluator.marginal,
+        evaluator.marginal if design.is_change else None,
         evaluator.memory,
     )
+    if design.prior is None or design.is_change:
+        return found
+    chosen = inexact_deviations(configuration, evaluator.robot)
+    own = deviation.toleranced_deviations(evaluator.robot)
+    factors = [one.tolerance / other.tolerance for one, other in zip(chosen, own, strict=True)]
+    earlier = earlier_recordings(configuration, evaluator.names, chosen)
+    units = np.append(np.ones(len(evaluator.names)), [one.tolerance for one in chosen])
+    in_units = None if earlier is None else earlier * np.multiply.outer(units, units)
+    return replace(found.rescaled(np.array(factors)), earlier=in_units)
 
 
 def tolerance_std(names: tuple[str, ...], errors: ErrorShares) -> dict[str, dict[str, float]]:
@@ -146,7 +159,7 @@ def derived_precisions(
     configuration: RunConfiguration, evaluator: Evaluator, errors: ErrorShares
 ) -> tuple[KnownQuantity, ...]:
     """Return the derived quantities that the experiment determines; none of a changed machine."""
-    if evaluator.marginal is not None:
+    if configuration.run.design.is_change:
         return ()
     robot = evaluator.robot
     every = np.eye(len(robot.parameters))[:, evaluator.columns]
@@ -243,6 +256,8 @@ class ToleranceEffects:
     their tolerances; None for a change since an identification."""
     samples: float = 1.0
     """Number of samples in `joint`."""
+    earlier: Array | None = None
+    """(k + t, k + t), information of earlier recordings, which adds to `joint`; None: none."""
 
     def shares(self, random: Array, samples: float, *, estimated: bool) -> ErrorShares:
         """Return the errors of an experiment with so many samples.
@@ -250,12 +265,18 @@ class ToleranceEffects:
         Parameters
         ----------
         random : (k, k)
-            Covariance due to noise with exact tolerances, SI.
+            Covariance due to noise with exact tolerances, SI, with the earlier recordings.
         samples : float
         estimated : bool
             Whether the inexact quantities are estimated with the parameters, by their tolerances as
             priors.
         """
+        if self.earlier is not None and self.joint is not None and self.sources:
+            count = len(self.response)
+            joint = self.joint * (samples / self.samples) + self.earlier
+            response = sla.solve(joint[:count, :count], joint[:count, count:], assume_a="pos")
+            whole = replace(self, response=response, joint=joint, samples=samples, earlier=None)
+            return whole.shares(random, samples, estimated=estimated)
         if not estimated or self.joint is None or not self.sources:
             return ErrorShares(random, self.response, self.sources)
         responses, eigenvalues, modes = self._decomposition
@@ -283,12 +304,16 @@ class ToleranceEffects:
 
     def scaled(self, sources: tuple[str, ...], factor: float) -> ToleranceEffects:
         """Return the effects with some tolerances multiplied by a factor."""
-        factors = np.where(np.isin(self.sources, sources), factor, 1.0)
-        joint = self.joint
+        return self.rescaled(np.where(np.isin(self.sources, sources), factor, 1.0))
+
+    def rescaled(self, factors: Array) -> ToleranceEffects:
+        """Return the effects with each tolerance multiplied by a factor, (t,)."""
+        joint, earlier = self.joint, self.earlier
         if joint is not None:
             both = np.append(np.ones(len(self.response)), factors)
             joint = joint * np.multiply.outer(both, both)
-        return replace(self, response=self.response * factors, joint=joint)
+            earlier = None if earlier is None else earlier * np.multiply.outer(both, both)
+        return replace(self, response=self.response * factors, joint=joint, earlier=earlier)
 
 
 def tolerance_effects(

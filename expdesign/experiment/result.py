@@ -164,8 +164,8 @@ class DesignResult(FourierKeys, StageResult):
         OpenNumber,
         described(
             "",
-            "log det F of the judged parameters, with design.prior log det S of their change: "
-            "unsmoothed model, full Σ, SI",
+            "log det F of the judged parameters, with design.prior log det S: unsmoothed model, "
+            "full Σ, SI",
         ),
     ]
     criterion_value: Annotated[

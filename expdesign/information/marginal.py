@@ -12,6 +12,8 @@ with dS = Rᵀ dF R and d²S = −2 Rᵀ dF G M⁻¹ Gᵀ dF R. The columns of E
 - tolerances that the estimator estimates: columns of one standard deviation;
 - the change π of a machine with the prior covariance P = L Lᵀ: unit columns and L.
 
+The information P of earlier recordings adds to F in all of this.
+
 An estimator may also leave further effects G_b z_b in the residuals, and only state the errors that
 they cause (a budget). With T = Rᵀ F G_b the covariance of π̂ is then
 
@@ -54,11 +56,11 @@ class Marginal:
     """Number of samples in the experiment's F: it weighs the data against the priors."""
     budget: Array | None = None
     """(M, b), G_b: effects of one standard deviation that are not estimated; None: none."""
+    earlier: Array | None = None
+    """(M, M), P, information of other recordings of the machine on the unknowns; None: none."""
     moved: Mapping[tuple[str, float], Array] = field(default_factory=dict)
     """(m,), SI, effect of one standard deviation of each tolerance on the values identified before,
     by name and tolerance."""
-    earlier: Array | None = None
-    """(M, M), information of other recordings of the same machine on the unknowns; None: none."""
 
     @classmethod
     def of_change(
@@ -175,7 +177,7 @@ class Marginal:
     def information(self, information: Array, samples: float) -> Array:
         """Return the information on the interest, (k, k), of F over a number of samples, (M, M).
 
-        The priors and earlier recordings count in proportion to the experiment's samples.
+        Priors and earlier recordings count in proportion to the experiment's samples.
         """
         solved = self._solve(information, samples)
         return solved.marginal if solved.budget is None else solved.budget.information
@@ -252,6 +254,58 @@ class Marginal:
 
 
 _TINY = np.finfo(float).tiny
+
+
+def earlier_information(
+    known: Identification, names: Sequence[str], deviations: Sequence[str]
+) -> Array:
+    """Return the information of an earlier estimate on parameters and deviations, (k + t, k + t).
+
+    In SI, that of the recordings alone, without the tolerances as priors. With the covariances C
+    of the errors of parameters p and deviations θ, the latter in units of their tolerances,
+
+        F_pp = (C_pp − C_pθ C_θθ⁻¹ C_θp)⁻¹,   W = −C_pθ C_θθ⁻¹,
+        F_pθ = F_pp W,   F_θθ = Wᵀ F_pp W + C_θθ⁻¹ − 1.
+
+    Parameters and deviations of the estimate that are not named count as known.
+
+    Parameters
+    ----------
+    known : Identification
+        Of an estimate that contains all the names.
+    names : k names
+        Of parameters.
+    deviations : t names
+    """
+    count = len(known.parameters)
+    own = dict[str, int]()
+    for place, one in enumerate(known.deviations):
+        if one.tolerance > 0:
+            own.setdefault(one.name, place)  # a later entry of the name is a prior's error
+    places = np.array([*own.values()], dtype=np.intp)
+    every = np.array([one.tolerance for one in known.deviations])
+    stated = every[places]
+    response = np.array(known.response).reshape(-1, len(every))[:count] * every
+    random = np.array(known.covariance_random)[:count, :count]
+    mixed, others = -response[:, places], np.eye(len(places))
+    if known.covariance_deviations:
+        joint = np.array(known.covariance_deviations)[:, places] / stated
+        mixed, others = joint[:count], joint[count + places] / stated[:, None]
+    std = np.sqrt(np.diag(random))
+    estimated = np.flatnonzero(std > 0)
+    scale = np.append(std[estimated], stated)
+    solved = np.linalg.solve(others, mixed.T).T
+    apart = (random + response @ response.T - solved @ mixed.T)[np.ix_(estimated, estimated)]
+    alone = np.linalg.inv(apart / np.multiply.outer(std[estimated], std[estimated]))
+    effect = np.hstack([np.eye(len(estimated)), -solved[estimated] / std[estimated, None]])
+    seen, modes = np.linalg.eigh(others)
+    learnt = (modes * np.maximum(1 / seen - 1, 0.0)) @ modes.T
+    found = effect.T @ alone @ effect
+    found[len(estimated) :, len(estimated) :] += learnt
+    listed = [*(known.parameters[k] for k in estimated), *own]
+    found /= np.multiply.outer(scale, scale)
+    at = [listed.index(name) for name in (*names, *deviations)]
+    return (found + found.T)[np.ix_(at, at)] / 2
 
 
 class _Budget(NamedTuple):

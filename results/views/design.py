@@ -61,7 +61,7 @@ def design_view(folder: RunFolder) -> StageView:
         *([Facts((cost,))] if cost else []),
         *(
             [TextBlock(f"{OF_A_CHANGE}.", screen=True)]
-            if result.configuration.run.design.prior
+            if result.configuration.run.design.is_change
             else []
         ),
         *derived_blocks(

@@ -146,11 +146,10 @@ def test_a_symmetric_platform_carries_no_payload(tmp_path):
 @pytest.mark.parametrize(
     ("section", "more", "key"),
     [
-        ("design", {"parameters": "all"}, "design.parameters"),
         ("estimate", {"fixed": ["p1"]}, "estimate.fixed"),
-        ("design", {"parameters": "base"}, "design.parameters"),
         ("estimate", {"prior_from": "robot"}, "estimate.prior_from"),
         ("estimate", {"parameters": "base"}, "estimate.parameters"),
+        ("design", {"interest": ["p10"]}, "design.interest"),
     ],
 )
 def test_what_does_not_go_with_a_prior(section, more, key, folder):

@@ -1,0 +1,133 @@
+"""Designs with earlier recordings as prior, by plain formulas and by joint estimates."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.identification import estimate_parameters
+from estimation.identification.estimate import identified_robot
+from expdesign.configuration import InputError, load_run, resolved_yaml
+from expdesign.experiment.judging import earlier_recordings, noise_evaluator
+from expdesign.experiment.plan import plan_measurement
+from expdesign.experiment.precision import experiment_information, predicted_errors
+from expdesign.experiment.setup import plan_search
+from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
+
+FIRST, SECOND = trajectory(seed=4), trajectory(seed=9)
+TOLERANCES = {
+    "base_joints": "0.1 mm",
+    "strut_length": "0.1 mm",
+    "force_constant": {"common": "0.5 %", "each": "0.5 %"},
+    "gravity": "0.1 deg",
+}
+
+
+def _run(systematic="auto", tolerances=TOLERANCES, robot="palida", **design):
+    settings = {"noise": "given", "harmonics": 2, "systematic": systematic}
+    settings["estimators"] = ["ml"] if systematic == "auto" else ["gm"]
+    stated = {"tolerances": tolerances} if tolerances else {}
+    return run(
+        settings,
+        robot=robot,
+        trajectory={"harmonics": 2, "samples": 100},
+        experiment={"periods": 5, "sampling": f"{1 / STEP} Hz"},
+        design={"starts": 1, "hops": 0, **design},
+        **stated,
+    )
+
+
+@pytest.fixture(scope="module", params=["auto", "budget"])
+def systematic(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def prior(systematic, tmp_path_factory):
+    """The robot of an estimate from the first motion."""
+    found = estimate_parameters(_run(systematic), measured(FIRST, 1), FIRST)
+    path = tmp_path_factory.mktemp(systematic) / "identified-robot.yaml"
+    path.write_text(identified_robot(found, None), encoding="utf-8")
+    return str(path)
+
+
+def _predicted(config, motion):
+    evaluator = noise_evaluator(config)
+    whole, total = experiment_information(evaluator, motion, config)
+    return predicted_errors(config, evaluator, motion, whole, total)
+
+
+def test_prediction_is_that_of_the_joint_estimate(systematic, prior):
+    """The tolerances of the machine are one block of both recordings."""
+    predicted = _predicted(_run(systematic, prior=prior), SECOND)
+    data = [measured(FIRST, 1), measured(SECOND, 2)]
+    found = estimate_parameters(_run(systematic), data, [FIRST, SECOND]).best
+    np.testing.assert_allclose(predicted.std, np.sqrt(np.diag(found.covariance)), rtol=0.01)
+    random = np.sqrt(np.diag(found.covariance_random))
+    np.testing.assert_allclose(predicted.std_random, random, rtol=0.01)
+    # Repeating the motion halves the variance of noise, but not that of the tolerances.
+    repeated = _predicted(_run(systematic, prior=prior), FIRST)
+    once = _predicted(_run(systematic), FIRST)
+    assert np.all(repeated.std > once.std / np.sqrt(2))
+
+
+def test_judged_information_is_that_of_the_joint_normal_matrix(systematic, prior):
+    """In the search, with other unknowns for the deviations, as in the reported criterion."""
+    for settings in ({}, {"counts": "noise"}, {"interest": ["mass", "centre"]}, {"known": ["p3"]}):
+        config = _run(systematic, prior=prior, **settings)
+        plan = plan_search(config)
+        evaluator, problem = plan.evaluator, plan.problem
+        found = evaluator.value(evaluator.information(SECOND, 200))
+        cost = replace(problem.cost, samples=200)
+        value = cost.value(problem.variables.pack(SECOND), 1e-9, problem.criterion.levels[0])
+        assert cost.criterion_value(value) == pytest.approx(found, rel=1e-7)
+        if settings or systematic == "budget":
+            continue
+        chosen = evaluator.deviating
+        units = np.append(np.ones(24), [one.tolerance for one in chosen])
+        weight = evaluator.marginal.samples / 200
+        whole = evaluator.whole_information(SECOND, 200) * weight
+        whole += earlier_recordings(config, evaluator.unknown, chosen)
+        whole *= np.multiply.outer(units, units)
+        whole += np.diag(np.append(np.zeros(24), np.ones(len(chosen))))
+        own = np.linalg.inv(whole)[:24, :24]
+        expected = -np.linalg.slogdet(own)[1] - 24 * np.log(weight)
+        assert found == pytest.approx(expected, rel=1e-8)
+
+
+def test_identified_robot_itself_counts_its_tolerances_once(prior):
+    """Its own tolerances are those that its recordings left."""
+    original = _predicted(_run(prior=prior), SECOND)
+    corrected = _predicted(_run(prior=prior, robot=prior, tolerances=None), SECOND)
+    np.testing.assert_allclose(corrected.std, original.std, rtol=0.05)
+
+
+def test_plan_counts_the_earlier_recordings(systematic, prior):
+    first = plan_measurement(replace_goals(_run(systematic)), FIRST).goals[0]
+    later = plan_measurement(replace_goals(_run(systematic, prior=prior)), FIRST).goals[0]
+    # Five periods were measured before.
+    assert later.periods == pytest.approx(first.periods - 5, abs=1)
+
+
+def replace_goals(config):
+    return replace(config, run=config.run.model_copy(update={"goals": {"v1": "20 %"}}))
+
+
+def test_several_priors_add(systematic, prior, tmp_path):
+    config = _run(systematic, prior=[prior, prior])
+    one, two = (
+        earlier_recordings(each, ROBOT.parameter_names, ())
+        for each in (_run(systematic, prior=prior), config)
+    )
+    np.testing.assert_allclose(two, 2 * one)
+    file = tmp_path / "run.yaml"
+    file.write_text(resolved_yaml(config), encoding="utf-8")
+    assert load_run(file).run.design == config.run.design
+
+
+def test_refusals(prior):
+    with pytest.raises(InputError, match="2 priors"):
+        _run(prior=[prior, prior], parameters=["p10"])
+    tolerances = {**TOLERANCES, "delay": "0.1 ms"}
+    with pytest.raises(InputError, match="does not contain delay"):
+        _predicted(_run(tolerances=tolerances, prior=prior), SECOND)
