@@ -173,7 +173,7 @@ def _bare(run: RunConfiguration, twin: Twin) -> tuple[Array, Array]:
     names = robot_from(run.robot).parameter_names
     carried = twin.truth.payload or {}
     true = twin.truth.values_of(names) - np.array([carried.get(name, 0.0) for name in names])
-    covariance = identification_of(run.run.design.prior).covariance_random
+    covariance = identification_of(run.run.design.priors[0]).covariance_random
     return true, np.array(covariance)
 
 
