@@ -420,12 +420,14 @@ def signs_along(robot: Robot, sampled: MotionSamples, spread: Array) -> Array:
     return np.where(doubtful, erf(scaled), np.sign(rates))
 
 
-def rate_spread(robot: Robot, motion: HarmonicMotion, times: Array, covariance: Array) -> Array:
+def rate_spread(
+    robot: Robot, motion: HarmonicMotion, recording: PeriodicRecording, covariance: Array
+) -> Array:
     """Return the standard deviations of the same rates, (S, s), from Cov(ξ), (x, x).
 
     The uncertainty of the forces' delay adds its share: the signs are those of another instant.
     """
-    late = robot.delay_std
+    times, late = recording.forces.times, np.hypot(robot.delay_std, recording.jump_spread)
     factor = np.asarray(np.linalg.cholesky(covariance + 0.0), dtype=np.float64)
     parts = []
     for part in chunks(len(times)):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
+from estimation.data.sensors import SensorResponse
 from estimation.data.table import (
     MOST_PROBLEMS,
     NUMERIC,
@@ -66,6 +67,9 @@ class Measurement:
     force_delay: float = 0.0
     """Lag of the channels behind the time stamps, s: a length recorded at t is that at
     t − length_delay."""
+    length_sensors: SensorResponse | None = None
+    force_sensors: SensorResponse | None = None
+    """Filters and delays of single channels; None: they have none."""
     jitter: float = 0.0
     """Largest deviation of the stamps from the uniform grid, as a share of a step."""
     lost: int = 0

@@ -17,6 +17,7 @@ from constraints.plugins import declarations
 from estimation.data import readers
 from estimation.data.formats import FileFormat
 from estimation.data.measurement import Measurement, time_base
+from estimation.data.sensors import SensorResponse
 from estimation.data.table import (
     MOST_PROBLEMS,
     RawTable,
@@ -137,8 +138,10 @@ def measurement_of(
         step=base.step,
         stamped=section.time == "stamped",
         period=None if period is None else period.astype(np.int64),
-        length_delay=section.delay.lengths,
-        force_delay=section.delay.forces,
+        length_delay=float(np.mean(section.delay.lengths)),
+        force_delay=float(np.mean(section.delay.forces)),
+        length_sensors=SensorResponse.of(section, "q"),
+        force_sensors=SensorResponse.of(section, "Q"),
         jitter=base.jitter,
         lost=base.lost,
         source=str(table.file),

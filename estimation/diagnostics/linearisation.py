@@ -233,8 +233,8 @@ def linearise(
         position=cells.mean(struts.length),
         speed=cells.mean(struts.length_rate),
         acceleration=cells.mean(struts.length_acceleration),
-        force_rows=rows,
-        length_rows=lengths,
+        force_rows=recording.forces.as_recorded(rows),
+        length_rows=None if lengths is None else recording.lengths.as_recorded(lengths),
         cells=cells,
         length_cells=length_cells,
     )

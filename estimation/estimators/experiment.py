@@ -62,7 +62,7 @@ class Experiment:
         cls, robot: Robot, recording: PeriodicRecording, noise: NoiseModel, fit: MotionFit
     ) -> Experiment:
         """Build an experiment from a fitted motion."""
-        spread = rate_spread(robot, fit.motion, recording.forces.times, fit.covariance)
+        spread = rate_spread(robot, fit.motion, recording, fit.covariance)
         return cls.along(robot, recording, noise, fit, spread)
 
     @classmethod
@@ -98,13 +98,13 @@ class Experiment:
         The motion stays. The friction of the new terms may depend on other rates; their standard
         deviations follow from the same fit.
         """
-        fit, refined, times = self.fit, self.refined_motion, self.recording.forces.times
+        fit, refined = self.fit, self.refined_motion
         if fit is None:
             return self.of_robot(robot)
         if refined is not None:
-            spread = rate_spread(robot, refined.motion, times, refined.covariance)
+            spread = rate_spread(robot, refined.motion, self.recording, refined.covariance)
             refined = replace(refined, spread=spread)
-        spread = rate_spread(robot, fit.motion, times, fit.covariance)
+        spread = rate_spread(robot, fit.motion, self.recording, fit.covariance)
         return replace(self, spread=spread, refined_motion=refined).of_robot(robot)
 
     def without_lacking_terms(self, robot: Robot) -> Experiment:
@@ -216,10 +216,10 @@ class Experiment:
 
     def signs_for_robot(self, robot: Robot, motion: HarmonicMotion) -> Array:
         """Return the expected friction signs for the terms of another robot, (S, s)."""
-        refined, times = self._matching_refined_motion(motion), self.recording.forces.times
+        refined, recording = self._matching_refined_motion(motion), self.recording
         covariance = self.fitted.covariance if refined is None else refined.covariance
-        spread = rate_spread(robot, motion, times, covariance)
-        return expected_signs(robot, motion, times, spread)
+        spread = rate_spread(robot, motion, recording, covariance)
+        return expected_signs(robot, motion, recording.forces.times, spread)
 
     def _matching_refined_motion(self, motion: HarmonicMotion) -> RefinedMotion | None:
         """Return the refined motion if this motion has the same harmonics."""

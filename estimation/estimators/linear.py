@@ -89,13 +89,15 @@ class _Problem:
     @cached_property
     def weights(self) -> list[NoiseEstimate]:
         """The noise of every experiment by which its forces are weighted."""
-        noises = [experiment.noise.forces for experiment in self.experiments]
         if self.estimator == "gm":
-            return noises
-        return [
-            NoiseEstimate(np.eye(ACTUATORS) * np.trace(noise.covariance) / ACTUATORS, np.inf)
-            for noise in noises
-        ]
+            return [experiment.noise.forces for experiment in self.experiments]
+
+        def alike(experiment: Experiment) -> NoiseEstimate:
+            mean = np.trace(experiment.noise.forces.covariance) / ACTUATORS
+            noise = NoiseEstimate(np.eye(ACTUATORS) * mean, np.inf)
+            return experiment.recording.forces.noise_before_sensors(noise)
+
+        return [alike(experiment) for experiment in self.experiments]
 
     @cached_property
     def joint_priors(self) -> ParameterPriors:

@@ -240,10 +240,20 @@ def _motion(estimation: Estimation, number: int) -> EstimatedMotion:
     return EstimatedMotion(
         recording.forces.times + recording.origin,
         motion.at(recording.forces.times).state(),
-        recording.lengths.values,
-        robot.inverse_kinematics(length_state[:, :COORDINATES]),
-        recording.forces.values,
-        experiment.regressors(robot, motion) @ estimation.best.values,
+        *map(
+            recording.lengths.as_recorded,
+            (
+                recording.lengths.values,
+                robot.inverse_kinematics(length_state[:, :COORDINATES]),
+            ),
+        ),
+        *map(
+            recording.forces.as_recorded,
+            (
+                recording.forces.values,
+                experiment.regressors(robot, motion) @ estimation.best.values,
+            ),
+        ),
     )
 
 

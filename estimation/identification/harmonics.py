@@ -73,7 +73,7 @@ def refine_motion(
     if wanted == least or series.lengths_contradict(wanted):
         return None
     whole, covariance = series.motion_with(wanted)
-    spread = rate_spread(robot, whole, recording.forces.times, covariance)
+    spread = rate_spread(robot, whole, recording, covariance)
     return RefinedMotion(whole, covariance, spread)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -213,6 +214,8 @@ def fold_noise_recording(
     UnsuitableDataError
         The motion is not periodic, or less than two periods were recorded.
     """
+    # The noise as it was recorded.
+    data = replace(data, force_sensors=None, length_sensors=None)
     dead = np.flatnonzero(np.ptp(data.forces, axis=0) == 0) + 1
     if len(dead):
         where = f"actuator{'s' * (len(dead) > 1)} {', '.join(map(str, dead))}"

@@ -226,8 +226,10 @@ def _fit_motion(
             noise = noise.as_white()
             fit = fitted()
         if noise.lengths.includes_model_error:
-            found = residual_noise(fit.residuals, recording.lengths.counts, len(fit.covariance))
-            noise = replace(noise, lengths=found)
+            lengths = recording.lengths
+            rest = lengths.as_recorded(fit.residuals)
+            found = residual_noise(rest, lengths.counts, len(fit.covariance))
+            noise = replace(noise, lengths=lengths.noise_before_sensors(found))
         if remaining:
             start = fit.motion
     return noise, fit
@@ -301,14 +303,15 @@ def choose_noise(
             found = NoiseEstimate(stated, np.inf, "given")
         else:
             # Means over periods scatter less than single samples, whose covariance this is.
-            first, _ = recording.fit_series(channels)
+            seen = replace(channels, values=channels.as_recorded(channels.values))
+            first, _ = recording.fit_series(seen)
             covariance = first.covariance * float(np.mean(channels.counts))
             found = NoiseEstimate(covariance, first.freedom, "residuals")
         _refuse_singular(letter, found, source)
         spectrum = getattr(noise, f"{kind}_spectrum", None)
-        if stated is None or spectrum is None or channels.repeats is None:
-            return found
-        return with_stated_spectrum(found, spectrum, recording, section.spectrum)
+        if stated is not None and spectrum is not None and channels.repeats is not None:
+            found = with_stated_spectrum(found, spectrum, recording, section.spectrum)
+        return channels.noise_before_sensors(found)
 
     lengths = choose("length", "q")
     return NoiseModel(choose("force", "Q"), lengths)
@@ -434,7 +437,8 @@ def with_residual_noise(
         for number in unknown:
             experiment = present[number]
             rest = experiment.forces - experiment.fitted_regressors @ values
-            own = residual_noise(rest, experiment.recording.forces.counts, used)
-            noise = replace(experiment.noise, forces=own)
+            forces = experiment.recording.forces
+            own = residual_noise(forces.as_recorded(rest), forces.counts, used)
+            noise = replace(experiment.noise, forces=forces.noise_before_sensors(own))
             present[number] = replace(experiment, noise=noise)
     return tuple(present)

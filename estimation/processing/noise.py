@@ -6,8 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from constraints.arrays import Array
-from estimation.processing.spectrum import NoiseLines, WhiteningFilter
+from constraints.arrays import Array, ComplexArray
+from estimation.processing.spectrum import (
+    NoiseLines,
+    WhiteningFilter,
+    divide_spectrum,
+    filter_to,
+    scaling_filter,
+)
 
 NORMAL_MEDIAN = 0.6745
 """Median of |x| for a standard normal x: ratio of a median absolute deviation to a std."""
@@ -69,6 +75,25 @@ class NoiseEstimate:
     def as_white(self) -> NoiseEstimate:
         """Return white noise of the same covariance, for rows that are not samples of a period."""
         return replace(self, lines=None, filter=None)
+
+    def before_sensors(self, response: ComplexArray, samples: int) -> NoiseEstimate:
+        """Return the noise of series whose lines are divided by a response, (L, 6).
+
+        The covariance stays that of a recorded sample; the filter takes the values to it.
+        """
+        own = self.covariance.astype(np.complex128)
+        spectrum = np.broadcast_to(own, (len(response), *own.shape))
+        lines = self.lines or NoiseLines(spectrum, samples, self.freedom)
+        found = self.filter or replace(
+            scaling_filter(self.covariance, samples), loss=self.weighting_loss
+        )
+        spectrum = divide_spectrum(found.spectrum, response)
+        gain = filter_to(self.covariance, spectrum)
+        return replace(
+            self,
+            lines=replace(lines, matrices=divide_spectrum(lines.matrices, response)),
+            filter=replace(found, gain=gain, spectrum=spectrum),
+        )
 
     @property
     def weighting_loss(self) -> float:

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from constraints.arrays import Array, Mask
+from constraints.arrays import Array, ComplexArray, Mask
 from estimation.data.measurement import Measurement
+from estimation.data.sensors import SensorResponse
 from estimation.processing.noise import (
     FEWEST_PERIODS,
     NoiseEstimate,
@@ -31,11 +32,14 @@ from estimation.processing.period import PeriodError, PeriodSource, find_motion_
 from estimation.processing.spectrum import (
     NoiseLines,
     WhiteningFilter,
+    divide_spectrum,
     estimated_filter,
     scaling_filter,
 )
 from estimation.processing.variance import VarianceProfile, low_harmonics, variance_profile
 from expdesign.configuration.estimate import SpectrumOrigin
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.noise import lines_of, series_of
 
 _REPEATED = 2
 _EXACT = 1e-24
@@ -67,6 +71,37 @@ class Channels:
     mean. None if too many are missing, or all samples at a phase."""
     profile: VarianceProfile | None = None
     """Size of the noise over a period; None: it is constant, or cannot be seen."""
+    response: ComplexArray | None = None
+    """(N // 2 + 1, 6), of the sensors, by which the lines of values and periods are divided; None:
+    they are as recorded."""
+
+    def before_sensors(self, sensors: SensorResponse | None, step: float) -> Channels:
+        """Return the channels before filters and delays of their sensors, (N, 6) values."""
+        if sensors is None:
+            return self
+        periods, count = self.repeats, len(self.values)
+        if periods is not None:
+            periods = sensors.undo(periods.reshape(-1, ACTUATORS), step).reshape(periods.shape)
+        return replace(
+            self,
+            values=sensors.undo(self.values, step),
+            repeats=periods,
+            periods=None if self.periods is None else periods,
+            response=sensors.lines(count, step),
+        )
+
+    def as_recorded(self, values: Array) -> Array:
+        """Return series of these channels, (N, 6, …), after filters and delays of their sensors."""
+        if self.response is None:
+            return values
+        response = self.response.reshape(*self.response.shape, *(1,) * (values.ndim - 2))
+        return series_of(lines_of(values) * response, len(values))
+
+    def noise_before_sensors(self, noise: NoiseEstimate) -> NoiseEstimate:
+        """Return the noise of the values, given that of a recorded sample."""
+        if self.response is None:
+            return noise
+        return noise.before_sensors(self.response, len(self.values))
 
     def as_weighted(self, noise_filter: WhiteningFilter | None) -> Channels:
         """Return the channels with equal counts, as a whitening filter requires.
@@ -87,7 +122,10 @@ class Channels:
             return empirical
         if spectrum == "estimated" or empirical.lines is None:
             return self._estimate_noise(always=True)
-        return replace(empirical, lines=NoiseLines.of(self.repeats), filter=None)
+        white = replace(
+            empirical, lines=self.recorded_lines(NoiseLines.of(self.repeats)), filter=None
+        )
+        return self.noise_before_sensors(white)
 
     @cached_property
     def empirical_noise(self) -> NoiseEstimate | None:
@@ -96,9 +134,15 @@ class Channels:
 
     def _estimate_noise(self, *, always: bool) -> NoiseEstimate | None:
         repeated, repeats = self.scatter, self.repeats
-        if repeated is None or repeats is None or len(repeats) < FEWEST_PERIODS:
-            return repeated
-        lines, covariance, size = NoiseLines.of(repeats), repeated.covariance, None
+        if repeated is None:
+            return None
+        if repeats is None or len(repeats) < FEWEST_PERIODS:
+            return self.noise_before_sensors(repeated)
+        lines, covariance, size = (
+            self.recorded_lines(NoiseLines.of(repeats)),
+            repeated.covariance,
+            None,
+        )
         if self.profile is not None:
             size = self.profile.std
             scaled = NoiseLines.of(repeats / size).covariance
@@ -111,7 +155,14 @@ class Channels:
             found = found or scaling_filter(covariance, lines.samples)
             words = f"{found.smoothing}, scaled over the {self.profile.over}"
             found = replace(found, size=size, smoothing=words)
-        return replace(repeated, covariance=covariance, lines=lines, filter=found)
+        estimate = replace(repeated, covariance=covariance, lines=lines, filter=found)
+        return self.noise_before_sensors(estimate)
+
+    def recorded_lines(self, lines: NoiseLines) -> NoiseLines:
+        """Return the spectrum of the recorded noise, given that of the values."""
+        if self.response is None:
+            return lines
+        return replace(lines, matrices=divide_spectrum(lines.matrices, 1 / self.response))
 
     def with_profile(self, quantities: Mapping[str, Array]) -> Channels:
         """Return the channels with the size of their noise over one of these quantities.
@@ -167,6 +218,15 @@ class PeriodicRecording:
     def samples(self) -> int:
         """S."""
         return len(self.lengths.values)
+
+    @property
+    def jump_spread(self) -> float:
+        """Standard deviation of the time of a jump in the forces, s.
+
+        Behind a filter of the sensors a jump shows where it is between two samples, and its samples
+        before the filter do not: spread over a step, they are right on average.
+        """
+        return 0.0 if self.forces.response is None else self.step / float(np.sqrt(12))
 
     @property
     def own_clock(self) -> bool:
@@ -263,7 +323,18 @@ def fold_recording(
 
     both = ((data.force_delay, data.forces), (data.length_delay, data.lengths))
     forces, lengths = (channels(*each) for each in both)
-    if whole is not None and average:
+    sensors = data.force_sensors, data.length_sensors
+    if any(sensors):
+        if whole is None or not average or min(len(forces.values), len(lengths.values)) < whole:
+            raise PeriodError(
+                "filters, and delays of single channels, are taken back for whole periods of the "
+                "motion that are a whole number of samples, without a phase that is always missing"
+            )
+        forces, lengths = (
+            each.before_sensors(one, data.step)
+            for each, one in zip((forces, lengths), sensors, strict=True)
+        )
+    elif whole is not None and average:
         forces, lengths = _with_profiles(forces, lengths)
         if robust:
             forces, lengths = (

@@ -182,6 +182,11 @@ def _constant_size(lines: NoiseLines, filters: ComplexArray) -> Array:
     return size
 
 
+def divide_spectrum(matrices: ComplexArray, response: ComplexArray) -> ComplexArray:
+    """Return the spectrum, (L, 6, 6), of noise whose lines are divided by a response, (L, 6)."""
+    return _colour_test(matrices, 1 / response)
+
+
 def _colour_test(matrices: ComplexArray, response: ComplexArray) -> ComplexArray:
     """Return D C Dᴴ of every line for a response of the channels, (L, 6)."""
     return matrices * response[:, :, None] * response.conj()[:, None, :]

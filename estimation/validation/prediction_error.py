@@ -13,7 +13,7 @@ degrees of freedom are those of the noise's covariance.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Annotated
 
@@ -75,6 +75,13 @@ def prediction_errors(
     """Return the errors of held-out forces predicted with parameters (m,)."""
     motion = None if experiment.fit is None else experiment.fit.motion
     part = linearise(robot, experiment, values, np.zeros(len(values), dtype=bool), motion)
+    as_recorded = experiment.recording.forces.as_recorded
+    part = replace(
+        part,
+        forces=as_recorded(part.forces),
+        motion_columns=as_recorded(part.motion_columns),
+        sign_errors=as_recorded(part.sign_errors),
+    )
     spans = np.ptp(experiment.fitted_regressors @ values, axis=0)
     return tuple(
         _of_actuator(part, experiment, j, float(spans[j]), tolerance) for j in range(ACTUATORS)
@@ -144,7 +151,8 @@ class _Spread:
             factor = part.motion_columns[:, channel] @ np.linalg.cholesky(fit.covariance)
         lines, contrasts, freedom = None, np.inf, noise.freedom
         if noise.lines is not None and noise.lines.samples == len(part.counts):
-            lines = noise.lines.matrices[:, channel, channel].real * np.mean(1 / part.counts)
+            recorded = experiment.recording.forces.recorded_lines(noise.lines).matrices
+            lines = recorded[:, channel, channel].real * np.mean(1 / part.counts)
             contrasts = noise.lines.freedom
             # Degrees of freedom of the sum over all lines; its squares are too large.
             times = multiplicity(noise.lines.samples)

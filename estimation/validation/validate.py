@@ -136,7 +136,7 @@ def _predict_motion(
     diagnosis = diagnose(loaded, [experiment], saved.priors, saved.estimate, held_out=True)
     verdict = _advise_estimate_first(diagnosis.verdict) if saved.doubt else diagnosis.verdict
     recording = experiment.recording
-    predicted = experiment.fitted_regressors @ saved.estimate.values
+    shown = experiment.forces, experiment.fitted_regressors @ saved.estimate.values
     return _Prediction(
         PredictedMotion(
             name,
@@ -148,7 +148,7 @@ def _predict_motion(
             prediction_errors(loaded, experiment, saved.estimate.values, motion.tolerance),
         ),
         _actuator_rows(number, name, experiment, diagnosis),
-        PredictedForces(experiment.times, experiment.forces, predicted),
+        PredictedForces(experiment.times, *map(experiment.recording.forces.as_recorded, shown)),
         diagnosis.recordings[0].residuals,
         warnings,
     )

@@ -312,6 +312,14 @@ def _impossible_estimates(run: RunDescription, robot: ResolvedRobot) -> Iterator
                 "estimate.estimators has no ml",
                 "budget or none; or ml among estimate.estimators",
             )
+    for filtered in run.data.filtered_keys:
+        if estimate.differentiation != "fourier" or estimate.frequency != "known":
+            yield (
+                ("data", filtered),
+                "filters, and delays of single channels, are taken back from the means over whole "
+                "periods of a known frequency",
+                "estimate.differentiation: fourier and estimate.frequency: known",
+            )
     named = ", ".join(robot.estimated_constants)
     if named and estimate.differentiation != "fourier":
         yield (

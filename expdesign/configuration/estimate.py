@@ -31,6 +31,10 @@ _Units = Annotated[
         (*CHANNEL_UNITS, *LENGTH_CHANNELS, *FORCE_CHANNELS), "channel or group of channels"
     ),
 ]
+_Filtered = Annotated[
+    str,
+    schema.one_of(("q", "Q", *LENGTH_CHANNELS, *FORCE_CHANNELS), "channel or group of channels"),
+]
 _ONE_CHARACTER = require(
     lambda text: len(text) == 1,
     "{quoted} is not one character",
@@ -38,11 +42,24 @@ _ONE_CHARACTER = require(
 )
 
 
-class Delay(schema.Section):
-    """Delays of the channels against their time stamps, s."""
+_Delays = Annotated[tuple[quantity.Duration, ...], schema.per_strut("delays")]
 
-    forces: quantity.Duration = 0.0
-    lengths: quantity.Duration = 0.0
+
+class Delay(schema.Section):
+    """Delays of the channels against their time stamps, s, one or six by the struts' numbers."""
+
+    forces: _Delays = (0.0,) * ACTUATORS
+    lengths: _Delays = (0.0,) * ACTUATORS
+
+
+class ChannelFilter(schema.Section):
+    """Butterworth low-pass filter that the values of a channel have passed."""
+
+    low_pass: Annotated[quantity.Frequency, quantity.Positive]
+    """Frequency at which a causal filter leaves 0.71 of the amplitude, Hz."""
+    order: Annotated[int, schema.whole(1, 8)] = 1
+    zero_phase: bool = False
+    """Applied forwards and backwards: the square of the gain and no delay."""
 
 
 class OrderByChannel(schema.Section):
@@ -96,6 +113,8 @@ class DataSection(schema.Section):
     end: quantity.Duration | None = None
     """End of the measurement, s: rows from then on are ignored."""
     delay: Delay = Delay()
+    filter: dict[_Filtered, ChannelFilter] = Field(default_factory=dict)
+    """Channel, or group q, Q → low-pass filter that its values have passed."""
     time: Literal["uniform", "stamped"] = "uniform"
     """Uniform time is replaced by the fitted grid, stamps are used as they are."""
     time_tolerance: Annotated[quantity.Number, Field(gt=0, lt=0.5)] = 0.01
@@ -142,6 +161,22 @@ class DataSection(schema.Section):
         """Return the signs of the struts' channels in a group."""
         found = getattr(self.sign, group) if isinstance(self.sign, schema.Section) else self.sign
         return found or (1,) * ACTUATORS
+
+    @property
+    def filtered_keys(self) -> tuple[str, ...]:
+        """Keys that give single channels a response: a filter, or different delays."""
+        apart = any(len(set(self.channel_delays(group))) > 1 for group in "qQ")
+        return ("filter",) * bool(self.filter) + ("delay",) * apart
+
+    def channel_delays(self, group: str) -> tuple[float, ...]:
+        """Return the delays of the struts' channels in a group, s."""
+        return self.delay.forces if group == "Q" else self.delay.lengths
+
+    def channel_filters(self, group: str) -> tuple[ChannelFilter | None, ...]:
+        """Return the filters of the struts' channels in a group."""
+        order = self.channel_order(group)
+        names = (f"{group}{order.index(strut) + 1}" for strut in range(1, ACTUATORS + 1))
+        return tuple(self.filter.get(name, self.filter.get(group)) for name in names)
 
     @property
     def length_offsets(self) -> tuple[float, ...] | Literal["home"]:

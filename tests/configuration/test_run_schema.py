@@ -105,7 +105,7 @@ def test_the_complete_example_of_the_contract():
     assert run.experiment.cogging.pitch == (0.03,) * 6
     assert run.experiment.cogging.amplitude[2] == 12
     assert run.data.force_constants == (90.0,) * 6
-    assert run.data.delay.forces == 0.002
+    assert run.data.delay.forces == (0.002,) * 6
     assert run.estimate.fixed == {"p1": 0.005, "p2": None}
     assert run.estimate.prior["p10"].std == 0.5
     assert run.estimate.prior["p10"].value is None

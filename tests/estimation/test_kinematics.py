@@ -132,7 +132,7 @@ def test_expected_signs_are_the_mean_of_the_signs_of_drawn_motions():
     record = record_of(motion, length_scale=30)
     fit = fit_motion(ROBOT, record, 900 * DELTA, 2)
     times = record.forces.times
-    spread = rate_spread(ROBOT, fit.motion, times, fit.covariance)
+    spread = rate_spread(ROBOT, fit.motion, record, fit.covariance)
     expected = expected_signs(ROBOT, fit.motion, times, spread)
     rng = np.random.default_rng(0)
     factor = np.linalg.cholesky(fit.covariance)

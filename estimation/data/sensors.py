@@ -1,0 +1,75 @@
+"""Frequency response of the sensors of a recording: low-pass filters and delays of single channels.
+
+A periodic signal passes a filter line by line. Dividing the lines of a recording by the response
+gives the signal before the filter, with a noise whose spectrum is divided as well. Estimators that
+weight every line by its noise then give the same result as a model that passes the filter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from constraints.arrays import Array, ComplexArray
+from expdesign.configuration.estimate import ChannelFilter, DataSection
+from expdesign.noise import lines_of, series_of
+
+_FLOOR = 1e-4
+"""Smallest gain that is divided by: nothing but noise is left at a line below it."""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorResponse:
+    """Response of the sensors of the six forces, or of the six lengths."""
+
+    filters: tuple[ChannelFilter | None, ...]
+    """Six, by the number of the strut."""
+    delays: Array
+    """(6,), s, after the mean delay of the channels."""
+
+    @classmethod
+    def of(cls, section: DataSection, group: str) -> SensorResponse | None:
+        """Return the response by a run's section `data` of a group, ``q`` or ``Q``.
+
+        None if nothing is filtered and all channels have the same delay.
+        """
+        delays = np.array(section.channel_delays(group))
+        filters = section.channel_filters(group)
+        if not any(filters) and np.all(delays == delays[0]):
+            return None
+        return cls(filters, delays - np.mean(delays))
+
+    def lines(self, samples: int, step: float) -> ComplexArray:
+        """Return the response at the lines of a series, (samples // 2 + 1, 6), step in s.
+
+        Gains are at least 1e-4.
+
+        Examples
+        --------
+        >>> low_pass = ChannelFilter(low_pass=100.0, order=1)
+        >>> sensors = SensorResponse((low_pass,) + (None,) * 5, np.zeros(6))
+        >>> np.abs(sensors.lines(10, 1e-3)[1]).round(3).tolist()
+        [0.707, 1.0, 1.0, 1.0, 1.0, 1.0]
+        """
+        rates = 2 * np.pi * np.fft.rfftfreq(samples, step)
+        response = np.exp(-1j * np.multiply.outer(rates, self.delays))
+        for channel, each in enumerate(self.filters):
+            if each is None:
+                continue
+            analog = signal.butter(each.order, 2 * np.pi * each.low_pass, analog=True)
+            _, own = signal.freqs(*analog, worN=rates)
+            response[:, channel] *= np.abs(own) ** 2 if each.zero_phase else own
+        if samples % 2 == 0:  # a real line
+            response[-1] = np.abs(response[-1])
+        gain = np.abs(response)
+        return np.asarray(response * np.maximum(1.0, _FLOOR / np.maximum(gain, _FLOOR**2)))
+
+    def undo(self, series: Array, step: float) -> Array:
+        """Return the periodic series, (n, 6), before filters and delays."""
+        return series_of(lines_of(series) / self.lines(len(series), step), len(series))
+
+    def apply(self, series: Array, step: float) -> Array:
+        """Return the periodic series, (n, 6), after filters and delays."""
+        return series_of(lines_of(series) * self.lines(len(series), step), len(series))

@@ -1,0 +1,122 @@
+"""Filters and delays of single channels: the response, and estimates from filtered forces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from constraints.arrays import Array
+from estimation.data.measurement import Measurement
+from estimation.data.reading import read_measurement
+from estimation.data.sensors import SensorResponse
+from estimation.diagnostics.finding import Status
+from estimation.identification.estimate import estimate
+from estimation.twin.truth import write_measurement
+from expdesign.configuration import InputError
+from expdesign.configuration.estimate import DataSection
+from tests.estimation.cases import ROBOT, STEP, run
+from tests.estimation.cases import trajectory as palida_motion
+
+_FINER = 40
+"""Steps of the simulated filter within a step of the recording."""
+
+
+def _response(**section: Any) -> SensorResponse:
+    found = SensorResponse.of(DataSection.model_validate(section), "Q")
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("order", [1, 2, 4])
+@pytest.mark.parametrize("zero_phase", [False, True])
+def test_a_periodic_signal_passes_the_filter_as_in_a_simulation_with_fine_steps(
+    order: int, zero_phase: bool
+) -> None:
+    samples, step = 400, 1e-3
+    fine = np.arange(samples * _FINER) * step / _FINER
+    wave = np.sin(2 * np.pi * fine / 0.4) + np.cos(2 * np.pi * 7 * fine / 0.4)
+    sections = signal.butter(order, 60.0, fs=_FINER / step, output="sos")
+    passing = signal.sosfiltfilt if zero_phase else signal.sosfilt
+    settled = passing(sections, np.tile(wave, 3))[len(wave) : 2 * len(wave)]
+    low_pass = {"low_pass": "60 Hz", "order": order, "zero_phase": zero_phase}
+    sensors = _response(filter={"Q2": low_pass})
+    series = np.repeat(wave[::_FINER, None], 6, axis=1)
+    recorded = sensors.apply(series, step)
+    assert np.allclose(recorded[:, 1], settled[::_FINER], atol=2e-5)
+    assert np.allclose(recorded[:, [0, 2]], series[:, [0, 2]], atol=1e-12)
+    assert np.allclose(sensors.undo(recorded, step), series, atol=1e-11)
+
+
+def test_filters_follow_the_channels_of_the_file_and_delays_the_struts() -> None:
+    delays = ["1 ms", *["0 ms"] * 5]
+    sensors = _response(
+        filter={"Q": {"low_pass": "50 Hz"}, "Q1": {"low_pass": "10 Hz"}},
+        order=[2, 1, 3, 4, 5, 6],
+        delay={"forces": delays},
+    )
+    assert [each and each.low_pass for each in sensors.filters] == [50, 10, 50, 50, 50, 50]
+    assert np.allclose(np.diff(sensors.delays[:2]), -1e-3)
+    assert SensorResponse.of(run(data={"delay": {"forces": "1 ms"}}).run.data, "Q") is None
+
+
+def _record_filtered(file: Path, tau: float, late: Sequence[float]) -> None:
+    """Write a recording whose forces pass a first-order filter, simulated in fine steps."""
+    motion, rng = palida_motion(), np.random.default_rng(3)
+    noise = ROBOT.description.noise
+    assert noise is not None
+    fine = np.arange(round(motion.period / STEP) * _FINER) * STEP / _FINER
+    sections = signal.butter(1, 1 / (2 * np.pi * tau), fs=_FINER / STEP, output="sos")
+    forces = np.empty((len(fine), 6))
+    for actuator, delay in enumerate(late):
+        force = ROBOT.actuator_forces(*motion.sample(fine - delay))[:, actuator]
+        forces[:, actuator] = signal.sosfilt(sections, np.tile(force, 3))[len(fine) : 2 * len(fine)]
+    times = np.arange(10 * len(fine) // _FINER) * STEP
+
+    def draw(covariance: Array) -> Array:
+        return rng.multivariate_normal(np.zeros(6), covariance, len(times))
+
+    lengths = ROBOT.inverse_kinematics(motion.sample(times).pose) + draw(noise.length_covariance)
+    forces = np.tile(forces[::_FINER], (10, 1)) + draw(noise.force_covariance)
+    write_measurement(Measurement(times, lengths, forces, STEP), file)
+
+
+def test_known_filters_and_delays_of_the_forces_leave_no_bias(tmp_path: Path) -> None:
+    tau, late = 4e-3, [0.0, 3e-3, 0.0, 0.0, 6e-3, 0.0]
+    _record_filtered(tmp_path / "m.csv", tau, late)
+    known = {
+        "filter": {"Q": {"low_pass": 1 / (2 * np.pi * tau)}},
+        "delay": {"forces": [f"{1e3 * each} ms" for each in late]},
+    }
+    distances = {}
+    for name, data in (("unknown", {}), ("known", known)):
+        case = run(data=data)
+        recording = read_measurement(tmp_path / "m.csv", case.run.data, case.robot)
+        result = estimate(case, recording, palida_motion())
+        for estimator in ("ls", "gm", "ml"):
+            found = result[estimator]
+            error = np.array(list(found.values.values())) - ROBOT.parameters
+            covariance = np.array(found.covariance)
+            distances[name, estimator] = error @ np.linalg.solve(covariance, error) / len(error)
+        assert result.diagnostics is not None
+        doubtful = result.diagnostics.verdict.status is not Status.ACCEPTED
+        assert doubtful == (name == "unknown")
+    for (name, _), distance in distances.items():
+        assert distance > 4 if name == "unknown" else distance < 2.5, distances
+
+
+@pytest.mark.parametrize(
+    ("section", "key"),
+    [
+        ({"estimate": {"differentiation": "central"}}, "data.filter"),
+        ({"estimate": {"frequency": "estimated"}}, "data.filter"),
+    ],
+)
+def test_filters_need_the_means_of_a_known_period(section: dict[str, Any], key: str) -> None:
+    with pytest.raises(InputError, match="whole periods") as refused:
+        run(**section, data={"filter": {"q": {"low_pass": "50 Hz"}}})
+    assert refused.value.problems[0].key == key
