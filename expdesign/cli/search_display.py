@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console, Group
@@ -18,9 +18,12 @@ from expdesign.recheck.limit_check import TOLERANCE
 from expdesign.solver.phases import PHASE_TITLES, SearchEvent
 from expdesign.solver.search import FINISHED, REFINED, groups
 from expdesign.solver.starts import GIVEN_UP
+from expdesign.trajectory import FourierTrajectory
 
 _PAUSE = 0.15
 """The same as a share of the time that has passed: a log of an hour has some 40 lines."""
+_RENEWED = 1.0
+"""Smallest time between two predictions of the best motion's precision, s."""
 _TRUE = ("done", "finished")
 """Phases with an objective of the exact (unsmoothed) friction model."""
 
@@ -40,6 +43,8 @@ class SearchDisplay:
         Symbol of the information that the criterion judges.
     max_seconds : float, optional
         For starts and hops; the finish, which comes on top, is not shown then.
+    describe : callable, optional
+        Returns the predicted precision of a motion in words, instead of the criterion's value.
     """
 
     def __init__(
@@ -50,12 +55,16 @@ class SearchDisplay:
         hops: int,
         information: str = "F",
         max_seconds: float | None = None,
+        describe: Callable[[FourierTrajectory], str] | None = None,
     ) -> None:
         self._console, self._criterion, self._information = console, criterion, information
         self._starts, self._hops = starts, hops
         self._max_seconds = max_seconds or math.inf
+        self._describe = describe
         self._running: dict[int, SearchEvent] = {}
         self._best: SearchEvent | None = None
+        self._described: SearchEvent | None = None
+        self._described_at, self._best_text = -math.inf, ""
         self._rough: set[int] = set()
         self._starts_ended = self._hops_ended = self._refined = self._finished = 0
         self._began = self._spoke = time.monotonic()
@@ -77,6 +86,7 @@ class SearchDisplay:
             self._running[event.start] = event
         pause = max(HEARTBEAT, _PAUSE * self._seconds)
         if not self._console.is_terminal and time.monotonic() - self._spoke > pause:
+            self._describe_best()
             self._line(f"{self._head}; {self._best_text or self._text(event)}")
 
     def show_progress(self, what: str, done: int, total: int) -> None:
@@ -106,11 +116,10 @@ class SearchDisplay:
     def _end(self, event: SearchEvent) -> None:
         """Count a start, a hop or a finish that has ended, and write its result."""
         self._running.pop(event.start, None)
-        name, objective = self._name(event), self._objective(event)
-        finished = event.phase == "finished"
+        name, finished = self._name(event), event.phase == "finished"
         if finished:
             self._finished += 1
-            self._line(f"{name}, finished: {objective}, {event.status}")
+            self._line(f"{name}, finished: {self._result(event)}, {event.status}")
         else:
             hop = event.start > self._starts
             self._starts_ended += not hop
@@ -119,12 +128,30 @@ class SearchDisplay:
             self._rough |= set() if hop else {event.start}
             if self._best is None and math.isfinite(event.objective):
                 effort = f"{event.iteration} iterations, {time_text(event.seconds)}"
-                self._line(f"{name}: {objective} within the limits after {effort}: {event.status}")
+                found = f"{self._result(event)}, within the limits after {effort}"
+                self._line(f"{name}: {found}: {event.status}")
         # A start that is done is within its limits, the recheck may find a finished one beyond.
         usable = not finished or event.violation <= TOLERANCE
         if usable and math.isfinite(event.objective):
             better = max if self._criterion.larger_is_better else min
             self._best = better(self._best or event, event, key=lambda one: one.objective)
+            if time.monotonic() - self._described_at > _RENEWED:
+                self._describe_best()
+
+    def _describe_best(self) -> None:
+        """Describe the best motion so far, in the thread of the events.
+
+        Another thread, which redraws the display, must not share the model with the search.
+        """
+        if self._best is not None and self._best is not self._described:
+            self._described, self._described_at = self._best, time.monotonic()
+            self._best_text = f"best: {self._result(self._best)}"
+
+    def _result(self, event: SearchEvent) -> str:
+        """Return the precision of the motion that was reached, or the value of its criterion."""
+        if self._describe is None or event.motion is None:
+            return self._objective(event)
+        return self._describe(event.motion)
 
     @property
     def _head(self) -> str:
@@ -135,10 +162,6 @@ class SearchDisplay:
             f"{self._starts_ended} of {self._starts} starts{hops} done, "
             f"{time_text(self._seconds)}{', ' if left else ''}{left}"
         )
-
-    @property
-    def _best_text(self) -> str:
-        return "" if self._best is None else f"best: {self._objective(self._best)}"
 
     def _text(self, event: SearchEvent) -> str:
         """Return the state of a start in words."""

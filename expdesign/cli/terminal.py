@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
+from functools import partial
 
 from expdesign.cli.activity import Activity
 from expdesign.cli.output import messages, note, results, warn
 from expdesign.cli.search_display import SearchDisplay
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment.judging import criterion_symbol
+from expdesign.experiment.precision import precision_in_words
 from expdesign.information.criteria import criteria
 from expdesign.progress import Listener, listen_to_progress
 from expdesign.solver.phases import SearchEvent
@@ -67,6 +69,7 @@ class Terminal(Progress):
             hops,
             criterion_symbol(configuration),
             section.max_seconds,
+            partial(precision_in_words, configuration),
         )
         hidden = nullcontext() if self._activity is None else self._activity.hide()
         with hidden, display.display(), listen_to_progress(display.show_progress):

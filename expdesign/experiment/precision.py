@@ -38,6 +38,7 @@ from expdesign.experiment.judging import (
     earlier_recordings,
     estimates_deviations,
     inexact_deviations,
+    noise_evaluator,
 )
 from expdesign.information import fisher
 from expdesign.information.identifiable import (
@@ -166,6 +167,40 @@ def derived_precisions(
     regrouping = _structure(configuration, evaluator).regrouping(robot.parameter_names)
     found = known_quantities(derived_quantities(robot), errors.of(every), robot.scales, regrouping)
     return tuple(found)
+
+
+def precision_in_words(configuration: RunConfiguration, trajectory: FourierTrajectory) -> str:
+    """Return the predicted precision of a motion: named quantities, the worst, measuring time.
+
+    Named are the goals and quantities of interest of the run, by default the mass.
+    """
+    evaluator, run = noise_evaluator(configuration), configuration.run
+    try:
+        information, samples = experiment_information(evaluator, trajectory, configuration)
+        errors = predicted_errors(configuration, evaluator, trajectory, information, samples)
+    except fisher.SingularInformationError:
+        return "not every parameter is identifiable"
+    robot, interest = evaluator.robot, run.design.interest
+    wanted = (*run.goals, *(interest if isinstance(interest, tuple) else ())) or ("mass",)
+    scales = dict(zip(robot.parameter_names, robot.scales.tolist(), strict=True))
+    std = dict(zip(evaluator.names, errors.std.tolist(), strict=True))
+    shares = {name: value / scales[name] for name, value in std.items()}
+    shown = []
+    for one in derived_precisions(configuration, evaluator, errors):
+        if not any(f"{one.quantity}_".startswith(f"{name}_") for name in wanted):
+            continue
+        if np.isfinite(one.rel_std_percent):
+            size = f"{one.rel_std_percent:.2g} %"
+        elif one.unit == "m":
+            size = f"{1000 * one.std:.2g} mm"
+        else:
+            size = f"{one.std:.2g} {one.unit}"
+        shown.append(f"{one.quantity} ± {size}")
+    shown += [f"{name} ± {100 * shares[name]:.2g} %" for name in shares if name in wanted]
+    worst = max(shares, key=shares.__getitem__)
+    shown.append(f"the worst, {worst}, ± {100 * shares[worst]:.2g} %")
+    measured = run.experiment.periods * trajectory.period
+    return f"{', '.join(dict.fromkeys(shown))} in {measured:.3g} s of measuring"
 
 
 def _structure(configuration: RunConfiguration, evaluator: Evaluator) -> BaseParameters:

@@ -74,7 +74,14 @@ def polish_start(
     value = polished.merit if plan.evaluator.criterion.larger_is_better else -polished.merit
     where = "" if proving else " on the fine grid"
     status = f"every limit kept{where}" if polished.check.passed else "a limit is broken"
-    reporter.report("finished", len(reporter.trace), value, polished.check.worst, status)
+    reporter.report(
+        "finished",
+        len(reporter.trace),
+        value,
+        polished.check.worst,
+        status,
+        polished.trajectory if polished.check.passed else None,
+    )
     return replace(polished, index=start.index, status=status, trace=tuple(reporter.trace))
 
 

@@ -17,6 +17,7 @@ from expdesign.information.criteria import Criterion, criteria
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.runfolder import OpenNumber, described
 from expdesign.solver import interior_point
+from expdesign.trajectory import FourierTrajectory
 from expdesign.workers import Monitor
 
 MOST_BLUNT_HARMONICS = 5
@@ -276,6 +277,9 @@ class SearchEvent:
     """Progress of the start, or of the finish, 0 … 1, relative to the largest number of
     iterations."""
 
+    motion: FourierTrajectory | None = None
+    """The motion that was reached, once it keeps the limits."""
+
     @property
     def is_end(self) -> bool:
         """Whether a rough search, a start or a finish has ended."""
@@ -316,12 +320,17 @@ class StartReporter:
         return time.perf_counter() - self.began
 
     def report(
-        self, phase: str, iteration: int, objective: float, violation: float, status: str = ""
+        self,
+        phase: str,
+        iteration: int,
+        objective: float,
+        violation: float,
+        status: str = "",
+        motion: FourierTrajectory | None = None,
     ) -> None:
-        """Report one iteration, or the end."""
-        self.monitor.report(
-            SearchEvent(self.start, phase, iteration, objective, violation, self.seconds, status)
-        )
+        """Report one iteration, or the end with the motion that was reached."""
+        event = SearchEvent(self.start, phase, iteration, objective, violation, self.seconds)
+        self.monitor.report(replace(event, status=status, motion=motion))
 
     def phase_report(
         self,

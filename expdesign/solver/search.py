@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import pairwise
 from operator import attrgetter
 
@@ -192,7 +191,7 @@ def _search_groups(
         usable = [start for start in found if start.usable]
         wanted = plan.hops * done // len(numbered) - len(hops)
         first = plan.starts + len(hops) + 1
-        reached, made, failed = _run_hops(runner, plan, usable, (first, wanted), clock)
+        reached, made, failed = _run_hops(runner, usable, (first, wanted), clock)
         motions += reached
         hops += made
         if clock.stop_requested():
@@ -204,10 +203,9 @@ def _search_groups(
     return starts, motions, hops, ended
 
 
-def _start_job(plan: SearchPlan, name: str, *arguments: object) -> Job:
+def _start_job(name: str, *arguments: object) -> Job:
     """Return the job of a start or hop; by its name a journal knows the result."""
-    sign = 1 if plan.evaluator.criterion.larger_is_better else -1
-    return Job(run_start, arguments, name, partial(report_end, sign=sign))
+    return Job(run_start, arguments, name, report_end)
 
 
 def _run_starts(
@@ -218,15 +216,15 @@ def _run_starts(
     More of them are refined only if none of the first reaches a motion that keeps the limits.
     """
     begun = [StartResult(index, "random", np.empty(0)) for index in numbers]
-    jobs = [_start_job(plan, f"start {start.index}, rough", start, 1) for start in begun]
+    jobs = [_start_job(f"start {start.index}, rough", start, 1) for start in begun]
     rough: list[StartResult] = list(runner.run(jobs, clock))
     left = sorted((start for start in rough if not start.status), key=_rank, reverse=True)
     ended = [start for start in rough if start.status]
     while left and not any(start.usable for start in ended):
-        jobs = [_start_job(plan, f"start {start.index}", start) for start in left[:REFINED]]
+        jobs = [_start_job(f"start {start.index}", start) for start in left[:REFINED]]
         left = left[REFINED:]
         ended += runner.run(jobs, clock, after_stop=True)
-    return [*ended, *(give_up(start, clock) for start in left)]
+    return [*ended, *(give_up(plan, clock, start) for start in left)]
 
 
 @dataclass(frozen=True)
@@ -250,7 +248,6 @@ class _Origin:
 
 def _run_hops(
     runner: JobRunner,
-    plan: SearchPlan,
     motions: Sequence[StartResult],
     numbers: tuple[int, int],
     clock: Monitor,
@@ -277,7 +274,7 @@ def _run_hops(
         under_way[number], begun = place, begun + 1
         origin = origins[place].start
         hop = StartResult(number, "hop", origin.variables)
-        return _start_job(plan, f"hop {number}", hop, None, origin.phases)
+        return _start_job(f"hop {number}", hop, None, origin.phases)
 
     def follow(result: StartResult) -> Job | None:
         nonlocal since

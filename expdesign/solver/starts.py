@@ -210,7 +210,7 @@ def run_start(
         )
         if is_hopeless(reached, reference, last=number == len(phases)):
             ended = replace(result, trace=tuple(reporter.trace), seconds=reporter.seconds)
-            return give_up(ended, monitor)
+            return give_up(plan, monitor, ended)
     result = replace(result, trace=tuple(reporter.trace), seconds=reporter.seconds)
     if until is None:
         return _judge(plan, result, reporter)
@@ -299,19 +299,21 @@ def is_hopeless(reached: PhaseResult, reference: tuple[PhaseResult, ...], *, las
     return bool(alike) and reached.objective > alike[-1].objective + allowed
 
 
-def give_up(start: StartResult, monitor: Monitor) -> StartResult:
+def give_up(plan: SearchPlan, monitor: Monitor, start: StartResult) -> StartResult:
     """End a start that others have left behind."""
     ended = replace(start, status=GIVEN_UP)
-    report_end(monitor, ended)
+    report_end(plan, monitor, ended)
     return ended
 
 
-def report_end(monitor: Monitor, start: StartResult, sign: int = 1) -> None:
-    """Report the end of a start or of its rough search; `sign` is that of the criterion's value."""
+def report_end(plan: SearchPlan, monitor: Monitor, start: StartResult) -> None:
+    """Report the end of a start or of its rough search."""
     phase = "done" if start.status else "waiting"
     violation = start.phases[-1].violation if start.phases else np.inf
+    value = start.merit if plan.evaluator.criterion.larger_is_better else -start.merit
+    motion = plan.problem.variables.trajectory(start.variables) if start.usable else None
     reporter = _reporter(start, monitor)
-    reporter.report(phase, start.iterations, sign * start.merit, violation, start.status)
+    reporter.report(phase, start.iterations, value, violation, start.status, motion)
 
 
 def _judge(plan: SearchPlan, result: StartResult, reporter: StartReporter) -> StartResult:
@@ -332,7 +334,8 @@ def _judge(plan: SearchPlan, result: StartResult, reporter: StartReporter) -> St
     if not np.isfinite(merit):
         status += f"; {_why_useless(problem, feasible)}"
     value = merit if plan.evaluator.criterion.larger_is_better else -merit
-    reporter.report("done", result.iterations, value, max(last.violation, 0.0), status)
+    motion = feasible.trajectory if np.isfinite(merit) else None
+    reporter.report("done", result.iterations, value, max(last.violation, 0.0), status, motion)
     return replace(result, merit=merit, status=status, seconds=reporter.seconds)
 
 

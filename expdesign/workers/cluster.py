@@ -78,9 +78,9 @@ class JobJournal:
             self._journal.add(self._entry(name, result))
 
 
-def _recall(_built: Any, monitor: Monitor, job: Job, entry: Any) -> Any:
+def _recall(built: Any, monitor: Monitor, job: Job, entry: Any) -> Any:
     if job.recalled is not None:
-        job.recalled(monitor, entry.result)
+        job.recalled(built, monitor, entry.result)
     return entry.result
 
 

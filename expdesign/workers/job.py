@@ -48,8 +48,8 @@ class Job:
     arguments: tuple[Any, ...]
     name: str = ""
     """Name under which a journal keeps the result; empty: it is not kept."""
-    recalled: Callable[[Monitor, Any], None] | None = None
-    """Picklable; reports the result when it comes from a journal."""
+    recalled: Callable[[Any, Monitor, Any], None] | None = None
+    """Picklable; reports the result, with what was built, when it comes from a journal."""
 
     def run(self, recipe: bytes, monitor: Monitor) -> Any:
         """Run it with one BLAS thread; the pickled recipe builds its first argument, once."""

@@ -63,6 +63,24 @@ def test_the_best_is_the_smallest_of_a_criterion_that_is_minimised(display):
     assert display._best.objective == 1200
 
 
+def test_the_best_is_described_by_its_precision(monkeypatch):
+    monkeypatch.setattr("expdesign.cli.search_display.HEARTBEAT", -1.0)
+    monkeypatch.setattr("expdesign.cli.search_display._PAUSE", -1.0)
+    console = Console(file=io.StringIO(), width=200)
+    display = SearchDisplay(console, CONDITION, 3, 0, describe="mass ± {} %".format)
+    display.report(event("done", 1300.0, "converged", motion=2))
+    display.report(event("done", 1400.0, "converged", motion=3))
+    display.report(event("finished", 1200.0, "every limit kept", violation=0.0, motion=1))
+    first, *others = said(display).splitlines()[1:]
+    assert "mass ± 2 %, within the limits" in first
+    assert [line.split("best: ")[-1] for line in others if "best:" in line] == [
+        "mass ± 2 %",
+        "mass ± 2 %",
+        "mass ± 1 %",
+    ]
+    assert "1300" not in said(display)
+
+
 def test_what_breaks_a_limit_is_never_the_best(display):
     display.report(event("done", 1300.0))
     display.report(event("finished", 1200.0, "a limit is broken", violation=2e-6))

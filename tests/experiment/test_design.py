@@ -7,6 +7,7 @@ import pytest
 
 import expdesign
 from expdesign.configuration import load_run
+from expdesign.experiment.precision import precision_in_words
 from expdesign.experiment.setup import plan_search
 from expdesign.information.fisher import SingularInformationError
 from expdesign.solver.feasibility import InfeasibleLimitsError, random_start
@@ -90,6 +91,20 @@ def test_predicted_std_is_that_of_the_trajectory(tiny_result):
     expected = std_of(3 * information_of(tiny_result, count))
     assert (experiment.samples, experiment.periods) == (3 * count, 3)
     np.testing.assert_allclose([experiment.std[n] for n in names], expected, rtol=1e-5)
+
+
+def test_the_precision_of_a_motion_in_words(tiny_result):
+    run = tiny_result.configuration
+    mass = next(one for one in tiny_result.derived if one.quantity == "mass")
+    std, scales = tiny_result.predicted_std.experiment.std, tiny_result.robot.scales
+    shares = dict(zip(std, np.array(list(std.values())) / scales, strict=True))
+    worst = max(shares, key=shares.get)
+    expected = f"the worst, {worst}, ± {100 * shares[worst]:.2g} % in "
+    words = precision_in_words(run, tiny_result.trajectory)
+    assert words.startswith(f"mass ± {mass.rel_std_percent:.2g} %, {expected}")
+    goals = replace(run, run=run.run.model_copy(update={"goals": {"p10": "1 kg"}}))
+    named = precision_in_words(goals, tiny_result.trajectory)
+    assert named.startswith(f"p10 ± {100 * shares['p10']:.2g} %, {expected}")
 
 
 def test_the_period_is_a_whole_number_of_controller_steps(tiny_result):
