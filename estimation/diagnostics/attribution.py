@@ -427,6 +427,14 @@ def effect_nouns(attribution: Attribution) -> dict[str, str]:
     }
 
 
+def effect_strengths(attribution: Attribution) -> dict[str, float]:
+    """Return −log p of the strongest effect of every kind, the strongest kind first."""
+    strengths: dict[str, float] = {}
+    for effect in sorted(attribution.effects, key=lambda effect: effect.log_p):
+        strengths.setdefault(effect.kind, -effect.log_p)
+    return strengths
+
+
 def _effect_p(effects: Sequence[Effect], kind: str) -> float:
     """Return the smallest p of the effects of one kind, corrected for their family."""
     return float(np.exp(min(effect.log_p for effect in effects if effect.kind == kind)))

@@ -44,6 +44,10 @@ class Finding:
     level: Annotated[
         float | None, described("1", "level of these tests together; null: not tested")
     ] = None
+    first: Annotated[
+        bool,
+        described("", "first cause: correct it and repeat; other failures may be consequences"),
+    ] = False
 
     @property
     def failed(self) -> bool:
@@ -118,6 +122,11 @@ class DiagnosisVerdict:
     def failed(self) -> tuple[Finding, ...]:
         """Findings that fail."""
         return tuple(finding for finding in self.findings if finding.failed)
+
+    @property
+    def causes(self) -> tuple[Finding, ...]:
+        """First cause, or the two that are needed together; empty for an accepted estimate."""
+        return tuple(finding for finding in self.findings if finding.first)
 
 
 def name_channels(kind: str, flags: NDArray[np.bool_]) -> str:

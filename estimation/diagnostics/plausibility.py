@@ -6,7 +6,7 @@ A common factor of all inertial parameters indicates another unit, or the wrong 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -45,6 +45,12 @@ _PLAUSIBLE = Assumption(
     "way, the inertia of motors and screws (`drive`), and a-priori values of another machine",
 )
 
+FORCE_SCALE = Assumption(
+    "the forces have the expected sign and unit",
+    "all forces are wrong by one factor",
+    "check the force constants and the unit of the forces",
+)
+
 _FAR = 9.0
 """Factor that excludes another machine of the kind; kilograms instead of newtons give 9.8."""
 _NEAR = 0.15
@@ -54,6 +60,13 @@ _KNOWN_WELL = 0.1
 _ALIKE = 0.3
 _MOST = 2 / 3
 _FEWEST = 2
+"""Relative spread about a far factor, share of the parameters that have it, and their number."""
+_OF_NEARBY = (0.1, 0.8, 4)
+"""The same of a factor that another machine could have."""
+_NEARBY = 1.25
+"""Factor, or its inverse, within which a-priori masses are expected."""
+_COMMON_FACTOR = "force_constant.common"
+"""Key of the tolerance of a factor of all forces."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +89,8 @@ def plausibility(robot: Robot, priors: ParameterPriors, estimate: ParameterEstim
       (`Lump`) that is not positive semidefinite;
     - inertial parameters that differ from the a-priori value by a factor of ten, or in sign, if the
       difference is relevant compared with the robot's mass and length and the largest of its kind;
-    - inertial parameters that differ by a common factor, of ten or of a unit.
+    - inertial parameters that differ by a common factor, of ten or of a unit, or nearly all of them
+      by any factor that masses of another machine of the kind do not share.
 
     Friction and springs may have any size.
     """
@@ -97,11 +111,19 @@ def plausibility(robot: Robot, priors: ParameterPriors, estimate: ParameterEstim
     expected = np.array(robot.parameters)
     inertial = np.array([parameter.unit in _INERTIAL_UNITS for parameter in parameters])
     scale = ForceScale.of(values, std, expected, judged & inertial)
-    advice = "" if scale is None else scale.advice
-    if scale is not None and not doubts:
-        doubts = [_Doubt(scale.where(tuple(p.name for p in parameters)), scale.sentence, scale.p)]
-        doubts = [doubt for doubt in doubts if doubt.p < _LEVEL]
-    smallest = min((test.p for test in (*tests, *doubts)), default=1.0)
+    smallest = min((test.p for test in tests), default=1.0)
+    if scale is not None and (doubts or scale.p < _LEVEL):
+        finding = FORCE_SCALE.fails(
+            f"{scale.sentence}{''.join(f'; {doubt.sentence}' for doubt in doubts[:_MOST_SHOWN])}",
+            min(smallest, scale.p),
+            _LEVEL,
+            scale.where(tuple(parameter.name for parameter in parameters)),
+            scale.advice,
+        )
+        # Another machine of the kind may have all bodies heavier, unless its forces are known.
+        deviations = () if estimate.systematic is None else estimate.systematic.deviations
+        stated = any(one.group == _COMMON_FACTOR for one in deviations)
+        return replace(finding, serious=bool(doubts) or scale.far or stated)
     if not doubts:
         return _PLAUSIBLE.holds(
             "masses, moments of inertia and friction are physically consistent, and the inertial "
@@ -119,7 +141,7 @@ def plausibility(robot: Robot, priors: ParameterPriors, estimate: ParameterEstim
         if len(names) <= _MOST_SHOWN
         else [*names[:_MOST_SHOWN], f"{len(names) - _MOST_SHOWN} more"]
     )
-    return _PLAUSIBLE.fails(f"{sentences}{more}", smallest, _LEVEL, where, advice)
+    return _PLAUSIBLE.fails(f"{sentences}{more}", smallest, _LEVEL, where)
 
 
 def _check_parameters(
@@ -246,6 +268,8 @@ class ForceScale:
     """Common factor between estimated and expected inertial parameters."""
 
     factor: float
+    far: bool
+    """No other machine of the kind differs by as much: a wrong sign, or another unit."""
     alike: NDArray[np.bool_]
     """(m,), parameters that differ by this factor."""
     p: float
@@ -257,27 +281,28 @@ class ForceScale:
     ) -> Self | None:
         """Find the common factor of most precise parameters, (m,) each; None if there is none.
 
-        `judged` are the estimated inertial parameters. A factor counts if it is negative, at least
-        nine, at most a ninth, or that between newtons and another unit.
+        `judged` are the estimated inertial parameters. A factor is far if it is negative, at least
+        nine, at most a ninth, or that between newtons and another unit. Any other one must be
+        common to nearly all bodies.
         """
         known = judged & (expected != 0) & (std < _KNOWN_WELL * np.abs(values))
-        if np.count_nonzero(known) < _FEWEST:
-            return None
         ratios = np.divide(values, expected, out=np.full(len(values), np.nan), where=known)
-        factor = float(np.nanmedian(ratios))
-        alike = known & (np.abs(ratios - factor) <= _ALIKE * abs(factor))
-        if np.count_nonzero(alike) < max(_FEWEST, _MOST * np.count_nonzero(known)):
-            return None
+        factor = float(np.median(ratios[known])) if np.any(known) else 1.0
         size = abs(factor)
-        far = size <= 1 / _FAR or size >= _FAR
-        if factor > 0 and not far and _unit_of(size) is None:
+        far = factor < 0 or size <= 1 / _FAR or size >= _FAR or _unit_of(size) is not None
+        if not far and 1 / _NEARBY <= size <= _NEARBY:
+            return None
+        spread, most, fewest = (_ALIKE, _MOST, _FEWEST) if far else _OF_NEARBY
+        alike = known & (np.abs(ratios - factor) <= spread * size)
+        if np.count_nonzero(alike) < max(fewest, most * np.count_nonzero(known)):
             return None
         gaps = np.abs(values - expected)[alike] / std[alike]
-        return cls(factor, alike, float(scipy.stats.norm.sf(np.min(gaps))))
+        return cls(factor, far, alike, float(scipy.stats.norm.sf(np.min(gaps))))
 
     def where(self, names: tuple[str, ...]) -> str:
-        """Return the names of the parameters in words."""
-        return join_words([name for name, one in zip(names, self.alike, strict=True) if one])
+        """Return the factor and the names of the parameters in words."""
+        alike = join_words(name for name, one in zip(names, self.alike, strict=True) if one)
+        return f"about {self.factor:.2g}: {alike}"
 
     @property
     def sentence(self) -> str:
@@ -308,11 +333,17 @@ class ForceScale:
                 f"of about {float(f'{1 / size:.2g}'):g} N/A), or the given force constants are "
                 "too small by that factor"
             )
+        elif not self.far:
+            words.append(
+                "check the force constants and the unit of the forces (`data.force_constants`, "
+                "`data.units`; peak or effective currents, gear, lead), or correct the a-priori "
+                "masses of the robot file"
+            )
         elif size >= _FAR and unit is None:
             words.append(
                 "the force constants (`data.force_constants`) are too large by about that factor"
             )
-        return f"{self.sentence}: {'; or '.join(words)}"
+        return "; or ".join(words)
 
 
 def _unit_of(factor: float) -> str | None:

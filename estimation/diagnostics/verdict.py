@@ -10,6 +10,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import (
     effect_nouns,
+    effect_strengths,
     hypothesis_finding,
     position_periodic_finding,
 )
@@ -23,7 +24,9 @@ from estimation.diagnostics.finding import (
     join_words,
     name_channels,
 )
+from estimation.diagnostics.hypothesis import PERIODIC
 from estimation.diagnostics.noise_tests import NoiseTests, Whiteness
+from estimation.diagnostics.plausibility import FORCE_SCALE
 from estimation.diagnostics.reliability import UndetectedEffect
 from estimation.diagnostics.residuals import ChiSquare, HarmonicLackOfFit
 from estimation.diagnostics.significance import CHI_SQUARE
@@ -135,6 +138,26 @@ _MOVING = Assumption(
 )
 
 
+_MOST_TOGETHER = 2
+"""Largest number of causes that are named together as the first."""
+_COMPARABLE = 0.1
+"""Strength of an effect, relative to the strongest, from which both are needed."""
+_EFFECT, _OF_THE_ESTIMATE = 3, 6
+"""Ranks of unmodelled effects, and of findings on the estimate without a rank below."""
+_RANKS = {
+    assumption.text: rank
+    for rank, assumptions in {
+        1: (_MOVING,),
+        2: (FORCE_SCALE,),
+        4: (_GAINS_STAY, _ALIKE, _NO_OUTLIERS, _SAME_SIZE, _MOTION, _WHOLE_MOTION),
+        5: (_EXPLAINED,),
+        7: (_NOISE_LEVEL, _RESIDUALS_WHITE, _LENGTHS_WHITE, _NOISE_WHITE),
+    }.items()
+    for assumption in assumptions
+}
+"""Causes have lower ranks than their consequences, by the text of the assumption."""
+
+
 def verdict(
     experiments: Sequence[AttributedDiagnosis],
     *of_the_estimate: Finding,
@@ -144,20 +167,20 @@ def verdict(
     """Judge an estimate by its own findings and by those of its experiments.
 
     `channels` are findings of wrong channels, which explain other failures; `undetected` are the
-    effects that no test would find, the largest error first.
+    effects that no test would find, the largest error first. Serious failures come first, causes
+    before their consequences.
     """
-    findings = (
-        *channels,
-        *of_the_estimate,
-        *(
-            finding.of_experiment(number) if len(experiments) > 1 else finding
-            for number, experiment in enumerate(experiments, 1)
-            for finding in experiment_findings(experiment, wrong_channels=bool(channels))
-        ),
+    of_the_forces = tuple(
+        finding.of_experiment(number) if len(experiments) > 1 else finding
+        for number, experiment in enumerate(experiments, 1)
+        for finding in experiment_findings(experiment, wrong_channels=bool(channels))
     )
-    serious = [f.contradiction for f in findings if f.failed and f.serious]
+    findings = (*channels, *of_the_estimate, *of_the_forces)
+    serious = _order_causes(channels, of_the_estimate, of_the_forces)
     if serious:
-        return DiagnosisVerdict(Status.DOUBTFUL, f"doubtful: {'; '.join(serious)}", findings)
+        rest = [finding for finding in findings if not (finding.failed and finding.serious)]
+        summary = f"doubtful: {'; '.join(finding.contradiction for finding in serious)}"
+        return DiagnosisVerdict(Status.DOUBTFUL, summary, (*serious, *rest))
     summary = "accepted: no test contradicts the model"
     if any(experiment.tests.held_out for experiment in experiments):
         summary = (
@@ -181,22 +204,55 @@ def verdict(
     return DiagnosisVerdict(Status.ACCEPTED, summary, findings)
 
 
+def _order_causes(
+    channels: Sequence[Finding],
+    of_the_estimate: Sequence[Finding],
+    of_the_forces: Sequence[Finding],
+) -> list[Finding]:
+    """Return the serious failures, causes before consequences, with the first cause marked.
+
+    Experiments mark the effects that are needed together, in case an effect is the first cause.
+    """
+    ranked = [
+        *((_RANKS[_MOVING.text], finding) for finding in channels),
+        *((_RANKS.get(f.assumption, _OF_THE_ESTIMATE), f) for f in of_the_estimate),
+        *((_RANKS.get(f.assumption, _EFFECT), f) for f in of_the_forces),
+    ]
+    ordered = sorted(
+        ((rank, finding) for rank, finding in ranked if finding.failed and finding.serious),
+        key=lambda each: each[0],
+    )
+    found = [replace(finding, first=False) for _, finding in ordered]
+    count = 1 + (len(found) > 1 and all(finding.first for _, finding in ordered[:2]))
+    return [replace(finding, first=True) for finding in found[:count]] + found[count:]
+
+
 def experiment_findings(
     diagnosis: AttributedDiagnosis, *, wrong_channels: bool = False
 ) -> list[Finding]:
-    """Return the findings of one experiment, one per assumption."""
+    """Return the findings of one experiment, one per assumption, effects by their strength.
+
+    The strongest effect, and a second one that explains a comparable share, are marked as first.
+    """
     tests, white = diagnosis.tests, diagnosis.tests.whiteness.force_residuals
     if white is None:
         raise AssertionError("forces leave residuals")
     left = "given the effects found" if diagnosis.attribution.effects else ""
-    return [
-        _bias(diagnosis, wrong_channels=wrong_channels),
-        position_periodic_finding(diagnosis.attribution),
-        *(
-            hypothesis_finding(diagnosis.attribution, hypothesis)
+    effects = {
+        PERIODIC.kind: position_periodic_finding(diagnosis.attribution),
+        **{
+            hypothesis.kind: hypothesis_finding(diagnosis.attribution, hypothesis)
             for hypothesis in diagnosis.attribution.hypotheses
             if not hypothesis.modelled
-        ),
+        },
+    }
+    strength = effect_strengths(diagnosis.attribution)
+    for kind in [kind for kind in strength if kind in effects][:_MOST_TOGETHER]:
+        needed = strength[kind] >= _COMPARABLE * max(strength.values())
+        effects[kind] = replace(effects[kind], first=needed)
+    return [
+        _bias(diagnosis, wrong_channels=wrong_channels),
+        *sorted(effects.values(), key=lambda finding: not finding.first),
         _gain_drift(tests),
         _white(_RESIDUALS_WHITE, white, "actuator", "mean residual", left),
         _size(_NOISE_LEVEL, tests.chi_square.forces_with_effects, "force", left),

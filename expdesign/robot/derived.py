@@ -25,6 +25,8 @@ NOISE = "noise"
 """Source of the random share."""
 _DEPENDENT = 1e-5
 """Share of a gradient outside the identifiable combinations up to which it is a rounding error."""
+GRAVITY_FORCE = "gravity_force_"
+"""Prefix of the forces of the actuators at rest at home."""
 _MOMENTS = {"xx": "Ixx", "yy": "Iyy", "zz": "Izz", "xy": "Ixy", "xz": "Ixz", "yz": "Iyz"}
 
 
@@ -121,7 +123,7 @@ def _at_home(robot: Robot, values: Array) -> _Rows:
     rows = robot.regressor(robot.home, rest, rest)
     if not np.any(rows):
         return
-    for name, row in zip(actuator_names("gravity_force_"), rows, strict=True):
+    for name, row in zip(actuator_names(GRAVITY_FORCE), rows, strict=True):
         yield DerivedQuantity(name, "gravity", "N"), float(row @ values), row
 
 

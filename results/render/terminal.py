@@ -61,10 +61,20 @@ def print_view(view: StageView, console: Console, place: str = "") -> None:
 
 
 def print_table(console: Console, table: ReportTable) -> None:
-    """Print a table with its caption."""
+    """Print a table with its caption, a long one in several blocks of rows if there is room."""
     _print_text(console, Text(f"{table.caption}:", style="italic"))
     columns = [column for column in table.columns if column.screen and column.kind != "error"]
     rows = [_cells(table, row) for row in table.rows]
+    widths = [
+        max(len(column.heading), *(len(cells[k]) for cells in rows), 0)
+        for k, column in enumerate(columns)
+    ]
+    room = (console.width + _GAP) // (sum(widths) + _GAP * len(widths))
+    blocks = max(1, min(room, len(rows) // _ROWS_OF_A_BLOCK))
+    height = -(-len(rows) // blocks)
+    rows += [[""] * len(columns)] * (blocks * height - len(rows))
+    rows = [[cell for row in rows[k::height] for cell in row] for k in range(height)]
+    columns *= blocks
     made = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for k, column in enumerate(columns):
         # In a narrow terminal headings and texts wrap between words, numbers stay whole.
@@ -78,6 +88,11 @@ def print_table(console: Console, table: ReportTable) -> None:
     for cells in rows:
         made.add_row(*cells)
     console.print(made)
+
+
+_GAP = 3
+"""Characters between two columns."""
+_ROWS_OF_A_BLOCK = 5
 
 
 def _cells(table: ReportTable, row: Sequence[Value]) -> list[str]:

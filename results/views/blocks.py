@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from estimation.uncertainty.intervals import FAMILY_LEVEL, Differences, differen
 from expdesign.information.identifiable import KnownCombination
 from expdesign.mechanism.bodies import about_centre
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
-from expdesign.robot.derived import KnownQuantity
+from expdesign.robot.derived import GRAVITY_FORCE, KnownQuantity
 from results.figures.parameters import WORTH, selection_figure
 from results.notation import DisplayUnit, count_text, handy_unit, readable
 from results.views.view import (
@@ -40,12 +41,12 @@ def verdict_level(verdict: DiagnosisVerdict) -> Level:
 
 
 def findings_block(
-    key: str, findings: Sequence[Finding], subject: str, *, every: bool = False
+    key: str, findings: Sequence[Finding], subject: str, *, again: str = ""
 ) -> FindingsBlock:
     """Return the findings on a subject, such as ``"the estimate"``.
 
-    The terminal lists the failed ones with their advice, or with `every` all of them with their
-    outcomes.
+    The terminal lists all of them with their outcomes; with the word for repeating the stage,
+    `again`, it lists the first causes of a failure and counts the others.
     """
     columns = (
         TableColumn("assumption", kind="text", of="assumption"),
@@ -54,19 +55,23 @@ def findings_block(
         TableColumn("advice", kind="text", of="advice"),
     )
     table = ReportTable.of(key, f"Assumptions of {subject} and their tests", columns, findings)
-    shown = findings if every else [finding for finding in findings if finding.failed]
+    causes = [finding for finding in findings if finding.first]
     lines = []
-    for finding in shown:
-        outcome = f"{finding.assumption}: {finding.outcome.value}"
-        if finding.failed:
-            # A failed assumption that denies something would have to be decoded.
-            outcome = finding.contradiction
+    for finding in causes if again else findings:
+        # A failed assumption that denies something would have to be decoded.
+        outcome = finding.contradiction or f"{finding.assumption}: {finding.outcome.value}"
         advice = f". What to do: {finding.advice}" if finding.advice else ""
-        lines.append(f"{f'{outcome}. ' if every else ''}{finding.sentence}{advice}")
+        lines.append(f"{'' if again else f'{outcome}. '}{finding.sentence}{advice}")
+    others = sum(finding.failed for finding in findings) - len(causes)
+    if again and causes:
+        lines[-1] += f". Then {again} again"
+        if others:
+            verb = "may be a consequence" if others == 1 else "may be consequences"
+            lines.append(f"{count_text(others, 'other finding')} in the report {verb}")
     return FindingsBlock(subject, table, tuple(lines))
 
 
-def undetected_blocks(effects: Sequence[UndetectedEffect]) -> list[Block]:
+def undetected_blocks(effects: Sequence[UndetectedEffect], *, screen: bool) -> list[Block]:
     """Return what is not excluded: the worst undetected effect of every family."""
     if not effects:
         return []
@@ -74,13 +79,15 @@ def undetected_blocks(effects: Sequence[UndetectedEffect]) -> list[Block]:
     for one in effects:  # the largest change first
         worst.setdefault(one.kind, one)
     text = (
-        "Effects up to the sizes listed in the report would be missed in one of five such "
-        "recordings or more. What to do: state under tolerances.terms of the robot zero for an "
-        "effect that the machine does not have, and a tolerance for one that it may have, which σ "
-        "then includes. The column std_undetected of estimates.csv contains what remains."
+        "Effects up to the sizes in the report would be missed in one of five such recordings: "
+        "state each under `tolerances.terms` of the robot, zero if the machine does not have it."
+    )
+    more = (
+        "σ then includes a stated effect. The column std_undetected of estimates.csv contains what "
+        "remains."
     )
     if GENERAL_PLATFORM in worst:
-        text += " An asymmetry of the platform has no tolerance: state `platform: general`."
+        more += " An asymmetry of the platform has no tolerance: state `platform: general`."
     columns = (
         TableColumn("effect and size", kind="text", of="text"),
         TableColumn("moves most", kind="parameter", of="worst"),
@@ -89,27 +96,18 @@ def undetected_blocks(effects: Sequence[UndetectedEffect]) -> list[Block]:
     )
     caption = "Effects that the tests may miss, and the errors that they would cause"
     return [
-        TextBlock(text, Level.NEUTRAL, screen=True),
+        TextBlock(text, screen=screen),
+        TextBlock(more),
         ReportTable.of("undetected", caption, columns, list(worst.values())),
     ]
 
 
-def contradictions(verdict: DiagnosisVerdict) -> str:
-    """Return the serious contradictions to the model and their places; empty without any.
+def first_contradictions(verdict: DiagnosisVerdict) -> str:
+    """Return what contradicts the model first, with its place; empty without a serious failure.
 
-    Their sizes and the advice are with the findings.
+    Sizes and advice are with the findings.
     """
-    serious = [finding for finding in verdict.failed if finding.serious]
-    return "; ".join(finding.contradiction or finding.sentence for finding in serious)
-
-
-def count_findings(verdict: DiagnosisVerdict) -> str:
-    """Return the verdict with the number of serious findings: ``"doubtful: 2 findings …"``."""
-    serious = sum(finding.serious for finding in verdict.failed)
-    if not serious:
-        return verdict.summary
-    count = "1 finding contradicts" if serious == 1 else f"{serious} findings contradict"
-    return f"{verdict.status.value}: {count} the model"
+    return "; ".join(finding.contradiction or finding.sentence for finding in verdict.causes)
 
 
 def estimated_values(summary: EstimateFile, estimator: str) -> Array:
@@ -228,21 +226,39 @@ def derived_blocks(key: str, found: Sequence[KnownQuantity], whose: str) -> list
 
     intervals = isinstance(found[0], EstimatedQuantity)
     shared = any(row.std_systematic > 0 for row in found)
-    columns = (
-        TableColumn("quantity", kind="text", of="quantity"),
-        TableColumn("unit", kind="text", of=lambda row: unit(row).symbol),
-        column("value", "value", 5),
-        column("σ", "std"),
+    on_page = [
         TableColumn("σ / value", "%", digits=3, of="rel_std_percent"),
         *([column("σ noise", "std_random"), column("σ tolerances", "std_systematic")] * shared),
         *([TableColumn("largest source", kind="text", of="source")] * shared),
         *([column("95 % from", "ci_low", 5), column("95 % to", "ci_high", 5)] * intervals),
+    ]
+    columns = (
+        TableColumn("quantity", kind="text", of="quantity"),
+        TableColumn("unit", kind="text", of=lambda row: unit(row).symbol),
+        column("value", "value", 5),
+        replace(column("σ", "std"), kind="error"),
+        *(replace(each, screen=False) for each in on_page),
     )
     caption = (
         f"Quantities {whose}: mass, centre and inertia of the platform with the sliders' masses, "
         "forces of the actuators at rest at home without friction"
     )
-    return [ReportTable.of(key, caption, columns, found, screen=True, latex=True)]
+    rows = list(_merge_equal(found))
+    return [ReportTable.of(key, caption, columns, rows, screen=True, latex=True)]
+
+
+def _merge_equal(found: Sequence[KnownQuantity]) -> Iterator[KnownQuantity]:
+    """Yield the quantities; those of all actuators in one row if they are equal."""
+    numbered = [one for one in found if one.quantity.startswith(GRAVITY_FORCE)]
+    values, stds = (np.array([getattr(one, of) for one in numbered]) for of in ("value", "std"))
+    equal = len(numbered) > 1 and np.ptp(values) < _EQUAL * np.min(stds)
+    yield from (one for one in found if not (equal and one in numbered))
+    if equal:
+        yield replace(numbered[0], quantity=f"{GRAVITY_FORCE}1 … {len(numbered)}")
+
+
+_EQUAL = 1e-3
+"""Largest difference of equal quantities, in standard deviations."""
 
 
 def share_columns(result: EstimationResult) -> list[TableColumn]:
@@ -357,7 +373,7 @@ def consistency_blocks(result: EstimationResult) -> list[Block]:
         return []
     level = Level.CAUTION if found.significant else Level.NEUTRAL
     blocks: list[Block] = [
-        TextBlock(f"{found.text[0].upper()}{found.text[1:]}.", level, screen=True)
+        TextBlock(f"{found.text[0].upper()}{found.text[1:]}.", level, screen=found.distance > 0)
     ]
     if found.distance == 0:
         return blocks

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import PurePath
 
 import numpy as np
 
+from estimation.diagnostics.finding import Status
 from estimation.identification.result import EstimateFile, EstimationResult
 from estimation.twin.truth import Truth
 from estimation.uncertainty.intervals import Differences, with_error
@@ -21,11 +23,10 @@ from results.views.blocks import (
     combination_blocks,
     consistency_blocks,
     constants_blocks,
-    contradictions,
-    count_findings,
     derived_blocks,
     differences_table,
     findings_block,
+    first_contradictions,
     information_sentence,
     information_test,
     payload_blocks,
@@ -77,24 +78,26 @@ def _truth(folder: RunFolder, result: EstimateFile) -> Truth | None:
 def estimates_table(result: EstimationResult, truth: Mapping[str, float] | None) -> ReportTable:
     """Return the parameters of the best estimator, with the truth where it is known."""
     best = result.best
+    on_page = [
+        *share_columns(result),
+        *([] if result.diagnostics is None else [UNDETECTED]),
+        *INTERVAL,
+        TableColumn("σ / a priori", "%", digits=3, of="rel_std_percent"),
+        TableColumn("identified", kind="outcome", of=lambda row: "yes" if row.identified else "no"),
+        *([] if truth is None else truth_columns(truth, "parameter")),
+    ]
     columns = [
         TableColumn("parameter", kind="parameter", of="parameter"),
         TableColumn("unit", kind="text", of="unit"),
         TableColumn("a priori", of="a_priori"),
         TableColumn("estimate", digits=5, of="value"),
         TableColumn("σ", kind="error", digits=3, of="std"),
-        *share_columns(result),
-        *([] if result.diagnostics is None else [UNDETECTED]),
-        *INTERVAL,
-        TableColumn("σ / a priori", "%", digits=3, of="rel_std_percent"),
-        TableColumn("identified", kind="outcome", of=lambda row: "yes" if row.identified else "no"),
+        *(replace(column, screen=False) for column in on_page),
     ]
-    columns += [] if truth is None else truth_columns(truth, "parameter")
     known = " and the truth of the simulated experiment" if truth is not None else ""
-    caption = f"Parameters of the {NAMES.get(best, best)} estimate with 95 % intervals{known}"
-    screen = len(result.estimators) == 1
+    caption = f"Parameters of the {NAMES.get(best, best)} estimate with their uncertainty{known}"
     rows = result.by_estimator()[best]
-    return ReportTable.of("estimates", caption, columns, rows, screen=screen, latex=True)
+    return ReportTable.of("estimates", caption, columns, rows, screen=True, latex=True)
 
 
 def _estimators_table(result: EstimationResult) -> ReportTable:
@@ -111,7 +114,7 @@ def _estimators_table(result: EstimationResult) -> ReportTable:
             TableColumn("σ", kind="error", digits=3, of=[row.std for row in rows]),
         ]
     caption = "All estimators with their standard deviations"
-    return ReportTable.of("estimators", caption, columns, folded=True, screen=True, latex=True)
+    return ReportTable.of("estimators", caption, columns, folded=True, latex=True)
 
 
 def _blocks(
@@ -160,9 +163,12 @@ def _blocks(
         caption = "ML − GM against the covariance that errors of the same data give this difference"
         blocks.append(differences_table("hausman", caption, result.parameters, test, folded=True))
     if result.diagnostics is not None:
-        found = result.diagnostics.verdict.findings
-        blocks.append(findings_block("findings", found, "the estimate"))
-        blocks += undetected_blocks(result.diagnostics.undetected)
+        verdict = result.diagnostics.verdict
+        blocks.append(
+            findings_block("findings", verdict.findings, "the estimate", again="estimate")
+        )
+        accepted = verdict.status is Status.ACCEPTED
+        blocks += undetected_blocks(result.diagnostics.undetected, screen=accepted)
     blocks += drawings(DIAGNOSTIC_FIGURES, result.diagnoses, numbered=True)
     if not shows_noise(folder):
         blocks += drawings(NOISE_FIGURES, result.diagnoses, numbered=True)
@@ -207,11 +213,8 @@ def _verdict(result: EstimateFile) -> StageVerdict:
             reason = result.intervals_note
         return StageVerdict(_TITLE, Level.CAUTION, "not judged", f"{begin}; {reason}.", "estimate")
     verdict = result.diagnostics.verdict
-    problems = contradictions(verdict)
-    if problems:
-        sentence = f"{begin}; {count_findings(verdict).partition(': ')[2]}: {problems}."
-    else:
-        sentence = f"{begin}: {verdict.summary.partition(': ')[2] or verdict.summary}."
+    found = first_contradictions(verdict) or verdict.summary.partition(": ")[2] or verdict.summary
+    sentence = f"{begin}: {found}."
     return StageVerdict(_TITLE, verdict_level(verdict), verdict.status.value, sentence, "estimate")
 
 

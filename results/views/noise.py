@@ -84,7 +84,7 @@ def noise_view(folder: RunFolder) -> StageView:
             "motion, not the difference between periods."
         )
         blocks.append(TextBlock(text, Level.CAUTION, screen=True))
-    blocks.append(findings_block("noise_findings", noise.findings, "the noise", every=True))
+    blocks.append(findings_block("noise_findings", noise.findings, "the noise"))
     if noise.block is not None:
         blocks.append(ListingBlock("Lines for the robot file", noise.block, screen=True))
     if shows_noise(folder):

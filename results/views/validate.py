@@ -11,7 +11,7 @@ from estimation.validation.prediction_error import Kept
 from estimation.validation.validate import PredictedMotion, ValidationResult
 from results.figures.residuals import feedforward_figure, prediction_figure
 from results.notation import count_text, percent, readable
-from results.views.blocks import contradictions, count_findings, findings_block, verdict_level
+from results.views.blocks import findings_block, first_contradictions, verdict_level
 from results.views.estimate import NAMES
 from results.views.folder import RunFolder
 from results.views.view import (
@@ -38,8 +38,8 @@ def validation_view(folder: RunFolder) -> StageView:
     for number, motion in enumerate(result.motions, start=1):
         verdict = motion.diagnostics.verdict
         how = "simulated" if motion.simulated else "measured"
-        finding = contradictions(verdict)
-        finding = f"{count_findings(verdict)}: {finding}" if finding else verdict.summary
+        finding = first_contradictions(verdict)
+        finding = f"{verdict.status.value}: {finding}" if finding else verdict.summary
         text = f"Motion {number}, {motion.name} ({how}): {finding}."
         if motion.tolerance_words:
             text += f" It is {motion.tolerance_words}."
@@ -48,7 +48,9 @@ def validation_view(folder: RunFolder) -> StageView:
             blocks.append(_accuracy(motion))
         blocks.append(Drawing(prediction_figure, result.predictions[number - 1], number))
         subject = f"the prediction of motion {number}"
-        blocks.append(findings_block(f"findings_{number}", verdict.findings, subject))
+        blocks.append(
+            findings_block(f"findings_{number}", verdict.findings, subject, again="validate")
+        )
     motions = count_text(len(result.motions), "motion")
     sentence = (
         f"The {NAMES.get(result.estimator, result.estimator)} estimate predicts the forces of "

@@ -64,6 +64,7 @@ def test_it_is_the_first_finding():
     assert verdict.status is Status.DOUBTFUL
     assert verdict.summary.startswith("doubtful: a channel is assigned wrongly (Q3); ")
     assert verdict.findings[0].assumption == CHANNELS
+    assert verdict.causes == verdict.findings[:1]
 
 
 def test_a_wrong_zero_of_a_length():

@@ -117,3 +117,6 @@ def test_a_listed_effect_that_explains_everything_is_certain():
     assert effect.certain
     assert not result.recordings[0].attribution.unlisted
     assert "something that is not in the list" not in result.verdict.summary
+    assert len(result.verdict.failed) > 1
+    (cause,) = result.verdict.causes
+    assert "cogging" in cause.sentence

@@ -1,6 +1,7 @@
 """Estimates that no machine can have are named first, and are not accepted."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -47,7 +48,8 @@ def test_forces_in_another_unit_and_of_the_wrong_sign(constant, causes):
     assert all(cause in finding.advice for cause in causes)
     # Whatever else holds: it keeps `accepted` away.
     judged_so = verdict([], finding)
-    assert (judged_so.status, judged_so.findings) == (Status.DOUBTFUL, (finding,))
+    assert (judged_so.status, judged_so.causes) == (Status.DOUBTFUL, judged_so.findings)
+    assert judged_so.findings == (replace(finding, first=True),)
     assert judged_so.summary == f"doubtful: {finding.contradiction}"
 
 
@@ -68,7 +70,31 @@ def test_clean_estimates_of_all_robots_that_ship_are_plausible(name):
             drawn = values + std * np.clip(rng.standard_normal(len(values)), -2.9, 2.9)
             finding = judged(robot, drawn, std)
             assert not finding.failed, (name, finding.sentence)
-    assert not judged(robot, 3 * values, 0.01 * size).failed
+    tripled = judged(robot, 3 * values, 0.01 * size)
+    assert not (tripled.failed and tripled.serious)
+
+
+@pytest.mark.parametrize("name", robot_files())
+def test_a_common_factor_beyond_the_tolerance_of_the_forces(name):
+    """A wrong force constant is named; without a stated tolerance it is no reason for doubt."""
+    robot = load_robot(name)
+    std = 0.02 * robot.scales
+    tolerated = SimpleNamespace(deviations=[SimpleNamespace(group="force_constant.common")])
+    scattered = 1 + 0.03 * np.random.default_rng(8).standard_normal(len(robot.parameters))
+    for factor, failed in ((0.52, True), (1.9, True), (1.06, False)):
+        values = factor * scattered * robot.parameters
+        knowledge = ParameterPriors.of(robot, EstimateSection())
+        for systematic in (None, tolerated):
+            estimate = replace(made_up(values, std), systematic=systematic)
+            finding = plausibility(robot, knowledge, estimate)
+            assert finding.failed == failed
+            assert not failed or finding.serious == (systematic is not None)
+            assert not failed or f"(about {factor:.2g}"[:7] in finding.contradiction
+    # Another platform alone is no factor of the forces.
+    values = robot.parameters.copy()
+    values[[robot.parameter_names.index(p) for p in ("p6", "p7", "p8", "p9", "p10")]] *= 1.9
+    estimate = replace(made_up(values, std), systematic=tolerated)
+    assert not plausibility(robot, knowledge, estimate).failed
 
 
 @pytest.mark.parametrize("name", robot_files())

@@ -67,6 +67,21 @@ def test_values_with_their_errors(value, std, text):
     assert concise(value, std) == text
 
 
+@pytest.mark.parametrize(("width", "blocks"), [(40, 1), (60, 2), (200, 4)])
+def test_a_long_table_uses_the_width(width, blocks):
+    columns = (
+        TableColumn("parameter", kind="text", of=[f"p{k}" for k in range(1, 24)]),
+        TableColumn("value", "kg m^2", of=[k + 0.25 for k in range(1, 24)]),
+    )
+    console = Console(file=io.StringIO(), width=width)
+    print_table(console, ReportTable.of("parameters", "Parameters", columns, screen=True))
+    lines = console.file.getvalue().splitlines()
+    assert len(lines) == 3 + -(-23 // blocks)
+    words = " ".join(lines[3:]).split()
+    assert sorted(words[::2], key=lambda word: int(word[1:])) == [f"p{k}" for k in range(1, 24)]
+    assert all(float(words[k + 1]) == int(words[k][1:]) + 0.25 for k in range(0, len(words), 2))
+
+
 @pytest.mark.parametrize("width", [80, 200])
 def test_a_narrow_terminal_cuts_no_cell(width):
     heads = ("variance about the prediction", "variance of the noise", "allowed error", "speed")
