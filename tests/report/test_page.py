@@ -158,7 +158,8 @@ def test_bad_ends_are_told(folder):
     def doubt(document):
         verdict = document["diagnostics"]["verdict"]
         verdict["status"] = "doubtful"
-        verdict["findings"][0] |= {"outcome": "fails", "serious": True, "sentence": "a bias of 7 N"}
+        bias = {"outcome": "fails", "serious": True, "sentence": "a bias of 7 N", "first": True}
+        verdict["findings"][0] |= bias
 
     change(folder / "estimate.json", doubt)
 
@@ -170,7 +171,7 @@ def test_bad_ends_are_told(folder):
     head = text_of(folder).partition("<section")[0]
     assert head.count('<li class="bad">') == 3
     words = Page(head).text
-    for said in ("interrupted", "contradicts the model: a bias of 7 N.", "the disk was full"):
+    for said in ("interrupted", "recording: a bias of 7 N.", "the disk was full"):
         assert said in words
 
 
