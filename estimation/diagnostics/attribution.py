@@ -132,6 +132,8 @@ class Attribution:
     """The best-fitting position-periodic force of every strut, significant or not."""
     periodic_level: float
     """Level of all pitch scans together."""
+    response: Array
+    """(q, u), change of the joint fit's unknowns per unit of every column of the hypotheses."""
     unlisted: bool = False
     """Something that is not in the list acts on the forces; the effects may only imitate it."""
 
@@ -158,6 +160,7 @@ def attribute(
     """
     search = Search(system, part, families, step, POSITION_PERIODIC / experiments)
     first = last = search.run_tests(())
+    response = search.projection.mixed @ first.solution.root.T
     found: list[EffectCandidate] = []
     tested_given: list[EffectCandidate] = []  # the known effects of the last tests
     seen: set[frozenset[tuple[str, int | None, str]]] = set()
@@ -181,7 +184,7 @@ def attribute(
         for scan in last.scans
     )
     columns = search.signature.select(column_indices(found))
-    return Attribution(families, effects, first, last, columns, best_forces, search.level)
+    return Attribution(families, effects, first, last, columns, best_forces, search.level, response)
 
 
 def doubt_effects(

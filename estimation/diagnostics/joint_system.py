@@ -39,7 +39,7 @@ from expdesign.information.fisher import whitening
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.noise import lines_of, multiplicity
 
-_DETERMINED = 1e-12
+DETERMINED = 1e-12
 """Smallest eigenvalue of the scaled J, relative to the largest, of independent columns."""
 
 SEEN = 1e-6
@@ -76,7 +76,7 @@ class JointSystem:
         """System after the Gauss–Newton step."""
         flat = self.columns.reshape(-1, self.columns.shape[2])
         # Undetermined combinations keep their values: their columns are dependent.
-        root = root_of_pseudo_inverse(flat.T @ flat + self.information, _DETERMINED)
+        root = root_of_pseudo_inverse(flat.T @ flat + self.information, DETERMINED)
         inverse = root @ root.T
         step = inverse @ (flat.T @ self.forces.ravel() + self.gradient)
         return SolvedSystem(
@@ -414,6 +414,16 @@ class ConditionalScores:
             self.information - explained @ explained.T,
             self.whole,
             self.freedom,
+        )
+
+    def select(self, places: Places) -> ConditionalScores:
+        """Return scores and information of the effects at some indices."""
+        own = np.ix_(places, places)
+        return replace(
+            self,
+            score=self.score[places],
+            information=self.information[own],
+            whole=self.whole[places],
         )
 
     def fit(self, places: Sequence[int] | Places, seen: float = SEEN) -> EffectFit:

@@ -7,7 +7,12 @@ information I (`estimation.diagnostics.joint_system`) and the noncentrality λ o
 estimator (`Influence.response`). For several columns, the effects with cᵀ I c ≤ λ move parameter p
 by at most √(λ d I⁻¹ dᵀ), d the row of D.
 
-The effects of all recordings are the same: their shifts add, and each recording tests them alone.
+The effects of all recordings are the same: their shifts add, and each recording tests them alone,
+with the information of the others on parameters and deviations. An effect disturbs that, too. The
+score of the test then has the expectation H c with H = I − A J Aₒᵀ, where A and Aₒ, (q, u), are the
+changes of the jointly fitted parameters and deviations by the effect in this recording and in all
+others, and J is their information: the test sees Hᵀ I⁻¹ H, not I.
+
 Effects that a tolerance describes are part of the standard deviations already, and effects without
 any information, such as a common factor of all forces, have no limit: both are left out.
 """
@@ -16,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Annotated
 
@@ -27,10 +32,16 @@ from scipy.optimize import brentq
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import Attribution, describe_candidate
 from estimation.diagnostics.hypothesis import POWER, Hypothesis
-from estimation.diagnostics.joint_system import JointSystem
+from estimation.diagnostics.joint_system import (
+    DETERMINED,
+    SEEN,
+    ConditionalScores,
+    JointSystem,
+)
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.significance import Strut
 from estimation.estimators.influence import Influence
+from estimation.measurement_model.motion import root_of_pseudo_inverse
 from expdesign.runfolder import described
 
 _Key = tuple[str, str, int | None, float | None]
@@ -69,9 +80,14 @@ class CandidateReliability:
     number: int
     """Family, and number of the candidate in it."""
     freedom: int
+    """Degrees of freedom of its test; 0: it cannot be tested."""
     noncentrality: float
-    covariance: Array
-    """(q, q), I⁻¹."""
+    scores: ConditionalScores
+    """Of its q columns, with I."""
+    response: Array
+    """(q, u), A."""
+    unknowns: Array
+    """(u, u), J⁻¹."""
     shift: Array
     """(k, q), D."""
     gram: Array
@@ -85,6 +101,21 @@ class CandidateReliability:
             self.hypothesis.constant_of(self.number),
         )
         return self.hypothesis.kind, name, strut, constant if np.isfinite(constant) else None
+
+    @property
+    def covariance(self) -> Array:
+        """(q, q), I⁻¹."""
+        return self.scores.fit(range(len(self.response))).covariance
+
+    def covariance_given(self, others: Sequence[CandidateReliability]) -> Array:
+        """Return (Hᵀ I⁻¹ H)⁻¹, (q, q), with the same effect in other recordings."""
+        if not others:
+            return self.covariance
+        elsewhere = np.sum([each.response for each in others], axis=0)
+        root = root_of_pseudo_inverse(self.unknowns, DETERMINED)
+        seen = self.scores.information - self.response @ root @ (elsewhere @ root).T
+        scores = replace(self.scores, information=seen.T @ self.covariance @ seen)
+        return scores.fit(range(len(seen)), SEEN**2).covariance
 
 
 def candidate_reliability(
@@ -124,23 +155,29 @@ def candidate_reliability(
         counted = ~free.conditional_on(()).identifiable
     columns = part.regressors[:, :, part.free].reshape(-1, count)
     gram = columns.T @ columns / len(columns)
+    size = attribution.response.shape[1]
+    unknown = np.r_[0:count, size - tolerated.count : size]
+    response, inverse = attribution.response[:, unknown], tests.solution.inverse
     found = []
     for family in families:
         hypothesis = family.hypothesis
         if hypothesis.kind in stated:
             continue
-        for number in np.flatnonzero(np.isfinite(family.log_p)).tolist():
+        for number in range(hypothesis.candidates):
             places = family.places(number)
             if np.all(counted[places]):
                 continue
-            fit = tests.conditional.fit(places)
+            scores = tests.conditional.select(places)
+            rank = int(family.rank[number]) if np.isfinite(family.log_p[number]) else 0
             found.append(
                 CandidateReliability(
                     hypothesis,
                     number,
-                    fit.rank,
-                    _noncentrality(family.limit, fit.rank, tests.conditional.freedom),
-                    fit.covariance,
+                    rank,
+                    _noncentrality(family.limit, rank, scores.freedom) if rank else np.inf,
+                    scores,
+                    response[places],
+                    inverse[np.ix_(unknown, unknown)],
                     shift[:, places],
                     gram,
                 )
@@ -182,7 +219,8 @@ def undetected_effects(
     groups: dict[_Key, list[CandidateReliability]] = {}
     for candidate in (candidate for recording in recordings for candidate in recording):
         groups.setdefault(candidate.key, []).append(candidate)
-    effects = [_combine(own, names, std) for own in groups.values()]
+    tested = [own for own in groups.values() if any(each.freedom for each in own)]
+    effects = [_combine(own, names, std) for own in tested]
     return tuple(sorted(effects, key=lambda effect: -effect.sigmas))
 
 
@@ -191,16 +229,20 @@ def _combine(
 ) -> UndetectedEffect:
     """Combine the recordings of one effect: the most sensitive one detects it."""
     total = np.sum([each.shift for each in own], axis=0)
+    tested = [each for each in own if each.freedom]
+    covariances = [
+        each.covariance_given([one for one in own if one is not each]) for each in tested
+    ]
     spreads = np.array(
         [
-            each.noncentrality * np.einsum("kq,qr,kr->k", total, each.covariance, total)
-            for each in own
+            each.noncentrality * np.einsum("kq,qr,kr->k", total, covariance, total)
+            for each, covariance in zip(tested, covariances, strict=True)
         ]
     )
     shifts = np.sqrt(np.min(spreads, axis=0))
     k = int(np.argmax(shifts / std))
-    best = own[int(np.argmin(spreads[:, k]))]
-    direction = best.covariance @ total[k]
+    number = int(np.argmin(spreads[:, k]))
+    best, direction = tested[number], covariances[number] @ total[k]
     spread = float(total[k] @ direction)
     change = direction * np.sqrt(best.noncentrality / spread) if spread > 0 else direction
     moved = total @ change

@@ -90,8 +90,8 @@ def _z(scores: ConditionalScores) -> Array:
 def _exceeding(scores: ConditionalScores) -> list[int]:
     """Return the entries that exceed their tolerances, given each other, the largest first.
 
-    An entry is left out if the others explain its estimate: several displaced joints shift that of
-    the common force constant, too.
+    An entry is left out if the others explain its estimate: several displaced joints shift those of
+    the lengths' zeros, too.
     """
     named: list[int] = []
     size = abs(_z(scores))

@@ -87,6 +87,11 @@ class Influence:
     """Machine with its estimated deviations θ: in both gains their columns precede those of the
     motion."""
 
+    @property
+    def inverse(self) -> Array:
+        """(r, r), F⁻¹ of all experiments: the gain on the columns of the estimated unknowns."""
+        return self.force_gain[:, : len(self.force_gain)]
+
     def forces(self) -> Iterator[Part]:
         """Yield K of the forces, part by part; in one part if a filter is applied."""
         yield from _weighted(self._force_response(), self.experiment.effective_counts, self.weights)
@@ -373,12 +378,16 @@ def systematic_share(
     Notes
     -----
     If θ is estimated with its tolerances as priors, D = −(F⁻¹)_pθ Θ⁻¹, the remaining effect of the
-    priors. The same sum yields it, since K then includes the columns of θ.
+    priors. The sum over the samples, 1 − F⁻¹ Θ⁻¹ with the columns of θ, would lose it by
+    cancellation if the data determine θ much better than the tolerances.
     """
-    free = influences[0].free
+    free, inverse = influences[0].free, influences[0].inverse
     count = int(np.count_nonzero(free))
-    change = np.zeros((len(influences[0].force_gain), len(chosen)))
-    for influence in influences:
+    own = len(inverse) - count
+    change = np.zeros((len(inverse), len(chosen)))
+    precision = np.array([one.tolerance for one in chosen[:own]]) ** -2
+    change[:, :own] = np.eye(len(inverse))[:, count:] - inverse[:, count:] * precision
+    for influence in influences if len(chosen) > own else ():
         motion = influence.motion
         if motion is None or influence.length_gain is None:
             return None
@@ -387,13 +396,13 @@ def systematic_share(
         at = np.array([theta.get(one.name, 0.0) for one in chosen])
         machine = PerturbedMachine.of(influence.robot, chosen, at)
         known, jumps = (influence.experiment, motion), "delay" not in theta
-        change += influence.response(
-            _deviation_columns(partial(machine.forces, *known, influence.values, jumps=jumps)),
-            _deviation_columns(partial(machine.lengths, *known)),
+        change[:, own:] += influence.response(
+            _deviation_columns(partial(machine.forces, *known, influence.values, jumps=jumps), own),
+            _deviation_columns(partial(machine.lengths, *known), own),
         )
     response = np.zeros((len(free), len(chosen)))
     response[free], left = change[:count], -np.eye(len(chosen))
-    left[: len(change) - count] += change[count:]
+    left[:own] += change[count:]
     return SystematicUncertainty(
         estimated=estimated, deviations=tuple(chosen), response=response, left=left
     )
@@ -451,7 +460,7 @@ def add_prior_response(
 
 
 def _deviation_columns(
-    measured: Callable[[slice], MeasuredForces | MeasuredLengths],
+    measured: Callable[[slice], MeasuredForces | MeasuredLengths], first: int
 ) -> Callable[[slice], Array]:
-    """Return a function of a part of the samples that evaluates the columns of θ."""
-    return lambda part: measured(part).deviations
+    """Return a function of a part of the samples for the columns of θ from the first one on."""
+    return lambda part: measured(part).deviations[:, :, first:]

@@ -97,15 +97,13 @@ def maximum_likelihood(
         if trial_cost <= cost or shorter:
             values, motions, equations, cost = move.values, move.motions, trial, trial_cost
             eliminated = following.eliminated
-            damping = damping / 10 if damping > _SMALLEST_DAMPING else 0.0
             move = following
-            if damping:
-                move = problem.step(equations, values, motions, damping)
             if following.decrement < _CONVERGED**2:
-                # This step is known already; the remaining one is smaller by orders of magnitude.
-                values, motions = following.values, following.motions
                 converged, status = True, "converged"
                 break
+            damping = damping / 10 if damping > _SMALLEST_DAMPING else 0.0
+            if damping:
+                move = problem.step(equations, values, motions, damping)
         else:
             damping = max(10 * damping, _FIRST_DAMPING)
             if damping > _LARGEST_DAMPING:
@@ -117,6 +115,9 @@ def maximum_likelihood(
         _influence(problem, experiment, motion, values, each, inverse)
         for experiment, motion, each in zip(experiments, motions, eliminated, strict=True)
     ]
+    if converged:
+        # This step is known already; the remaining one is smaller by orders of magnitude.
+        values, motions = move.values, move.motions
     return ParameterEstimate.of(
         influences,
         joint_priors,

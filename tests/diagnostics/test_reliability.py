@@ -130,3 +130,23 @@ def test_held_out_data_have_none(lab):
     other = lab.experiment(lab.measure(2), lab.noise)
     estimate = lab.estimate([experiment], "ml")
     assert not diagnose(lab.robot, [other], lab.knowledge, estimate, held_out=True).undetected
+
+
+def test_an_effect_in_all_recordings_is_in_what_one_says_of_the_parameters_to_another():
+    """Of the size stated it just reaches, in one of them, what the test of that one detects."""
+    lab = Laboratory(samples=60, periods=4)
+    both = [lab.measure(seed) for seed in (1, 2)]
+
+    def diagnosed(size):
+        disturbed = [replace(data, forces=data.forces + size) for data in both]
+        experiments = [lab.experiment(data, lab.noise) for data in disturbed]
+        found = diagnose(lab.robot, experiments, lab.knowledge, lab.estimate(experiments, "ml"))
+        causes = [cause for each in found.recordings for cause in each.tests.causes]
+        return found.undetected, [c.candidates[0] for c in causes if c.kind == "force_offset"]
+
+    undetected, before = diagnosed(0.0)
+    (effect,) = (one for one in undetected if (one.kind, one.strut) == ("force_offset", None))
+    _, after = diagnosed(effect.size)
+    pairs = zip(after, before, strict=True)
+    moved = [(one.values[0] - other.values[0]) / one.detectable[0] for one, other in pairs]
+    assert max(moved) == pytest.approx(1.0, abs=0.02)

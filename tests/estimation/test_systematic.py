@@ -209,6 +209,18 @@ def test_estimated_tolerances_are_known_better_than_before(chosen):
     assert np.sum(np.log(joint.std[joint.std > 0])) < np.sum(np.log(budget.std[budget.std > 0]))
 
 
+def test_what_the_data_say_of_a_deviation_does_not_depend_on_its_tolerance():
+    """The inverse of the covariance less that of the tolerances, even if these say nothing."""
+    config = {"noise": "given", "harmonics": 2, "estimators": ["ml"]}
+    data, known = measured(MOTION, 1, step=STEP), []
+    for size in (2e-4, 2e-2):
+        given = run(config, tolerances={"strut_length": [size] * 6})
+        found = estimate_parameters(given, data, MOTION)["ml"]
+        known.append(np.linalg.inv(found.joint[-6:, -6:]) - np.eye(6) / size**2)
+    scale = np.sqrt(np.outer(*2 * [np.diag(known[1])]))
+    np.testing.assert_allclose(known[0] / scale, known[1] / scale, atol=0.02)
+
+
 def test_by_default_ml_estimates_the_deviations(chosen):
     data = _measured(_theta(chosen, 0.5), scale=0.3)
     config = {"noise": "given", "harmonics": 2, "estimators": ["gm", "ml"]}
@@ -335,20 +347,20 @@ def test_one_deviation_far_beyond_its_tolerance_is_named(joint):
     assert not finding.failed
 
 
-def test_displaced_joints_do_not_make_the_force_constant_look_wrong(joint):
+def test_displaced_joints_do_not_make_the_zero_of_a_length_look_wrong(joint):
     """Its estimate exceeds its tolerance, too, but the joints explain it."""
     names = [one.name for one in joint.systematic.deviations]
     tolerances = joint.systematic.tolerances
     shown = joint.deviation_scatter / np.multiply.outer(tolerances, tolerances)
     joints = [k for k, name in enumerate(names) if "_joint_" in name]
-    constant = names.index("force_constant")
+    zero = names.index("strut_length_4")
     # The estimate of a machine whose joints are off, each in the direction that moves it most.
-    theta = shown[:, joints] @ (15 * np.sign(shown[constant, joints]))
+    theta = shown[:, joints] @ (15 * np.sign(shown[zero, joints]))
     z = theta / np.sqrt(np.diag(shown))
-    assert z[constant] > 3
+    assert z[zero] > 3
     (finding,) = tolerance_findings(_with_theta(joint, theta * tolerances))
     assert "_joint_" in finding.contradiction
-    assert "force_constant" not in finding.sentence + finding.contradiction
+    assert "strut_length" not in finding.sentence + finding.contradiction
 
 
 def test_a_machine_far_beyond_a_tolerance_is_found(chosen):
