@@ -1,9 +1,9 @@
 from .configuration import InputError as InputError
 from .configuration import load_run as load_run
-from .experiment import DesignResult as DesignResult
-from .experiment import design as design
 from .robot import Robot as Robot
 from .robot import load_robot as load_robot
+from .stages.design import DesignResult as DesignResult
+from .stages.design import design as design
 from .stages.estimate import Measurement as Measurement
 from .stages.estimate import estimate as estimate
 from .stages.estimate import load_measurement as load_measurement

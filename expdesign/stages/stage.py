@@ -21,6 +21,7 @@ from expdesign.evaluation.machine_code import cache_warning
 from expdesign.progress import Listener, report_progress
 from expdesign.runfolder.manifest import Manifest, file_hash
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile, fourier_keys
+from results.render.notebook import show_results
 from results.views.folder import StageViews, ViewedStage
 from results.views.view import StageView
 
@@ -53,6 +54,10 @@ class StageFunctions:
     result."""
     views: StageViews
     """Type of the stored result, its view and its comparison."""
+
+    def __post_init__(self) -> None:
+        """Let the results show themselves in Python."""
+        show_results(self.views)
 
 
 class Stage(ABC):

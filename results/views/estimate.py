@@ -71,8 +71,8 @@ def estimate_view(folder: RunFolder) -> StageView:
 def _truth(folder: RunFolder, result: EstimateFile) -> Truth | None:
     """Return the truth when the estimate is of the folder's simulated experiment."""
     sources = [PurePath(recording.source).name for recording in result.recordings]
-    own = folder.configuration.run.data.file is None and sources == ["measurement.csv"]
-    return folder.result(Truth) if own and folder.has("experiment") else None
+    own = folder.has("experiment") and sources == ["measurement.csv"]
+    return folder.result(Truth) if own and folder.configuration.run.data.file is None else None
 
 
 def estimates_table(result: EstimationResult, truth: Mapping[str, float] | None) -> ReportTable:

@@ -1,0 +1,134 @@
+"""Results in Python and notebooks: a few lines of text or HTML, tables and figures by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+from markupsafe import Markup, escape
+
+from results.render.terminal import concise
+from results.views.folder import RunFolder, StageViews
+from results.views.view import Drawing, Fact, Facts, ReportTable, StageView
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_MOST_FACTS = 10
+
+
+def show_results(views: StageViews) -> None:
+    """Give the results of a stage a short text, an HTML text, and the property ``view``."""
+    kind = views.result_type
+    kind.view = property(lambda result: ResultView(result, views))
+    kind.__repr__ = lambda result: repr(result.view)
+    kind._repr_html_ = lambda result: result.view._repr_html_()
+
+
+class ResultView:
+    """Content of a result: its verdict and numbers, `tables` and `figures` by name."""
+
+    def __init__(self, result: Any, views: StageViews) -> None:
+        self._result, self._views = result, views
+
+    @cached_property
+    def _content(self) -> StageView:
+        """The view of the result alone: no folder, no other stages."""
+        configuration = getattr(self._result, "configuration", None)
+        results = {type(self._result): self._result}
+        return self._views.view(RunFolder(Path(), {}, configuration, results=results, brief=True))
+
+    @property
+    def facts(self) -> tuple[Fact, ...]:
+        """The most important numbers, ten at most: name, value with its unit, note."""
+        facts, blocks = [*self._content.facts], self._content.blocks
+        for block in blocks:
+            facts += block.facts if isinstance(block, Facts) else ()
+        for table in [block for block in blocks if isinstance(block, ReportTable)]:
+            titles = [column.kind for column in table.columns]
+            if "parameter" in titles and "error" in titles:
+                facts += _estimates(table)
+                break
+        return tuple(facts[:_MOST_FACTS])
+
+    @cached_property
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """The tables of the run folder as data frames, by the names of their files; SI units."""
+        with TemporaryDirectory() as folder:
+            self._result.write(Path(folder))
+            files = sorted(Path(folder).rglob("*.csv"))
+            return {file.stem: pd.read_csv(file) for file in files}
+
+    @property
+    def figures(self) -> Figures:
+        """The figures of the report, drawn on access."""
+        return Figures(self._content.drawings)
+
+    def __repr__(self) -> str:
+        verdict = self._content.verdict
+        lines = [f"{verdict.title}: {verdict.word}. {verdict.sentence}"]
+        for fact in self.facts:
+            note = f" ({fact.note})" if fact.note else ""
+            lines.append(f"  {fact.name}: {fact.value}{note}")
+        return "\n".join([*lines, *(f"warning: {text}" for text in self._content.warnings)])
+
+    def _repr_html_(self) -> str:
+        verdict = self._content.verdict
+        head = Markup("<p><b>{}: {}.</b> {}</p>").format(
+            verdict.title, verdict.word, verdict.sentence
+        )
+        rows = Markup().join(
+            Markup("<tr><th>{}</th><td>{}</td><td>{}</td></tr>").format(f.name, f.value, f.note)
+            for f in self.facts
+        )
+        warnings = Markup().join(
+            Markup("<p>warning: {}</p>").format(text) for text in self._content.warnings
+        )
+        names = Markup("<p>view.figures: {}</p>").format(", ".join(self.figures) or "none")
+        return str(head + Markup("<table>{}</table>").format(rows) + warnings + names)
+
+
+def _estimates(table: ReportTable) -> Iterator[Fact]:
+    """Yield the parameters of a table with their values and standard deviations."""
+    kinds = [column.kind for column in table.columns]
+    name, error = kinds.index("parameter"), kinds.index("error")
+    unit = next((k for k, c in enumerate(table.columns) if c.title == "unit"), None)
+    for row in table.rows:
+        value = concise(row[error - 1], row[error])
+        text = f"{value} {row[unit]}" if unit is not None and row[unit] != "1" else value
+        yield Fact(f"{row[name]}", text)
+
+
+class Figures(Mapping[str, "Figure"]):
+    """Figures of a result by name; each is a Matplotlib figure, drawn on access."""
+
+    def __init__(self, drawings: tuple[Drawing, ...]) -> None:
+        self._drawings = {drawing.definition.key: drawing for drawing in drawings}
+
+    def __getitem__(self, name: str) -> Figure:
+        from results.figures.drawing import house_style
+
+        drawing = self._drawings[name]
+        with house_style():
+            return drawing.definition.draw(drawing.source)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._drawings)
+
+    def __len__(self) -> int:
+        return len(self._drawings)
+
+    def __repr__(self) -> str:
+        return "\n".join(f"{name}: {one.caption}" for name, one in self._drawings.items())
+
+    def _repr_html_(self) -> str:
+        return str(
+            Markup().join(
+                Markup("<p><b>{}</b>: {}</p>").format(name, escape(one.caption))
+                for name, one in self._drawings.items()
+            )
+        )
