@@ -67,6 +67,11 @@ class FourierTrajectory:
             value.setflags(write=False)
             object.__setattr__(self, name, value)
 
+    def __repr__(self) -> str:
+        """Return number of harmonics, frequency, and period."""
+        rate = f"{self.frequency:.6g} Hz"
+        return f"FourierTrajectory({self.harmonics} harmonics of {rate}, {self.period:.6g} s)"
+
     @classmethod
     def from_displacements(
         cls, omega: float, center: ArrayLike, sine: ArrayLike, cosine: ArrayLike

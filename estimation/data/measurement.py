@@ -98,6 +98,12 @@ class Measurement:
         if np.isnan(self.step):
             self._determine_time_base()
 
+    def __repr__(self) -> str:
+        """Return number of samples, step, and source."""
+        source = f", from {self.source}" if self.source else ""
+        step = f"{1e3 * self.step:.6g} ms apart"
+        return f"Measurement({len(self.time)} samples {step}{source})"
+
     def _determine_time_base(self) -> None:
         """Determine step, grid and gaps from the stamps, as for a file."""
         table = RawTable(Path(self.source or type(self).__name__), self.channels, {})

@@ -220,6 +220,11 @@ class RunConfiguration:
     grid: tuple[GridPoint, ...] = ()
     """Runs of the sweep; empty without one."""
 
+    def __repr__(self) -> str:
+        """Return the names of run and robot, and the number of warnings."""
+        names, count = f"{self.run.name!r}, robot {self.robot.name!r}", len(self.warnings)
+        return f"RunConfiguration({names}, {count} warning{'s' * (count != 1)})"
+
     def warnings_before(self, stage: str) -> tuple[str, ...]:
         """Return the warnings for a stage that is executed alone.
 

@@ -184,6 +184,9 @@ class StageResult(JsonFile):
     a table may depend on properties of fields before it.
     """
 
+    view: ClassVar[Any]
+    """Content of the result, a `results.render.notebook.ResultView`: given by its stage."""
+
     @classmethod
     def read(cls, place: Path) -> Self:
         """Read the result from its run folder; nothing is computed.

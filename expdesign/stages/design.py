@@ -46,6 +46,9 @@ from results.views.folder import StageViews
 from results.views.plan import plan_view
 from results.views.sweep import sweep_view
 
+__all__ = ["DesignResult", "design"]
+"""Public names of `expdesign`, whose results show themselves with the functions of this module."""
+
 _KEPT = "if a start has a result by now, the best so far is finished and saved"
 _CONTINUES = "starts and hops that had ended are kept, and --resume continues"
 _DISCARDED = "discarded: nothing of this design is saved"

@@ -39,6 +39,11 @@ class RunResult:
     stages: dict[str, Outcome]
     """The outcome of every stage that was done or kept, by name, in their order."""
 
+    def __repr__(self) -> str:
+        """Return folder and stages with their status."""
+        done = ", ".join(f"{name} {one.status}" for name, one in self.stages.items())
+        return f"RunResult({str(self.folder)!r}: {done})"
+
 
 def run(
     config: ConfigurationLike,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -125,9 +126,19 @@ def house_style() -> Iterator[None]:
 
 def new_figure(height: float, width: float = PAGE_WIDTH) -> Figure:
     """Return an empty figure on its own canvas; sizes in inches."""
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = NotebookFigure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
+
+
+class NotebookFigure(Figure):
+    """A figure that a notebook shows without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        image = BytesIO()
+        with house_style():
+            self.savefig(image, format="png")
+        return image.getvalue()
 
 
 Source = TypeVar("Source", contravariant=True)  # noqa: PLC0105 - the word is the reader's

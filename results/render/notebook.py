@@ -23,10 +23,13 @@ _MOST_FACTS = 10
 
 def show_results(views: StageViews) -> None:
     """Give the results of a stage a short text, an HTML text, and the property ``view``."""
-    kind = views.result_type
-    kind.view = property(lambda result: ResultView(result, views))
-    kind.__repr__ = lambda result: repr(result.view)
-    kind._repr_html_ = lambda result: result.view._repr_html_()
+    shown: dict[str, Any] = {
+        "view": property(lambda result: ResultView(result, views)),
+        "__repr__": lambda result: repr(result.view),
+        "_repr_html_": lambda result: result.view._repr_html_(),
+    }
+    for name, value in shown.items():
+        setattr(views.result_type, name, value)
 
 
 class ResultView:
@@ -38,7 +41,8 @@ class ResultView:
     @cached_property
     def _content(self) -> StageView:
         """The view of the result alone: no folder, no other stages."""
-        configuration = getattr(self._result, "configuration", None)
+        # Views read the configuration of a result without one in its folder only.
+        configuration: Any = getattr(self._result, "configuration", None)
         results = {type(self._result): self._result}
         return self._views.view(RunFolder(Path(), {}, configuration, results=results, brief=True))
 
@@ -54,6 +58,11 @@ class ResultView:
                 facts += _estimates(table)
                 break
         return tuple(facts[:_MOST_FACTS])
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The warnings of the stage."""
+        return self._content.warnings
 
     @cached_property
     def tables(self) -> dict[str, pd.DataFrame]:
@@ -74,7 +83,9 @@ class ResultView:
         for fact in self.facts:
             note = f" ({fact.note})" if fact.note else ""
             lines.append(f"  {fact.name}: {fact.value}{note}")
-        return "\n".join([*lines, *(f"warning: {text}" for text in self._content.warnings)])
+        if count := len(self.warnings):
+            lines.append(f"  warnings: {count}, see .view.warnings")
+        return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         verdict = self._content.verdict
@@ -86,7 +97,7 @@ class ResultView:
             for f in self.facts
         )
         warnings = Markup().join(
-            Markup("<p>warning: {}</p>").format(text) for text in self._content.warnings
+            Markup("<p>warning: {}</p>").format(text) for text in self.warnings
         )
         names = Markup("<p>view.figures: {}</p>").format(", ".join(self.figures) or "none")
         return str(head + Markup("<table>{}</table>").format(rows) + warnings + names)
