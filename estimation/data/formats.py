@@ -15,9 +15,10 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from estimation.data.stamps import count_from_first
 from estimation.data.table import RawTable
 from expdesign.configuration import DataSection, InputError
 
@@ -41,8 +42,8 @@ class FileFormat:
     """Lower case, with the dot."""
     read: Callable[[Path, DataSection], RawTable]
     """``read(path, section)`` lists the columns of the file, picks those of the channels with
-    :func:`estimation.data.table.pick_columns`, and loads them. Any exception except `InputError`
-    counts as a damaged file."""
+    :func:`estimation.data.table.pick_columns`, and loads them, the time also as integers. Any
+    exception except `InputError` counts as a damaged file."""
     library: str | None = None
     extra: str | None = None
     """Optional library, and its extra: ``pip install expdesign[extra]``."""
@@ -98,7 +99,10 @@ class FileFormat:
         ]
         if uneven:
             raise InputError(uneven)
-        return table
+        if table.origin:
+            return table
+        relative, origin = count_from_first(table.values["t"])
+        return replace(table, values={**table.values, "t": relative}, origin=origin)
 
     def _load_apart(self, path: Path, section: DataSection) -> RawTable:
         size = _bytes_of(path)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.data.sensors import SensorResponse
+from estimation.data.stamps import count_from_first
 from estimation.data.table import (
     MOST_PROBLEMS,
     NUMERIC,
@@ -39,7 +40,8 @@ class Measurement:
     """Strut lengths and actuator forces over time.
 
     Time, lengths and forces suffice: without a step the stamps are treated as those of a file.
-    Uniform stamps become the grid that fits them best, and gaps count as lost samples.
+    Uniform stamps become the grid that fits them best, and gaps count as lost samples. Times since
+    1970 then count from the first row.
 
     Raises
     ------
@@ -106,7 +108,9 @@ class Measurement:
 
     def _determine_time_base(self) -> None:
         """Determine step, grid and gaps from the stamps, as for a file."""
-        table = RawTable(Path(self.source or type(self).__name__), self.channels, {})
+        relative, _ = count_from_first(self.time)
+        values = self.channels | {"t": relative}
+        table = RawTable(Path(self.source or type(self).__name__), values, {})
         if len(table) < _FEWEST:
             problem = table.problem(f"{len(table)} rows", "t", allowed=f"{_FEWEST} rows or more")
             raise InputError(problem)

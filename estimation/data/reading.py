@@ -18,6 +18,7 @@ from estimation.data import readers
 from estimation.data.formats import FileFormat
 from estimation.data.measurement import Measurement, time_base
 from estimation.data.sensors import SensorResponse
+from estimation.data.stamps import EARLIEST, epoch_unit
 from estimation.data.table import (
     MOST_PROBLEMS,
     RawTable,
@@ -41,6 +42,7 @@ from expdesign.configuration.estimate import CHANNEL_UNITS
 from expdesign.configuration.quantity import (
     COUNT,
     CURRENT,
+    DURATION,
     LENGTH,
     Quantity,
     quantity_of_unit,
@@ -201,6 +203,15 @@ def convert_to_si(
             continue
         warnings += found
         kinds.add(kind)
+        if channel == "t" and table.origin:
+            if kind is None and (unit := epoch_unit(table.origin)) != "s":
+                factor = DURATION.parse(f"1 {unit}")
+                warnings.append(
+                    f"{table.column_name('t')} begins with {table.origin:.0f}: read as {unit} "
+                    f"since 1970; data.units: {{t: {unit}}} states it"
+                )
+            if table.origin * factor < EARLIEST:  # a counter
+                values[channel] = values[channel] + table.origin
         if factor != 1:
             values[channel] = values[channel] * factor
     if problems:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
+from estimation.data.stamps import EXAMPLE
 from expdesign.configuration import InputError, Problem, quote
 from expdesign.configuration.errors import nearest_name
 from expdesign.configuration.estimate import CHANNELS
@@ -207,6 +208,8 @@ class RawTable:
     """(T,), numbers of the rows if they are not consecutive."""
     texts: Mapping[tuple[str, int], str] = field(default_factory=dict)
     """(channel, row from zero) → text of a cell without a finite number."""
+    origin: float = 0.0
+    """First time of a column that counts from a date, in the file's unit: it is subtracted."""
 
     def __len__(self) -> int:
         """Return the number of rows T."""
@@ -285,6 +288,8 @@ def refuse_cells(table: RawTable, channels: Sequence[str], decimal: str) -> None
     found, count = list[tuple[int, int]](), 0
     for place, channel in enumerate(channels):
         rows = np.flatnonzero(~np.isfinite(table.values[channel]))
+        if 1 < len(rows) == len(table):
+            rows = rows[:1]  # one fault of the whole column
         found += [(int(row), place) for row in rows[:MOST_PROBLEMS]]
         count += len(rows)
     problems = [
@@ -305,6 +310,8 @@ def _cell(table: RawTable, channel: str, row: int, decimal: str) -> Problem:
     mark = "," if decimal == "." else "."
     digits = text.replace(mark, "", 1).lstrip("+-")
     allowed = f"numbers, or data.decimal: '{mark}'" if mark in text and digits.isdigit() else None
+    if channel == "t" and allowed is None:
+        allowed = f"numbers, or dates with times of ISO 8601 such as {EXAMPLE}"
     return table.problem(f"{quote(text)} is not a finite number", channel, row, allowed)
 
 

@@ -32,6 +32,7 @@ _UNITS: tuple[tuple[str, int | str | float | Fraction, str], ...] = (
     ("s second", 1, "s"),
     ("ms millisecond", "1e-3", "s"),
     ("µs us microsecond", "1e-6", "s"),
+    ("ns nanosecond", "1e-9", "s"),
     ("min minute", 60, "s"),
     ("h hour", 3600, "s"),
     ("Hz hertz", 1, "s^-1"),

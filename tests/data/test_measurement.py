@@ -1,6 +1,7 @@
 """A recording made of arrays is one that was read from a file with the same numbers."""
 
 from dataclasses import replace
+from decimal import Decimal
 
 import numpy as np
 import pandas as pd
@@ -26,7 +27,8 @@ def written(folder, time, lengths, forces, **more):
     file = folder / "recording.csv"
     values = dict(zip([f"q{k}" for k in range(1, 7)], lengths.T, strict=True))
     values |= zip([f"Q{k}" for k in range(1, 7)], forces.T, strict=True)
-    pd.DataFrame({"t": time, **values, **more}).to_csv(file, index=False)
+    exact = [str(Decimal(one)) for one in time]  # all digits of the doubles
+    pd.DataFrame({"t": exact, **values, **more}).to_csv(file, index=False)
     return file
 
 

@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.data.formats import FileFormat
+from estimation.data.stamps import TimeCells
 from estimation.data.table import (
     HEADER_LINE,
     MOST_PROBLEMS,
@@ -125,7 +126,11 @@ def read(path: Path, section: DataSection) -> RawTable:
     except InputError as error:
         raise _with_delimiter_hint(error, path, header, delimiter) from None
     positions = {channel: columns.index(column) for channel, column in picked.items()}
-    form = _Form(positions, len(names), delimiter, section.decimal)
+    row = next(csv.reader(first[:1], delimiter=delimiter), [])
+    clock = TimeCells.starting_with(row[positions["t"]]) if len(row) > positions["t"] else None
+    if clock is not None and clock.stamps:
+        picked["t"] = replace(picked["t"], unit="s")
+    form = _Form(positions, len(names), delimiter, section.decimal, clock)
     return _gather_rows(path, picked, form, chain([first], blocks))
 
 
@@ -138,6 +143,8 @@ class _Form:
     """Number of columns."""
     delimiter: str
     decimal: str
+    clock: TimeCells | None = None
+    """Reader of the time if it counts from a date."""
 
 
 def _too_long() -> str:
@@ -176,6 +183,7 @@ def _gather_rows(
         HEADER_LINE + 1,
         None if follow else np.concatenate(numbers),
         texts,
+        0.0 if form.clock is None else form.clock.origin,
     )
 
 
@@ -205,9 +213,11 @@ def _with_delimiter_hint(error: InputError, path: Path, header: str, delimiter: 
 
 def _read_numbers(lines: Sequence[str], form: _Form) -> dict[str, Array] | None:
     """Return the columns if every cell is a number, else None."""
-    channels = list(form.positions)
+    channels, clock = list(form.positions), form.clock
     if not lines:
         return {channel: np.empty(0) for channel in channels}
+    if clock is not None:
+        channels.remove("t")
     if any(_QUOTE in line or line.count(form.delimiter) != form.width - 1 for line in lines):
         return None
     if form.decimal != ".":
@@ -228,7 +238,12 @@ def _read_numbers(lines: Sequence[str], form: _Form) -> dict[str, Array] | None:
     # NumPy reads words such as "nan" as numbers, and skips lines of spaces.
     if len(table) != len(lines) or not np.isfinite(table).all():
         return None
-    return {channel: np.ascontiguousarray(table[:, k]) for k, channel in enumerate(channels)}
+    values = {channel: np.ascontiguousarray(table[:, k]) for k, channel in enumerate(channels)}
+    if clock is not None:
+        place = form.positions["t"]
+        cells = [line.split(form.delimiter, place + 1)[place] for line in lines]
+        values["t"] = clock.read(cells)
+    return values if clock is None or np.isfinite(values["t"]).all() else None
 
 
 def _read_cells(
@@ -274,14 +289,23 @@ def _read_cells(
     if not ragged:
         columns = list(zip(*rows, strict=True)) or [()] * form.width
         for channel, position in form.positions.items():
-            values[channel], wrong = _parse_cells(columns[position], form.decimal)
+            clock = form.clock if channel == "t" else None
+            values[channel], wrong = _parse_cells(columns[position], form.decimal, clock)
             room = _MOST_TEXTS - len(texts)
             texts |= {(channel, row + n): text for n, text in wrong[: max(room, 0)]}
     return values, np.array(numbers, dtype=np.int64), used, ragged
 
 
-def _parse_cells(cells: Sequence[str], decimal: str) -> tuple[Array, list[tuple[int, str]]]:
-    """Return the numbers of cells, NaN without one; and index and text of the cells without one."""
+def _parse_cells(
+    cells: Sequence[str], decimal: str, clock: TimeCells | None
+) -> tuple[Array, list[tuple[int, str]]]:
+    """Return the numbers of cells, NaN without one; and index and text of the cells without one.
+
+    Times that count from a date are those from the first one on.
+    """
+    if clock is not None:
+        times = clock.read(cells)
+        return times, [(int(n), cells[n].strip()) for n in np.flatnonzero(np.isnan(times))]
     if decimal == "." and _OF_NUMBERS.issuperset("".join(cells)):
         with suppress(ValueError):
             values = np.array(list(map(float, cells)))

@@ -154,7 +154,9 @@ def _load_columns(
             array = np.squeeze(load(place))
             loaded[place] = array.T if array.ndim > 1 and array.shape[1] > array.shape[0] else array
         array = loaded[place] if k is None else loaded[place][:, k]
-        values[channel] = np.ascontiguousarray(array, dtype=np.float64)
+        # Nanoseconds since 1970 are exact as integers only.
+        exact = channel == "t" and array.dtype.kind in "iu"
+        values[channel] = np.ascontiguousarray(array, dtype=None if exact else np.float64)
     return values
 
 

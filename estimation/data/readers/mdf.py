@@ -61,7 +61,7 @@ def _table(file: Any, path: Path, section: DataSection) -> RawTable:
     for channel, signal in signals.items():
         samples = signal.samples
         if samples.dtype.kind in NUMERIC and samples.ndim == 1:
-            values[channel] = samples.astype(np.float64)
+            values[channel] = samples if channel == "t" else samples.astype(np.float64)
         else:
             values[channel] = np.full(len(samples), np.nan)
             texts |= {(channel, row): _text(item) for row, item in enumerate(samples)}
