@@ -305,7 +305,7 @@ def _parse_cells(
     """
     if clock is not None:
         times = clock.read(cells)
-        return times, [(int(n), cells[n].strip()) for n in np.flatnonzero(np.isnan(times))]
+        return times, [(n, cells[n].strip()) for n in np.flatnonzero(np.isnan(times)).tolist()]
     if decimal == "." and _OF_NUMBERS.issuperset("".join(cells)):
         with suppress(ValueError):
             values = np.array(list(map(float, cells)))
