@@ -67,7 +67,7 @@ from estimation.diagnostics.significance import (
     NOISE,
 )
 from estimation.diagnostics.tolerance_test import tolerance_findings
-from estimation.diagnostics.verdict import check_motion_onset, verdict
+from estimation.diagnostics.verdict import check_convergence, check_motion_onset, verdict
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.influence import Influence
 from estimation.estimators.prior_estimate import invert_covariance
@@ -234,6 +234,7 @@ def _judge_estimate(
     """Judge also the parameters and, if any test fails, the assignment of the channels."""
     own = (
         *check_motion_onset(experiments),
+        *check_convergence(estimate),
         *tolerance_findings(estimate),
         plausibility(robot, priors, estimate),
         *findings,

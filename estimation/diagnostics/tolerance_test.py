@@ -15,6 +15,7 @@ import scipy
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import Assumption, Finding, join_words
+from estimation.diagnostics.hypothesis import POWER
 from estimation.diagnostics.joint_system import ConditionalScores, EffectFit
 from estimation.diagnostics.significance import TOLERANCES
 from estimation.estimators.influence import EstimatedDeviation
@@ -31,6 +32,12 @@ _SEVERAL = replace(
     contradiction="only tolerances of several parts together explain an error",
     advice="the model probably lacks an effect that these deviations imitate: compare with "
     "`estimate.systematic: budget`, whose residuals show it; or state larger tolerances",
+)
+_AT_THE_EDGE = replace(
+    _WITHIN,
+    contradiction="a deviation of the machine is at the edge of its tolerance",
+    advice="measure these quantities again, or state the tolerances that they really have",
+    serious=False,
 )
 _NAMED = 3.0
 """Size of a named deviation, in standard deviations of its estimate."""
@@ -62,6 +69,11 @@ def tolerance_findings(estimate: ParameterEstimate) -> tuple[Finding, ...]:
     p, level = min(1.0, (len(p_values) + np.count_nonzero(z)) * smallest), TOLERANCES
     total = f"χ² = {everything.statistic:.3g} for {everything.rank} combinations"
     if p >= level:
+        edge = np.flatnonzero(abs(theta) >= _NAMED).tolist()
+        if edge:
+            numbers = "; ".join(_describe(entries[k], z[k]) for k in edge[:_MOST_NAMED])
+            where = join_words(entries[k].name for k in edge)
+            return (_AT_THE_EDGE.fails(f"estimated deviations: {numbers}", p, level, where),)
         sentence = f"the estimated deviations are within their tolerances ({total})"
         return (_WITHIN.holds(sentence, p, level),)
     if far := _exceeding(scores):
@@ -73,6 +85,24 @@ def tolerance_findings(estimate: ParameterEstimate) -> tuple[Finding, ...]:
     where = join_words(f"`tolerances.{group}`" for group in doubtful or places)
     sentence = f"no estimated deviation exceeds its tolerance, but all together do ({total})"
     return (_SEVERAL.fails(sentence, p, level, where),)
+
+
+def hidden_error(tolerance: float, std: float, entries: int) -> float:
+    """Return the largest error of a quantity that its tolerance hides with a probability of 20 %.
+
+    The estimate of an error δ has the mean δ (1 − std²/tolerance²), and √(tolerance² − std²) in
+    machines within the tolerances. `entries` is the number of deviations that share the level.
+
+    Examples
+    --------
+    >>> f"{hidden_error(1.0, 0.1, 50):.1f}", hidden_error(1.0, 1.0, 50)
+    ('5.1', inf)
+    """
+    scatter = np.sqrt(max(tolerance**2 - std**2, 0.0))
+    if scatter <= SEEN * tolerance:
+        return np.inf
+    far = scipy.stats.norm.isf(TOLERANCES / entries / 2) + scipy.stats.norm.ppf(POWER)
+    return float(far * tolerance**2 / scatter)
 
 
 def _joint_test(scores: ConditionalScores, places: Sequence[int]) -> tuple[EffectFit, float]:

@@ -31,6 +31,7 @@ from estimation.diagnostics.reliability import UndetectedEffect
 from estimation.diagnostics.residuals import ChiSquare, HarmonicLackOfFit
 from estimation.diagnostics.significance import CHI_SQUARE
 from estimation.estimators.experiment import Experiment
+from estimation.estimators.result import ParameterEstimate
 
 _OfNoise = NoiseTests | RecordingTests
 """Types with tests of the noise."""
@@ -138,6 +139,14 @@ _MOVING = Assumption(
 )
 
 
+_CONVERGED = Assumption(
+    "the estimator converged",
+    "the estimator did not converge",
+    "do not use its values and intervals. Correct the other findings and compare units, order, "
+    "signs and zeros of the channels with the robot file; without any finding, fix the parameters "
+    "that the data hardly determine",
+)
+
 _MOST_TOGETHER = 2
 """Largest number of causes that are named together as the first."""
 _COMPARABLE = 0.1
@@ -151,7 +160,8 @@ _RANKS = {
         2: (FORCE_SCALE,),
         4: (_GAINS_STAY, _ALIKE, _NO_OUTLIERS, _SAME_SIZE, _MOTION, _WHOLE_MOTION),
         5: (_EXPLAINED,),
-        7: (_NOISE_LEVEL, _RESIDUALS_WHITE, _LENGTHS_WHITE, _NOISE_WHITE),
+        7: (_CONVERGED,),
+        8: (_NOISE_LEVEL, _RESIDUALS_WHITE, _LENGTHS_WHITE, _NOISE_WHITE),
     }.items()
     for assumption in assumptions
 }
@@ -519,6 +529,13 @@ def _periods(tests: _OfNoise) -> Finding:
 def _family_p(p_values: Array) -> float:
     """Return the smallest p of a family, corrected for its size."""
     return float(min(1.0, len(p_values) * np.nanmin(p_values)))
+
+
+def check_convergence(estimate: ParameterEstimate) -> tuple[Finding, ...]:
+    """Return a finding on an estimator that did not converge; empty if it did."""
+    if estimate.converged:
+        return ()
+    return (_CONVERGED.report_failure(f"the estimator ended early: {estimate.status}"),)
 
 
 def check_motion_onset(experiments: Sequence[Experiment]) -> tuple[Finding, ...]:

@@ -99,7 +99,7 @@ def estimate(
 
 def diagnose_estimation(estimation: Estimation) -> ResidualDiagnosis | None:
     """Return the diagnosis of the best estimate; None after pointwise differentiation."""
-    if not estimation.intervals_cover:
+    if estimation.pointwise:
         return None
     chosen = estimation.selection
     return diagnose(
@@ -128,7 +128,7 @@ def estimation_result(
         },
         cramer_rao_covariance=estimation.bound,
         covariance_ml_less_gm=covariance_ml_less_gm(estimation.estimates),
-        intervals_cover=estimation.intervals_cover,
+        intervals_cover=estimation.best.converged and not estimation.pointwise,
         intervals_note=_intervals_note(estimation),
         diagnostics=diagnosis,
         selection=estimation.selection,
@@ -258,7 +258,9 @@ def _motion(estimation: Estimation, number: int) -> EstimatedMotion:
 
 
 def _intervals_note(estimation: Estimation) -> str:
-    if not estimation.intervals_cover:
+    if not estimation.best.converged:
+        return "the estimator did not converge: its values and standard deviations are not valid"
+    if estimation.pointwise:
         return (
             "pointwise differentiation: the lengths' noise is in the regressor, which biases "
             "the estimates and is not in the intervals; they do not cover"

@@ -201,9 +201,9 @@ class Estimation:
         return tuple(recording.experiment for recording in self.recordings)
 
     @property
-    def intervals_cover(self) -> bool:
-        """False after pointwise differentiation: the lengths' noise is not in the intervals."""
-        return all(recording.experiment.fit is not None for recording in self.recordings)
+    def pointwise(self) -> bool:
+        """Whether a motion was differentiated pointwise: intervals lack the noise of lengths."""
+        return any(recording.experiment.fit is None for recording in self.recordings)
 
     def __getitem__(self, estimator: str) -> ParameterEstimate:
         """Return one estimator's result."""

@@ -164,7 +164,9 @@ class EstimateFile(RunFile):
         Numbers | None,
         described("SI", "of the difference of these estimates, m × m; null without both"),
     ]
-    intervals_cover: Annotated[bool, described("", "the intervals count the lengths' noise")]
+    intervals_cover: Annotated[
+        bool, described("", "the intervals count the lengths' noise, and the estimator converged")
+    ]
     intervals_note: Annotated[str, described("", "contents of the intervals, in words")]
     diagnostics: Annotated[
         Diagnosis | None, described("", "diagnosis of the residuals; null if not requested")

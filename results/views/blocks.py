@@ -12,6 +12,7 @@ from constraints.arrays import Array
 from estimation.diagnostics.finding import DiagnosisVerdict, Finding, Status
 from estimation.diagnostics.linearisation import GENERAL_PLATFORM
 from estimation.diagnostics.reliability import UndetectedEffect
+from estimation.diagnostics.tolerance_test import hidden_error
 from estimation.estimators.result import ABOUT_CENTRE, TEN
 from estimation.identification.estimator_result import EstimatedQuantity, PayloadRow
 from estimation.identification.result import EstimateFile, EstimationResult
@@ -336,10 +337,16 @@ def budget_blocks(result: EstimationResult) -> list[Block]:
             TableColumn("σ", digits=3, of="std"),
             TableColumn("σ / tolerance", digits=2, of="ratio"),
             TableColumn("z", digits=2, of="z"),
+            TableColumn(
+                "hides up to",
+                digits=2,
+                of=lambda row: hidden_error(row.tolerance, row.std, len(shown)),
+            ),
         ]
         caption = (
-            "Inexactly known quantities: tolerance, estimate from the data, and z, the estimate "
-            "over its scatter in machines within the tolerances"
+            "Inexactly known quantities: tolerance, estimate from the data, z, the estimate "
+            "over its scatter in machines within the tolerances, and the largest error of the "
+            "quantity that is taken for a deviation within its tolerance in one of five recordings"
         )
         blocks.append(ReportTable.of("deviations", caption, columns, shown, folded=True))
     return blocks

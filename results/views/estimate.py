@@ -91,11 +91,14 @@ def estimates_table(result: EstimationResult, truth: Mapping[str, float] | None)
         TableColumn("unit", kind="text", of="unit"),
         TableColumn("a priori", of="a_priori"),
         TableColumn("estimate", digits=5, of="value"),
-        TableColumn("σ", kind="error", digits=3, of="std"),
-        *(replace(column, screen=False) for column in on_page),
     ]
+    uncertainty = ""
+    if result.best_estimator.converged:
+        columns.append(TableColumn("σ", kind="error", digits=3, of="std"))
+        columns += [replace(column, screen=False) for column in on_page]
+        uncertainty = " with their uncertainty"
     known = " and the truth of the simulated experiment" if truth is not None else ""
-    caption = f"Parameters of the {NAMES.get(best, best)} estimate with their uncertainty{known}"
+    caption = f"Parameters of the {NAMES.get(best, best)} estimate{uncertainty}{known}"
     rows = result.by_estimator()[best]
     return ReportTable.of("estimates", caption, columns, rows, screen=True, latex=True)
 
@@ -109,10 +112,10 @@ def _estimators_table(result: EstimationResult) -> ReportTable:
         TableColumn("a priori", digits=5, of=[row.a_priori for row in first]),
     ]
     for key, rows in tables.items():
-        columns += [
-            TableColumn(NAMES.get(key, key), digits=5, of=[row.value for row in rows]),
-            TableColumn("σ", kind="error", digits=3, of=[row.std for row in rows]),
-        ]
+        columns.append(TableColumn(NAMES.get(key, key), digits=5, of=[row.value for row in rows]))
+        if result.estimators[key].converged:
+            stds = [row.std for row in rows]
+            columns.append(TableColumn("σ", kind="error", digits=3, of=stds))
     caption = "All estimators with their standard deviations"
     return ReportTable.of("estimators", caption, columns, folded=True, latex=True)
 
@@ -127,7 +130,40 @@ def _blocks(
     blocks: list[Block] = [Facts(_details(folder, result), screen=True)]
     if not result.intervals_cover:
         blocks.append(TextBlock(result.intervals_note, Level.CAUTION, screen=True))
-    blocks += payload_blocks(result, payload)
+    if result.best_estimator.converged:
+        blocks += _parameter_blocks(result, truth, payload)
+        blocks += drawings(ESTIMATE_FIGURES, result)
+    else:
+        blocks.append(estimates_table(result, truth))
+    test = information_test(result) if result.best_estimator.converged else None
+    if test is not None:
+        disturbed = isinstance(test, Differences) and test.differ
+        sentence = f"{information_sentence(test)}."
+        blocks.append(TextBlock(sentence, Level.CAUTION if disturbed else Level.NEUTRAL))
+    if isinstance(test, Differences) and (test.freedom or test.differ):
+        caption = "ML − GM against the covariance that errors of the same data give this difference"
+        blocks.append(differences_table("hausman", caption, result.parameters, test, folded=True))
+    if result.diagnostics is not None:
+        verdict = result.diagnostics.verdict
+        blocks.append(
+            findings_block("findings", verdict.findings, "the estimate", again="estimate")
+        )
+        accepted = verdict.status is Status.ACCEPTED
+        blocks += undetected_blocks(result.diagnostics.undetected, screen=accepted)
+    blocks += drawings(DIAGNOSTIC_FIGURES, result.diagnoses, numbered=True)
+    if not shows_noise(folder):
+        blocks += drawings(NOISE_FIGURES, result.diagnoses, numbered=True)
+    blocks.append(_noise_table(result))
+    return tuple(blocks)
+
+
+def _parameter_blocks(
+    result: EstimationResult,
+    truth: Mapping[str, float] | None,
+    payload: Mapping[str, float] | None,
+) -> list[Block]:
+    """Return the parameters and derived quantities with their uncertainty."""
+    blocks: list[Block] = payload_blocks(result, payload)
     name = NAMES.get(result.best, result.best)
     blocks += derived_blocks(
         "estimate_derived", result.best_estimator.derived, f"of the {name} estimate"
@@ -153,27 +189,7 @@ def _blocks(
         weak = "; ".join(combination.text for combination in result.best_estimator.combinations)
         text = f"Identified only in combination with others: {weak}."
         blocks.append(TextBlock(text, Level.CAUTION, screen=True))
-    blocks += drawings(ESTIMATE_FIGURES, result)
-    test = information_test(result)
-    if test is not None:
-        disturbed = isinstance(test, Differences) and test.differ
-        sentence = f"{information_sentence(test)}."
-        blocks.append(TextBlock(sentence, Level.CAUTION if disturbed else Level.NEUTRAL))
-    if isinstance(test, Differences) and (test.freedom or test.differ):
-        caption = "ML − GM against the covariance that errors of the same data give this difference"
-        blocks.append(differences_table("hausman", caption, result.parameters, test, folded=True))
-    if result.diagnostics is not None:
-        verdict = result.diagnostics.verdict
-        blocks.append(
-            findings_block("findings", verdict.findings, "the estimate", again="estimate")
-        )
-        accepted = verdict.status is Status.ACCEPTED
-        blocks += undetected_blocks(result.diagnostics.undetected, screen=accepted)
-    blocks += drawings(DIAGNOSTIC_FIGURES, result.diagnoses, numbered=True)
-    if not shows_noise(folder):
-        blocks += drawings(NOISE_FIGURES, result.diagnoses, numbered=True)
-    blocks.append(_noise_table(result))
-    return tuple(blocks)
+    return blocks
 
 
 def _noise_table(result: EstimateFile) -> ReportTable:
@@ -220,6 +236,8 @@ def _verdict(result: EstimateFile) -> StageVerdict:
 
 def _facts(result: EstimationResult, truth: Mapping[str, float] | None) -> tuple[Fact, ...]:
     best = result.best
+    if not result.best_estimator.converged:
+        return ()
     rows = result.by_estimator()[best]
     relative = [row.rel_std_percent for row in rows if np.isfinite(row.rel_std_percent)]
     facts = [

@@ -1,5 +1,7 @@
 import json
 import re
+import sys
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -8,8 +10,14 @@ import pytest
 from estimation import kinematics
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
-from estimation.diagnostics.finding import FindingOutcome
-from estimation.identification import estimate_parameters, estimation_result, prepare_experiment
+from estimation.diagnostics.finding import FindingOutcome, Status
+from estimation.estimators import maximum_likelihood
+from estimation.identification import (
+    estimate,
+    estimate_parameters,
+    estimation_result,
+    prepare_experiment,
+)
 from estimation.identification.periods import choose_omega
 from estimation.kinematics import MotionFitError
 from estimation.processing import PeriodSource
@@ -17,6 +25,7 @@ from estimation.uncertainty.intervals import with_error
 from expdesign.configuration import InputError, load_run
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory
+from results.views.estimate import estimates_table
 from tests.estimation.cases import PERIODS, ROBOT, STEP, measured, run, trajectory
 
 MOTION = trajectory()
@@ -390,6 +399,21 @@ def test_outliers_with_and_without_a_robust_loss():
     assert np.all(robust["gm"].std < 1.25 * clean["gm"].std)
 
 
+def test_an_estimate_that_did_not_converge_is_not_accepted(monkeypatch):
+    """Neither its screen nor its page shows intervals."""
+    monkeypatch.setattr(sys.modules[maximum_likelihood.__module__], "_STEPS", 0)
+    data = measured(trajectory(), 1)
+    data = replace(data, lengths=data.lengths + 4e-3 * np.eye(6)[1])
+    result = estimate(run({"estimators": ["ml"]}), data)
+    assert not result.best_estimator.converged
+    assert not result.intervals_cover
+    verdict = result.diagnostics.verdict
+    assert verdict.status is Status.DOUBTFUL
+    assert any("did not converge" in finding.contradiction for finding in verdict.failed)
+    heads = [column.title for column in estimates_table(result, None).columns]
+    assert heads == ["parameter", "unit", "a priori", "estimate"]
+
+
 def test_pointwise_differentiation_is_biased_and_says_that_it_does_not_cover():
     data = measured(trajectory(1000, 1e-3), step=1e-3)
     result = estimate_parameters(
@@ -397,7 +421,8 @@ def test_pointwise_differentiation_is_biased_and_says_that_it_does_not_cover():
         data,
         trajectory(1000, 1e-3),
     )
-    assert not result.intervals_cover
+    assert result.pointwise
+    assert not estimation_result(result).intervals_cover
     assert any("do not cover" in warning for warning in result.warnings)
     assert np.abs(pull(result, "ls")).max() > 10
 
