@@ -35,6 +35,15 @@ def test_a_motion_from_its_first_row_on_has_none():
         assert find_motion_onset(replace(DATA, **own)) is None
 
 
+@pytest.mark.parametrize("stride", [1, 4, 10])
+def test_one_period_that_moves_from_its_first_row_on_has_none(stride):
+    for begin in range(0, 200, 9):
+        rows = np.arange(begin, begin + 200, stride)
+        own = {"lengths": DATA.lengths[rows], "forces": DATA.forces[rows]}
+        time = STEP * stride * np.arange(len(rows))
+        assert find_motion_onset(replace(DATA, time=time, **own)) is None
+
+
 @pytest.mark.parametrize("power", [2, 3, 5])
 def test_a_smooth_begin_is_motion(power):
     """From rest with a jump of the acceleration, of the jerk, and smoother still."""
