@@ -1,4 +1,4 @@
-"""Jobs, and the worker process that does one after the other.
+"""Jobs, the worker process that does one after the other, and the process that starts workers.
 
 A job is a function of picklable data and of an object that its process has built once.
 """
@@ -9,12 +9,15 @@ import hashlib
 import os
 import pickle
 import queue
+import signal
 import threading
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from typing import Any
+from multiprocessing.reduction import recv_handle
+from typing import Any, NoReturn
 
 from threadpoolctl import threadpool_limits
 
@@ -79,14 +82,48 @@ EVENT, RESULT, ERROR = "event", "result", "error"
 ``(ERROR, exception, traceback)``."""
 
 
-def serve(handle: int) -> None:
+def start_workers(handle: int) -> None:
+    """Serve as the process that starts workers: fork one for each connection received.
+
+    It has no threads, and imports the modules of a recipe once for all workers.
+    """
+    os.set_inheritable(handle, False)
+    run, known = Connection(handle), b""
+    signal.signal(signal.SIGCHLD, _add_ended_workers)
+    while True:
+        try:
+            recipe, worker = run.recv_bytes(), recv_handle(run)
+        except (EOFError, OSError):  # the run has ended
+            _add_ended_workers()
+            os._exit(0)
+        if recipe != known:
+            known = recipe
+            with suppress(Exception):  # a worker reports the error with its job
+                pickle.loads(recipe)
+        process = os.fork()
+        if not process:
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+            run.close()
+            serve(worker)
+        os.close(worker)
+        with suppress(OSError):
+            run.send(process)
+
+
+def _add_ended_workers(*_signal: object) -> None:
+    """Add the processor time of workers that have ended to that of this process."""
+    with suppress(ChildProcessError):
+        while os.waitpid(-1, os.WNOHANG)[0]:
+            pass
+
+
+def serve(handle: int) -> NoReturn:
     """Serve as a worker: receive jobs from a connection, send events and results.
 
     However the run ends, the system closes the connection, and the worker ends at once. Signals
     that end a run are blocked in this process from its beginning: a terminal sends them to the
     workers, too, but only the run handles them.
     """
-    os.set_inheritable(handle, False)
     run = Connection(handle)
     jobs: queue.Queue[tuple[bytes, bytes]] = queue.Queue()
     stop = threading.Event()

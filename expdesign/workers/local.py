@@ -16,6 +16,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from multiprocessing.connection import Pipe
+from multiprocessing.reduction import send_handle
 from pathlib import Path
 from typing import Any
 
@@ -152,7 +153,7 @@ class _Team:
     def direct(self, workers: int) -> None:
         """Distribute all jobs."""
         try:
-            self._free = take_workers(workers, self._answers)
+            self._free = take_workers(workers, self._answers, self._recipe)
             while self._hand_out() and not self.abandoned.is_set():
                 self._take_answer()
             self._outcomes.put(None)
@@ -176,7 +177,7 @@ class _Team:
             worker, job = self._free.pop(), self._waiting.popleft()
             if not worker.is_fit:  # idle for too long
                 worker.end()
-                (worker,) = take_workers(1, self._answers)
+                (worker,) = take_workers(1, self._answers, self._recipe)
             self._busy[worker] = next(self._numbers)
             worker.begin(self._recipe, job, stopping=self._stopping)
         return bool(self._busy) or (self._open > 0 and (self._after_stop or not self._stopping))
@@ -229,22 +230,17 @@ class WorkerProcess:
     """A process that does one job at a time, with a connection to it.
 
     The end of this process closes the connection, and that ends the worker.
+
+    Parameters
+    ----------
+    recipe : bytes
+        Pickled function of the first jobs; its modules are imported before the worker starts.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, recipe: bytes) -> None:
         self._connection, its = Pipe()
-        handle = its.fileno()
-        with its, _blocked_signals():
-            self._process = subprocess.Popen(
-                [
-                    *(sys.executable, "-P", "-c"),
-                    f"from expdesign.workers.job import serve; serve({handle})",
-                ],
-                stdin=subprocess.DEVNULL,
-                stdout=_ERRORS,
-                env=_environment(),
-                pass_fds=[handle],
-            )
+        with its:
+            self._process = _start_worker(recipe, its.fileno())
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self.answers: queue.Queue[tuple[WorkerProcess, Answer] | None] = queue.Queue()
         """Receives the answers; set before a job is given."""
@@ -279,23 +275,100 @@ class WorkerProcess:
     def is_fit(self) -> bool:
         """Whether it is alive and will still be when it gets a job."""
         idle = time.monotonic() - self.idle_since
-        return not self._has_ended and self._process.poll() is None and idle < _KEPT
+        return not self._has_ended and idle < _KEPT
 
     def end(self) -> None:
         """End it at once."""
-        self._process.kill()
-        self._process.wait()
+        with contextlib.suppress(ProcessLookupError):
+            signal.pidfd_send_signal(self._process, signal.SIGKILL)
         self._listener.join()
         self._connection.close()
+        os.close(self._process)
+
+
+_PATIENCE = 5.0
+"""Time in which the process that starts workers ends once it has no connection, s."""
+
+
+class _Starter:
+    """The process that starts workers, in an environment that this process has had."""
+
+    def __init__(self) -> None:
+        self._made_for = _surroundings()
+        self._connection, its = Pipe()
+        handle = its.fileno()
+        with its, _blocked_signals():
+            self._process = subprocess.Popen(
+                [
+                    *(sys.executable, "-P", "-c"),
+                    f"from expdesign.workers.job import start_workers; start_workers({handle})",
+                ],
+                stdin=subprocess.DEVNULL,
+                stdout=_ERRORS,
+                env=_environment(),
+                pass_fds=[handle],
+            )
+
+    @property
+    def is_fit(self) -> bool:
+        """Whether it is alive and has this process's environment."""
+        return self._process.poll() is None and self._made_for == _surroundings()
+
+    def start(self, recipe: bytes, handle: int) -> int:
+        """Start a worker with a connection; return a file descriptor of its process."""
+        self._connection.send_bytes(recipe)
+        send_handle(self._connection, handle, self._process.pid)
+        return os.pidfd_open(self._connection.recv())
+
+    def end(self) -> None:
+        """End it; its workers stay."""
+        self._connection.close()
+        try:
+            self._process.wait(_PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+_starters: list[_Starter] = []
+"""That of this process, once there is one."""
+_starting = threading.Lock()
+
+
+def prepare_workers() -> _Starter:
+    """Start the process that starts workers, which takes a second to import its modules."""
+    with _starting:
+        if _starters and not _starters[0].is_fit:
+            _starters.pop().end()
+        if not _starters:
+            _starters.append(_Starter())
+        return _starters[0]
+
+
+def _start_worker(recipe: bytes, handle: int) -> int:
+    """Start a worker; return a file descriptor of its process."""
+    starter = prepare_workers()
+    with _starting:
+        try:
+            return starter.start(recipe, handle)
+        except (EOFError, OSError) as error:
+            starter.end()
+            message = "no worker process could be started, perhaps for lack of memory"
+            raise WorkerDiedError(message) from error
+
+
+def _surroundings() -> tuple[str, dict[str, str]]:
+    """Return the folder and the environment that a process gets from this one."""
+    return str(Path.cwd()), _environment()
 
 
 _idle: list[WorkerProcess] = []
-_foreign: list[WorkerProcess] = []
+_foreign: list[object] = []
 _lock = threading.Lock()
 
 
 def take_workers(
-    count: int, answers: queue.Queue[tuple[WorkerProcess, Answer] | None]
+    count: int, answers: queue.Queue[tuple[WorkerProcess, Answer] | None], recipe: bytes
 ) -> list[WorkerProcess]:
     """Return workers, idle ones first; their answers go to `answers`."""
     with _lock:
@@ -309,7 +382,7 @@ def take_workers(
         _idle.extend(fit[count:])
     try:
         while len(team) < count:
-            team.append(WorkerProcess())
+            team.append(WorkerProcess(recipe))
     except BaseException:
         return_workers(team)
         raise
@@ -334,12 +407,15 @@ def return_workers(workers: Iterable[WorkerProcess]) -> None:
 def _end_all() -> None:
     while _idle:
         _idle.pop().end()
+    while _starters:
+        _starters.pop().end()
 
 
 def _forget() -> None:
     """Leave the workers to the parent in a copy of this process."""
-    _foreign.extend(_idle)
-    _idle.clear()
+    for own in (_idle, _starters):
+        _foreign.extend(own)
+        own.clear()
 
 
 os.register_at_fork(after_in_child=_forget)
@@ -347,7 +423,7 @@ os.register_at_fork(after_in_child=_forget)
 
 @contextlib.contextmanager
 def _blocked_signals() -> Iterator[None]:
-    """Block the signals that end a run while a worker starts.
+    """Block the signals that end a run while a process starts.
 
     A terminal sends them to every process. A worker inherits the mask and keeps it. In this process
     they arrive afterwards.
