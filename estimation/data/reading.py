@@ -25,6 +25,7 @@ from estimation.data.table import (
     RecordedColumn,
     refuse,
     refuse_cells,
+    refuse_empty_rows,
     refuse_periods,
 )
 from expdesign.configuration import (
@@ -129,6 +130,7 @@ def measurement_of(
         raise InputError(message, table.file, allowed=f"at least {parameters} rows")
     refuse_cells(table, tuple(table.values), section.decimal)
     refuse_periods(table)
+    refuse_empty_rows(table, FORCE_CHANNELS)
     base = time_base(table, section)
     lengths = np.column_stack([table.values[channel] for channel in LENGTH_CHANNELS])
     refuse_implausible_lengths(table, lengths, description, section)

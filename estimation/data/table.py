@@ -315,6 +315,29 @@ def _cell(table: RawTable, channel: str, row: int, decimal: str) -> Problem:
     return table.problem(f"{quote(text)} is not a finite number", channel, row, allowed)
 
 
+_ISLANDS = 3
+"""Number of separate runs of rows without any force that shows a second source of rows."""
+_QUANTA = 5
+"""Size of the forces before these rows, in steps of the sensor: smaller ones round to zero."""
+
+
+def refuse_empty_rows(table: RawTable, channels: Sequence[str]) -> None:
+    """Refuse rows without any force, zero in all channels, again and again between others.
+
+    A second publisher of the topic, or a second program that writes into the file, causes them.
+    """
+    sizes = np.abs([table.values[channel] for channel in channels])
+    empty, largest = np.all(sizes == 0, axis=0), np.max(sizes, axis=0)
+    begins = np.flatnonzero(empty[1:-1] & ~empty[:-2]) + 1
+    if len(begins) < _ISLANDS or np.all(empty[begins[-1] :]):
+        return
+    if np.median(largest[begins - 1]) < _QUANTA * np.min(sizes[sizes > 0]):
+        return
+    message = f"all forces are zero here and in {np.sum(empty) - 1} other rows between the others"
+    allowed = "rows of one source: perhaps a second one writes its own, without forces, in between"
+    raise InputError(table.problem(message, channels[0], int(begins[0]), allowed))
+
+
 def refuse_periods(table: RawTable) -> None:
     """Refuse period numbers that are not whole, or that decrease."""
     values = table.values.get("period")

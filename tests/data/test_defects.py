@@ -282,6 +282,20 @@ def test_lengths_of_no_unit(csv, rec, refused):
     assert problems[0].message.endswith(" m long, out of this robot's range")
 
 
+@pytest.mark.parametrize("step", [0, 1e-9, 40.0])
+def test_rows_of_a_second_source_without_forces(step, csv, rec, refused, read):
+    """Unless zeros are forces at rest that a coarse sensor rounds."""
+    if step:
+        rec.Q = step * np.round(rec.Q / step)
+    rec.Q[4:56:5] = 0
+    if step > 1:
+        assert np.array_equal(read(csv()).forces, rec.Q)
+        return
+    (problem,) = refused(csv())
+    assert (problem.line, problem.key) == (6, "Q1")
+    assert problem.message == "all forces are zero here and in 10 other rows between the others"
+
+
 def test_one_wild_length(csv, refused, read):
     problems = refused(csv([(44, "q5", "1.6")]))
     assert _places(problems) == [(44, "q5")]

@@ -1,5 +1,7 @@
 """ROS 2 recordings of sensor_msgs/JointState."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Writer
@@ -77,13 +79,57 @@ def test_many_messages_without_a_joint(bag, rec, refused):
     assert problems[-1].message == "45 more messages are like that"
 
 
+@pytest.mark.parametrize("count", [2, 7])
 @pytest.mark.parametrize("field", ["position", "effort"])
-def test_a_message_with_too_few_values(field, bag, rec, refused):
+def test_a_message_with_too_few_or_too_many_values(field, count, bag, rec, refused):
     messages = messages_of(rec)
-    setattr(messages[4], field, np.zeros(2))
+    setattr(messages[4], field, np.zeros(count))
     (problem,) = refused(bag(messages))
     assert problem.key == "message 5"
-    assert problem.message == f"the message has 2 values of {field} for 6 joints"
+    assert problem.message == f"the message has {count} values of {field} for 6 joints"
+
+
+@pytest.mark.parametrize("row", [0, 7])
+def test_a_joint_that_is_named_twice(row, bag, rec, refused):
+    messages = messages_of(rec)
+    for message in messages[row : row + 1]:
+        message.name = [*LENGTH_CHANNELS, "q3"]
+        message.position = np.append(message.position, 0.7)
+        message.effort = np.append(message.effort, 0.0)
+    problem = refused(bag(messages))[0]
+    if row:
+        assert (problem.key, problem.message) == ("message 8", "the message names twice 'q3'")
+    else:
+        assert "2 columns have the name of q3" in problem.message
+
+
+@pytest.mark.parametrize("frame", ["", "gui"])
+def test_a_second_publisher_on_the_topic(frame, bag, rec, refused):
+    """Its efforts are zero: in stamped time every other row would halve the forces."""
+    others = messages_of(replace(rec, t=rec.t + 4e-4, Q=0 * rec.Q))
+    for message in others:
+        message.header.frame_id = frame
+    mixed = [message for both in zip(messages_of(rec), others, strict=True) for message in both]
+    (problem,) = refused(bag(mixed), time="stamped")
+    assert problem.key == ("message 2" if frame else "q1.effort, message 2")
+    if frame:
+        assert "of another publisher (frame_id 'gui', not '')" in problem.message
+        assert "60 of 120 messages" in problem.allowed
+    else:
+        assert problem.message.startswith("all forces are zero here and in 59 other rows")
+
+
+def test_a_publisher_that_follows_another(bag, rec, read):
+    """A controller that was restarted with another frame."""
+    messages = messages_of(rec)
+    for message in messages[:20]:
+        message.header.frame_id = "before"
+    assert np.array_equal(read(bag(messages)).forces, rec.Q)
+
+
+def test_drives_that_begin_and_end_without_force(bag, rec, read):
+    rec.Q[:5] = rec.Q[30:33] = rec.Q[-2:] = 0
+    assert np.array_equal(read(bag(messages_of(rec))).forces, rec.Q)
 
 
 def test_a_value_that_is_nan(bag, rec, refused):

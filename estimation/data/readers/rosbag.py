@@ -38,7 +38,8 @@ def read(path: Path, section: DataSection) -> RawTable:
     Raises
     ------
     InputError
-        There are no joint states, joints are missing from the topic or from some messages.
+        There are no joint states; joints are missing from the topic, or missing from some messages
+        or named twice there; or several publishers take turns on the topic.
     """
     highlevel = import_module("rosbags.highlevel")
     typesys = import_module("rosbags.typesys")
@@ -111,27 +112,28 @@ def _table(
     stamps: list[int] = []
     rows = array("d")
     problems: list[Problem] = []
+    wanted, kinds = (sorted(set(each)) for each in zip(*joints.values(), strict=True))
     names: list[str] = []
     places: list[tuple[str, int]] = []
-    for number, (_, log_time, data) in enumerate(bag.messages(connections=connections), 1):
+    publishers: list[tuple[int, str]] = []
+    for number, (source, log_time, data) in enumerate(bag.messages(connections=connections), 1):
         message = bag.deserialize(data, _MESSAGE)
+        faults = _wrong_values(message, kinds)
+        if message.name != names:
+            faults += _wrong_names(message.name, wanted)
+        if faults:
+            problems += [Problem(text, path, key=f"message {number}") for text in faults]
+            names = []
+            continue
         if message.name != names:
             names = message.name
-            missing = sorted({joint for joint, _ in joints.values()} - set(names))
-            if missing:
-                text = f"the message has no joint {', '.join(map(quote, missing))}"
-                problems.append(Problem(text, path, key=f"message {number}"))
-                names = []
-                continue
             places = [(kind, names.index(joint)) for joint, kind in joints.values()]
-        try:
-            rows.extend([getattr(message, kind)[place] for kind, place in places])
-        except IndexError:
-            problems.append(_too_short(message, number, path))
-            continue
+        rows.extend([getattr(message, kind)[place] for kind, place in places])
+        publishers.append((source.id, message.header.frame_id))
         stamp = message.header.stamp
         stamps.append(log_time if by_log_time else stamp.sec * 1_000_000_000 + stamp.nanosec)
     refuse(problems, path, "messages are like that")
+    _refuse_turns(publishers, path)
     if len(stamps) > 1 and not by_log_time and len(set(stamps)) == 1:
         message = "all messages have the same header.stamp: it was not set"
         allowed = f"data.columns: {{t: {_LOG_TIME}}} takes the time at which they were recorded"
@@ -142,12 +144,35 @@ def _table(
     return RawTable(path, values, picked, "message")
 
 
-def _too_short(message: Any, number: int, path: Path) -> Problem:
-    wanted = len(message.name)
-    counts = {kind: len(getattr(message, kind)) for kind in ("position", "effort", "velocity")}
-    short = next(kind for kind, count in counts.items() if count < wanted)
-    text = f"the message has {counts[short]} values of {short} for {wanted} joints"
-    return Problem(text, path, key=f"message {number}")
+def _wrong_names(names: list[str], wanted: list[str]) -> list[str]:
+    """Return the faults of a message's names of joints."""
+    missing = [joint for joint in wanted if joint not in names]
+    twice = [joint for joint in wanted if names.count(joint) > 1]
+    faults = (("has no joint", missing), ("names twice", twice))
+    return [f"the message {verb} {', '.join(map(quote, found))}" for verb, found in faults if found]
+
+
+def _wrong_values(message: Any, kinds: list[str]) -> list[str]:
+    """Return the faults of a message's numbers of values."""
+    counts = {kind: len(getattr(message, kind)) for kind in kinds}
+    joints = len(message.name)
+    return [
+        f"the message has {count} values of {kind} for {joints} joints"
+        for kind, count in counts.items()
+        if count != joints
+    ]
+
+
+def _refuse_turns(publishers: list[tuple[int, str]], path: Path) -> None:
+    """Refuse messages of publishers, by connection and frame, that take turns on one topic."""
+    others = [k for k, one in enumerate(publishers) if one != publishers[0]]
+    if not others or publishers[others[0] :].count(publishers[0]) == 0:
+        return
+    (_, frame), (_, other) = publishers[0], publishers[others[0]]
+    named = f" (frame_id {quote(other)}, not {quote(frame)})" if other != frame else ""
+    message = f"the message is of another publisher{named}: they take turns on the topic"
+    allowed = f"one publisher; {len(others)} of {len(publishers)} messages are of others"
+    raise InputError(message, path, key=f"message {others[0] + 1}", allowed=allowed)
 
 
 FORMATS = (
