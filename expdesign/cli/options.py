@@ -152,5 +152,8 @@ INIT_OPTIONS = {
     "inertia": Option("J", "Inertia of motor and screw about their axis, such as '6e-5 kg m^2'."),
     "force_std": Option("FORCE", "Standard deviation of a measured force."),
     "length_std": Option("L", "Standard deviation of a measured length."),
+    "joint_tolerance": Option("L", "Standard deviation of the joints' coordinates."),
+    "length_tolerance": Option("L", "Standard deviation of the zero of a measured length."),
+    "force_tolerance": Option("SHARE", "Of the force constants, common to all, such as '2 %'."),
 }
 """Options by the keys of `MachineDescription`."""

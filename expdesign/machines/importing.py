@@ -36,13 +36,13 @@ def _plausible(
     def check(raw: Any, parse: ValidatorFunctionWrapHandler) -> float:
         text, unit = str(raw).strip(), smallest.partition(" ")[2]
         if _PLAIN.fullmatch(text) and abs(float(text)) >= plain:
-            message = f"{text} without a unit is {text} {unit}"
+            message = f"{text} without a unit is {text} {unit}".rstrip()
             allowed = f'a text with its unit, such as "{text} {meant}"'
             raise refusal(message, allowed, f"{text} {meant}")
         value: float = parse(raw)
-        low, high = map(quantity_in(unit).parse, (smallest, largest))
+        low, high = map(quantity_in(unit or "1").parse, (smallest, largest))
         if value and not low <= abs(value) <= high:
-            message = f"{quantity.quantity_text(value, unit)} is not plausible for a machine"
+            message = f"{quantity.quantity_text(value, unit or '1')} is not plausible for a machine"
             raise refusal(message, f"{smallest} to {largest}")
         return value
 
@@ -52,6 +52,9 @@ def _plausible(
 _PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _Coordinate = Annotated[quantity.Length, _plausible("1e-9 m", "100 m", "mm", 5)]
 _Size = Annotated[quantity.Length, quantity.Positive, _plausible("1e-4 m", "100 m", "mm", 5)]
+_Tolerance = Annotated[
+    quantity.Length, quantity.Positive, _plausible("1e-12 m", "0.1 m", "mm", 0.05)
+]
 _Force = Annotated[quantity.Force, quantity.Positive, _plausible("1e-9 N", "1e9 N")]
 _Joints = Annotated[
     tuple[Annotated[tuple[_Coordinate, ...], exactly(3, "coordinates [x, y, z]")], ...],
@@ -108,6 +111,11 @@ class MachineDescription(Section):
         Annotated[quantity.Length, quantity.Positive, _plausible("1e-12 m", "1 m", "um", 0.1)]
         | None
     ) = None
+    joint_tolerance: _Tolerance | None = None
+    length_tolerance: _Tolerance | None = None
+    force_tolerance: (
+        Annotated[quantity.Share, quantity.Positive, _plausible("1e-9", "1", "%", 0.5)] | None
+    ) = None
 
 
 def machine_from_answers(
@@ -128,6 +136,7 @@ def machine_from_answers(
         drive=_drive(one) or known.drive,
         force_std=known.force_std if one.force_std is None else (one.force_std,) * ACTUATORS,
         length_std=known.length_std if one.length_std is None else (one.length_std,) * ACTUATORS,
+        tolerances=_tolerances(one),
     )
     limits = dict(known.limits)
     for key in ("strut_speed", "strut_acceleration", "actuator_force"):
@@ -196,6 +205,17 @@ def _drive(one: MachineDescription) -> Drive | None:
     if one.lead is None or one.drive is None:
         return None
     return Drive.model_validate({one.drive: {"lead": one.lead, "inertia": one.inertia}})
+
+
+def _tolerances(one: MachineDescription) -> dict[str, Any]:
+    common = None if one.force_tolerance is None else {"common": one.force_tolerance}
+    found = {
+        "base_joints": one.joint_tolerance,
+        "platform_joints": one.joint_tolerance,
+        "strut_length": one.length_tolerance,
+        "force_constant": common,
+    }
+    return {key: value for key, value in found.items() if value is not None}
 
 
 def _about_home(

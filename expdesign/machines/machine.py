@@ -66,6 +66,8 @@ class MachineDraft:
     """(6,), of one sample, N."""
     length_std: tuple[float, ...] | None = None
     """(6,), of one sample, m."""
+    tolerances: Mapping[str, Any] = field(default_factory=dict)
+    """By key, as under `tolerances:` of a robot file."""
     table: str = "csv"
     """Controller table that the run file proposes: a format, or its options as a YAML mapping."""
     questions: tuple[Question, ...] = ()

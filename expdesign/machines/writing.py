@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 import tempfile
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -27,8 +27,6 @@ from expdesign.runfolder.files import write_text
 
 _HOME_UNITS = ("m", "m", "m", "rad", "rad", "rad")
 _WIDTH = 100
-_LATEX = ((r"\\sum", "Σ"), (r"\\,", " "), (r"[${}]", ""))
-"""Marks of formulas and their replacements in comments."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +88,7 @@ def robot_file(complete: Complete) -> str:
     limits = {key: (one.unit, one.title) for key, one in limit_definitions().items()}
     limits[CHARACTERISTIC_LENGTH] = ("m", "scales rotations in condition numbers")
     assumed |= {key for key in ("drive", "alpha_axes") if getattr(machine, key) is None}
+    assumed |= set() if machine.tolerances else {"tolerances"}
     if not assumed.isdisjoint(_parameters(complete)):
         assumed.add("parameters")
     keys = {key.partition(".")[0] for key in assumed}
@@ -121,6 +120,7 @@ def robot_file(complete: Complete) -> str:
             joints=partial(_joints, complete),
             directions=lambda key: _rows(key, getattr(machine, key), "1"),
             drive=_drive(machine.drive),
+            tolerances=_tolerances(machine.tolerances),
             mass=quantity_text(machine.moved_mass or 0.0, "kg"),
             bodies=list(_body_lines(complete)),
             parameters=list(_parameter_lines(complete)),
@@ -199,6 +199,21 @@ def _drive(drive: Drive | None) -> str:
     return f"drive: {{{kind}: {{{', '.join(entries)}}}}}"
 
 
+def _tolerances(tolerances: Mapping[str, Any]) -> str:
+    """Return the line of the tolerances: a comment for unknown ones."""
+    if not tolerances:
+        return (
+            "# tolerances: {base_joints: 0.3 mm, strut_length: 0.1 mm, force_constant: "
+            "{common: 2 %}}"
+        )
+    # Shares have no unit.
+    entries = [
+        f"{key}: {format_flow(value, '1' if key == 'force_constant' else 'm')}"
+        for key, value in tolerances.items()
+    ]
+    return f"tolerances: {{{', '.join(entries)}}}"
+
+
 def _joints(complete: Complete, key: str) -> str:
     """Return the lines of joints: a circle, or six points."""
     joints = getattr(complete.machine, key)
@@ -251,10 +266,7 @@ def _parameter_lines(complete: Complete) -> Iterator[str]:
         if one.name not in complete.machine.parameters:
             continue
         value = format_quantity(complete.machine.parameters[one.name], "1")
-        plain = one.meaning
-        for pattern, text in _LATEX:
-            plain = re.sub(pattern, text, plain)
-        meaning = "" if one.meaning == last else f": {plain}"
+        meaning = "" if one.meaning == last else f": {one.in_words}"
         last = one.meaning
         mark = "; assumed" if one.name in complete.assumed else ""
         yield f"{one.name}: {value} # {one.unit}{meaning}{mark}"
@@ -278,6 +290,8 @@ QUESTIONS = {
     "friction of 5 % of the weight, and as much viscous friction at full speed.",
     "force_std": "How noisy is the measured force of each strut, or motor current times force "
     "constant? Record some seconds at rest: `expdesign noise` computes these lines from it.",
+    "tolerances": "How exactly are the joints' coordinates, the zeros of the length measurements "
+    "and the force constants (2 to 10 % in data sheets) known? Calibration sheet, data sheet.",
     "length_std": "How noisy is the measured length of each strut? Resolution of the encoder.",
     "strut_length": "Between which lengths may each strut move, from joint to joint? Stroke of the "
     "drive, less the distance to its switches.",

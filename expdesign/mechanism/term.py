@@ -83,6 +83,8 @@ class Parameter:
     meaning: str
     """The same text for parameters that differ in their number only."""
     scale: Scale = ONE
+    words: str = ""
+    """The meaning without a formula; empty: `meaning` has none."""
     lower: float = -np.inf
     """Smallest possible value, SI."""
     strict: bool = False
@@ -91,6 +93,11 @@ class Parameter:
     """Largest possible value, SI."""
     default: float | None = None
     """Nominal value for a robot file without one; None: the file must give it."""
+
+    @property
+    def in_words(self) -> str:
+        """The meaning without a formula."""
+        return self.words or self.meaning
 
 
 def per_actuator(parameter: Parameter) -> tuple[Parameter, ...]:

@@ -21,6 +21,7 @@ from estimation.selection import SelectionRow
 from estimation.uncertainty.intervals import FAMILY_LEVEL, Differences, difference_test
 from expdesign.information.identifiable import KnownCombination
 from expdesign.mechanism.bodies import about_centre
+from expdesign.mechanism.terms import term_definitions
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.robot.derived import GRAVITY_FORCE, KnownQuantity
 from results.figures.parameters import WORTH, selection_figure
@@ -165,6 +166,25 @@ def differences_table(
         TableColumn("outcome", kind="outcome", of=outcome),
     )
     return ReportTable.of(key, caption, columns, folded=folded)
+
+
+def symbols_block(names: Iterable[str], *, screen: bool = False) -> TextBlock:
+    """Return the meaning of every parameter among the names, equal ones together.
+
+    >>> symbols_block(["p10", "r1", "r2", "r3"]).text
+    'p10: mass of the platform and the six sliders; r1 … r3: dry friction of the actuators.'
+    """
+    known = {one.name: one for term in term_definitions().values() for one in term.parameters}
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        if name in known:
+            groups.setdefault(known[name].in_words, []).append(name)
+    listed = "; ".join(f"{_ends(group)}: {words}" for words, group in groups.items())
+    return TextBlock(f"{listed}.", screen=screen)
+
+
+def _ends(names: Sequence[str]) -> str:
+    return f"{names[0]} … {names[-1]}" if len(names) > 2 else ", ".join(names)  # noqa: PLR2004
 
 
 def combination_blocks(

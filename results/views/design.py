@@ -22,7 +22,7 @@ from expdesign.robot.derived import NOISE
 from expdesign.solver.feasibility import InfeasibleLimitsError
 from results.figures.design import DESIGN_FIGURES
 from results.notation import DisplayUnit, duration, handy_unit, percent, readable
-from results.views.blocks import combination_blocks, derived_blocks
+from results.views.blocks import combination_blocks, derived_blocks, symbols_block
 from results.views.folder import RunFolder
 from results.views.view import (
     Block,
@@ -72,6 +72,7 @@ def design_view(folder: RunFolder) -> StageView:
         *_gains(sensitivity),
         *figures[:5],
         parameters_table(result),
+        symbols_block(result.parameter_names),
         *combination_blocks("design_combinations", result.base_parameters, result.parameter_names),
         *figures[5:7],
         _starts_table(result),

@@ -32,6 +32,7 @@ from results.views.blocks import (
     payload_blocks,
     selection_blocks,
     share_columns,
+    symbols_block,
     truth_columns,
     undetected_blocks,
     verdict_level,
@@ -168,7 +169,7 @@ def _parameter_blocks(
     blocks += derived_blocks(
         "estimate_derived", result.best_estimator.derived, f"of the {name} estimate"
     )
-    blocks.append(estimates_table(result, truth))
+    blocks += [estimates_table(result, truth), symbols_block(result.parameters, screen=True)]
     if len(result.estimators) > 1:
         blocks.append(_estimators_table(result))
     blocks += constants_blocks(result)

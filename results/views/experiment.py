@@ -10,6 +10,7 @@ from estimation.montecarlo.result import EstimatorStatistics, MonteCarloResult
 from estimation.twin.truth import Truth
 from results.figures.studies import STUDY_FIGURES
 from results.notation import count_text, percent, readable
+from results.views.blocks import symbols_block
 from results.views.estimate import NAMES
 from results.views.folder import RunFolder
 from results.views.view import (
@@ -104,7 +105,7 @@ def montecarlo_view(folder: RunFolder) -> StageView:
     word = "interrupted" if summary.interrupted else "done"
     blocks: list[Block] = [_pooled_table(estimators)]
     blocks += drawings(STUDY_FIGURES, result.rows)
-    blocks.append(_statistics_table(result))
+    blocks += [_statistics_table(result), symbols_block(summary.parameters)]
     verdict = StageVerdict("Monte-Carlo study", level, word, sentence, "montecarlo")
     return StageView(verdict, tuple(blocks), _facts(estimators))
 

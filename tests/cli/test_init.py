@@ -90,6 +90,18 @@ def test_what_is_told_stands_in_the_files(expdesign, tmp_path):
     assert robot.parameters["m_drive"] == pytest.approx(6e-5 * (2 * np.pi / 5e-3) ** 2)
 
 
+def test_tolerances_are_those_of_the_robot(expdesign):
+    given = ("--joint-tolerance", "0.3 mm", "--length-tolerance", "0.1mm")
+    assert expdesign("init", "mine", *given, "--force-tolerance", "2 %")[0] == 0
+    tolerances = load_run("mine-run.yaml").robot.description.tolerances
+    np.testing.assert_array_equal(tolerances.base_joints, 3e-4)
+    np.testing.assert_array_equal(tolerances.platform_joints, 3e-4)
+    assert tolerances.strut_length == (1e-4,) * 6
+    assert (tolerances.force_constant.common, tolerances.force_constant.each) == (0.02, None)
+    status, _, err = expdesign("init", "other", "--force-tolerance", "2")
+    assert (status, "did you mean '2 %'?" in err) == (2, True)
+
+
 def test_joints_as_lists_and_a_stroke(expdesign):
     base = "300 mm,0,0; 0.2,0.3,0; -0.1,0.3,0; -0.3,0,0; -0.2,-0.3,0; 0.2,-0.3,0"
     platform = "0.1,-0.1,0; 0.1,0.1,0; 0,0.14,0; -0.1,0.1,0; -0.1,-0.1,0; 0,-0.14,0;"

@@ -20,6 +20,7 @@ DRIVE_INERTIA = term.Term(
             "kg",
             "mass that a drive's inertia makes along its strut, $J\\,(2\\pi/h)^2$, the same in all",
             term.Scale("p10", mass=1),
+            "mass that the inertia of motor and screw makes along a strut",
             lower=0,
             default=0.0,
         ),

@@ -87,7 +87,8 @@ def _lump(parameters: tuple[term.Parameter, ...]) -> term.Lump:
 
 def _moment_of_inertia(name: str, axis: str, first: str, second: str) -> term.Parameter:
     meaning = f"$I_{{{axis}{axis}E}} + m_3 \\sum (b_{first}^2 + b_{second}^2)$"
-    return term.Parameter(name, "kg m^2", meaning, term.INERTIA_SCALE, lower=0, strict=True)
+    words = f"moment of inertia of the platform about {axis} through the TCP, with the sliders"
+    return term.Parameter(name, "kg m^2", meaning, term.INERTIA_SCALE, words, lower=0, strict=True)
 
 
 _LATERAL = term.Parameter(
@@ -108,8 +109,21 @@ _FIVE = (
     _moment_of_inertia("p6", "x", "y", "z"),
     _moment_of_inertia("p7", "y", "x", "z"),
     _moment_of_inertia("p8", "z", "x", "y"),
-    term.Parameter("p9", "kg m", "$s_{zE} + m_3 \\sum b_z$", term.FIRST_MOMENT_SCALE),
-    term.Parameter(MASS, "kg", "$m_E + 6\\,m_3$", lower=0, strict=True),
+    term.Parameter(
+        "p9",
+        "kg m",
+        "$s_{zE} + m_3 \\sum b_z$",
+        term.FIRST_MOMENT_SCALE,
+        words="mass of the platform times its centre's height over the TCP, with the sliders",
+    ),
+    term.Parameter(
+        MASS,
+        "kg",
+        "$m_E + 6\\,m_3$",
+        words="mass of the platform and the six sliders",
+        lower=0,
+        strict=True,
+    ),
 )
 _TEN = (
     *_FIVE,
