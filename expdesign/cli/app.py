@@ -85,12 +85,16 @@ class InterruptedCommand(Exception):  # noqa: N818 - no error but the end of a c
     """Interruption of a command."""
 
 
+_NAMES = {"next_motion": "next"}
+"""Names of commands that are not those of their functions."""
+
 for _command in (
     machine_commands.robots,
     machine_commands.init,
     machine_commands.check,
     run_commands.design,
     run_commands.plan,
+    run_commands.next_motion,
     run_commands.simulate,
     run_commands.montecarlo,
     run_commands.noise,
@@ -103,7 +107,7 @@ for _command in (
     run_commands.compare,
     run_commands.run,
 ):
-    app.command(cls=_Command)(_interruptible(_command))
+    app.command(_NAMES.get(_command.__name__), cls=_Command)(_interruptible(_command))
 
 
 def run(app: typer.Typer, arguments: Sequence[str]) -> int:

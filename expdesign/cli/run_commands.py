@@ -90,6 +90,31 @@ def plan(
     _execute("goals", run, out, as_json, sources=sources, wanted=want or (), command="plan")
 
 
+def next_motion(
+    folders: Annotated[
+        list[Path],
+        argument("DIR …", "Run folders with estimates, each from recordings of its own."),
+    ],
+    effort: EffortOption = None,
+    seed: SeedOption = None,
+    out: Annotated[
+        Path | None,
+        option("--out", "DIR", "The new run folder; by default runs/NAME-next of the last run."),
+    ] = None,
+    resume: ResumeOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Design the motion that adds most to what run folders have measured.
+
+    The run is that of the last folder with `design.prior` set to all of them, in a new folder for
+    the same commands. Prints the standard deviations so far, with the last motion repeated for the
+    same time, and with the next motion. Writes next.json and a table as well.
+    """
+    from expdesign.cli.runs import design_next
+
+    design_next(folders, out, as_json, resume=resume, effort=effort, seed=seed)
+
+
 def simulate(
     run: RunArgument,
     design: DesignOption = None,

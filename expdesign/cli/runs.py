@@ -72,6 +72,39 @@ def execute_stage(
         write_json({"status": 0, **outcome.summary})
 
 
+def design_next(
+    folders: Sequence[Path],
+    out: Path | None,
+    as_json: bool,
+    *,
+    resume: bool,
+    effort: str | None,
+    seed: int | None,
+) -> None:
+    """Design the motion after the estimates of run folders; compare it with the last one."""
+    from expdesign.experiment.next_motion import next_run
+
+    places = [folder.absolute() for folder in folders]
+    configuration = next_run(places).with_search(effort, seed)
+    folder = run_folder(configuration, out)
+    if folder in places:
+        message = "the new motion would replace one that was measured"
+        raise InputError(message, folder, key="--out", allowed="another folder")
+    refuse_unwritable(folder)
+    with one_writer(folder, "expdesign next"):
+        inputs = Sources(designs=(places[-1],))
+        terminal = Terminal(quiet=as_json)
+        work = Workspace(configuration, folder, terminal, inputs, resume, stages=reported_stages())
+        work.design()  # refused before the search if there is none
+        work.warn(configuration.warnings_before(FIRST))
+        execute(stages()[FIRST], work)
+        outcome = execute(stages()["next"], work)
+        if "report" in configuration.run.stages:
+            execute(stages()["report"], work)
+    if as_json:
+        write_json({"status": 0, **outcome.summary})
+
+
 def run_all(
     config: str,
     out: Path | None,

@@ -149,7 +149,7 @@ def plan_measurement(configuration: RunConfiguration, trajectory: FourierTraject
     """
     _refuse_prior(configuration)
     evaluator = noise_evaluator(configuration)
-    prediction = _Prediction.of(configuration, evaluator, trajectory)
+    prediction = Prediction.of(configuration, evaluator, trajectory)
     wanted = _wishes(configuration.run.goals, prediction, configuration.file)
     if not wanted:
         raise InputError(
@@ -216,7 +216,7 @@ class _Quantities:
 
 
 @dataclass(frozen=True, eq=False)
-class _Prediction(_Quantities):
+class Prediction(_Quantities):
     """Predicted errors of n quantities for any number of periods."""
 
     rows: Array
@@ -235,7 +235,7 @@ class _Prediction(_Quantities):
     @classmethod
     def of(
         cls, configuration: RunConfiguration, evaluator: Evaluator, trajectory: FourierTrajectory
-    ) -> _Prediction:
+    ) -> Prediction:
         """Return the prediction of derived quantities and parameters."""
         robot, periods = evaluator.robot, configuration.run.experiment.periods
         alone = replace(evaluator, marginal=None)
@@ -293,7 +293,7 @@ class _Prediction(_Quantities):
         errors = self.errors(self.longest())
         return replace(errors, random=errors.random - self.noise().random)
 
-    def with_tolerances(self, sources: tuple[str, ...], factor: float) -> _Prediction:
+    def with_tolerances(self, sources: tuple[str, ...], factor: float) -> Prediction:
         """Return the prediction for a machine with some tolerances multiplied by a factor."""
         return replace(self, effects=self.effects.scaled(sources, factor))
 
@@ -362,7 +362,7 @@ class _Wish:
         return ratios[most], most
 
 
-def _planned(wish: _Wish, prediction: _Prediction) -> PlannedGoal:
+def _planned(wish: _Wish, prediction: Prediction) -> PlannedGoal:
     errors = prediction.errors(prediction.longest())
     excess, place = wish.excess(errors)
     reachable = excess <= 1
@@ -395,7 +395,7 @@ def _planned(wish: _Wish, prediction: _Prediction) -> PlannedGoal:
     )
 
 
-def _fewest_periods(wish: _Wish, prediction: _Prediction) -> int:
+def _fewest_periods(wish: _Wish, prediction: Prediction) -> int:
     """Return the smallest sufficient number of periods; the errors fall with it."""
     low, high = 0, 1
     while wish.excess(prediction.errors(high))[0] > 1:
@@ -409,7 +409,7 @@ def _fewest_periods(wish: _Wish, prediction: _Prediction) -> int:
     return high
 
 
-def _largest_factor(wish: _Wish, prediction: _Prediction, sources: tuple[str, ...]) -> float:
+def _largest_factor(wish: _Wish, prediction: Prediction, sources: tuple[str, ...]) -> float:
     """Return the largest factor of tolerances with a floor that leaves half to noise; NaN: none."""
 
     def excess(factor: float) -> float:
@@ -426,7 +426,7 @@ def _largest_factor(wish: _Wish, prediction: _Prediction, sources: tuple[str, ..
     return low
 
 
-def _curves(goals: list[PlannedGoal], prediction: _Prediction) -> Iterator[PrecisionPoint]:
+def _curves(goals: list[PlannedGoal], prediction: Prediction) -> Iterator[PrecisionPoint]:
     """Yield the precision of the deciding quantities over measuring time."""
     longest = max([10 * prediction.stated, *(3 * g.periods for g in goals if g.reachable)])
     for periods in np.geomspace(1, longest, _CURVE).tolist():

@@ -310,8 +310,8 @@ class ToleranceEffects:
             count = len(self.response)
             joint = self.joint * (samples / self.samples) + self.earlier
             response = sla.solve(joint[:count, :count], joint[:count, count:], assume_a="pos")
-            whole = replace(self, response=response, joint=joint, samples=samples, earlier=None)
-            return whole.shares(random, samples, estimated=estimated)
+            whole = replace(self, response=response, joint=joint, samples=1.0, earlier=None)
+            return whole.shares(random, 1.0, estimated=estimated)
         if not estimated or self.joint is None or not self.sources:
             return ErrorShares(random, self.response, self.sources)
         responses, eigenvalues, modes = self._decomposition

@@ -285,7 +285,8 @@ def earlier_information(
     places = np.array([*own.values()], dtype=np.intp)
     every = np.array([one.tolerance for one in known.deviations])
     stated = every[places]
-    response = np.array(known.response).reshape(-1, len(every))[:count] * every
+    size = len(known.covariance_random), len(every)
+    response = np.array(known.response).reshape(size)[:count] * every
     random = np.array(known.covariance_random)[:count, :count]
     mixed, others = -response[:, places], np.eye(len(places))
     if known.covariance_deviations:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from expdesign.configuration import ComputationError, quantity_text
 from expdesign.configuration.run import GridPoint
 from expdesign.experiment import DesignResult, design
+from expdesign.experiment.next_motion import NextResult, compare_with_repetition
 from expdesign.experiment.plan import LONGEST_DAYS, PlanResult, plan_measurement
 from expdesign.experiment.sweep import (
     FAILED,
@@ -43,7 +44,7 @@ from expdesign.workers import (
 from results.comparison.designs import compare_designs
 from results.views.design import design_view
 from results.views.folder import StageViews
-from results.views.plan import plan_view
+from results.views.plan import next_view, plan_view
 from results.views.sweep import sweep_view
 
 __all__ = ["DesignResult", "design"]
@@ -138,6 +139,23 @@ def run_goals(work: Workspace) -> Outcome:
 
 
 GOALS = StageFunctions(run_goals, StageViews(PlanResult, plan_view))
+
+
+def run_next(work: Workspace) -> Outcome:
+    """Compare the design made before with the motion to repeat, which the options name."""
+    following = work.made["design"].result.trajectory
+    result = compare_with_repetition(work.configuration, following, work.design().trajectory)
+    return Outcome(
+        result=result,
+        summary={
+            "repeated_percent": result.repeated_percent,
+            "next_percent": result.next_percent,
+            "gains": [asdict(one) for one in result.gains],
+        },
+    )
+
+
+NEXT = StageFunctions(run_next, StageViews(NextResult, next_view))
 
 
 def name_unexcited(make: Callable[[], DesignResult]) -> DesignResult:

@@ -46,6 +46,29 @@ class DesignStage(Stage):
         return "the sweep does it for each of its designs" if sweeps else ""
 
 
+class NextStage(Stage):
+    """Gain of the next motion over the last one repeated."""
+
+    name = "next"
+    does = "compares the next motion with the last one repeated"
+    file = "next.json"
+    writes = TABLES
+    sections = run_sections(
+        "trajectory",
+        "design",
+        estimate={"systematic", "estimators"},
+        experiment={"periods", "sampling"},
+    )
+    needs = ("design",)
+    shown_after = "design"
+
+    def functions(self) -> StageFunctions:
+        """Return the comparison and its view."""
+        from expdesign.stages.design import NEXT
+
+        return NEXT
+
+
 class GoalsStage(Stage):
     """Measuring time for wanted precisions."""
 
@@ -256,6 +279,7 @@ class ReportStage(Stage):
 
 _BUILT_IN: tuple[type[Stage], ...] = (
     DesignStage,
+    NextStage,
     GoalsStage,
     ExperimentStage,
     NoiseStage,
@@ -275,8 +299,8 @@ FIRST = DesignStage.name
 def stages() -> Mapping[str, Stage]:
     """Return the stages by name, in the order of a run.
 
-    `noise` is a command only. Stages of plug-ins follow the stage that they name, or come last
-    before the report.
+    `next` and `noise` are commands only. Stages of plug-ins follow the stage that they name, or
+    come last before the report.
     """
     found: list[Stage] = [kind() for kind in _BUILT_IN]
     for kind in declared_classes(Stage):  # type: ignore[type-abstract]

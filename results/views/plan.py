@@ -1,9 +1,12 @@
-"""View of a plan: the measuring time for wanted precisions, and the obstacles."""
+"""Views of plans: measuring times for wanted precisions with their obstacles, next motions."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from expdesign.experiment.next_motion import NextResult, QuantityGain
 from expdesign.experiment.plan import LONGEST_DAYS, PlannedGoal, PlanResult
 from expdesign.information.identifiable import listed
 from results.figures.studies import plan_figure
@@ -98,3 +101,54 @@ def _facts(result: PlanResult) -> tuple[Fact, ...]:
     gain = f"+{readable(result.limit_gain_percent, 2)} %"
     note = f"of the design's criterion with 10 % more {limit_title(result.limit)}"
     return (Fact("limit that helps most", gain, note),)
+
+
+def next_view(folder: RunFolder) -> StageView:
+    """Return the view of the next motion in a folder."""
+    result = folder.result(NextResult)
+    derived = [one for one in result.gains if not one.parameter]
+    blocks: tuple[Block, ...] = (
+        _gains_table("next", "Derived quantities", derived),
+        _gains_table(
+            "next_parameters", "Parameters", [one for one in result.gains if one.parameter]
+        ),
+    )
+    sentence = (
+        f"{readable(result.periods)} periods of the next motion reduce the standard deviations "
+        f"of the parameters to {readable(result.next_percent, 3)} %, the last motion repeated for "
+        f"the same time to {readable(result.repeated_percent, 3)} % (geometric means)."
+    )
+    level, word = Level.GOOD, "better than repeating"
+    if result.next_percent > result.repeated_percent:
+        level, word = Level.CAUTION, "no better than repeating"
+        sentence += " Another criterion than the mean may be behind it, or too short a search."
+    verdict = StageVerdict("Next motion", level, word, sentence, "next")
+    fact = Fact("measuring", duration(60 * result.minutes), "of the next motion")
+    return StageView(verdict, blocks, (fact,), heading="Next motion")
+
+
+def _gains_table(key: str, whose: str, gains: Sequence[QuantityGain]) -> ReportTable:
+    def column(label: str, of: str) -> TableColumn:
+        return TableColumn(
+            label,
+            digits=3,
+            of=lambda row: handy_unit(row.unit, [row.std_measured]).factor * getattr(row, of),
+        )
+
+    columns = (
+        TableColumn("quantity", kind="parameter", of="quantity"),
+        TableColumn(
+            "unit", kind="text", of=lambda row: handy_unit(row.unit, [row.std_measured]).symbol
+        ),
+        column("σ so far", "std_measured"),
+        column("σ, last motion again", "std_repeated"),
+        column("σ, next motion", "std_next"),
+        TableColumn("again / so far", "%", digits=3, of="share_repeated", factor=100),
+        TableColumn("next / so far", "%", digits=3, of="share_next", factor=100),
+    )
+    caption = (
+        f"{whose}: predicted standard deviations by the recordings so far, with the last motion "
+        "measured again for the same time, and with the next motion"
+    )
+    main = key == "next"
+    return ReportTable.of(key, caption, columns, gains, folded=not main, screen=main, latex=main)

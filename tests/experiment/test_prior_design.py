@@ -1,18 +1,26 @@
 """Designs with earlier recordings as prior, by plain formulas and by joint estimates."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from ruamel.yaml import YAML
+from typer.testing import CliRunner
 
 from estimation.identification import estimate_parameters
 from estimation.identification.estimate import identified_robot
+from expdesign.cli.app import app
 from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.experiment.judging import earlier_recordings, noise_evaluator
+from expdesign.experiment.next_motion import NextResult, compare_with_repetition, next_run
 from expdesign.experiment.plan import plan_measurement
 from expdesign.experiment.precision import experiment_information, predicted_errors
 from expdesign.experiment.setup import plan_search
+from expdesign.robot import load_robot
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
+from tests.tiny_run import tiny_run
 
 FIRST, SECOND = trajectory(seed=4), trajectory(seed=9)
 TOLERANCES = {
@@ -131,3 +139,74 @@ def test_refusals(prior):
     tolerances = {**TOLERANCES, "delay": "0.1 ms"}
     with pytest.raises(InputError, match="does not contain delay"):
         _predicted(_run(tolerances=tolerances, prior=prior), SECOND)
+
+
+@pytest.fixture
+def folder(systematic, prior, tmp_path):
+    """A run folder with an estimate."""
+    config = _run(systematic)
+    (tmp_path / "identified-robot.yaml").write_bytes(Path(prior).read_bytes())
+    (tmp_path / "run.yaml").write_text(resolved_yaml(config), encoding="utf-8")
+    return tmp_path
+
+
+def test_next_run_is_that_of_the_folder_with_its_prior(systematic, folder):
+    config = next_run([folder])
+    assert config.run.name == "case-next"
+    assert config.run.design == _run(systematic, prior=[str(folder)]).run.design
+    assert config.run.experiment == _run(systematic).run.experiment
+
+
+def test_gain_of_the_next_motion_and_of_the_last_one_repeated(folder):
+    config = next_run([folder])
+    found = compare_with_repetition(config, SECOND, FIRST)
+    assert found.repeated_periods == 5
+    rows = {one.quantity: one for one in found.gains}
+    assert {"mass", "centre_z", "p1", "v6"} <= set(rows)
+    for motion, std in ((SECOND, "std_next"), (FIRST, "std_repeated")):
+        stds = [getattr(rows[name], std) for name in ROBOT.parameter_names]
+        np.testing.assert_allclose(stds, _predicted(config, motion).std, rtol=1e-9)
+    machine = load_robot(folder / "identified-robot.yaml")
+    known = machine.description.description.identification
+    total = np.array(known.covariance_random) + np.array(known.covariance_systematic)
+    measured_before = [rows[name].std_measured for name in ROBOT.parameter_names]
+    np.testing.assert_allclose(measured_before, np.sqrt(np.diag(total)), rtol=1e-6)
+    shares = [one.share_next for one in found.gains if one.parameter]
+    assert found.next_percent == pytest.approx(100 * np.exp(np.mean(np.log(shares))))
+    assert 50 < found.next_percent < found.repeated_percent < 100
+
+
+def test_known_parameters_of_a_run_stay_known(folder):
+    config = _run(parameters=["p10", "p9"])
+    (folder / "run.yaml").write_text(resolved_yaml(config), encoding="utf-8")
+    design = next_run([folder]).run.design
+    assert design.parameters is None
+    assert set(design.known) == set(ROBOT.parameter_names) - {"p10", "p9"}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [({"sweep": {"design.seed": [0, 1]}}, "several designs"), (None, "run.yaml is missing")],
+)
+def test_folders_without_a_next_motion(change, words, tmp_path):
+    if change is not None:
+        text = resolved_yaml(run({}, **change))
+        (tmp_path / "run.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=words):
+        next_run([tmp_path])
+
+
+@pytest.mark.slow
+def test_command_designs_and_compares(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with (tmp_path / "tiny.yaml").open("w", encoding="utf-8") as stream:
+        YAML(typ="safe").dump(tiny_run(estimate={"estimators": ["gm"]}), stream)
+    commands = [["run", "tiny.yaml"], ["next", "runs/tiny", "--json"]]
+    made = [CliRunner().invoke(app, arguments) for arguments in commands]
+    assert [one.exit_code for one in made] == [0, 0], made[-1].output
+    stated = json.loads(made[1].stdout)
+    assert stated["folder"] == str(tmp_path / "runs/tiny-next")
+    found = NextResult.read(tmp_path / "runs/tiny-next")
+    assert found.next_percent == stated["next_percent"] < 100
+    refused = CliRunner().invoke(app, ["next", "runs/tiny", "--out", "runs/tiny"])
+    assert isinstance(refused.exception, InputError)

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from expdesign.configuration.tolerances import Identification
+from expdesign.configuration.tolerances import Identification, IdentifiedDeviation
 from expdesign.information.criteria import criteria
-from expdesign.information.marginal import Marginal
+from expdesign.information.marginal import Marginal, earlier_information
 
 M, CHANGED = 7, np.array([1, 2, 5])
 
@@ -182,3 +182,45 @@ def test_tolerances_of_a_change_are_those_of_the_joint_problem(estimated):
     expected = np.linalg.inv(covariance[:3, :3])
     judged = found.information(information, 1)
     np.testing.assert_allclose(judged, expected, rtol=1e-6, atol=1e-7 * np.max(expected))
+
+
+@given(st.integers(0, 10_000))
+def test_information_of_an_earlier_estimate(seed):
+    """That of parameters and deviations from the covariances of their errors, priors at one."""
+    rng = np.random.default_rng(seed)
+    names = tuple("abcdefg")
+    tolerances = np.array([0.1, 3.0])
+    units = np.append(np.ones(M), tolerances)
+    alone = _matrix(rng)
+    known = Identification(
+        run="first",
+        estimator="gm",
+        verdict="accepted",
+        parameters=names,
+        covariance_random=np.linalg.inv(alone).tolist(),
+        covariance_systematic=np.zeros((M, M)).tolist(),
+    )
+    np.testing.assert_allclose(earlier_information(known, names, ()), alone, rtol=1e-7)
+    rows = rng.normal(size=(40, M + 2)) / units
+    information = rows.T @ rows
+    prior = np.diag(np.append(np.zeros(M), tolerances**-2))
+    total = np.linalg.inv(information + prior)
+    response = -total[:M, M:] / tolerances**2
+    systematic = (response * tolerances**2) @ response.T
+    deviations = [
+        {"name": name, "tolerance": tolerance, "value": 0.0, "std": tolerance}
+        for name, tolerance in zip("xy", tolerances, strict=True)
+    ]
+    joint = known.model_copy(
+        update={
+            "covariance_random": tuple(map(tuple, total[:M, :M] - systematic)),
+            "deviations": tuple(IdentifiedDeviation(**one) for one in deviations),
+            "response": tuple(map(tuple, response)),
+            "covariance_deviations": tuple(map(tuple, total[:, M:])),
+        }
+    )
+    found = earlier_information(joint, names[1:], ("y", "x"))
+    at = [*range(1, M), M + 1, M]
+    scale = np.sqrt(np.diag(information))[at]
+    expected = information[np.ix_(at, at)] / np.multiply.outer(scale, scale)
+    np.testing.assert_allclose(found / np.multiply.outer(scale, scale), expected, atol=1e-6)

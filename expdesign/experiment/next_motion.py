@@ -1,0 +1,185 @@
+"""The next motion: designed for what the measured recordings left open.
+
+Its precision together with these recordings is compared with that of the last motion measured
+again for the same time.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import numpy as np
+
+from constraints.arrays import Array
+from expdesign.configuration import InputError, RunConfiguration, load_run
+from expdesign.configuration.run import RunDescription
+from expdesign.experiment.judging import noise_evaluator
+from expdesign.experiment.plan import Prediction
+from expdesign.robot import robot_from
+from expdesign.runfolder import OpenNumber, StageResult, Table, described
+from expdesign.runfolder.files import RUN_FILE
+from expdesign.trajectory import FourierTrajectory
+
+
+@dataclass(frozen=True)
+class QuantityGain:
+    """Predicted precision of a derived quantity or a parameter by further measuring."""
+
+    quantity: Annotated[str, described("", "derived quantity or parameter")]
+    parameter: Annotated[bool, described("", "it is a parameter")]
+    unit: Annotated[str, described("", "SI unit of value and standard deviations")]
+    value: Annotated[OpenNumber, described("see unit", "nominal value")]
+    std_measured: Annotated[
+        OpenNumber, described("see unit", "standard deviation by the recordings so far")
+    ]
+    std_repeated: Annotated[
+        OpenNumber, described("see unit", "with the last motion repeated for the same time")
+    ]
+    std_next: Annotated[OpenNumber, described("see unit", "with the next motion")]
+
+    @property
+    def share_repeated(self) -> float:
+        """Standard deviation with the repeated motion over that so far."""
+        return self.std_repeated / self.std_measured
+
+    @property
+    def share_next(self) -> float:
+        """Standard deviation with the next motion over that so far."""
+        return self.std_next / self.std_measured
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NextResult(StageResult):
+    """Predicted precision with the next motion, and with the last one repeated."""
+
+    FILE: ClassVar[str] = "next.json"
+    WRITTEN_BY: ClassVar[str] = "`expdesign next`"
+
+    name: Annotated[str, described("", "name of the run")]
+    robot_name: Annotated[str, described("", "name of the robot", name="robot")]
+    periods: Annotated[float, described("1", "periods of the next motion")]
+    minutes: Annotated[float, described("min", "measuring time of these periods")]
+    repeated_periods: Annotated[
+        float, described("1", "periods of the last motion in this time, not rounded")
+    ]
+    gains: Annotated[tuple[QuantityGain, ...], Table("tables/next.csv", some=True)]
+
+    @property
+    def repeated_percent(
+        self,
+    ) -> Annotated[
+        float,
+        described(
+            "%",
+            "standard deviations with the last motion repeated over those so far, geometric mean "
+            "of the parameters",
+        ),
+    ]:
+        """Geometric mean of the parameters' shares with the repeated motion, in percent."""
+        return 100 * _mean([one.share_repeated for one in self.gains if one.parameter])
+
+    @property
+    def next_percent(
+        self,
+    ) -> Annotated[float, described("%", "the same with the next motion")]:
+        """Geometric mean of the parameters' shares with the next motion, in percent."""
+        return 100 * _mean([one.share_next for one in self.gains if one.parameter])
+
+
+def _mean(ratios: Sequence[float]) -> float:
+    return float(np.exp(np.mean(np.log(ratios))))
+
+
+def next_run(folders: Sequence[Path]) -> RunConfiguration:
+    """Return the run of the last folder, for the motion after the estimates of all folders.
+
+    Its recordings are new; everything else is that of the folder's `run.yaml`.
+
+    Raises
+    ------
+    InputError
+        A folder has no estimate, or its run is a sweep or judges a change.
+    """
+    folder = folders[-1]
+    file = folder / RUN_FILE
+    if not file.is_file():
+        message = "not a run folder: run.yaml is missing"
+        raise InputError(message, folder, key="DIR", allowed="a folder with design and estimate")
+    configuration = load_run(file)
+    run = configuration.run
+    refused = ""
+    if run.sweep is not None:
+        refused = "a sweep has several designs"
+    elif run.design.is_change:
+        refused = "its design is for the change since a prior"
+    if refused:
+        allowed = "the run folder of one design for a machine that has not changed"
+        raise InputError(f"{refused}: there is no next motion", folder, key="DIR", allowed=allowed)
+    design, known = run.design, run.design.known
+    if design.named_parameters is not None:
+        names = robot_from(configuration.robot).parameter_names
+        known = tuple(name for name in names if name not in design.named_parameters)
+    parameters = None if design.named_parameters is not None else design.parameters
+    priors = tuple(str(each.absolute()) for each in folders)
+    changes = {"prior": priors, "parameters": parameters, "known": known}
+    following: RunDescription = run.model_copy(
+        update={
+            "name": _following_name(run.name),
+            "design": design.model_copy(update=changes),
+            "data": run.data.model_copy(update={"file": None}),
+        }
+    )
+    return load_run(following)
+
+
+def _following_name(name: str) -> str:
+    """Return the name of the next run.
+
+    Examples
+    --------
+    >>> _following_name("lab"), _following_name("lab-next"), _following_name("lab-next-2")
+    ('lab-next', 'lab-next-2', 'lab-next-3')
+    """
+    found = re.fullmatch(r"(.*)-next(?:-(\d+))?", name)
+    return f"{found[1]}-next-{int(found[2] or 1) + 1}" if found else f"{name}-next"
+
+
+def compare_with_repetition(
+    configuration: RunConfiguration, following: FourierTrajectory, last: FourierTrajectory
+) -> NextResult:
+    """Return the predicted precision of a next motion, and of the last one for the same time."""
+    evaluator, periods = noise_evaluator(configuration), configuration.run.experiment.periods
+    repeated_periods = periods * following.period / last.period
+    new, old = (Prediction.of(configuration, evaluator, one) for one in (following, last))
+    count = len(evaluator.names)
+
+    def stds(prediction: Prediction, number: float) -> dict[str, float]:
+        found: Array = prediction.errors(number).std
+        return dict(zip(prediction.names, found.tolist(), strict=True))
+
+    measured, repeated, better = stds(new, 0.0), stds(old, repeated_periods), stds(new, periods)
+    return NextResult(
+        name=configuration.run.name,
+        robot_name=configuration.robot.name,
+        periods=periods,
+        minutes=periods * following.period / 60,
+        repeated_periods=repeated_periods,
+        gains=tuple(
+            QuantityGain(
+                quantity=name,
+                parameter=place >= len(new.names) - count,
+                unit=unit,
+                value=float(value),
+                std_measured=measured[name],
+                std_repeated=repeated[name],
+                std_next=better[name],
+            )
+            for place, (name, unit, value) in enumerate(
+                zip(new.names, new.units, new.values, strict=True)
+            )
+        ),
+    )
