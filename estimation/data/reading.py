@@ -182,8 +182,8 @@ def convert_to_si(
 
     The unit of a column comes from the file, from `section.units` for the channel or its group, or
     is SI. Angles, counts, torques and currents become lengths and forces along the struts through
-    `units`. Then a length or force is sign · channel + offset, and q1 of the file is the length of
-    the first strut of `section.order`. `home` contains the lengths at home, (6,), m, for
+    `units`. Then a length or force is sign · scale · channel + offset, and q1 of the file is the
+    length of the first strut of `section.order`. `home` contains the lengths at home, (6,), m, for
     ``offset: home``.
 
     Raises
@@ -239,7 +239,7 @@ def _refuse_unused_scales(
 
 
 def _apply_signs(table: RawTable, section: DataSection, home: Array | None) -> RawTable:
-    """Return sign · channel + offset for lengths and forces."""
+    """Return sign · scale · channel + offset for lengths and forces."""
     offsets = {"q": section.length_offsets, "Q": section.force_offsets}
     if offsets["q"] == "home":
         if home is None:
@@ -249,8 +249,9 @@ def _apply_signs(table: RawTable, section: DataSection, home: Array | None) -> R
     for channel in (*LENGTH_CHANNELS, *FORCE_CHANNELS):
         strut, group = _strut(channel, section), channel[0]
         sign, offset = section.channel_signs(group)[strut], float(offsets[group][strut])
-        if sign != 1:
-            values[channel] = -values[channel]
+        scale = section.channel_scales(group)[strut]
+        if sign * scale != 1:
+            values[channel] = sign * scale * values[channel]
         if offset != 0:
             values[channel] = values[channel] + offset
     return replace(table, values=values)

@@ -9,7 +9,6 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import Attribution, attribute, doubt_effects
-from estimation.diagnostics.channel_assignment import assignment_findings
 from estimation.diagnostics.diagnosis_result import (
     AttributedDiagnosis,
     ChiSquares,
@@ -18,7 +17,7 @@ from estimation.diagnostics.diagnosis_result import (
     RecordingTests,
     ResidualDiagnosis,
 )
-from estimation.diagnostics.finding import DiagnosisVerdict, Finding, Status
+from estimation.diagnostics.finding import DiagnosisVerdict, Finding
 from estimation.diagnostics.gain_drift import gain_drift
 from estimation.diagnostics.hypotheses import list_hypotheses
 from estimation.diagnostics.hypothesis import DelayTest, HypothesisResult
@@ -91,6 +90,7 @@ def diagnose(
     *,
     held_out: bool = False,
     findings: Sequence[Finding] = (),
+    channels: Sequence[Finding] = (),
 ) -> ResidualDiagnosis:
     """Diagnose an estimate, or its prediction of held-out data.
 
@@ -109,6 +109,8 @@ def diagnose(
         covariance of the residuals.
     findings : sequence of Finding
         Further findings on the estimate.
+    channels : sequence of Finding
+        Findings of wrong channels, which explain other failures.
     """
     cases = _linearise_all(robot, experiments, priors, estimate, held_out=held_out)
     results = [
@@ -122,7 +124,16 @@ def diagnose(
     undetected = undetected_effects(
         [result.reliability for result in results], names, estimate.std[priors.free]
     )
-    judgement = _judge_estimate(robot, used, priors, estimate, results, findings, undetected)
+    judgement = verdict(
+        results,
+        *check_motion_onset(used),
+        *check_convergence(estimate),
+        *tolerance_findings(estimate),
+        plausibility(robot, priors, estimate),
+        *findings,
+        channels=channels,
+        undetected=undetected,
+    )
     return _result(estimate, results, judgement, undetected)
 
 
@@ -220,31 +231,6 @@ def _linearise_all(
         )
         for number, experiment in enumerate(coloured)
     ]
-
-
-def _judge_estimate(
-    robot: Robot,
-    experiments: Sequence[Experiment],
-    priors: ParameterPriors,
-    estimate: ParameterEstimate,
-    results: Sequence[AttributedDiagnosis],
-    findings: Sequence[Finding],
-    undetected: Sequence[UndetectedEffect],
-) -> DiagnosisVerdict:
-    """Judge also the parameters and, if any test fails, the assignment of the channels."""
-    own = (
-        *check_motion_onset(experiments),
-        *check_convergence(estimate),
-        *tolerance_findings(estimate),
-        plausibility(robot, priors, estimate),
-        *findings,
-    )
-    judgement = verdict(results, *own, undetected=undetected)
-    if judgement.status is Status.ACCEPTED:
-        return judgement
-    attributions = [result.attribution for result in results]
-    channels = assignment_findings(robot, experiments, priors, attributions)
-    return verdict(results, *own, channels=channels)
 
 
 def _diagnose_experiment(

@@ -15,6 +15,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
+from estimation.diagnostics.channels import channel_findings
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.diagnosis_result import Diagnosis, ResidualDiagnosis
 from estimation.diagnostics.finding import Status
@@ -108,6 +109,7 @@ def diagnose_estimation(estimation: Estimation) -> ResidualDiagnosis | None:
         estimation.priors,
         estimation.best,
         findings=() if chosen is None else chosen.findings,
+        channels=channel_findings(estimation.channels),
     )
 
 

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
+from estimation.diagnostics.channels import ChannelCheck, check_channels
 from estimation.estimators import (
     Experiment,
     ParameterEstimate,
@@ -30,6 +31,7 @@ from estimation.identification.recording import (
     PreparedRecording,
     apply_calibration,
     estimated_machine,
+    fold_measurement,
     linearise_at_load,
     prepare_recording,
     with_residual_noise,
@@ -73,9 +75,23 @@ def estimate_parameters(
     # One thread: the products are small, and the order of their sums must not depend on cores.
     with threadpool_limits(limits=1, user_api="blas"):
         pairs = tuple(zip(data, designs, strict=True))
+        folded = [fold_measurement(configuration, *pair) for pair in pairs]
+        planned = configuration.run.trajectory.harmonics
+        channels = tuple(
+            check_channels(
+                robot,
+                configuration.run.data,
+                *parts,
+                planned if trajectory is None else trajectory.harmonics,
+                trajectory,
+            )
+            for parts, trajectory in zip(folded, designs, strict=True)
+        )
         recordings = tuple(
-            prepare_recording(configuration, robot, measurement, trajectory)
-            for measurement, trajectory in track("the motion of each recording", pairs)
+            prepare_recording(configuration, robot, *pair, folded=parts)
+            for pair, parts in zip(
+                track("the motion of each recording", pairs), folded, strict=True
+            )
         )
         selection = Selection.of(configuration, robot, [r.experiment for r in recordings])
         if selection is not None and selection.chosen:
@@ -144,6 +160,7 @@ def estimate_parameters(
         consistent=consistent,
         bound=bound,
         selection=selection,
+        channels=channels,
         seconds=time.perf_counter() - began,
         warnings=(
             *configuration.warnings,
@@ -181,6 +198,8 @@ class Estimation:
     warnings: tuple[str, ...]
     selection: Selection | None = None
     """The choice of further terms; None: none was tried."""
+    channels: tuple[ChannelCheck, ...] = ()
+    """The check of the channels of each recording."""
 
     @property
     def best(self) -> ParameterEstimate:

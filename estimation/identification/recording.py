@@ -84,10 +84,12 @@ def prepare_recording(
     design: FourierTrajectory | None,
     *,
     held_out: bool = False,
+    folded: tuple[PeriodicRecording, NoiseModel] | None = None,
 ) -> PreparedRecording:
     """Return one recording ready for the estimators, with warnings.
 
-    With held-out forces, which are predicted, the motion comes from the lengths alone.
+    With held-out forces, which are predicted, the motion comes from the lengths alone. `folded` is
+    the result of `fold_measurement`, if it is known.
 
     Raises
     ------
@@ -99,17 +101,8 @@ def prepare_recording(
         No motion has the measured lengths.
     """
     section = configuration.run.estimate
-    omega, source = choose_omega(configuration, data, design)
+    recording, noise = folded or fold_measurement(configuration, data, design)
     free = section.frequency == "estimated"
-    try:
-        recording = fold_recording(
-            data, omega, source, average=not free, robust=section.loss == "huber"
-        )
-    except PeriodError as error:
-        file = Path(data.source) if data.source else None
-        raise UnsuitableDataError(str(error), file) from error
-    noise = choose_noise(configuration, recording, data.source)
-    recording = recording.as_weighted(noise)
     if section.differentiation != "fourier":
         motion = pointwise_motion(
             robot, recording, cutoff=_cutoff(configuration, recording, design)
@@ -142,6 +135,28 @@ def prepare_recording(
         data.jitter,
         tuple(filter(None, warnings)),
     )
+
+
+def fold_measurement(
+    configuration: RunConfiguration, data: Measurement, design: FourierTrajectory | None
+) -> tuple[PeriodicRecording, NoiseModel]:
+    """Fold a recording into periods, and choose the noise of its channels.
+
+    Raises
+    ------
+    InputError
+        The recording has no period, or less than one, or a channel is dead.
+    """
+    section = configuration.run.estimate
+    omega, source = choose_omega(configuration, data, design)
+    average, robust = section.frequency != "estimated", section.loss == "huber"
+    try:
+        recording = fold_recording(data, omega, source, average=average, robust=robust)
+    except PeriodError as error:
+        file = Path(data.source) if data.source else None
+        raise UnsuitableDataError(str(error), file) from error
+    noise = choose_noise(configuration, recording, data.source)
+    return recording.as_weighted(noise), noise
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,6 +43,8 @@ _ONE_CHARACTER = require(
 
 
 _Delays = Annotated[tuple[quantity.Duration, ...], schema.per_strut("delays")]
+Scales = Annotated[tuple[Annotated[quantity.Number, Field(gt=0)], ...], schema.per_strut("scales")]
+"""Factor of each strut by its number."""
 
 
 class Delay(schema.Section):
@@ -76,6 +78,13 @@ class SignsByChannel(schema.Section):
     Q: schema.Signs | None = None
 
 
+class ScalesByChannel(schema.Section):
+    """Separate scales of the channels for lengths and forces."""
+
+    q: Scales | None = None
+    Q: Scales | None = None
+
+
 class OffsetsByChannel(schema.Section):
     """Lengths, m, and forces, N, of the struts at readings of zero."""
 
@@ -105,7 +114,9 @@ class DataSection(schema.Section):
     order: schema.PlainOrSection[schema.Order, OrderByChannel] | None = None
     """Number of the strut on each channel."""
     sign: schema.PlainOrSection[schema.Signs, SignsByChannel] | None = None
-    """Signs by the struts' numbers: length or force = sign · channel + offset."""
+    """Signs by the struts' numbers: length or force = sign · scale · channel + offset."""
+    scale: schema.PlainOrSection[Scales, ScalesByChannel] | None = None
+    """Factors by the struts' numbers, besides those of the units."""
     offset: schema.PlainOrSection[schema.Offsets, OffsetsByChannel] | None = None
     """Lengths of the struts at readings of zero, m; forces, N, in a mapping with the key Q."""
     start: quantity.Duration | None = None
@@ -161,6 +172,11 @@ class DataSection(schema.Section):
         """Return the signs of the struts' channels in a group."""
         found = getattr(self.sign, group) if isinstance(self.sign, schema.Section) else self.sign
         return found or (1,) * ACTUATORS
+
+    def channel_scales(self, group: str) -> tuple[float, ...]:
+        """Return the factors of the struts' channels in a group."""
+        found = getattr(self.scale, group) if isinstance(self.scale, schema.Section) else self.scale
+        return found or (1.0,) * ACTUATORS
 
     @property
     def filtered_keys(self) -> tuple[str, ...]:

@@ -1,0 +1,543 @@
+"""Search for the wiring of a recording: order, sign, scale and zero of its channels, and the delay.
+
+The forces are linear in the parameters. Least squares with all parameters free therefore has a
+closed form: with A_i the regressor of strut i and Q_j the force in channel j, the sum of squares of
+a signed permutation depends on the 36 products A_iᵀ Q_j alone. All 46 080 of them take
+milliseconds, whatever the true parameters are. Lengths move the regressor and are tried one after
+the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations, permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from constraints.arrays import Array, ComplexArray
+from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model.motion import root_of_pseudo_inverse
+from estimation.processing import NoiseModel, PeriodicRecording
+from estimation.processing.periodic_recording import Channels
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.robot import Robot
+from expdesign.trajectory import FourierTrajectory, PhaseBasis
+
+_FORCE_ROWS, _LENGTH_ROWS = 1000, 256
+"""Largest number of rows in use: means over periods, or single samples."""
+_DETERMINED = 1e-12
+_STEPS = 12
+_DAMPING = 1e-9
+_REACHED = 1e-9
+_LARGEST_STEP = 0.3
+"""Largest step of a pose, in units of the characteristic length."""
+_STRUTS = np.arange(ACTUATORS)
+_ORDERS = np.array(list(permutations(range(ACTUATORS))))
+_SIGNS = np.array([(1, *signs) for signs in product((1, -1), repeat=ACTUATORS - 1)])
+_FACTORS = (2.0, 0.5)
+_STEPS_LATE = (1, 2, 3, 5, 7, 10, 14, 20)
+"""Delays that are tried, in steps of the recording."""
+_MOST_OF_PERIOD = 0.1
+_MUCH_BETTER = 4.0
+"""Ratio of unexplained forces from which on another wiring is preferred to a simpler one."""
+_EQUAL = 1e-3
+"""Unexplained share, in addition; another order or sign leaves 4 % or more."""
+_SMALL = 0.01
+_MOSTLY = 0.4
+"""Share of the unexplained forces that a delay or the zero of a length may leave."""
+_LEAST = 40.0
+"""Least decrease of the sum of squares, in variances; by chance it has a probability of 1e-10."""
+_SPREADS = 3.0
+_DELAY_DIGITS = 0.01
+_ALIKE = 0.1
+_ROUND = 0.03
+_FURTHER = 3
+"""Harmonics of lengths, in addition to those of the motion."""
+_PHASES = 240
+_UNLIKE = 0.1
+"""Largest sum of 1 − correlation of the six lengths with those of a design that was executed."""
+_CLEARLY = 8.0
+_MOST_SHIFTED = 2
+_LEAST_SHARE = 0.2
+"""Share of the unexplained forces that one of several faults must explain."""
+_ROUNDS = 4
+_OTHER_GAIN = 1.3
+"""Ratio of two force constants that is no tolerance of one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wiring:
+    """Readings of six struts, gain · channel + offset."""
+
+    channels: NDArray[np.intp]
+    """(6,), measured channel of each strut, from zero."""
+    gains: Array
+    """(6,), signed; 1: as measured."""
+    offsets: Array
+    """(6,), m or N; 0: as measured."""
+
+    @classmethod
+    def as_measured(cls) -> Wiring:
+        """Return the wiring of the recording as it was read."""
+        return cls(_STRUTS, np.ones(ACTUATORS), np.zeros(ACTUATORS))
+
+    def apply(self, values: Array) -> Array:
+        """Return the readings of the struts, (R, 6), from the channels, (R, 6)."""
+        return values[:, self.channels] * self.gains + self.offsets
+
+    def reorder(self, order: NDArray[np.intp]) -> Wiring:
+        """Return the wiring with strut i on the channel of strut order[i] so far."""
+        return Wiring(self.channels[order], self.gains[order], self.offsets[order])
+
+    def scale(self, strut: int, gain: float, fixed: float = 0.0) -> Wiring:
+        """Return the wiring with one reading multiplied by a gain about a fixed reading."""
+        gains, offsets = self.gains.copy(), self.offsets.copy()
+        gains[strut] *= gain
+        offsets[strut] = gain * offsets[strut] + (1 - gain) * fixed
+        return replace(self, gains=gains, offsets=offsets)
+
+    def shift(self, strut: int, offset: float) -> Wiring:
+        """Return the wiring with another offset of one strut."""
+        return replace(self, offsets=self.offsets + offset * np.eye(ACTUATORS)[strut])
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A wiring of lengths and forces, and its unexplained forces."""
+
+    lengths: Wiring
+    forces: Wiring
+    delay: float
+    """Lag of the forces behind the lengths, s, in addition to the stated one."""
+    excess: float
+    """Unexplained part of the forces beyond the noise, as a share of their energy."""
+    next_best: float = np.inf
+    """The same of the best other wiring that was tried."""
+
+
+class ForceFit:
+    """Fits of the measured forces, (R, 6), by columns A, (R, 6, m), under all wirings.
+
+    Attributes
+    ----------
+    projections : (6, 6, k)
+        Force in channel j, projected on the parameters by the regressor of strut i.
+    """
+
+    def __init__(self, columns: Array, forces: Array, variances: Array) -> None:
+        information = np.einsum("rim,rin->mn", columns, columns, optimize=True)
+        root = root_of_pseudo_inverse(information, _DETERMINED)
+        self.root = root
+        moments = columns.reshape(len(columns), -1).T @ forces
+        moments = moments.reshape(ACTUATORS, -1, ACTUATORS)
+        self.projections = np.einsum("imj,mk->ijk", moments, root, optimize=True)
+        self.energies = np.sum(forces**2, axis=0)
+        self._variances = variances
+
+    def excess(self, forces: Wiring) -> float:
+        """Return the unexplained share of the forces beyond the expected noise."""
+        picked, gains = self.projections[_STRUTS, forces.channels], forces.gains
+        total, noise = (
+            float(each[forces.channels] @ gains**2) for each in (self.energies, self._variances)
+        )
+        return (total - float(np.sum((gains @ picked) ** 2)) - noise) / total
+
+    def parameters(self, forces: Wiring) -> Array:
+        """Return the fitted parameters, (m,)."""
+        picked = self.projections[_STRUTS, forces.channels]
+        return np.asarray(self.root @ (forces.gains @ picked), np.float64)
+
+    @cached_property
+    def _products(self) -> Array:
+        """(720, 6, 6), products of the projections of two struts under every order."""
+        picked = self.projections[_STRUTS, _ORDERS]
+        return picked @ picked.transpose(0, 2, 1)
+
+    @cached_property
+    def explained(self) -> Array:
+        """(720, 32), explained sums of squares of all orders and signs, N²."""
+        # One matrix product over the pairs of struts.
+        pairs = (_SIGNS[:, :, None] * _SIGNS[:, None]).reshape(len(_SIGNS), -1)
+        return self._products.reshape(len(_ORDERS), -1) @ pairs.T
+
+    def best(self) -> Wiring:
+        """Return the order and signs that explain most; the first sign is arbitrary."""
+        order, signs = np.unravel_index(int(np.argmax(self.explained)), self.explained.shape)
+        return replace(Wiring.as_measured(), channels=_ORDERS[order], gains=_SIGNS[signs] * 1.0)
+
+    def next_best(self, forces: Wiring) -> float:
+        """Return the unexplained share of the best other order and signs, with equal gains."""
+        order = np.all(forces.channels == _ORDERS, axis=1)
+        signs = np.all(np.sign(forces.gains) * np.sign(forces.gains[0]) == _SIGNS, axis=1)
+        others = np.where(order[:, None] & signs, -np.inf, self.explained)
+        total = float(np.sum(self.energies))
+        return (total - float(np.max(others)) - float(np.sum(self._variances))) / total
+
+    def best_with_scales(self) -> tuple[Wiring, float]:
+        """Return the order and gains that explain most, and the unexplained share of the next.
+
+        The gains of an order are an eigenvector: they maximise the explained share of the scaled
+        forces. Those near the median are taken as equal.
+        """
+        norms = np.sqrt(self.energies)[_ORDERS]
+        shares = self._products / (norms[:, :, None] * norms[:, None])
+        values, vectors = np.linalg.eigh(shares)
+        best = int(np.argmax(values[:, -1]))
+        gains = vectors[best, :, -1] / norms[best]
+        gains = gains / np.median(np.abs(gains))
+        far = np.abs(np.log(np.maximum(np.abs(gains), 1e-9))) > np.log(_OTHER_GAIN)
+        gains = np.sign(gains) * np.where(far, _round_factor(np.abs(gains)), 1.0)
+        others = max(float(np.max(np.delete(values[:, -1], best))), float(values[best, -2]))
+        noise = float(np.sum(self._variances) / np.sum(self.energies))
+        found = replace(Wiring.as_measured(), channels=_ORDERS[best], gains=gains)
+        return found, 1 - others - noise
+
+
+class ChannelSearch:
+    """Rows of a recording, and the model along alternative lengths and delays.
+
+    Attributes
+    ----------
+    least_decrease : float
+        Least decrease of the unexplained share that noise does not cause.
+    spread : float
+        Standard deviation of the unexplained share due to noise.
+
+    Parameters
+    ----------
+    harmonics : int
+        Harmonics of the motion.
+    zeros : (6,)
+        Lengths of the struts at readings of zero, m. Signs and scales act on the readings.
+    least_zeros : (6,)
+        Smallest error of a length's zero that is a fault, m.
+    least_delay : float
+        Smallest delay that is a fault, s.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        recording: PeriodicRecording,
+        noise: NoiseModel,
+        harmonics: int,
+        zeros: Array,
+        least_zeros: Array,
+        least_delay: float,
+    ) -> None:
+        self.robot, self.omega, self.step = robot, recording.omega, recording.step
+        self.zeros, self.least_zeros, self.least_delay = zeros, least_zeros, least_delay
+        self.length_times, lengths, _ = _thin_rows(recording.lengths, _LENGTH_ROWS)
+        self.readings = lengths - zeros
+        coloured, variances = noise.forces.filter, np.diag(noise.forces.covariance)
+        self._density: Array | None = None
+        rows = _FORCE_ROWS
+        if coloured is not None:
+            # One filter for all channels, as any of them may belong to any strut.
+            spectrum = np.diagonal(coloured.spectrum, axis1=1, axis2=2).real
+            self._density, rows = np.mean(spectrum, axis=1), coloured.samples
+            variances = np.mean(spectrum / self._density[:, None], axis=0)
+        self.force_times, forces, counts = _thin_rows(recording.forces, rows)
+        self.forces = self._whiten(forces)
+        self._variances = variances * float(np.sum(1 / counts))
+        share = float(np.sum(self._variances) / np.sum(self.forces**2))
+        self.least_decrease = _LEAST * share / self.forces.size
+        self.spread = share * float(np.sqrt(2 / self.forces.size))
+        most = min(harmonics, (len(self.readings) - 1) // 2)
+        basis = PhaseBasis.at(self.omega * self.length_times, most)
+        self._to_series = np.asarray(np.linalg.pinv(basis.value), np.float64)
+        self._scale = np.repeat([1.0, 1 / robot.characteristic_length], COORDINATES // 2)
+        longest = _MOST_OF_PERIOD * recording.period
+        steps = [sign * late for late in _STEPS_LATE for sign in (1, -1)]
+        self._delays = [late * self.step for late in steps if abs(late) * self.step < longest]
+
+    def motion(self, lengths: Wiring) -> HarmonicMotion:
+        """Return the motion with the readings nearest to the measured lengths.
+
+        Damped Newton steps, one row at a time, from home; lengths that no pose has end at a near
+        one.
+        """
+        wanted = lengths.apply(self.readings) + self.zeros
+        poses = np.broadcast_to(self.robot.home, wanted.shape)
+        largest = _LARGEST_STEP * self.robot.characteristic_length
+        for _ in range(_STEPS):
+            found, jacobian = self.robot.lengths_and_jacobian(poses)
+            slopes = jacobian * self._scale
+            turned = slopes.transpose(0, 2, 1)
+            matrix = turned @ slopes + _DAMPING * np.eye(COORDINATES)
+            step = np.linalg.solve(matrix, turned @ (wanted - found)[:, :, None])[:, :, 0]
+            size = np.linalg.norm(step, axis=1, keepdims=True)
+            step *= np.minimum(1, largest / np.maximum(size, 1e-300))
+            poses = poses + self._scale * step
+            if np.max(size) < _REACHED:
+                break
+        return HarmonicMotion((self._to_series @ poses).T, self.omega)
+
+    def _whiten(self, rows: Array) -> Array:
+        """Return forces (R, 6), or columns (R, 6, m), over the spectrum of coloured noise."""
+        if self._density is None:
+            return rows
+        scale = np.sqrt(self._density).reshape(-1, *(1,) * (rows.ndim - 1))
+        return np.fft.irfft(np.fft.rfft(rows, axis=0) / scale, len(rows), axis=0)
+
+    def columns(self, motion: HarmonicMotion, delay: float = 0.0) -> Array:
+        """Return A, (R, 6, m), for forces that lag behind the lengths by a delay, s."""
+        state = motion.at(self.force_times - delay).state()
+        return self._whiten(self.robot.regressor(*np.split(state, 3, axis=1)))
+
+    def fit(self, motion: HarmonicMotion, delay: float = 0.0) -> ForceFit:
+        """Return the fits of the forces along a motion."""
+        return ForceFit(self.columns(motion, delay), self.forces, self._variances)
+
+    def candidate_as_measured(self) -> Candidate:
+        """Return the wiring of the recording as it was read, with its unexplained forces."""
+        lengths = forces = Wiring.as_measured()
+        return Candidate(lengths, forces, 0.0, self.fit(self.motion(lengths)).excess(forces))
+
+    def candidate(self, lengths: Wiring, delay: float) -> Candidate:
+        """Return the best wiring of the forces for given lengths and delay."""
+        columns = self.columns(self.motion(lengths), delay)
+        fit = ForceFit(columns, self.forces, self._variances)
+        nominal = columns @ self.robot.parameters
+
+        def oriented(forces: Wiring) -> Wiring:
+            along = float(np.sum(forces.apply(self.forces) * nominal))
+            return forces if along >= 0 else replace(forces, gains=-forces.gains)
+
+        forces = oriented(Wiring.as_measured())
+        other = oriented(fit.best())
+        if self._is_better(fit.excess(other), fit.excess(forces)):
+            forces = other
+        scaled, next_scaled = fit.best_with_scales()
+        if self._is_better(fit.excess(scaled), fit.excess(forces)):
+            forces, next_best = oriented(scaled), min(fit.excess(forces), next_scaled)
+        else:
+            next_best = fit.next_best(forces)
+        return Candidate(lengths, forces, delay, fit.excess(forces), next_best)
+
+    def _is_better(self, excess: float, other: float) -> bool:
+        """Return whether a wiring is preferred to a simpler one, by their unexplained shares."""
+        least = max(self.least_decrease, _EQUAL, (_MUCH_BETTER - 1) * self.left(excess))
+        return other - excess > least
+
+    def left(self, excess: float) -> float:
+        """Return the part of an unexplained share that is not noise."""
+        return max(excess - _SPREADS * self.spread, 0.0)
+
+    def search(self, design: FourierTrajectory | None) -> Candidate:
+        """Return the wiring that explains most, found by single changes.
+
+        Order, sign and scale of the lengths come from the design, if they can. Discrete changes
+        are tried first, then the zero of a length and the value of the delay.
+        """
+        known = None if design is None else self.wiring_of_design(design)
+        best = self.candidate(known or Wiring.as_measured(), 0.0)
+        if np.any(best.lengths.offsets):
+            # The machine may stand elsewhere than planned: the forces decide.
+            plain = replace(best.lengths, offsets=np.zeros(ACTUATORS))
+            other = self.candidate(plain, 0.0)
+            best = min((other, best), key=lambda one: one.excess)
+        for _ in range(_ROUNDS):
+            if self.left(best.excess) < _SMALL:
+                break
+            tried = [self.candidate(*each) for each in self._neighbours(best, known is not None)]
+            found = min(tried, key=lambda one: one.excess)
+            others = (one.excess for one in tried if self._differs(one, found))
+            found = replace(found, next_best=min(found.next_best, *others, np.inf))
+            moved = min(self._refined(best, 1 - _LEAST_SHARE), key=lambda one: one.excess)
+            if moved.excess < found.excess and self._is_no_imitation(best, moved):
+                found = moved
+            if best.excess - found.excess < max(self.least_decrease, _LEAST_SHARE * best.excess):
+                break
+            best = found
+        best = self._without_small_zeros(best)
+        for _ in range(_ROUNDS):
+            if best.excess < self.least_decrease:
+                break
+            found = min(self._refined(best, _MOSTLY), key=lambda one: one.excess)
+            if found.excess > _MOSTLY * best.excess or not self._is_no_imitation(best, found):
+                break
+            best = found
+        return best
+
+    def _without_small_zeros(self, found: Candidate) -> Candidate:
+        """Return the wiring without errors of zeros that are no fault, and with the best delay."""
+        lengths = found.lengths
+        large = np.abs(lengths.offsets) >= self.least_zeros
+        lengths = replace(lengths, offsets=np.where(large, lengths.offsets, 0.0))
+        excess = self.fit(self.motion(lengths), found.delay).excess(found.forces)
+        found = replace(found, lengths=lengths, excess=excess)
+        return self._at_delay(found, found.delay) if found.delay else found
+
+    def _is_no_imitation(self, present: Candidate, found: Candidate) -> bool:
+        """Return whether a delay or a zero explains more than any effect in one strut.
+
+        The effects are a constant force, a spring, a gain and an inertia.
+        """
+        motion = self.motion(present.lengths)
+        columns = self.columns(motion, present.delay)
+        fit = ForceFit(columns, self.forces, self._variances)
+        forces = present.forces.apply(self.forces)
+        model = columns @ fit.parameters(present.forces)
+        struts = self.robot.strut_motion(*np.split(motion.at(self.force_times).state(), 3, axis=1))
+        rest, most = forces - model, 0.0
+        for strut in range(ACTUATORS):
+            for shape in (
+                np.ones(len(rest)),
+                struts.length[:, strut] - np.mean(struts.length[:, strut]),
+                model[:, strut],
+                struts.length_acceleration[:, strut],
+            ):
+                own = columns[:, strut].T @ shape
+                left = float(shape @ shape) - float(np.sum((fit.root.T @ own) ** 2))
+                if left > _DETERMINED * float(shape @ shape):
+                    most = max(most, float(shape @ rest[:, strut]) ** 2 / left)
+        decrease = present.excess - found.excess
+        return decrease > max(self.least_decrease, most / float(np.sum(forces**2)))
+
+    def _differs(self, one: Candidate, other: Candidate) -> bool:
+        """Return whether order, sign, scale or zero of a channel differ."""
+        pairs = ((one.lengths, other.lengths), (one.forces, other.forces))
+        return any(
+            np.any(a.channels != b.channels) or not np.allclose(a.gains, b.gains, rtol=_ALIKE)
+            for a, b in pairs
+        ) or bool(np.any(np.abs(one.lengths.offsets - other.lengths.offsets) > self.least_zeros))
+
+    def _neighbours(self, present: Candidate, known: bool) -> Iterator[tuple[Wiring, float]]:
+        """Yield lengths and delays that differ by one change; delays only for known lengths."""
+        lengths, delay = present.lengths, present.delay
+        yield from ((lengths, late) for late in self._delays)
+        if known:
+            return
+        for order in _length_orders():
+            yield lengths.reorder(order), delay
+        means = np.mean(lengths.apply(self.readings), axis=0)
+        for strut in range(ACTUATORS):
+            yield lengths.scale(strut, -1.0, means[strut]), delay
+            for factor in (-1.0, *_FACTORS):
+                yield lengths.scale(strut, factor), delay
+
+    def _refined(self, present: Candidate, most: float) -> Iterator[Candidate]:
+        """Yield wirings with another delay, or another zero of one length.
+
+        Zeros that promise to leave more than the share `most` are left out.
+        """
+        motion = self.motion(present.lengths)
+        delays = [(self.fit(motion, late).excess(present.forces), late) for late in self._delays]
+        later = self._at_delay(present, min(delays)[1])
+        yield later if abs(later.delay) >= self.least_delay else present
+        for strut in range(ACTUATORS):
+            yield self._at_zero(present, strut, most)
+
+    def _at_delay(self, present: Candidate, delay: float) -> Candidate:
+        """Return the wiring with the best delay near a first one."""
+        motion = self.motion(present.lengths)
+        found = minimize_scalar(
+            lambda late: self.fit(motion, late).excess(present.forces),
+            bounds=(delay - self.step, delay + self.step),
+            method="bounded",
+            options={"xatol": _DELAY_DIGITS * self.step},
+        )
+        return replace(present, delay=float(found.x), excess=float(found.fun))
+
+    def _at_zero(self, present: Candidate, strut: int, most: float) -> Candidate:
+        """Return the wiring with the zero of one length that explains most."""
+
+        def excess(offset: float) -> float:
+            motion = self.motion(present.lengths.shift(strut, offset))
+            return self.fit(motion, present.delay).excess(present.forces)
+
+        step = self.least_zeros[strut]
+        low, middle, high = excess(-step), present.excess, excess(step)
+        bend = low - 2 * middle + high
+        if bend <= 0 or middle - (high - low) ** 2 / (8 * bend) > most * middle:
+            return present
+        vertex = 0.5 * step * (low - high) / bend
+        found = minimize_scalar(
+            excess,
+            bounds=sorted((0.5 * vertex, 2 * vertex)),
+            method="bounded",
+            options={"xatol": 0.01 * abs(vertex)},
+        )
+        offset = float(found.x)
+        if abs(offset) < step:
+            return present
+        return replace(
+            present, lengths=present.lengths.shift(strut, offset), excess=float(found.fun)
+        )
+
+    def wiring_of_design(self, design: FourierTrajectory) -> Wiring | None:
+        """Return the wiring that gives the lengths of the designed motion, begun at any time.
+
+        None if the machine does not execute it, or if several wirings give these lengths.
+        """
+        harmonics = design.harmonics + _FURTHER
+        if len(self.readings) <= 2 * harmonics + 1:
+            return None
+        phases = 2 * np.pi * np.arange(_PHASES) / _PHASES
+        planned = self.robot.inverse_kinematics(design.sample(phases / design.omega).pose)
+        middle, wanted = _series(phases, planned, harmonics)
+        mean, found = _series(self.omega * self.length_times, self.readings, harmonics)
+        turns = np.exp(1j * np.outer(phases, np.arange(1, harmonics + 1)))
+        sizes = np.linalg.norm(wanted, axis=0)[:, None] * np.linalg.norm(found, axis=0)
+        products = np.einsum("tk,ki,kj->tij", turns, wanted.conj(), found, optimize=True).real
+        alike = (products / sizes)[:, _STRUTS, _ORDERS]
+        unlike = np.sum(1 - np.abs(alike), axis=2)
+        time, order = np.unravel_index(int(np.argmin(unlike)), unlike.shape)
+        signs, best = np.sign(alike[time, order]), float(unlike[time, order])
+        same = np.zeros(unlike.shape, dtype=bool)
+        same[:, order] = np.all(np.sign(alike[:, order]) == signs, axis=1)
+        if best > _UNLIKE or float(np.min(unlike[~same])) < _CLEARLY * best:
+            return None
+        channels = _ORDERS[order]
+        energies = np.sum(np.abs(found) ** 2, axis=0)[channels]
+        gains = products[time, _STRUTS, channels] / energies
+        usual = float(np.median(np.abs(gains)))
+        far = np.abs(np.log(np.abs(gains) / usual)) > np.log(_OTHER_GAIN)
+        gains = signs * np.where(far, _round_factor(np.abs(gains) / usual), 1.0)
+        offsets = middle - self.zeros - gains * mean[channels]
+        usual = _CLEARLY * float(np.median(np.abs(offsets)))
+        shifted = np.abs(offsets) > np.maximum(self.least_zeros, usual)
+        few = np.count_nonzero(shifted) <= _MOST_SHIFTED
+        return Wiring(channels, gains, np.where(shifted & few, offsets, 0.0))
+
+
+def _round_factor(factors: Array) -> Array:
+    """Return the factors, those near a power of two as this power.
+
+    Examples
+    --------
+    >>> _round_factor(np.array([0.497, 1.7])).tolist()
+    [0.5, 1.7]
+    """
+    powers = 2.0 ** np.round(np.log2(factors))
+    return np.where(np.abs(factors / powers - 1) < _ROUND, powers, factors)
+
+
+def _series(phases: Array, values: Array, harmonics: int) -> tuple[Array, ComplexArray]:
+    """Return means, (6,), and complex amplitudes, (n, 6), of lengths at phases, rad."""
+    basis = PhaseBasis.at(phases, harmonics).value
+    found = np.linalg.lstsq(basis, values, rcond=None)[0]
+    return found[0], np.asarray(found[harmonics + 1 :] - 1j * found[1 : harmonics + 1])
+
+
+def _length_orders() -> Iterator[NDArray[np.intp]]:
+    """Yield orders with two struts swapped, counted from another strut, or reversed."""
+    for i, j in combinations(range(ACTUATORS), 2):
+        order = _STRUTS.copy()
+        order[[i, j]] = j, i
+        yield order
+    for first in range(ACTUATORS):
+        if first:
+            yield (_STRUTS + first) % ACTUATORS
+        yield (first - _STRUTS) % ACTUATORS
+
+
+def _thin_rows(channels: Channels, most: int) -> tuple[Array, Array, Array]:
+    """Return times, values and counts of at most so many rows of a recording's channels."""
+    rows = np.unique(np.linspace(0, len(channels.values) - 1, most).astype(np.intp))
+    return channels.times[rows], channels.values[rows], channels.counts[rows]

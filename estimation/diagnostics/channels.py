@@ -1,0 +1,218 @@
+"""Check of the channels before an estimate: order, sign, scale, zero, and delay of the forces.
+
+A wrong channel is not a small deviation: estimated tolerances would absorb it, and the candidate
+effects of the diagnosis, derivatives at the estimate, would interpret it as cogging or drives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from constraints.arrays import Array, Mask
+from estimation.diagnostics.channel_search import Candidate, ChannelSearch
+from estimation.diagnostics.finding import Assumption, Finding, join_words
+from estimation.processing import NoiseModel, PeriodicRecording
+from expdesign.configuration.estimate import DataSection
+from expdesign.configuration.tolerances import RobotTolerances
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.robot import Robot
+from expdesign.trajectory import FourierTrajectory
+
+_LEAST_ZERO = 2e-3
+"""Smallest error of a length's zero that is a fault, relative to the length."""
+_LEAST_DELAY = 0.75
+"""Smallest delay that is a fault, in steps of the recording."""
+_TOLERATED = 4.0
+"""Standard deviations of a tolerance that are no fault of a channel."""
+_EXPLAINED = 0.75
+"""Share of the forces beyond the noise that other channels must explain."""
+_LEFT = 0.02
+"""Largest unexplained share of the forces with channels that are certain."""
+_CLEAR = 4.0
+"""Ratio of the unexplained forces of the next best channels to those of the best."""
+_ASSIGNED = Assumption(
+    "the channels are those of the struts, with their signs and zeros",
+    "a channel is assigned wrongly",
+    "check the cabling and the files of the controller",
+)
+
+
+@dataclass(frozen=True)
+class ChannelCheck:
+    """Channels of a recording that explain it better than those of the section `data`."""
+
+    faults: tuple[tuple[str, str], ...]
+    """Place and sentence of each fault; empty: none was found."""
+    keys: dict[str, Any]
+    """Keys of `data` that change, with their values as in a run file."""
+    sure: bool
+    """Whether no other channels explain the recording nearly as well."""
+    explained: float
+    """Share of the forces beyond the noise that the other channels explain."""
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """The finding that reports the faults; empty unless they are certain."""
+        if not (self.faults and self.sure):
+            return ()
+        places, sentences = zip(*self.faults, strict=True)
+        found = _ASSIGNED.report_failure(
+            f"{'; '.join(sentences)}: that explains the force residuals"
+        )
+        advice = join_words(f"`data.{key}: {_flow(value)}`" for key, value in self.keys.items())
+        return (
+            replace(
+                found,
+                contradiction=f"{_ASSIGNED.contradiction} ({', '.join(places)})",
+                advice=f"{advice}, or correct the cables or the home offset, then estimate again",
+            ),
+        )
+
+
+def check_channels(
+    robot: Robot,
+    section: DataSection,
+    recording: PeriodicRecording,
+    noise: NoiseModel,
+    harmonics: int,
+    design: FourierTrajectory | None = None,
+) -> ChannelCheck:
+    """Search for channels that explain a recording much better than those of the section.
+
+    All parameters are free, the geometry is the nominal one. With the executed design, its lengths
+    determine the channels of the lengths.
+    """
+    home = robot.inverse_kinematics(robot.home)
+    zeros = home if section.length_offsets == "home" else np.array(section.length_offsets)
+    least_zeros, least_delay = _least_faults(robot, home, recording.step)
+    search = ChannelSearch(robot, recording, noise, harmonics, zeros, least_zeros, least_delay)
+    given = search.candidate_as_measured()
+    found = search.search(design)
+    left, gain = search.left(found.excess), given.excess - found.excess
+    explained = gain / (gain + left) if gain > search.least_decrease else 0.0
+    faults = tuple(_faults(found))
+    if not faults or explained < _EXPLAINED:
+        return ChannelCheck((), {}, sure=False, explained=explained)
+    margin = found.next_best - found.excess
+    sure = left < _LEFT and margin > max(_CLEAR * left, search.least_decrease)
+    keys = dict(_changed_keys(section, found, zeros))
+    return ChannelCheck(faults, keys, sure, explained)
+
+
+def channel_findings(checks: Sequence[ChannelCheck]) -> tuple[Finding, ...]:
+    """Return the findings of all recordings; those of several name the recording."""
+    return tuple(
+        finding.of_experiment(number) if len(checks) > 1 else finding
+        for number, check in enumerate(checks, 1)
+        for finding in check.findings
+    )
+
+
+def _least_faults(robot: Robot, home: Array, step: float) -> tuple[Array, float]:
+    """Return the smallest faults of zeros, (6,), m, and of the delay, s: beyond the tolerances."""
+    tolerances = robot.description.tolerances or RobotTolerances()
+    own = np.array(tolerances.strut_length or [0.0] * ACTUATORS) ** 2
+    for joints in (tolerances.base_joints, tolerances.platform_joints):
+        if joints is not None:
+            own = own + np.max(np.array(joints) ** 2, axis=1)
+    zeros = np.maximum(_LEAST_ZERO * home, _TOLERATED * np.sqrt(own))
+    return zeros, max(_LEAST_DELAY * step, _TOLERATED * (tolerances.delay or 0.0))
+
+
+def _faults(found: Candidate) -> Iterator[tuple[str, str]]:
+    """Yield place and sentence of each fault."""
+    groups = {"q": found.lengths, "Q": found.forces}
+    nouns = {"q": "lengths", "Q": "forces"}
+    moved = {key: _numbers(one.channels != np.arange(ACTUATORS)) for key, one in groups.items()}
+    orders = {key: tuple(one.channels) for key, one in groups.items()}
+    if moved["q"] and orders["q"] == orders["Q"]:
+        places = ", ".join(join_words(f"{key}{number}" for number in moved[key]) for key in groups)
+        yield places, f"lengths and forces {_in_other_order(moved['q'])}"
+    else:
+        for key in groups:
+            if moved[key]:
+                place = join_words(f"{key}{number}" for number in moved[key])
+                yield place, f"the {nouns[key]} {_in_other_order(moved[key])}"
+    for key, one in groups.items():
+        place = join_words(f"{key}{number}" for number in _numbers(one.gains < 0))
+        if place:
+            yield place, f"{place} {'have' if ' and ' in place else 'has'} the opposite sign"
+        for number in _numbers(np.abs(one.gains) != 1):
+            factor = 1 / abs(one.gains[number - 1])
+            yield f"{key}{number}", f"{key}{number} is read {factor:.3g} times too large"
+    errors = found.lengths.offsets
+    for number in _numbers(errors != 0):
+        yield (
+            f"q{number}",
+            f"the zero of q{number} is wrong by {-1e3 * errors[number - 1]:.3g} mm (an equal error "
+            "of a joint along the strut has the same effect)",
+        )
+    if found.delay:
+        late, early = ("forces", "lengths") if found.delay > 0 else ("lengths", "forces")
+        yield "delay", f"the {late} lag behind the {early} by {1e3 * abs(found.delay):.3g} ms"
+
+
+def _numbers(flags: Mask) -> list[int]:
+    return [int(j) + 1 for j in np.flatnonzero(flags)]
+
+
+def _in_other_order(numbers: list[int]) -> str:
+    if len(numbers) == 2:  # noqa: PLR2004 - two change places
+        return f"{numbers[0]} and {numbers[1]} are swapped"
+    return f"{join_words(map(str, numbers))} are in another order"
+
+
+def _changed_keys(
+    section: DataSection, found: Candidate, zeros: Array
+) -> Iterator[tuple[str, Any]]:
+    """Yield the keys of `data` that change, with their new values as in a run file."""
+    groups = {"q": found.lengths, "Q": found.forces}
+    orders, signs, scales = {}, {}, {}
+    for key, one in groups.items():
+        column = np.argsort(section.channel_order(key))[one.channels]
+        orders[key] = (np.argsort(column) + 1).tolist()
+        own_sign = np.array(section.channel_signs(key))[one.channels]
+        signs[key] = (np.sign(one.gains).astype(int) * own_sign).tolist()
+        own_scale = np.array(section.channel_scales(key))[one.channels]
+        scales[key] = _rounded(np.abs(one.gains) * own_scale)
+    usual = [1] * ACTUATORS
+    for name, values, given, default in (
+        ("order", orders, section.channel_order, list(range(1, ACTUATORS + 1))),
+        ("sign", signs, section.channel_signs, usual),
+        ("scale", scales, section.channel_scales, usual),
+    ):
+        if any(value != list(given(key)) for key, value in values.items()):
+            changed = {key: value for key, value in values.items() if value != default}
+            yield name, values["q"] if values["q"] == values["Q"] else changed
+    if np.any(found.lengths.offsets):
+        offsets = np.round(1e3 * (zeros + found.lengths.offsets), 2).tolist()
+        shown = [f"{value:g} mm" if value else 0 for value in offsets]
+        others = {} if not any(section.force_offsets) else {"Q": list(section.force_offsets)}
+        yield "offset", {"q": shown, **others}
+    if found.delay:
+        late = np.array(section.channel_delays("Q")) + found.delay
+        given = {"q": np.array(section.channel_delays("q")), "Q": late}
+        names = {"Q": "forces", "q": "lengths"}
+        yield "delay", {name: _delays(given[key]) for key, name in names.items() if any(given[key])}
+
+
+def _delays(values: Array) -> Any:
+    shown = [f"{1e3 * value:.3g} ms" for value in values]
+    return shown[0] if len(set(shown)) == 1 else shown
+
+
+def _rounded(values: Array) -> list[float | int]:
+    return [int(value) if value == int(value) else float(f"{value:.3g}") for value in values]
+
+
+def _flow(value: Any) -> str:
+    """Return a value as in a YAML file, on one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {_flow(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(_flow(item) for item in value) + "]"
+    return str(value)
