@@ -195,9 +195,12 @@ def _changed_keys(
         yield "offset", {"q": shown, **others}
     if found.delay:
         late = np.array(section.channel_delays("Q")) + found.delay
-        given = {"q": np.array(section.channel_delays("q")), "Q": late}
+        delays = {"q": np.array(section.channel_delays("q")), "Q": late}
         names = {"Q": "forces", "q": "lengths"}
-        yield "delay", {name: _delays(given[key]) for key, name in names.items() if any(given[key])}
+        yield (
+            "delay",
+            {name: _delays(delays[key]) for key, name in names.items() if any(delays[key])},
+        )
 
 
 def _delays(values: Array) -> Any:
