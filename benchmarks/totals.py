@@ -7,7 +7,9 @@ their scales; the achieved ones are root mean squares over the machines.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,17 +28,30 @@ from estimation.twin import Twin
 from estimation.twin.machine import draw_machine
 from expdesign import design
 from expdesign.configuration import RunConfiguration, load_run
+from expdesign.configuration.motions import motion_runs
+from expdesign.experiment import DesignResult
 from expdesign.experiment.judging import noise_evaluator
+from expdesign.experiment.motions import MotionsResult, design_motions
 from expdesign.experiment.precision import experiment_information, predicted_errors
 from expdesign.experiment.setup import plan_search
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import toleranced_deviations
 from expdesign.trajectory import FourierTrajectory
+from expdesign.workers import Monitor
 
 TITLE = "Designs for the total error"
 
-SECTIONS = ("palida", "palida_quick", "linuxcnc", "linuxcnc_quick", "interest", "interest_quick")
-"""Robots, or designs for quantities of interest; ``quick``: a search of a minute."""
+SECTIONS = (
+    "palida",
+    "palida_quick",
+    "linuxcnc",
+    "linuxcnc_quick",
+    "interest",
+    "interest_quick",
+    "motions",
+)
+"""Robots, designs for quantities of interest, or several motions of palida; ``quick``: a search of
+a minute. Those of the motions are quick, too."""
 _INTERESTS: dict[str, dict[str, Any]] = {
     "all parameters": {},
     "mass, centre": {"interest": ["mass", "centre"]},
@@ -49,6 +64,8 @@ _TOLERANCES = {
     "force_constant": {"common": "0.5 %", "each": "0.5 %"},
     "gravity": "0.1 deg",
 }
+_PERIODS = 12
+"""Of one, two and three motions together."""
 _QUICK = {"starts": 16, "hops": 16}
 _DESIGNS = {
     "noise": {"counts": "noise"},
@@ -64,6 +81,9 @@ Row = dict[str, Any]
 def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
     """Yield a row per design of a robot."""
     name, _, quick = section.partition("_")
+    if name == "motions":
+        yield from _motion_rows(repetitions or 40)
+        return
     if name == "interest":
         yield from _interest_rows(_QUICK if quick else {})
         return
@@ -83,9 +103,51 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
             row[f"criterion's, {other} (%)"] = f"{100 * _mean(judged):.2f}"
             row[f"predicted, {other} (%)"] = f"{100 * _mean(stated):.2f}"
         count = repetitions or 200
-        for estimator, achieved in _achieved(name, motion, count).items():
+        for estimator, achieved in _achieved(name, [motion], count).items():
             row[f"achieved, {estimator} (%)"] = f"{100 * _mean(achieved):.2f}"
         yield row | {"machines": count}
+
+
+def _motion_rows(count: int) -> Iterator[Row]:
+    """Yield the errors of one, two and three motions of the same measuring time."""
+    first = np.nan
+    for motions in (1, 2, 3):
+        run = _run("palida", _QUICK, "auto", **_several(motions))
+        found: DesignResult | MotionsResult
+        if motions == 1:
+            found = design(run)
+            designs = [found]
+            value, seconds = found.criterion_value, found.solver.cpu_seconds
+            measuring = found.period * found.experiment.periods
+        else:
+            found, designs = design_motions(run, Path(), lambda _: nullcontext(Monitor()))
+            value, seconds, measuring = (
+                found.criterion_value,
+                found.cpu_seconds,
+                found.measuring_time,
+            )
+        first = value if motions == 1 else first
+        scales = robot_from(run.robot).scales
+        predicted = np.array([one.std for one in found.parameters]) / scales
+        each = motion_runs(run, Path())[0]
+        trajectories = [one.trajectory for one in designs]
+        achieved = _achieved("palida", trajectories, count, **_several(1, each))["ml estimated"]
+        yield {
+            "motions": motions,
+            "measuring (s)": f"{measuring:.1f}",
+            "log det S, mean": f"{value:.3f}",
+            "D-efficiency gained (%)": f"{100 * np.expm1((value - first) / len(scales)):.1f}",
+            "predicted σ (%)": f"{100 * _mean(predicted):.3f}",
+            "achieved, ml estimated (%)": f"{100 * _mean(achieved):.3f}",
+            "worst predicted σ (%)": f"{100 * np.max(predicted):.2f}",
+            "search (processor s)": f"{seconds:.0f}",
+            "drawn": count,
+        }
+
+
+def _several(motions: int, run: RunConfiguration | None = None) -> dict[str, Any]:
+    periods = _PERIODS if run is None else run.run.experiment.periods
+    return {"trajectory": {"count": motions}, "experiment": {"periods": periods}}
 
 
 def _interest_rows(search: dict[str, Any]) -> Iterator[Row]:
@@ -110,6 +172,9 @@ def _interest_rows(search: dict[str, Any]) -> Iterator[Row]:
 
 def summary(table: pd.DataFrame) -> str:
     """Return the gains of the designs for the total, or for the quantities of interest."""
+    if "motions" in table:
+        gained = table["D-efficiency gained (%)"].tolist()
+        return f"gain of two motions {gained[1]} %, of three {gained[2]} %"
     if "machines" not in table:
         return "smallest: " + ", ".join(
             f"{name} {table['design for'][table[name].astype(float).idxmin()]}"
@@ -160,10 +225,12 @@ def _predicted(run: RunConfiguration, motion: FourierTrajectory) -> tuple[Array,
     return std / evaluator.robot.scales, stated.std / evaluator.robot.scales
 
 
-def _achieved(robot_name: str, motion: FourierTrajectory, count: int) -> dict[str, Array]:
+def _achieved(
+    robot_name: str, motions: Sequence[FourierTrajectory], count: int, **more: Any
+) -> dict[str, Array]:
     """Return the relative rms errors of each estimator over drawn machines."""
-    stated = _run(robot_name, {}, "auto")
-    sampling = _SAMPLES / motion.period
+    stated = _run(robot_name, {}, "auto", **more)
+    sampling = _SAMPLES / motions[0].period
     less = sampling / stated.run.experiment.sampling
     noise = stated.robot.noise
     assert noise is not None
@@ -173,7 +240,8 @@ def _achieved(robot_name: str, motion: FourierTrajectory, count: int) -> dict[st
         robot_name,
         {},
         "auto",
-        experiment={"sampling": sampling},
+        trajectory=more.get("trajectory", {}),
+        experiment={**more.get("experiment", {}), "sampling": sampling},
         noise={
             "force_covariance": (less * noise.force_covariance).tolist(),
             "length_covariance": (less * noise.length_covariance).tolist(),
@@ -182,20 +250,24 @@ def _achieved(robot_name: str, motion: FourierTrajectory, count: int) -> dict[st
     errors: dict[str, list[Array]] = {}
     robot = robot_from(fewer.robot)
     for number in range(count):
-        for name, found in _estimates(fewer, motion, number).items():
+        for name, found in _estimates(fewer, motions, number).items():
             errors.setdefault(name, []).append((found.values - robot.parameters) / robot.scales)
     return {name: np.sqrt(np.mean(np.square(each), axis=0)) for name, each in errors.items()}
 
 
 def _estimates(
-    run: RunConfiguration, motion: FourierTrajectory, number: int
+    run: RunConfiguration, motions: Sequence[FourierTrajectory], number: int
 ) -> dict[str, ParameterEstimate]:
     drawn = draw_machine(run, np.random.default_rng([0, number]))
     with threadpool_limits(limits=1):
-        data = Twin.of(drawn.configuration, motion, seed=number).measurement(1)
         robot = robot_from(run.robot)
         priors, chosen = parameter_priors(run, robot), toleranced_deviations(robot)
-        experiments = [prepare_experiment(run, robot, data, motion)]
+        experiments = [
+            prepare_experiment(
+                run, robot, Twin.of(drawn.configuration, one, seed=number).measurement(k), one
+            )
+            for k, one in enumerate(motions, start=1)
+        ]
         plain = run_estimators(robot, experiments, priors, ("gm", "ml"))
         joint = run_estimators(robot, experiments, priors, ("ml",), chosen)
     return {

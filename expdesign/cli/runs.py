@@ -18,8 +18,9 @@ from expdesign.stages.execution import (
     refuse_run_file,
     refuse_unwritable,
     run_folder,
+    workspaces,
 )
-from expdesign.stages.registry import FIRST, reported_stages, stages
+from expdesign.stages.registry import FIRST, reported_stages, stage_of, stages
 from expdesign.stages.run import folder_changes, report_of, run
 from expdesign.stages.stage import Sources, StageFailed, Workspace, short
 from expdesign.workers import prepare_workers
@@ -63,13 +64,18 @@ def execute_stage(
         work.warn(before)
         if name == "goals" and not inputs.designs and not work.design_file.is_file():
             execute(stages()["design"], work)
-        outcome = execute(stages()[name], work)
+        stage = stage_of(name, configuration)
+        outcomes = [execute(stage, place) for place in workspaces(stage, work)]
         if name == FIRST and "report" in configuration.run.stages:
-            execute(stages()["report"], work)
+            report = stages()["report"]
+            for place in workspaces(report, work):
+                execute(report, place)
+    outcome = outcomes[-1]
     if strict and outcome.doubt:
         raise StageFailed(f"{outcome.doubt}, and --strict was given", outcome.summary)
     if as_json:
-        write_json({"status": 0, **outcome.summary})
+        several = {"motions": [one.summary for one in outcomes]}
+        write_json({"status": 0, **(outcome.summary if len(outcomes) == 1 else several)})
 
 
 def design_next(

@@ -192,6 +192,7 @@ def inconsistencies(
     for check in (
         _oversized,
         _impossible_designs,
+        _impossible_motions,
         _narrow_spectra,
         _impossible_estimates,
         _impossible_selections,
@@ -280,6 +281,32 @@ def _impossible_designs(run: RunDescription, _: ResolvedRobot) -> Iterator[_Faul
             f"controller steps of {step:g} s",
             f"a range that includes {1 / (fewest * step):g} Hz, or equal bounds",
         )
+
+
+def _impossible_motions(run: RunDescription, _: ResolvedRobot) -> Iterator[_Fault]:
+    """Yield what several motions cannot share, or cannot be used for yet."""
+    count, periods, key = run.trajectory.count, run.experiment.periods, ("trajectory", "count")
+    if count == 1:
+        return
+    if periods % count:
+        less, more = periods // count * count, -(-periods // count) * count
+        yield (
+            ("experiment", "periods"),
+            f"{count} motions cannot share {periods:g} periods equally",
+            f"{less or more:g} or {more:g}" if less else f"{more:g}",
+        )
+    single = {
+        "a prior": run.design.prior is not None,
+        "design.others": bool(run.design.others),
+        "goals": bool(run.goals),
+        "a Monte-Carlo study": "montecarlo" in run.stages,
+        "a sweep": run.sweep is not None,
+        "feedforward of the design": "feedforward" in run.stages
+        and run.feedforward.motion == "design",
+    }
+    for name, given in single.items():
+        if given:
+            yield key, f"{name} is for a single motion, and there are {count}", "1"
 
 
 def _narrow_spectra(run: RunDescription, robot: ResolvedRobot) -> Iterator[_Fault]:

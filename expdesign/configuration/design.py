@@ -46,6 +46,7 @@ from expdesign.mechanism.terms import known_parameters, rigid_platform
 
 _LARGEST_HARMONICS = 100
 _MOST_SAMPLES = 20_000
+_MOST_MOTIONS = 20
 _MOST_SOLVES = 10_000
 """Largest number of starts, hops or iterations: days of work."""
 
@@ -64,6 +65,9 @@ class TrajectorySection(Section):
     controller_period: Annotated[Duration, Positive] | None = None
     """Step of the machine's controller, s; the period becomes a multiple of it. None until the run
     is resolved: then one over the experiment's sampling."""
+
+    count: Annotated[int, whole(1, _MOST_MOTIONS)] = 1
+    """Number of motions that share the measuring time; each has its own run folder."""
 
     @model_validator(mode="after")
     def _check_resolution(self) -> TrajectorySection:
@@ -318,7 +322,10 @@ EFFORT = "design.effort"
 FREQUENCY = "trajectory.frequency"
 """Path for which one value means two equal bounds."""
 _SECTIONS: dict[str, tuple[type[Section], tuple[str, ...]]] = {
-    "trajectory": (TrajectorySection, tuple(TrajectorySection.model_fields)),
+    "trajectory": (
+        TrajectorySection,
+        tuple(key for key in TrajectorySection.model_fields if key != "count"),
+    ),
     "design": (DesignSection, tuple(DesignSection.model_fields)),
     "experiment": (ExperimentSection, ("periods", "sampling")),
 }

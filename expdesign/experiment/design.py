@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import asdict, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -78,6 +78,46 @@ def design(
         No motion keeps the limits.
     """
     configuration = load_run(config).with_search(effort, seed)
+    count = configuration.run.trajectory.count
+    if count > 1:
+        raise InputError(
+            f"{count} motions have a run folder each, and this returns one design",
+            file=configuration.file,
+            key="trajectory.count",
+            allowed="`expdesign.run` or the command, or count: 1",
+        )
+    return design_result(configuration, find_motion(configuration, monitor or Monitor(), journal))
+
+
+@dataclass(frozen=True, eq=False)
+class FoundMotion:
+    """A motion with its search, and the evaluation that the search is for."""
+
+    plan: SearchPlan
+    noise: Evaluator
+    """That of the noise alone."""
+    search: SearchResult
+
+
+def find_motion(
+    configuration: RunConfiguration,
+    monitor: Monitor,
+    journal: JobJournal | None = None,
+    others: Sequence[FourierTrajectory] | None = None,
+    origin: FourierTrajectory | None = None,
+) -> FoundMotion:
+    """Search for the motion of a run.
+
+    Parameters
+    ----------
+    configuration : RunConfiguration
+    monitor : Monitor
+    journal : JobJournal, optional
+    others : sequence of FourierTrajectory, optional
+        Other motions of the experiment; those of `design.others` by default.
+    origin : FourierTrajectory, optional
+        Motion to be improved, instead of random starts.
+    """
     if all(limit.is_default for limit in configuration.robot.limits.values()):
         raise InputError(
             "neither robot nor run limit anything: there is no best motion",
@@ -86,25 +126,32 @@ def design(
             allowed="at least limits of the strut's length, speed and force",
         )
     report_progress("building the problem")
-    plan = plan_search(configuration)
+    build = partial(plan_search, configuration, others)
+    plan = replace(build(), origin=origin)
     noise = noise_evaluator(configuration)
-    structure = structural_base(noise.robot, noise.names)
-    if structure.regrouped:
-        raise fisher.SingularInformationError(fisher.weak_directions(structure), structural=True)
-    _refuse_unexcitable(plan, noise)
+    if origin is None:
+        structure = structural_base(noise.robot, noise.names)
+        if structure.regrouped:
+            weak = fisher.weak_directions(structure)
+            raise fisher.SingularInformationError(weak, structural=True)
+        _refuse_unexcitable(plan, noise)
     workers = min(plan.workers, plan.starts)
     if workers > 1:
         # A single process compiles when it pays off, in a small search never.
         plan.problem.compile()
     report_progress("the first start" if workers == 1 else f"starting {workers} processes")
     try:
-        found = search(partial(plan_search, configuration), plan, monitor or Monitor(), journal)
+        return FoundMotion(plan, noise, search(build, plan, monitor, journal))
     except NoDesignError as error:
         _blame_unexcited(plan, noise, error)
         raise
+
+
+def design_result(configuration: RunConfiguration, found: FoundMotion) -> result.DesignResult:
+    """Return the design of a motion that was found, with its own precision."""
     report_progress("the precision of the design")
-    trajectory = found.trajectory
-    evaluator, samples = noise, configuration.run.trajectory.samples
+    plan, evaluator, trajectory = found.plan, found.noise, found.search.trajectory
+    samples = configuration.run.trajectory.samples
     information = evaluator.information(trajectory, samples)
     whole_information, total = experiment_information(evaluator, trajectory, configuration)
     periods = configuration.run.experiment.periods
@@ -116,7 +163,7 @@ def design(
     )
     robot, section = evaluator.robot, configuration.run.design
     steps = trajectory.period / plan.controller_period
-    status, status_text = search_status(found)
+    status, status_text = search_status(found.search)
     return result.DesignResult(
         **fourier_keys(trajectory),
         configuration=configuration,
@@ -133,7 +180,7 @@ def design(
         predicted_std=predicted,
         status=status,
         status_text=status_text,
-        solver=search_statistics(found, section.criterion),
+        solver=search_statistics(found.search, section.criterion),
         base_parameters=identified_combinations(
             configuration, evaluator, whole_information, errors
         ),
@@ -142,12 +189,12 @@ def design(
         warnings=(
             *configuration.warnings,
             *_warnings(configuration, trajectory, plan),
-            *imprecise(robot, predicted, errors),
+            *(() if section.others else imprecise(robot, predicted, errors)),
         ),
         motion=SampledMotion.of(robot, trajectory, trajectory.sample_times(round(steps))),
-        checks=found.finish.check.limits,
+        checks=found.search.finish.check.limits,
         parameters=tuple(parameter_precisions(robot, predicted, errors)),
-        iterations=tuple(search_iterations(found)),
+        iterations=tuple(search_iterations(found.search)),
         eigenvalues=tuple(scaled_eigenvalues(information, robot.scales[evaluator.columns])),
         information=information,
     )

@@ -23,7 +23,7 @@ the common part of both errors cancels: with S and R of `expdesign.information.m
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -349,6 +349,27 @@ class ToleranceEffects:
             joint = joint * np.multiply.outer(both, both)
             earlier = None if earlier is None else earlier * np.multiply.outer(both, both)
         return replace(self, response=self.response * factors, joint=joint, earlier=earlier)
+
+
+def combine_effects(
+    parts: Sequence[ToleranceEffects], samples: Sequence[float]
+) -> ToleranceEffects:
+    """Return the effects on one estimate from several recordings, of so many samples each.
+
+    The tolerances are those of one machine; the response has the weights of `joint`.
+    """
+    first, count = parts[0], len(parts[0].response)
+    if first.joint is None:
+        return first
+    weighted = [
+        np.asarray(part.joint) * (own / part.samples)
+        for part, own in zip(parts, samples, strict=True)
+    ]
+    joint = np.sum(weighted, axis=0)
+    scale = np.sqrt(np.diag(joint)[:count])
+    own = sla.cho_factor(joint[:count, :count] / np.multiply.outer(scale, scale))
+    response = sla.cho_solve(own, joint[:count, count:] / scale[:, None]) / scale[:, None]
+    return replace(first, response=response, joint=joint, samples=sum(samples))
 
 
 def tolerance_effects(

@@ -338,7 +338,7 @@ class StartSummary:
     index: Annotated[
         int, described("1", "number of the start, from 1; hops go on counting", name="start")
     ]
-    kind: Annotated[str, described("", "random, or hop")]
+    kind: Annotated[str, described("", "random, hop, or origin: the motion that is improved")]
     criterion_value: Annotated[
         OpenNumber,
         described(

@@ -291,7 +291,7 @@ class Iteration:
     """An iteration of the optimiser."""
 
     start: Annotated[int, described("1", "number of the start")]
-    kind: Annotated[str, described("", "random or hop")]
+    kind: Annotated[str, described("", "random, hop or origin")]
     phase: Annotated[
         str, described("", "blunt: rough search, sharp: refinement, hop, finish", name="stage")
     ]

@@ -216,6 +216,8 @@ def _run_starts(
     More of them are refined only if none of the first reaches a motion that keeps the limits.
     """
     begun = [StartResult(index, "random", np.empty(0)) for index in numbers]
+    if plan.origin is not None:
+        begun = [StartResult(1, "origin", plan.problem.variables.pack(plan.origin))]
     jobs = [_start_job(f"start {start.index}, rough", start, 1) for start in begun]
     rough: list[StartResult] = list(runner.run(jobs, clock))
     left = sorted((start for start in rough if not start.status), key=_rank, reverse=True)

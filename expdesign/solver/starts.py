@@ -96,6 +96,8 @@ class SearchPlan:
     scheduler: str | None
     """Address of a Dask cluster, instead of local workers."""
     max_seconds: float | None
+    origin: FourierTrajectory | None = None
+    """Motion to be improved, instead of random starts; `starts` is 1 then."""
 
     def generator(self, index: int) -> np.random.Generator:
         """Return the random numbers of the start or hop with this number."""
@@ -111,7 +113,7 @@ class StartResult:
     index: int
     """From 1; hops continue the numbers. A finish has the number of its start."""
     kind: str
-    """``"random"``, ``"hop"`` or ``"finish"``."""
+    """``"random"``, ``"origin"`` (of a motion to be improved), ``"hop"`` or ``"finish"``."""
     variables: Annotated[Array, BeforeValidator(lambda values: np.array(values, dtype=float))]
     """(z,), scaled variables that were reached; of a hop without phases those of its origin."""
     merit: float = -np.inf
@@ -182,7 +184,7 @@ def run_start(
         Phases of the origin: a hop that falls behind them is given up.
     """
     problem, reporter = plan.problem, _reporter(begun, monitor)
-    schedule = hop_phases if begun.kind == "hop" else continuation_phases
+    schedule = continuation_phases if begun.kind == "random" else hop_phases
     phases = schedule(problem, plan.widths, plan.iterations)
     harmonics = problem.variables.harmonics
     result = begun
@@ -281,6 +283,8 @@ def no_report(_done: PhaseResult, _most: int) -> None:
 
 def _first_motion(plan: SearchPlan, begun: StartResult, harmonics: int | None) -> Array:
     """Return the scaled variables at which a start or a hop begins, (z,)."""
+    if begun.kind == "origin":
+        return begun.variables
     rng = plan.generator(begun.index)
     if begun.kind == "hop":
         return perturb(plan.problem, begun.variables, rng, plan.widths[-1])

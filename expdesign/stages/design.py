@@ -9,11 +9,12 @@ from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
-from expdesign.configuration import ComputationError, quantity_text
+from expdesign.configuration import ComputationError, RunConfiguration, quantity_text
 from expdesign.configuration.run import GridPoint
 from expdesign.experiment import DesignResult, design
+from expdesign.experiment.motions import MotionsResult, design_motions
 from expdesign.experiment.next_motion import NextResult, compare_with_repetition
 from expdesign.experiment.plan import LONGEST_DAYS, PlanResult, plan_measurement
 from expdesign.experiment.sweep import (
@@ -30,7 +31,7 @@ from expdesign.information.fisher import SingularInformationError
 from expdesign.information.identifiable import listed
 from expdesign.interruption import interruptible
 from expdesign.solver.starts import StartResult
-from expdesign.stages.execution import input_hash, is_done, save
+from expdesign.stages.execution import input_hash, is_done, motion_workspaces, origins, save
 from expdesign.stages.stage import Outcome, Stage, StageFailed, StageFunctions, Workspace, short
 from expdesign.workers import (
     ClusterError,
@@ -44,6 +45,7 @@ from expdesign.workers import (
 from results.comparison.designs import compare_designs
 from results.views.design import design_view
 from results.views.folder import StageViews
+from results.views.motions import motions_view
 from results.views.plan import next_view, plan_view
 from results.views.sweep import sweep_view
 
@@ -55,6 +57,7 @@ _CONTINUES = "starts and hops that had ended are kept, and --resume continues"
 _DISCARDED = "discarded: nothing of this design is saved"
 _SWEEP_KEPT = "finished designs are kept, and of the running ones the best so far"
 _MOST_REASONS = 3
+Made = TypeVar("Made")
 SEARCH_JOURNAL = "search.jsonl"
 """Journal of a search that has not ended."""
 
@@ -76,13 +79,19 @@ def run_design(work: Workspace) -> Outcome:
 
 
 @contextmanager
-def _journal(work: Workspace, stage: str, *, resume: bool) -> Iterator[JobJournal]:
-    """Provide the journal of a search; remove it if a search fails that had its workers."""
+def _journal(
+    work: Workspace,
+    stage: str,
+    *,
+    resume: bool,
+    keep: tuple[type[ComputationError], ...] = (ClusterError, WorkerDiedError),
+) -> Iterator[JobJournal]:
+    """Provide the journal of a search; remove it after a failure other than those of `keep`."""
     path = work.folder / SEARCH_JOURNAL
     journal = JobJournal(path, work.inputs[stage], StartResult, resume=resume)
     try:
         yield journal
-    except (ClusterError, WorkerDiedError) as error:
+    except keep as error:
         more = f"; {_CONTINUES}" if journal.count else ""
         raise type(error)(f"{error.message}{more}") from error
     except (KeyboardInterrupt, ComputationError, StageFailed):
@@ -110,6 +119,60 @@ def design_outcome(result: DesignResult, work: Workspace) -> Outcome:
         warnings=result.warnings[len(work.configuration.warnings) :],
         failure="" if result.passed else _failure(result, short(work.folder)),
         temporary=() if result.status == "interrupted" else (work.folder / SEARCH_JOURNAL,),
+    )
+
+
+def motions_functions(stage: Stage) -> StageFunctions:
+    """Return the functions of the motions, each a result of another stage."""
+    return StageFunctions(partial(run_motions, stage), StageViews(MotionsResult, motions_view))
+
+
+def run_motions(stage: Stage, work: Workspace) -> Outcome:
+    """Design several motions, each with a run folder; Ctrl-C ends the exchanges with the best."""
+    progress, configuration, began = work.progress, work.configuration, time.perf_counter()
+    keep = (ClusterError, WorkerDiedError, StoppedError)
+    with (
+        _journal(work, "motions", resume=work.resume, keep=keep) as journal,
+        interruptible(progress.note, _KEPT, "discards the motions", _DISCARDED) as stop,
+    ):
+
+        @contextmanager
+        def searching(run: RunConfiguration) -> Iterator[Monitor]:
+            with progress.search(run) as report:
+                yield Monitor(stop, report)
+
+        result, designs = name_unexcited(
+            lambda: design_motions(configuration, work.folder, searching, journal)
+        )
+    places = motion_workspaces(work)
+    written = [one.write(place.folder) for one, place in zip(designs, places, strict=True)]
+    files, failures = result.write(work.folder), list[str]()
+    # Each motion is an input of the others.
+    for one, place, own in zip(designs, places, written, strict=True):
+        place.inputs[stage.name] = input_hash(stage, place)
+        place.origins[stage.name] = origins(stage, place)
+        outcome = replace(design_outcome(one, place), files=tuple(own))
+        save(outcome, stage, place, began)
+        files.append(place.folder / DesignResult.FILE)
+        failures += [outcome.failure] if outcome.failure else []
+    broken = [one.status for one in designs if not one.passed]
+    return Outcome(
+        result=result,
+        files=tuple(files),
+        summary={
+            "criterion": result.criterion,
+            "criterion_value": result.criterion_value,
+            "log_det_information": result.log_det_information,
+            "measuring_time": result.measuring_time,
+            "motions": [asdict(one) for one in result.motions],
+            "warnings": list(result.warnings),
+        },
+        status=broken[0] if broken else "done",
+        message=result.ended,
+        warnings=result.warnings[len(configuration.warnings) :],
+        failure="; ".join(failures),
+        temporary=(work.folder / SEARCH_JOURNAL,),
+        asked_to_stop=stop(),
     )
 
 
@@ -158,7 +221,7 @@ def run_next(work: Workspace) -> Outcome:
 NEXT = StageFunctions(run_next, StageViews(NextResult, next_view))
 
 
-def name_unexcited(make: Callable[[], DesignResult]) -> DesignResult:
+def name_unexcited(make: Callable[[], Made]) -> Made:
     """Make a design; a singular information is a failure that names the parameters and a remedy."""
     try:
         return make()

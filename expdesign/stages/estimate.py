@@ -31,7 +31,14 @@ from expdesign.progress import report_progress, track
 from expdesign.robot import robot_from
 from expdesign.stages.execution import Place
 from expdesign.stages.experiment import trajectory_of
-from expdesign.stages.stage import ESTIMATE_FILE, Outcome, StageFailed, StageFunctions, Workspace
+from expdesign.stages.stage import (
+    ESTIMATE_FILE,
+    Outcome,
+    StageFailed,
+    StageFunctions,
+    Workspace,
+    short,
+)
 from expdesign.trajectory import FourierTrajectory
 from results.comparison.estimates import compare_estimates
 from results.views.estimate import estimate_view
@@ -44,7 +51,14 @@ __all__ = ["Measurement", "estimate", "load_measurement"]  # the public names of
 
 def run_noise(work: Workspace) -> Outcome:
     """Analyse the noise of a recording."""
-    (file,) = work.data_files()
+    files = work.data_files()
+    if len(files) > 1:
+        raise InputError(
+            f"the noise of one recording is analysed, and there are {len(files)}",
+            key="--data",
+            allowed=f"one of {', '.join(map(short, files))}",
+        )
+    (file,) = files
     (trajectory,) = work.recorded_designs(1)
     report_progress("reading the recording")
     recording = _recording(work, file)

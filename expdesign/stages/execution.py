@@ -22,6 +22,7 @@ from expdesign.configuration import (
     quote,
     resolved_yaml,
 )
+from expdesign.configuration.motions import motion_runs
 from expdesign.evaluation.machine_code import evaluator
 from expdesign.interruption import interruptible
 from expdesign.library import run_files
@@ -95,6 +96,27 @@ def execute(stage: Stage, work: Workspace) -> Outcome:
     if outcome.asked_to_stop or asked():
         raise KeyboardInterrupt
     return outcome
+
+
+def workspaces(stage: Stage, work: Workspace) -> list[Workspace]:
+    """Return the workspaces in which a stage is done: that of the run, or those of its motions.
+
+    Given designs and tables are executed for the run as a whole.
+    """
+    single = len(work.motion_folders) == 1 or stage.motions == "together"
+    if single or work.sources.designs or work.sources.table is not None:
+        return [work]
+    own = motion_workspaces(work)
+    return own if stage.motions == "each" else [*own, work]
+
+
+def motion_workspaces(work: Workspace) -> list[Workspace]:
+    """Return the workspaces of the motions of a run."""
+    runs = motion_runs(work.configuration, work.folder)
+    return [
+        Workspace(run, folder, work.progress, work.sources, stages=work.stages)
+        for run, folder in zip(runs, work.motion_folders, strict=True)
+    ]
 
 
 def save(outcome: Outcome, stage: Stage, work: Workspace, began: float) -> Outcome:

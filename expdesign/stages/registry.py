@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 from constraints.plugins import declared_classes
 from expdesign.configuration import Problem, RunConfiguration
+from expdesign.configuration.motions import motion_folders
 from expdesign.stages.stage import (
     ESTIMATE_FILE,
     FIGURES,
@@ -69,6 +70,22 @@ class NextStage(Stage):
         return NEXT
 
 
+class MotionsStage(DesignStage):
+    """Search for several motions of one experiment."""
+
+    name = "motions"
+    does = "searches the motions of the experiment"
+    file = "motions.json"
+    writes = (*TABLES, "motion-*/design.json")
+    compared = ""
+
+    def functions(self) -> StageFunctions:
+        """Return the searches and the view of the motions."""
+        from expdesign.stages.design import motions_functions
+
+        return motions_functions(DesignStage())
+
+
 class GoalsStage(Stage):
     """Measuring time for wanted precisions."""
 
@@ -102,6 +119,7 @@ class ExperimentStage(Stage):
     writes = ("columns.json", MEASUREMENT_FILE, "repetitions/*/measurement.csv")
     sections = run_sections("experiment")
     needs = ("design",)
+    motions = "each"
 
     def functions(self) -> StageFunctions:
         """Return the simulation and its view."""
@@ -251,6 +269,7 @@ class ExportStage(Stage):
         experiment={"periods", "sampling", "payload"},
     )
     needs = ("design",)
+    motions = "each"
     shown_after = "design"
 
     def functions(self) -> StageFunctions:
@@ -268,6 +287,7 @@ class ReportStage(Stage):
     file = "report.html"
     writes = ("tables/*.tex", FIGURES)
     needs = ("folder",)
+    motions = "both"
     in_sweep = True
 
     def functions(self) -> StageFunctions:
@@ -279,6 +299,7 @@ class ReportStage(Stage):
 
 _BUILT_IN: tuple[type[Stage], ...] = (
     DesignStage,
+    MotionsStage,
     NextStage,
     GoalsStage,
     ExperimentStage,
@@ -323,7 +344,13 @@ def reported_stages() -> dict[str, Stage]:
 
 def named_stages(configuration: RunConfiguration) -> tuple[Stage, ...]:
     """Return the stages that a run names, in their order."""
-    return tuple(stages()[name] for name in configuration.run.stages or (FIRST,))
+    return tuple(stage_of(name, configuration) for name in configuration.run.stages or (FIRST,))
+
+
+def stage_of(name: str, configuration: RunConfiguration) -> Stage:
+    """Return a stage by its key in a run file; `design` of several motions is `motions`."""
+    several = name == FIRST and configuration.run.trajectory.count > 1
+    return stages()[MotionsStage.name if several else name]
 
 
 def performed_stages(configuration: RunConfiguration) -> list[Stage]:
@@ -336,9 +363,9 @@ def missing_design(configuration: RunConfiguration, folder: Path) -> Problem | N
     """Return the problem that stages need a design and there is none; None without it."""
     performed = performed_stages(configuration)
     needing = [stage.name for stage in performed if "design" in stage.inputs(configuration)]
-    made = any(stage.name == FIRST for stage in performed)
-    file = DesignStage.file
-    if made or not needing or (folder / file).exists():
+    made = any(isinstance(stage, DesignStage) for stage in performed)
+    file, places = DesignStage.file, motion_folders(configuration, folder)
+    if made or not needing or all((place / file).exists() for place in places):
         return None
     verb = "needs" if len(needing) == 1 else "need"
     return Problem(

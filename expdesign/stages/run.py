@@ -23,9 +23,10 @@ from expdesign.stages.execution import (
     refuse_unwritable,
     run_folder,
     stage_changes,
+    workspaces,
 )
 from expdesign.stages.registry import missing_design, named_stages, reported_stages
-from expdesign.stages.stage import Outcome, Progress, StageFailed, Workspace, short
+from expdesign.stages.stage import Outcome, Progress, Stage, StageFailed, Workspace, short
 from results.views.folder import RunFolder
 
 
@@ -37,7 +38,8 @@ class RunResult:
     folder: Path
     """The run folder."""
     stages: dict[str, Outcome]
-    """The outcome of every stage that was done or kept, by name, in their order."""
+    """The outcome of every stage that was done or kept, by name, in their order; of a stage of
+    several motions by ``motion-1/experiment`` and so on."""
 
     def __repr__(self) -> str:
         """Return folder and stages with their status."""
@@ -102,34 +104,44 @@ def _run_stages(work: Workspace) -> RunResult:
     clear_leftovers(folder)
     work.warn(configuration.warnings)
     failed: StageFailed | None = None
+    of_motions: dict[str, Outcome] = {}
     for stage in named_stages(configuration):
         if reason := stage.reason_left_out(configuration):
             work.progress.note(f"{stage.name}: left out, {reason}")
             continue
-        if stage.sections is None:
-            for change in other_changes(stage, folder):
-                work.progress.warn(change)
-        work.inputs[stage.name] = input_hash(stage, work)
-        if is_done(stage, work):
-            work.progress.note(f"{stage.name}: done already, in {short(folder)}")
-            work.made[stage.name] = Outcome(stage.name, folder)
-            continue
-        for change in stage_changes(stage, folder):
-            work.progress.warn(f"{change}; {stage.name} is done again")
-        try:
-            execute(stage, work)
-        except StageFailed as error:
-            made = work.made.get(stage.name)
-            if made is None or not made.continues:
-                raise
-            failed = error
+        for place in workspaces(stage, work):
+            try:
+                _do_stage(stage, place)
+            except StageFailed as error:
+                made = place.made.get(stage.name)
+                if made is None or not made.continues:
+                    raise
+                failed = error
+            if place is not work:
+                of_motions[f"{place.folder.name}/{stage.name}"] = place.made[stage.name]
     if work.made and work.folder.is_dir():
         # Stages that were kept were made from the same sections; others may have changed.
         keep_configuration(configuration, work.folder)
     refuse_removed(work.folder, work.made.values())
     if failed is not None:
         raise failed
-    return RunResult(configuration, work.folder, work.made)
+    return RunResult(configuration, work.folder, work.made | of_motions)
+
+
+def _do_stage(stage: Stage, work: Workspace) -> None:
+    """Do a stage that is not done already."""
+    folder = work.folder
+    if stage.sections is None:
+        for change in other_changes(stage, folder):
+            work.progress.warn(change)
+    work.inputs[stage.name] = input_hash(stage, work)
+    if is_done(stage, work):
+        work.progress.note(f"{stage.name}: done already, in {short(folder)}")
+        work.made[stage.name] = Outcome(stage.name, folder)
+        return
+    for change in stage_changes(stage, folder):
+        work.progress.warn(f"{change}; {stage.name} is done again")
+    execute(stage, work)
 
 
 def folder_changes(folder: Path, configuration: RunConfiguration, *names: str) -> Iterator[str]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from expdesign.configuration import (
     ComputationError,
@@ -15,6 +15,7 @@ from expdesign.configuration import (
     RunConfiguration,
     RunDescription,
 )
+from expdesign.configuration.motions import motion_folders
 from expdesign.configuration.schema import MOST_SAMPLES
 from expdesign.configuration.tolerances import machine_name
 from expdesign.evaluation.machine_code import cache_warning
@@ -86,6 +87,8 @@ class Stage(ABC):
     options of the command, from memory when the same run has made them, or from the run folder."""
     compared: str = ""
     """Table that identifies the result in comparisons; empty: the stage is not compared."""
+    motions: Literal["together", "each", "both"] = "together"
+    """Place of the stage in a run with several motions: its folder, those of the motions, both."""
     in_sweep: bool = False
     """Whether the stage is done in a sweep, for all its designs."""
     after: str = ""
@@ -253,6 +256,11 @@ class Workspace:
             self.progress.warn(warning)
 
     @property
+    def motion_folders(self) -> tuple[Path, ...]:
+        """Folders of the run's motions: the run folder itself for a single one."""
+        return motion_folders(self.configuration, self.folder)
+
+    @property
     def measurement_file(self) -> Path:
         """File of the simulated recording."""
         return self.folder / MEASUREMENT_FILE
@@ -272,11 +280,14 @@ class Workspace:
                 **fourier_keys(result.trajectory), robot=result.robot.name, status=result.status
             )
         if not self.design_file.exists():
+            several = len(self.motion_folders) > 1
             raise InputError(
                 f"there is no design to execute: the run folder has no {self.design_file.name}",
                 file=self.folder,
                 key="--design",
-                allowed="a folder that `expdesign design` wrote, or `design:` in the run file "
+                allowed=f"one of {', '.join(map(short, self.motion_folders))}"
+                if several
+                else "a folder that `expdesign design` wrote, or `design:` in the run file "
                 "for `expdesign run`",
             )
         return TrajectoryFile.read(self.folder)
@@ -312,8 +323,9 @@ class Workspace:
         file = self.configuration.run.data.file
         if file is not None:
             return [Path(file)]
-        if self.measurement_file.is_file():
-            return [self.measurement_file]
+        simulated = [place / MEASUREMENT_FILE for place in self.motion_folders]
+        if all(path.is_file() for path in simulated):
+            return simulated
         raise InputError(
             f"no recording: the run folder has no {self.measurement_file.name}",
             file=self.folder,
@@ -325,6 +337,14 @@ class Workspace:
     def recorded_designs(self, recordings: int) -> list[FourierTrajectory | None]:
         """Return the executed design of each recording; None where it is not known."""
         given = self.sources.designs
+        if not given and len(self.motion_folders) > 1:
+            given = self.motion_folders
+            if len(given) != recordings:
+                raise InputError(
+                    f"recordings: {recordings}, motions: {len(given)}",
+                    key="--data",
+                    allowed="one recording of each motion in their order, or --design for each",
+                )
         if not given:
             known = self._result("design") is not None or self.design_file.is_file()
             return [self.design().trajectory if known else None] * recordings
@@ -355,7 +375,7 @@ class Workspace:
     def input_files(self, need: str) -> list[Path]:
         """Return the files of an input of a stage, of `Stage.needs`, as far as there are any."""
         others = [Path(file) for file in self.configuration.run.design.others]
-        designs = [path.absolute() for path in self.sources.designs or (self.folder,)]
+        designs = [path.absolute() for path in self.sources.designs or self.motion_folders]
         places = others if need == "others" else designs
         files = [path / self.design_file.name if path.is_dir() else path for path in places]
         if need == "recording":

@@ -52,6 +52,11 @@ class JobJournal:
         Frozen dataclass of the results.
     resume : bool
         Use the results in the file; otherwise it begins anew.
+
+    Attributes
+    ----------
+    prefix : str
+        Prefix of the names: the part of the computation that is done now.
     """
 
     def __init__(self, path: Path, inputs: str, kind: type[Any], *, resume: bool) -> None:
@@ -61,6 +66,7 @@ class JobJournal:
         self._journal: Journal[Any, str] = Journal(
             path, inputs, self._entry, attrgetter("name"), keep=resume
         )
+        self.prefix = ""
 
     @property
     def count(self) -> int:
@@ -69,13 +75,14 @@ class JobJournal:
 
     def recall(self, job: Job) -> Job:
         """Return the job; one that returns the result instead, if it is known."""
-        entry = self._journal.done.get(job.name)
+        entry = self._journal.done.get(f"{self.prefix}{job.name}")
         return job if entry is None else replace(job, function=_recall, arguments=(job, entry))
 
     def add(self, name: str, result: Any) -> None:
         """Add the result of a job, if it has a name and is new."""
-        if name and name not in self._journal.done:
-            self._journal.add(self._entry(name, result))
+        full = f"{self.prefix}{name}"
+        if name and full not in self._journal.done:
+            self._journal.add(self._entry(full, result))
 
 
 def _recall(built: Any, monitor: Monitor, job: Job, entry: Any) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from expdesign.configuration import InputError
 from expdesign.configuration.limits import held_in_words
 from expdesign.experiment import DesignResult
 from expdesign.experiment.judging import criterion_symbol, nuisances_in_words
+from expdesign.experiment.motions import MotionsResult
+from expdesign.experiment.result import ParameterPrecision
 from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity, sensitivity_at_design
 from expdesign.experiment.setup import plan_search
 from expdesign.information.criteria import OF_A_CHANGE, criteria
@@ -123,7 +125,7 @@ def limits_table(result: DesignResult) -> ReportTable:
     )
 
 
-def parameters_table(result: DesignResult) -> ReportTable:
+def parameters_table(result: DesignResult | MotionsResult) -> ReportTable:
     """Return nominal parameters with their predicted standard deviations."""
     shared = result.predicted_std.systematic
     columns = (
@@ -201,8 +203,6 @@ def _facts(result: DesignResult) -> tuple[Fact, ...]:
     criterion = criteria().get(result.criterion)
     information = criterion_symbol(result.configuration)
     meaning = nuisances_in_words(result.configuration)
-    percents = np.array([parameter.rel_std_percent for parameter in result.parameters])
-    relative = percents[np.isfinite(percents)]
     finite = np.isfinite(result.criterion_value)
     value = readable(result.criterion_value, 6) if finite else "singular"
     facts = [
@@ -211,17 +211,9 @@ def _facts(result: DesignResult) -> tuple[Fact, ...]:
             value,
             f"one period, {result.samples} samples, {_SCALINGS.get(result.scaling, '')}"
             f"{'; ' * bool(meaning)}{meaning}",
-        )
+        ),
+        *precision_facts(result.parameters),
     ]
-    if relative.size:
-        total = "total " if result.systematic else ""
-        median = readable(np.median(relative), 3)
-        note = f"predicted {total}σ below half of the value; median {median} %"
-        if zeros := int(np.sum(np.isnan(percents))):
-            note += f"; {zeros} others have the value zero in the robot file"
-        known = int(np.sum(relative < 100 * IDENTIFIABLE))
-        facts.append(Fact("parameters identifiable", f"{known} of {relative.size}", note))
-        facts += _tolerance_fact(result)
     if result.checks:
         tightest = max(result.checks, key=lambda check: check.used)
         used = percent(tightest.used, 4)
@@ -229,15 +221,31 @@ def _facts(result: DesignResult) -> tuple[Fact, ...]:
     return tuple(facts)
 
 
-def _tolerance_fact(result: DesignResult) -> list[Fact]:
+def precision_facts(parameters: Sequence[ParameterPrecision]) -> list[Fact]:
+    """Return the number of identifiable parameters, and the tolerance that limits most of them."""
+    percents = np.array([parameter.rel_std_percent for parameter in parameters])
+    relative = percents[np.isfinite(percents)]
+    if not relative.size:
+        return []
+    total = "total " if any(one.source for one in parameters) else ""
+    median = readable(np.median(relative), 3)
+    note = f"predicted {total}σ below half of the value; median {median} %"
+    if zeros := int(np.sum(np.isnan(percents))):
+        note += f"; {zeros} others have the value zero in the robot file"
+    known = int(np.sum(relative < 100 * IDENTIFIABLE))
+    identifiable = Fact("parameters identifiable", f"{known} of {relative.size}", note)
+    return [identifiable, *_tolerance_fact(parameters)]
+
+
+def _tolerance_fact(parameters: Sequence[ParameterPrecision]) -> list[Fact]:
     """Return the tolerance that limits most parameters; nothing where noise limits most of them."""
-    sources = [one.source for one in result.parameters if one.source not in ("", NOISE)]
-    if 2 * len(sources) <= len(result.parameters):
+    sources = [one.source for one in parameters if one.source not in ("", NOISE)]
+    if 2 * len(sources) <= len(parameters):
         return []
     most = max(dict.fromkeys(sources), key=sources.count)
     note = (
-        f"the largest source of {sources.count(most)} of {len(result.parameters)} parameters; "
-        f"noise is of {len(result.parameters) - len(sources)}: more periods hardly help"
+        f"the largest source of {sources.count(most)} of {len(parameters)} parameters; "
+        f"noise is of {len(parameters) - len(sources)}: more periods hardly help"
     )
     return [Fact("limiting tolerance", most, note)]
 

@@ -37,7 +37,8 @@ CHANGED = {
 
 
 def test_a_run_file_names_the_stages_of_the_table():
-    assert tuple(stage for stage in stages() if stage not in ("next", "noise")) == stage_keys()
+    unnamed = {"motions", "next", "noise"}
+    assert tuple(stage for stage in stages() if stage not in unnamed) == stage_keys()
 
 
 @pytest.mark.parametrize("name", stages())

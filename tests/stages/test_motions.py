@@ -1,0 +1,147 @@
+"""Several motions of one run: folders of single designs, and one estimate of all recordings."""
+
+import json
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import expdesign
+from estimation.identification.result import EstimateFile
+from expdesign.cli.app import app
+from expdesign.configuration import InputError, load_run
+from expdesign.experiment import DesignResult
+from expdesign.experiment.design import FoundMotion
+from expdesign.experiment.judging import noise_evaluator
+from expdesign.experiment.motions import MotionsResult
+from expdesign.experiment.setup import plan_search, probe_motion
+from expdesign.information.fisher import information_matrix
+from expdesign.solver.search import SearchResult
+from expdesign.solver.starts import StartResult
+from tests.blank_figures import blank_figures
+from tests.tiny_run import tiny_run
+
+COUNT = 2
+
+
+def _run(**changes):
+    trajectory = {"count": COUNT, **changes.pop("trajectory", {})}
+    return tiny_run(trajectory=trajectory, experiment={"periods": 4, "seed": 3}, **changes)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A run whose searches find random motions within the limits."""
+    place = tmp_path_factory.mktemp("motions") / "run"
+    made = []
+
+    def find(configuration, _monitor, _journal, others, origin):
+        plan = plan_search(configuration, others)
+        motion = probe_motion(plan, len(made))
+        start = StartResult(1, "finish", plan.problem.variables.pack(motion), trajectory=motion)
+        made.append(origin)
+        found = SearchResult(start, start, (start,), {1: 0.0}, False, 1.0, 1.0, "made up")
+        return FoundMotion(plan, noise_evaluator(configuration), found)
+
+    with blank_figures(), patch("expdesign.experiment.motions.find_motion", find):
+        found = expdesign.run(_run(), place)
+        again = expdesign.run(_run(), place)
+    assert made[:COUNT] == [None] * COUNT
+    assert None not in made[COUNT:]
+    wanted = ["motions", "motion-1/experiment", "motion-2/experiment"]
+    assert list(found.stages) == wanted
+    assert all(outcome.kept for outcome in again.stages.values())
+    return place
+
+
+def test_every_motion_has_the_folder_of_a_design(folder):
+    result = MotionsResult.read(folder)
+    assert result.passed
+    for number, one in enumerate(result.motions, start=1):
+        place = folder / one.folder
+        design, run = DesignResult.read(place), load_run(place / "run.yaml").run
+        assert (run.trajectory.count, run.experiment.periods) == (1, 2)
+        assert run.design.others == (str(folder / f"motion-{3 - number}"),)
+        assert (design.check.certified, design.passed) == (one.certified, True)
+        assert design.period == one.period == one.measuring_time / 2
+    assert result.measuring_time == sum(one.measuring_time for one in result.motions)
+
+
+def test_information_and_searches(folder):
+    """The sum is that of the designs; no exchange makes it smaller."""
+    result = MotionsResult.read(folder)
+    designs = [DesignResult.read(folder / one.folder) for one in result.motions]
+    whole = 0
+    for one in designs:
+        times = np.arange(one.experiment.samples) / 100
+        regressors = one.robot.regressor(*one.trajectory.sample(times))
+        noise = one.configuration.robot.noise.force_covariance
+        whole = whole + information_matrix(regressors, noise)
+    std = np.sqrt(np.diag(np.linalg.inv(whole)))
+    np.testing.assert_allclose(list(result.predicted_std.experiment.std.values()), std, rtol=1e-8)
+    mean = sum(one.information for one in designs) / COUNT
+    assert result.log_det_information == pytest.approx(np.linalg.slogdet(mean)[1], abs=1e-6)
+    values = [one.criterion_value for one in result.searches]
+    assert [one.phase for one in result.searches][: COUNT + 1] == ["greedy"] * 2 + ["exchange"]
+    assert np.all(np.diff(values) >= -1e-9)
+    assert result.criterion_value == values[-1]
+    assert [one.accepted for one in result.searches] == [
+        not np.isfinite(one.gain_percent) or one.gain_percent > 0.1 for one in result.searches
+    ]
+
+
+def test_noise_of_the_recordings_differs(folder):
+    texts = [(folder / f"motion-{k}" / "truth.json").read_text() for k in (1, 2)]
+    one, other = (json.loads(text)["seeds"]["repetitions"] for text in texts)
+    assert (one, other != one) == (3, True)
+
+
+@pytest.mark.slow
+def test_searched_motions_and_one_estimate_of_all_recordings(tmp_path):
+    tolerances = {"gravity": "0.1 deg", "force_constant": {"common": "0.5 %"}}
+    with blank_figures():
+        expdesign.run(_run(tolerances=tolerances, estimate={"estimators": ["ml"]}), tmp_path)
+    found, result = EstimateFile.read(tmp_path), MotionsResult.read(tmp_path)
+    files = [str(tmp_path / f"motion-{number}" / "measurement.csv") for number in (1, 2)]
+    assert [one.source for one in found.recordings] == files
+    assert {one.period_source for one in found.recordings} == {"from the design"}
+    assert all(one.certified for one in result.motions)
+    std = {row.parameter: row.std for row in found.by_estimator()["ml"]}
+    ratios = [std[one.name] / one.std_total for one in result.parameters]
+    assert np.exp(np.mean(np.log(ratios))) == pytest.approx(1, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"trajectory": {"count": 3}}, "3 motions cannot share 4 periods equally"),
+        ({"goals": {"mass": "1 %"}}, "goals is for a single motion"),
+        ({"montecarlo": {}}, "a Monte-Carlo study is for a single motion"),
+        (
+            {"feedforward": {"bandwidth": 2, "motion": "design"}},
+            "feedforward of the design is for a single motion",
+        ),
+        ({"sweep": {"design.criterion": ["d", "a"]}}, "a sweep is for a single motion"),
+        ({"design": {"others": ["elsewhere"]}}, "design.others is for a single motion"),
+    ],
+)
+def test_refusals(changes, message):
+    with pytest.raises(InputError, match=message):
+        load_run(_run(**changes))
+
+
+def test_commands_for_one_recording_name_the_motions(folder):
+    with pytest.raises(InputError, match="2 motions have a run folder each"):
+        expdesign.design(_run())
+    run = str(folder / "run.yaml")
+    for command, message in (
+        (["noise", run], "the noise of one recording is analysed, and there are 2"),
+        (["montecarlo", run], "motion-1"),
+        (
+            ["estimate", run, "--data", str(folder / "motion-1/measurement.csv")],
+            "recordings: 1, motions: 2",
+        ),
+    ):
+        found = CliRunner().invoke(app, [*command, "--out", str(folder)])
+        assert message in str(found.exception), found.output
