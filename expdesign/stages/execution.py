@@ -145,7 +145,9 @@ def _write(outcome: Outcome, stage: Stage, work: Workspace) -> Outcome:
         from results.render.figures import draw_figures
 
         report_progress("drawing figures")
-        files = (*files, *draw_figures(view, work.folder, work.configuration.run.report.figures))
+        run = work.configuration.run
+        drawn = draw_figures(view, work.folder, run.report.figures, workers=run.workers or 1)
+        files = (*files, *drawn)
     return replace(outcome, files=files, view=view)
 
 

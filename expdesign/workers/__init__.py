@@ -2,7 +2,7 @@
 
 from expdesign.workers.cluster import ClusterError, JobJournal, JobRunner, cluster_jobs
 from expdesign.workers.job import Job, Monitor, StoppedError
-from expdesign.workers.local import WorkerDiedError, prepare_workers, run_jobs
+from expdesign.workers.local import WorkerDiedError, prepare_workers, run_in_copies, run_jobs
 
 __all__ = [
     "ClusterError",
@@ -14,5 +14,6 @@ __all__ = [
     "WorkerDiedError",
     "cluster_jobs",
     "prepare_workers",
+    "run_in_copies",
     "run_jobs",
 ]

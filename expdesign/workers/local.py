@@ -13,17 +13,20 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from multiprocessing.connection import Pipe
+from multiprocessing.connection import Connection, Pipe
 from multiprocessing.reduction import send_handle
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn, TypeVar
 
 from expdesign.configuration import ComputationError
 from expdesign.interruption import ENDING
+from expdesign.progress import listen_to_progress
 from expdesign.workers.job import ERROR, EVENT, IDLE_SECONDS, JOB, STOP, Job, Monitor
 
+T = TypeVar("T")
 _POLL = 0.1
 
 
@@ -439,6 +442,44 @@ def _environment() -> dict[str, str]:
     """Return the environment of a Python process with this one's path and one BLAS thread."""
     folders = os.pathsep.join(folder or str(Path.cwd()) for folder in sys.path)
     return {**os.environ, "PYTHONPATH": folders, **dict.fromkeys(_THREADS, "1")}
+
+
+def run_in_copies(work: Callable[[int], T], count: int) -> list[T]:
+    """Return ``work(0)`` … ``work(count − 1)``, the first from here, each other from a copy.
+
+    A copy of this process has all objects and modules at once; it must not use what other threads
+    use here. It is quiet, and what a copy fails to return is done here.
+    """
+    copies: list[tuple[int, Connection]] = []
+    for number in range(1, count):
+        source, sink = Pipe(duplex=False)
+        with warnings.catch_warnings(), _blocked_signals():
+            warnings.simplefilter("ignore", DeprecationWarning)  # threads: see above
+            child = os.fork()
+            if not child:
+                _answer_from_copy(work, number, sink)
+        sink.close()
+        copies.append((child, source))
+    results: dict[int, T] = {}
+    try:
+        results[0] = work(0)
+    finally:
+        for number, (child, source) in enumerate(copies, start=1):
+            with source, contextlib.suppress(EOFError, OSError):
+                results[number] = pickle.loads(source.recv_bytes())
+            os.waitpid(child, 0)
+    return [results[k] if k in results else work(k) for k in range(count)]
+
+
+def _answer_from_copy(work: Callable[[int], Any], number: int, sink: Connection) -> NoReturn:
+    """Send the result of a share of the work, and end."""
+    status = 1
+    try:
+        with listen_to_progress(lambda *_: None):
+            sink.send_bytes(pickle.dumps(work(number)))
+        status = 0
+    finally:
+        os._exit(status)
 
 
 _SECONDS = 300

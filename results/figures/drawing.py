@@ -198,7 +198,7 @@ def save_figures(
     """Draw figures of a result and write each in the formats wanted; return the files.
 
     The folder is made when it is missing, and every file is complete or absent. A note stands below
-    every figure. Formats are "png", "svg" and "pdf"; SVG is written always: reports show it.
+    every figure. Formats are "png", "svg" and "pdf".
     """
     paths = []
     for definition in track("drawing figures", tuple(definitions)):
@@ -208,7 +208,7 @@ def save_figures(
                 figure.supxlabel(note, x=0.99, ha="right", fontsize="medium", color=ALERT)
             _lay_out(figure)
             for ending, metadata in _METADATA.items():
-                if ending not in formats and ending != "svg":
+                if ending not in formats:
                     continue
                 path = folder / f"{definition.key}.{ending}"
                 with atomic_write(path) as beside:

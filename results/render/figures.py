@@ -8,6 +8,7 @@ from pathlib import Path
 
 from expdesign.experiment import DesignResult
 from expdesign.robot import Robot
+from expdesign.workers import run_in_copies
 from results.figures.drawing import FORMATS, save_figures
 from results.figures.machine import machine_figure
 from results.views.design import design_view
@@ -19,26 +20,40 @@ FIGURES = "figures"
 
 
 def draw_figures(
-    view: StageView, folder: Path, formats: Collection[str] = FORMATS, *, missing: bool = False
+    view: StageView,
+    folder: Path,
+    formats: Collection[str] = FORMATS,
+    *,
+    missing: bool = False,
+    workers: int = 1,
 ) -> tuple[Path, ...]:
     """Draw the figures of a view into ``figures/`` of its run folder; return the files.
 
-    With `missing` only those without a file in one of the formats are drawn, and those that are
-    renewed for every report. The same result gives the same bytes.
+    With `missing` only those without a file in SVG or in one of the formats are drawn, and those
+    that are renewed for every report. The same result gives the same bytes, in any number of
+    processes.
     """
     place = folder / FIGURES
-    wanted = [
-        drawing
-        for drawing in view.drawings
-        if not missing or drawing.renewed or not _has_files(drawing, place, formats)
-    ]
-    return tuple(
-        path
-        for drawing in wanted
-        for path in save_figures(
-            (drawing.definition,), drawing.source, place, view.figure_note, formats
-        )
-    )
+    wanted = [(drawing, formats) for drawing in view.drawings]
+    if missing:
+        every = {*formats, "svg"}
+        wanted = [
+            (drawing, every if drawing.renewed else _missing_formats(drawing, place, every))
+            for drawing in view.drawings
+        ]
+    wanted = [(drawing, endings) for drawing, endings in wanted if endings]
+
+    def draw(share: int) -> list[tuple[Path, ...]]:
+        return [
+            save_figures((drawing.definition,), drawing.source, place, view.figure_note, endings)
+            for drawing, endings in wanted[share::processes]
+        ]
+
+    processes = max(1, min(workers, len(wanted)))
+    drawn: list[tuple[Path, ...]] = [()] * len(wanted)
+    for share, paths in enumerate(run_in_copies(draw, processes)):
+        drawn[share::processes] = paths
+    return tuple(path for paths in drawn for path in paths)
 
 
 def design_figures(
@@ -85,6 +100,6 @@ def embed_figure(path: Path, caption: str) -> EmbeddedFigure:
     return EmbeddedFigure(path.stem, caption, f"data:image/svg+xml;base64,{text}")
 
 
-def _has_files(drawing: Drawing, place: Path, formats: Collection[str]) -> bool:
-    endings = {*formats, "svg"}
-    return all((place / f"{drawing.definition.key}.{ending}").is_file() for ending in endings)
+def _missing_formats(drawing: Drawing, place: Path, formats: Collection[str]) -> list[str]:
+    key = drawing.definition.key
+    return [ending for ending in formats if not (place / f"{key}.{ending}").is_file()]

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_info
 
 from expdesign.interruption import ENDING
 from expdesign.solver.phases import SearchEvent
-from expdesign.workers import Job, Monitor, WorkerDiedError, job, run_jobs
+from expdesign.workers import Job, Monitor, WorkerDiedError, job, run_in_copies, run_jobs
 from expdesign.workers import local as process_module
 
 pytestmark = pytest.mark.slow
@@ -201,6 +201,18 @@ def test_a_request_to_stop_reaches_the_jobs(workers):
 def test_after_a_request_to_stop_nothing_begins(workers):
     jobs = [Job(sleeper, (k, 0.0)) for k in range(3)]
     assert len(list(run_jobs(build, jobs, workers, Recorder(stop_after=0)))) <= workers
+
+
+def test_shares_of_a_work_are_done_in_copies_of_this_process():
+    """What a copy fails to return is done here."""
+    here = os.getpid()
+
+    def work(share):
+        if share == 2 and os.getpid() != here:
+            os._exit(3)
+        return share, os.getpid() == here
+
+    assert run_in_copies(work, 4) == [(0, True), (1, False), (2, True), (3, False)]
 
 
 def test_workers_stay_with_what_they_have_built():
