@@ -19,6 +19,7 @@ from constraints.arrays import Array
 from expdesign.experiment import DesignResult
 from expdesign.experiment.judging import criterion_symbol
 from expdesign.information.criteria import criteria
+from expdesign.information.identifiable import listed
 from expdesign.recheck.limit_check import REACHED, TOLERANCE, LimitCheck
 from expdesign.solver.phases import PHASE_TITLES, Iteration
 from results.figures import motion
@@ -37,7 +38,7 @@ from results.figures.drawing import (
     write_small,
 )
 from results.figures.parameters import precision_figure
-from results.notation import count_text, handy_unit, plain_number, symbol
+from results.notation import count_text, handy_unit, percent, plain_number, symbol
 
 _ACTIVE = 100 * REACHED
 """From this share on, %, a limit counts as one that holds the design back."""
@@ -53,11 +54,23 @@ _LOOK: dict[str, dict[str, Any]] = {
 }
 
 
+def _limits_seen(result: DesignResult) -> str:
+    """Return the limits that are reached, or the one that is used most."""
+    if not result.checks:
+        return ""
+    reached = [check.title for check in result.checks if check.used >= REACHED]
+    if reached:
+        return f"The design reaches {listed(reached)}."
+    most = max(result.checks, key=lambda check: np.nan_to_num(check.used))
+    return f"The design reaches none; {most.title} is used to {percent(most.used, 3)}."
+
+
 @figure_definition(
     "limits_used",
     "Share of every limit that the design uses at its worst moment, with value, bound, "
     "place and time.",
     height=1.0,
+    seen=_limits_seen,
 )
 def limits_used_figure(figure: Figure, result: DesignResult) -> None:
     """Draw one bar per limit, the fullest on top, with its worst moment at the right."""

@@ -149,7 +149,7 @@ class FigureDefinition(Generic[Source]):
     """A figure of a kind of result: name of its files without the ending, caption for reports.
 
     `fill` draws a result into an empty figure of this size, in inches; it computes nothing but what
-    is shown, and saves nothing.
+    is shown, and saves nothing. `seen` says in a sentence what the figure of a result shows.
     """
 
     key: str
@@ -157,6 +157,7 @@ class FigureDefinition(Generic[Source]):
     fill: Callable[[Figure, Source], None]
     height: float
     width: float = PAGE_WIDTH
+    seen: Callable[[Source], str] | None = None
 
     def draw(self, result: Source) -> Figure:
         """Return the figure of a result."""
@@ -170,10 +171,15 @@ class FigureDefinition(Generic[Source]):
 
 
 def figure_definition(
-    key: str, caption: str, *, height: float, width: float = PAGE_WIDTH
+    key: str,
+    caption: str,
+    *,
+    height: float,
+    width: float = PAGE_WIDTH,
+    seen: Callable[[Any], str] | None = None,
 ) -> Callable[[Callable[[Figure, Source], None]], FigureDefinition[Source]]:
     """Return a decorator that makes a figure of the function that fills it."""
-    return lambda fill: FigureDefinition(key, caption, fill, height, width)
+    return lambda fill: FigureDefinition(key, caption, fill, height, width, seen)
 
 
 # Neither dates nor versions: a figure changes only with its content.

@@ -23,11 +23,22 @@ _IDENTIFIABLE = 100 * IDENTIFIABLE
 _WIDTH = 0.38
 
 
+def _precision_seen(result: DesignResult) -> str:
+    """Return the parameters with the smallest and the largest relative standard deviation."""
+    known = [one for one in result.parameters if np.isfinite(one.rel_std_percent)]
+    if not known:
+        return ""
+    ordered = sorted(known, key=lambda one: one.rel_std_percent)
+    best, worst = (f"{one.name}, {one.rel_std_percent:.2g} %" for one in (ordered[0], ordered[-1]))
+    return f"The experiment determines best {best}, worst {worst}."
+
+
 @drawing.figure_definition(
     "precision",
     "Predicted standard deviation of every parameter relative to its nominal value, over "
     "one period of the design (noise alone) and over the whole experiment (with tolerances).",
     height=3.3,
+    seen=_precision_seen,
 )
 def precision_figure(figure: Figure, result: DesignResult) -> None:
     """Draw two bars per parameter, one period and the whole experiment, on a logarithmic axis."""
@@ -118,18 +129,35 @@ def estimates_figure(figure: Figure, result: EstimationResult) -> None:
     drawing.add_legend_above(axes, handles)
 
 
+def _correlation(result: EstimationResult) -> tuple[list[str], Array]:
+    """Return the names of the free parameters and the correlation of their best estimates."""
+    free = [k for k, name in enumerate(result.parameters) if name not in result.fixed]
+    matrix = correlation(result.best_estimator.covariance)[np.ix_(free, free)]
+    return [result.parameters[k] for k in free], matrix
+
+
+def _correlation_seen(result: EstimationResult) -> str:
+    """Return the pair of parameters with the largest correlation."""
+    names, matrix = _correlation(result)
+    others = np.nan_to_num(np.abs(np.triu(matrix, 1)))
+    if not np.any(others):
+        return ""
+    j, k = np.unravel_index(int(np.argmax(others)), others.shape)
+    return f"The largest is that of {names[j]} and {names[k]}, {matrix[j, k]:.2f}."
+
+
 @drawing.figure_definition(
     "correlation",
     "Correlation between the estimates of the parameters, best estimator.",
     height=4.6,
     width=5.2,
+    seen=_correlation_seen,
 )
 def correlation_figure(figure: Figure, result: EstimationResult) -> None:
     """Draw the best estimator's correlation matrix."""
-    free = [k for k, name in enumerate(result.parameters) if name not in result.fixed]
-    matrix = correlation(result.best_estimator.covariance)[np.ix_(free, free)]
+    names, matrix = _correlation(result)
     axes = figure.subplots()
-    drawing.draw_correlation(axes, matrix, [symbol(result.parameters[k]) for k in free], "RdBu_r")
+    drawing.draw_correlation(axes, matrix, [symbol(name) for name in names], "RdBu_r")
     axes.set_title(f"Correlation of the {result.best.upper()} estimates")
 
 

@@ -21,11 +21,23 @@ _REACH = 0.9995
 """Share of the residuals that the panels show: one outlier shall not flatten all six."""
 
 
+def _residuals_seen(result: RecordingDiagnosis | PredictionResiduals) -> str:
+    """Return the actuators that fail the test of lack of fit, and the largest statistic."""
+    test = result.tests.lack_of_fit
+    if test.refused or not np.any(np.isfinite(test.statistic)):
+        return ""
+    failed = ", ".join(str(j) for j, one in enumerate(test.failed, 1) if one) or "none"
+    worst = int(np.nanargmax(test.statistic))
+    largest = f"the largest F is {test.statistic[worst]:.2f}, of actuator {worst + 1}"
+    return f"Actuators that fail: {failed}; {largest}."
+
+
 @drawing.figure_definition(
     "residuals",
     "Residual force of each actuator over one period, mean over the periods. Dashed: where "
     "the noise alone leaves 95 % of it. F: bias against the scatter between the periods.",
     height=5.4,
+    seen=_residuals_seen,
 )
 def residuals_figure(figure: Figure, result: RecordingDiagnosis) -> None:
     """Draw the residuals of an estimate over one period."""
@@ -41,6 +53,7 @@ def residuals_figure(figure: Figure, result: RecordingDiagnosis) -> None:
     "Error of the predicted force of each actuator on a motion that was not used for the "
     "estimate. Dashed: where the noise alone leaves 95 % of it.",
     height=5.4,
+    seen=_residuals_seen,
 )
 def prediction_figure(figure: Figure, motion: PredictionResiduals) -> None:
     """Draw the error of the prediction of a motion."""

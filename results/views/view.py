@@ -250,10 +250,10 @@ class Drawing:
 
     @property
     def caption(self) -> str:
-        """Caption of the figure, with its number."""
-        return (
-            self.figure.caption if self.number is None else f"{self.number}. {self.figure.caption}"
-        )
+        """Caption of the figure, with its number and what is seen."""
+        number = "" if self.number is None else f"{self.number}. "
+        seen = "" if self.figure.seen is None else self.figure.seen(self.source)
+        return f"{number}{self.figure.caption} {seen}".rstrip()
 
 
 def drawings(

@@ -126,3 +126,13 @@ def test_the_band_of_a_spectrum_and_every_hum_can_be_read():
         drawn_to = axes.transData.transform((1.0, np.max(density.density[:, j])))[1]
         box = axes.texts[0].get_window_extent()
         assert box.y0 > drawn_to
+
+
+def test_the_caption_of_residuals_names_the_actuators_that_fail(diagnosis):
+    (residuals,) = (one for one in DIAGNOSTIC_FIGURES if one.key == "residuals")
+    failed = np.flatnonzero(diagnosis.tests.lack_of_fit.failed) + 1
+    assert 4 in failed  # with the cogging
+    largest = np.nanargmax(diagnosis.tests.lack_of_fit.statistic) + 1
+    text = residuals.seen(diagnosis)
+    assert text.startswith(f"Actuators that fail: {', '.join(map(str, failed))}; the largest F is")
+    assert text.endswith(f"of actuator {largest}.")

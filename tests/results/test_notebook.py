@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 
 import expdesign
+from expdesign.recheck.limit_check import REACHED
 from results.figures.drawing import NotebookFigure
 
 
@@ -31,6 +32,12 @@ def test_figures_have_names_and_are_drawn_on_access(tiny_result):
     figures = tiny_result.view.figures
     assert {"excitation", "path", "precision", "convergence"} <= set(figures)
     assert "excitation: One period of the excitation trajectory" in repr(figures)
+    text = repr(figures)
+    active = [check.title for check in tiny_result.checks if check.used >= REACHED]
+    assert all(title in text.partition("The design reaches")[2] for title in active)
+    ordered = sorted(tiny_result.parameters, key=lambda one: one.rel_std_percent)
+    assert f"best {ordered[0].name}, {ordered[0].rel_std_percent:.2g} %" in text
+    assert f"worst {ordered[-1].name}, {ordered[-1].rel_std_percent:.2g} %" in text
     figure = figures["precision"]
     assert isinstance(figure, NotebookFigure)
     assert figure._repr_png_().startswith(b"\x89PNG")
