@@ -18,6 +18,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
+from estimation.diagnostics.channels import ChannelCheck, check_channels
 from estimation.estimators import (
     Experiment,
     ParameterPriors,
@@ -157,6 +158,17 @@ def fold_measurement(
         raise UnsuitableDataError(str(error), file) from error
     noise = choose_noise(configuration, recording, data.source)
     return recording.as_weighted(noise), noise
+
+
+def check_recording(
+    configuration: RunConfiguration,
+    robot: Robot,
+    folded: tuple[PeriodicRecording, NoiseModel],
+    design: FourierTrajectory | None,
+) -> ChannelCheck:
+    """Check the channels of a folded recording."""
+    planned = configuration.run.trajectory.harmonics if design is None else design.harmonics
+    return check_channels(robot, configuration.run.data, *folded, planned, design)
 
 
 @dataclass(frozen=True, eq=False)
