@@ -420,22 +420,29 @@ def signs_along(robot: Robot, sampled: MotionSamples, spread: Array) -> Array:
     return np.where(doubtful, erf(scaled), np.sign(rates))
 
 
+_STILL = 5.0
+"""Largest rate of a machine at a standstill, in standard deviations."""
+
+
 def rate_spread(
     robot: Robot, motion: HarmonicMotion, recording: PeriodicRecording, covariance: Array
 ) -> Array:
     """Return the standard deviations of the same rates, (S, s), from Cov(ξ), (x, x).
 
     The uncertainty of the forces' delay adds its share: the signs are those of another instant.
+    They are infinite, and the expected signs zero, where no rate differs from zero.
     """
     times, late = recording.forces.times, np.hypot(robot.delay_std, recording.jump_spread)
     factor = np.asarray(np.linalg.cholesky(covariance + 0.0), dtype=np.float64)
     parts = []
     for part in chunks(len(times)):
         sampled = motion.at(times[part])
-        _, slope = sliding_kernel(robot.terms)(sampled.state(), robot.geometry_vector)
+        rates, slope = sliding_kernel(robot.terms)(sampled.state(), robot.geometry_vector)
         spread = np.linalg.norm(sampled.apply_steps(slope, factor), axis=2)
         if late:
             change = slope @ sampled.state()[:, COORDINATES:, None]
             spread = np.hypot(spread, late * change[:, :, 0])
-        parts.append(spread)
+        # Lengths show no sign of a friction while the whole machine stands still.
+        still = np.all(np.abs(rates) <= _STILL * spread, axis=1)
+        parts.append(np.where(still[:, None], np.inf, spread))
     return np.concatenate(parts)

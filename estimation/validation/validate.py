@@ -43,8 +43,8 @@ from expdesign.trajectory import FourierTrajectory
 FIRST_REPETITION = 100_001
 """Number of the first motion's noise: beyond those of all repetitions of the experiment."""
 _ESTIMATE_FIRST = (
-    "resolve the findings of the estimate first, which is doubtful itself, then estimate and "
-    "validate again: this may be a consequence"
+    "resolve the findings of the estimate first, which is doubtful itself: this may be a "
+    "consequence. Estimate again"
 )
 
 

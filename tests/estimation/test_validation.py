@@ -1,4 +1,5 @@
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -27,7 +28,7 @@ def folder(tmp_path_factory):
     return path
 
 
-def case(cogging=None, **motion):
+def case(cogging=None, noise=None, **motion):
     experiment = {"sampling": SAMPLING}
     if cogging:
         experiment["cogging"] = {"amplitude": cogging, "pitch": 0.03}
@@ -36,6 +37,7 @@ def case(cogging=None, **motion):
             "name": "case",
             "robot": "palida",
             "experiment": experiment,
+            **({"noise": noise} if noise else {}),
             "validate": [{"motion": "circle", "radius": 0.1, "speed": 0.5, **motion}],
         }
     )
@@ -98,6 +100,15 @@ def test_a_spline_passes_its_poses():
     states = spline.sample(spline.sample_times(5000)).pose
     for pose in poses:
         assert np.min(np.linalg.norm(states - pose, axis=1)) < 1e-3
+
+
+def test_signs_of_friction_are_not_known_at_the_ends_of_a_line(folder, monkeypatch):
+    """The machine stands still at a sample, where its rates are rounding errors."""
+    monkeypatch.setattr(sys.modules[validate.__module__], "FIRST_REPETITION", 100_086)
+    poses = [[0.1, 0, -0.6, 0, 0, 0], [-0.1, 0, -0.65, 0, 0, 0]]
+    noise = {"force_std": [0.5] * 6, "length_std": [1e-5] * 6}
+    quiet = case(noise=noise, motion="line", poses=poses, speed=0.4, periods=10)
+    assert validate(quiet, read_estimate(folder, ROBOT)).accepted
 
 
 def test_a_sound_estimate_passes(folder):
