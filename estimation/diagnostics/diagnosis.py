@@ -329,7 +329,12 @@ def _noise_tests(
 ) -> NoiseTests:
     """Test the noise, with its effect on the standard deviations of an estimate."""
     recording, noise, part = case.experiment.recording, case.experiment.noise, case.part
-    tests = noise_tests(recording, noise, part.force_rows, part.length_rows, level)
+    forces, lengths = part.force_rows, part.length_rows
+    centred = (
+        part.cells.deviations(forces),
+        None if lengths is None else part.length_cells.deviations(lengths),
+    )
+    tests = noise_tests(recording, noise, forces, lengths, level, centred=centred)
     if estimate is None:
         return tests
     k, ratio, p = estimate.largest_colour_ratio()

@@ -424,7 +424,7 @@ def periodic_force(
 ) -> PeriodicForce:
     """Convert the coefficients of the three columns to amplitude, pitch and phase."""
     a, b, shift = coefficients
-    frequency = 1 / pitch + shift
+    frequency = max(1 / pitch + shift, _LONGEST / pitch)
     amplitude = float(np.hypot(a, b))
     centre = float(np.mean(part.position[:, strut]))
     centre_phase = float(np.arctan2(b, a))
@@ -447,6 +447,10 @@ def periodic_force(
         centre_phase=centre_phase,
         centre_phase_std=std(to_phase),
     )
+
+
+_LONGEST = 0.1
+"""Smallest frequency, relative to that of the scan, up to which its correction is linear."""
 
 
 def _frequencies(length: Array, speed: Array, step: float) -> Array:

@@ -96,6 +96,17 @@ class PhaseCells:
         """Return the value of its cell for every row, (T, …), of values (R, …)."""
         return values if self.index is None else values[self.index]
 
+    def deviations(self, values: Array) -> Array:
+        """Return values, (T, …), less the means of their cells if these have two rows or more.
+
+        They have the variance of the values about a signal that is constant in every cell.
+        """
+        size = None if self.index is None else np.bincount(self.index)[self.index]
+        if size is None or np.min(size) < 2:  # noqa: PLR2004 - a deviation takes two
+            return values
+        scale = np.sqrt(size / (size - 1))
+        return ((values - self.expand(self.mean(values))).T * scale).T
+
     def scatter(self, values: Array) -> NoiseEstimate | None:
         """Return the covariance of the scatter within cells; None if no cell has two rows."""
         if self.index is None:

@@ -86,7 +86,8 @@ def whiteness(
         pairs = series * (samples - lag)
         if expected is not None:
             products = products - np.array([expected(j, lag) for j in range(channels)])
-        correlation[:, lag - 1] = products / pairs
+        # Fewer pairs than samples: that of a slow drift would exceed 1.
+        correlation[:, lag - 1] = np.clip(products / pairs, -1.0, 1.0)
         normalised[:, lag - 1] = products / np.sqrt(pairs * free)
     statistic = np.max(np.abs(normalised), axis=1)
     p_values = np.minimum(1.0, 2 * lags * scipy.stats.norm.sf(statistic))
@@ -300,6 +301,8 @@ def noise_tests(
     forces: Array,
     lengths: Array | None,
     level: float = NOISE,
+    *,
+    centred: tuple[Array, Array | None] | None = None,
 ) -> NoiseTests:
     """Test the noise of a recording.
 
@@ -311,24 +314,27 @@ def noise_tests(
         Noise with the filters and spectra in use.
     forces, lengths : (T, 6)
         Residuals of the recording's rows, used if periods cannot be compared; None: there are none.
+    centred : two of (T, 6), optional
+        The same less their means at equal phases, which contain the errors of the model.
     """
+    force_rows, length_rows = (forces, lengths) if centred is None else centred
     samples, white, normal, change = _test_channels(
-        recording, recording.forces, noise.forces.filter, forces, level
+        recording, recording.forces, noise.forces.filter, (forces, force_rows), level
     )
     if samples is None or normal is None or change is None:
         raise AssertionError("forces leave residuals")
     lengths_tested = _test_channels(
-        recording, recording.lengths, noise.lengths.filter, lengths, level
+        recording, recording.lengths, noise.lengths.filter, (lengths, length_rows), level
     )
     _, length_white, length_normal, length_change = lengths_tested
     counted = noise.forces.lines is not None
     if length_white is not None:
         counted = counted and noise.lengths.lines is not None
     return NoiseTests(
-        samples.reshape(-1, forces.shape[1]),
+        samples.reshape(-1, ACTUATORS),
         Whitenesses(white, length_white, counted=counted, refused=why_not_compared(recording)),
         Normalities(
-            "residuals" if white is None else "periods",
+            "residuals" if recording.forces.repeats is None else "periods",
             normal,
             length_normal,
             recording.weight_taken if recording.robust else None,
@@ -341,11 +347,12 @@ def _test_channels(
     recording: PeriodicRecording,
     channels: Channels,
     noise_filter: WhiteningFilter | None,
-    rows: Array | None,
+    residuals: tuple[Array | None, Array | None],
     level: float,
 ) -> tuple[Array | None, Whiteness | None, Normality | None, Drift | None]:
     """Return samples of the noise, (K, N, 6), and the tests of forces or lengths."""
     samples, white, change, profile = None, None, None, channels.profile
+    rows, centred = residuals
     periods = measured = channels.periods
     if periods is not None and measured is not None and len(periods) > 1:
         periods = periods if profile is None else periods / profile.std
@@ -357,8 +364,11 @@ def _test_channels(
             # The jump between a period's end and beginning appears as outliers after the filter.
             ends = noise_filter.reach(samples.std(axis=(0, 1)))
             samples = contrasts(periods)[:, ends : noise_filter.samples - ends]
-    elif rows is not None:
-        samples = rows[None] - rows.mean(axis=0)
+    elif channels.repeats is not None and len(channels.repeats) > 1:
+        # Missing samples are the means over the periods: errors of the model are no outliers.
+        samples = contrasts(channels.repeats if profile is None else channels.repeats / profile.std)
+    elif centred is not None:
+        samples = centred[None] - centred.mean(axis=0)
     if periods is not None:
         count, phases = periods.shape[:2]
         values = (periods - periods.mean(axis=0)).reshape(count * phases, -1)

@@ -207,13 +207,15 @@ class Search:
         """Return the effect with the smallest p-value, corrected for its family, if significant.
 
         `tests` are conditional on the known effects. Families with different levels are compared
-        by p relative to the level.
+        by p relative to the level. An effect is found once: another constant of it, such as a
+        second delay, would be an error of its linearisation. A strut may have forces of several
+        pitches.
         """
+        taken = {item.name for item in known if item.scan is None}
+        candidates = (one for one in self._candidates(tests.families) if one[0].name not in taken)
         scan = min(tests.scans, key=attrgetter("log_p"))
         relative = scan.log_p - float(np.log(self.level / ACTUATORS))
-        found = min(
-            self._candidates(tests.families), key=lambda one: one[1] - one[0].limit, default=None
-        )
+        found = min(candidates, key=lambda one: one[1] - one[0].limit, default=None)
         if found is not None and found[1] - found[0].limit < min(relative, 0.0):
             return self._refine_constant(found[0], known)
         return self._periodic_candidate(tests.solution, scan) if relative < 0 else None

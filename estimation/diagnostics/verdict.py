@@ -188,7 +188,11 @@ def verdict(
     findings = (*channels, *of_the_estimate, *of_the_forces)
     serious = _order_causes(channels, of_the_estimate, of_the_forces)
     if serious:
-        rest = [finding for finding in findings if not (finding.failed and finding.serious)]
+        rest = [
+            replace(finding, first=False)
+            for finding in findings
+            if not (finding.failed and finding.serious)
+        ]
         summary = f"doubtful: {'; '.join(finding.contradiction for finding in serious)}"
         return DiagnosisVerdict(Status.DOUBTFUL, summary, (*serious, *rest))
     summary = "accepted: no test contradicts the model"

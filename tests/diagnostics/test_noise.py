@@ -27,7 +27,10 @@ def test_contrasts_are_independent_and_have_the_noise_s_variance():
 
 def test_without_periods_the_residuals_serve(sound):
     record = sound[0].recording
-    forces, lengths = replace(record.forces, periods=None), replace(record.lengths, periods=None)
+    forces, lengths = (
+        replace(channels, periods=None, repeats=None)
+        for channels in (record.forces, record.lengths)
+    )
     record = replace(record, forces=forces, lengths=lengths)
     residuals = np.random.default_rng(2).standard_normal((300, 6)) + 5
     noise = NoiseModel(record.forces.scatter, record.lengths.scatter)

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import signal, stats
 
+from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.finding import Status
 from estimation.diagnostics.residuals import harmonic_lack_of_fit
@@ -106,6 +107,30 @@ def test_an_impossible_sign_is_no_cause(periods):
     negative = [e for e in effects if e.kind == "load_friction" and e.value < 0]
     assert all(e.doubt for e in negative)
     assert "friction by load" not in result.verdict.summary
+
+
+def test_forces_behind_a_filter_have_one_delay():
+    """Low-passed forces are no delay: a second one of 2 ms was named together with the first."""
+    lab = Laboratory(samples=500, periods=4)
+    data = lab.measure(2)
+    late = signal.lfilter(*signal.butter(1, 0.127), np.vstack([data.forces] * 2), axis=0)
+    experiment = lab.experiment(replace(data, forces=late[len(data.forces) :]))
+    result = diagnose(lab.robot, [experiment], lab.knowledge, lab.estimate([experiment]))
+    assert [e.kind for e in result.recordings[0].tests.effects].count("delay") == 1
+    assert all(finding.failed and finding.serious for finding in result.verdict.causes)
+
+
+def test_a_delay_makes_no_outliers_where_samples_are_lost():
+    lab = Laboratory(samples=500, periods=5)
+    data = lab.measure(3, delay=8e-3)
+    kept = np.random.default_rng(1).random(len(data.time)) >= 0.02
+    data = Measurement(data.time[kept], data.lengths[kept], data.forces[kept])
+    experiment = lab.experiment(data, lab.noise)
+    result = diagnose(lab.robot, [experiment], lab.knowledge, lab.estimate([experiment]))
+    normality = result.recordings[0].tests.normality
+    assert normality.source == "periods"
+    assert not np.any(normality.forces.outliers)
+    assert not np.any(normality.forces.failed)
 
 
 def test_a_listed_effect_that_explains_everything_is_certain():

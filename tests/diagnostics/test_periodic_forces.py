@@ -125,6 +125,13 @@ def test_amplitude_pitch_and_phase_come_back_within_their_errors(twin):
     np.testing.assert_allclose(errors.mean(axis=0), 0, atol=0.35)
 
 
+def test_no_pitch_is_negative(twin):
+    """A correction of the pitch beyond its linear range makes it longer than the stroke."""
+    stroke = np.ptp(twin.part.position[:, 1])
+    found = periodic_force(twin.part, 1, stroke / 3, np.array([1.0, 2.0, -4 / stroke]), np.eye(3))
+    assert found.pitch > stroke
+
+
 def test_a_strut_that_is_too_fast_is_not_scanned(twin):
     solved = _system(twin.part, np.zeros_like(twin.part.forces)).solution
     scan = scan_pitches(solved, twin.part, 0, 10.0)
