@@ -14,12 +14,14 @@ import signal
 import subprocess
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from estimation.data.stamps import count_from_first
-from estimation.data.table import RawTable
+from estimation.data.table import FileContent, RawTable
 from expdesign.configuration import DataSection, InputError
 
 _LONGEST_REASON = 200
@@ -52,6 +54,8 @@ class FileFormat:
     the functions are passed by name."""
     accepts: Callable[[Path], bool] | None = None
     """``accepts(path)``, for formats with a common extension."""
+    list_columns: Callable[[Path], FileContent] | None = None
+    """``list_columns(path)`` returns all columns, for :mod:`estimation.data.guess`."""
     folder_file: str = ""
     """File that identifies a folder of this format; empty if folders are not read."""
 
@@ -72,24 +76,25 @@ class FileFormat:
         RuntimeError
             The reading process could not be started.
         """
-        return (self._load_apart if self.may_crash else self.load_here)(path, section)
+        table: RawTable = (self._load_apart if self.may_crash else self.load_here)(path, section)
+        return table
+
+    def columns_of(self, path: Path) -> FileContent:
+        """Return all columns of a file; exceptions as of `load`."""
+        if self.list_columns is None:
+            known = "name the columns under data.columns"
+            raise InputError(f"columns of {self.title} cannot be listed", path, allowed=known)
+        return self._load_apart(path, None) if self.may_crash else self.columns_here(path)
+
+    def columns_here(self, path: Path) -> FileContent:
+        """Return all columns of a file in this process."""
+        with self._named_failures(path):
+            return FileContent(()) if self.list_columns is None else self.list_columns(path)
 
     def load_here(self, path: Path, section: DataSection) -> RawTable:
         """Read a file in this process."""
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # they are for the library's developers
-                table = self.read(path, section)
-        except InputError:
-            raise
-        except FileNotFoundError:
-            raise InputError("there is no such file", path) from None
-        except PermissionError:
-            raise InputError("there is no permission to read it", path) from None
-        except Exception as error:  # noqa: BLE001 - the libraries raise anything on damaged files
-            said = " ".join(str(error).split())[:_LONGEST_REASON]
-            reason = "".join(mark if mark.isprintable() else "?" for mark in said)
-            raise self._damaged(path, reason or type(error).__name__) from None
+        with self._named_failures(path):
+            table = self.read(path, section)
         count = len(table.values["t"])
         time = table.column_name("t")
         uneven = [
@@ -104,7 +109,8 @@ class FileFormat:
         relative, origin = count_from_first(table.values["t"])
         return replace(table, values={**table.values, "t": relative}, origin=origin)
 
-    def _load_apart(self, path: Path, section: DataSection) -> RawTable:
+    def _load_apart(self, path: Path, section: DataSection | None) -> Any:
+        """Return the table of a section, or without a section all columns."""
         size = _bytes_of(path)
         folders = os.pathsep.join(folder or str(Path.cwd()) for folder in sys.path)
         try:
@@ -123,10 +129,28 @@ class FileFormat:
             raise self._damaged(path, f"its library crashed ({name})")
         if child.returncode > 0:
             raise RuntimeError(f"reading {path} failed: {child.stderr.decode(errors='replace')}")
-        answer: RawTable | InputError = pickle.loads(child.stdout)  # our own process wrote it
+        answer = pickle.loads(child.stdout)  # our own process wrote it
         if isinstance(answer, InputError):
             raise answer
         return answer
+
+    @contextmanager
+    def _named_failures(self, path: Path) -> Iterator[None]:
+        """Turn every failure of the library into bad input."""
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # they are for the library's developers
+                yield
+        except InputError:
+            raise
+        except FileNotFoundError:
+            raise InputError("there is no such file", path) from None
+        except PermissionError:
+            raise InputError("there is no permission to read it", path) from None
+        except Exception as error:  # noqa: BLE001 - the libraries raise anything on damaged files
+            said = " ".join(str(error).split())[:_LONGEST_REASON]
+            reason = "".join(mark if mark.isprintable() else "?" for mark in said)
+            raise self._damaged(path, reason or type(error).__name__) from None
 
     def _damaged(self, path: Path, reason: str) -> InputError:
         message = f"the file is damaged or not of the format {self.title}: {reason}"
@@ -147,7 +171,11 @@ def serve() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     try:
-        answer: RawTable | InputError = file_format.load_here(path, section)
+        answer: RawTable | FileContent | InputError = (
+            file_format.columns_here(path)
+            if section is None
+            else file_format.load_here(path, section)
+        )
     except InputError as error:
         answer = error
     with os.fdopen(answers, "wb") as stream:

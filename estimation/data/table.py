@@ -73,6 +73,18 @@ def header_column(text: str, place: Any) -> RecordedColumn:
     )
 
 
+@dataclass(frozen=True)
+class FileContent:
+    """Columns of a file, and the keys of `data` that follow from its text."""
+
+    columns: Sequence[RecordedColumn]
+    settings: Mapping[str, str] = field(default_factory=dict)
+    questions: Sequence[str] = ()
+    """What prevents reading it, with advice."""
+    has_time: bool = False
+    """True if the format has the time without a column."""
+
+
 def pick_columns(
     columns: Sequence[RecordedColumn],
     names: Mapping[str, str],

@@ -91,6 +91,7 @@ _NAMES = {"next_motion": "next"}
 for _command in (
     machine_commands.robots,
     machine_commands.init,
+    machine_commands.init_data,
     machine_commands.check,
     run_commands.design,
     run_commands.plan,

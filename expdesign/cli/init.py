@@ -1,7 +1,8 @@
-"""Command `init`: the robot file and the run file of a new machine."""
+"""Commands `init` and `init-data`: files of a new machine, and the section of a recording."""
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
@@ -13,13 +14,15 @@ import typer
 
 from expdesign.cli.options import INIT_OPTIONS, flag
 from expdesign.cli.output import messages, note, say, write_json
-from expdesign.configuration import InputError
+from expdesign.configuration import InputError, load_run
 from expdesign.configuration.document import Located, document_from_mapping
 from expdesign.configuration.errors import Problem
+from expdesign.configuration.run import yaml_lines
 from expdesign.configuration.schema import validate
 from expdesign.machines.importing import MachineDescription, machine_from_answers, read_machine
 from expdesign.machines.machine import MachineDraft
 from expdesign.machines.writing import WrittenFiles, refuse_existing, write_files
+from expdesign.runfolder.files import write_text
 from expdesign.stages.execution import refuse_unwritable
 from expdesign.stages.stage import short
 
@@ -185,6 +188,38 @@ def _answer(key: str, *, needed: bool) -> Any:
                 continue
             value = meant
         return value
+
+
+def write_data_section(file: Path, run: str | None, out: Path | None, *, as_json: bool) -> None:
+    """Print the guessed section `data` for a recording, or write it to a new file."""
+    from estimation.data.guess import guess_data  # no other command here reads recordings
+
+    if out is not None:
+        refuse_unwritable(out.absolute().parent)
+        if out.exists():
+            raise InputError("the file exists", out, key="--out", allowed="a new file")
+    configuration = None if run is None else load_run(run)
+    guess = guess_data(file, configuration and configuration.robot)
+    folder = (
+        Path.cwd()
+        if configuration is None or configuration.file is None
+        else (configuration.file.parent)
+    )
+    section = {"file": os.path.relpath(file.absolute(), folder), **guess.section}
+    if as_json:
+        found = {"data": section, "facts": guess.facts, "questions": guess.questions}
+        write_json({"status": 0, **found})
+        return
+    comments = [*guess.facts, *(f"? {text}" for text in guess.questions)]
+    text = "".join([*yaml_lines("data", section, 0), *(f"  # {one}\n" for one in comments)])
+    if out is None:
+        typer.echo(text, nl=False)
+    else:
+        write_text(out, text)
+        say(f"written to {short(out.absolute())}")
+    asked = len(guess.questions)
+    if asked:
+        note(f"{asked} line{'s' if asked > 1 else ''} with `# ?` to answer")
 
 
 def _show(files: WrittenFiles) -> None:

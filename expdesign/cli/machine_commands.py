@@ -56,6 +56,27 @@ def init(
     write_machine(name, out, sources, options, as_json=as_json)
 
 
+def init_data(
+    file: Annotated[Path, argument("FILE", "A recording, or the folder of a rosbag2 recording.")],
+    run: Annotated[
+        str | None,
+        option("--run", "RUN.yaml", "The run: its robot decides on units and zeros not stated."),
+    ] = None,
+    out: Annotated[
+        Path | None, option("--out", "FILE", "A new file for the section, instead of printing it.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Guess the section `data` of a run file from a recording, and print it.
+
+    Delimiter, decimal mark, columns of time, lengths and forces with their units, and the form of
+    the time. Comments name what the file does not determine.
+    """
+    from expdesign.cli.init import write_data_section
+
+    write_data_section(file, run, out, as_json=as_json)
+
+
 MachineOption = Annotated[
     bool,
     flag_option(

@@ -412,6 +412,6 @@ def _flow(value: Any) -> str:
 def _text(text: str) -> str:
     if _PLAIN.fullmatch(text) and text.lower() not in _RESERVED:
         return text
-    quoted = text.replace("\\", "\\\\").replace('"', '\\"')
+    quoted = text.replace("\\", "\\\\").replace('"', '\\"').replace("\t", "\\t")
     shown = (c if c.isprintable() else f"\\U{ord(c):08x}" for c in quoted)
     return f'"{"".join(shown)}"'

@@ -50,6 +50,10 @@ def write_mat(path, rec):
     savemat(path, rec.columns)
 
 
+def write_npz(path, rec):
+    np.savez(path, **rec.columns)
+
+
 def matlab73_file(path):
     """An empty file as MATLAB makes them, with its text before the HDF5 signature."""
     file = h5py.File(path, "w", userblock_size=512)
@@ -132,6 +136,7 @@ WRITERS = {
     "recording.csv": write_csv,
     "recording.mat": write_mat,
     "recording73.mat": write_mat73,
+    "recording.npz": write_npz,
     "recording.h5": write_hdf5,
     "recording.mf4": write_mdf,
     "recording.mcap": write_mcap,

@@ -34,7 +34,7 @@ def test_round_trip(name, tmp_path, rec, read):
 
 def test_each_format_is_a_file_with_its_own_title():
     titles = [found.title for found in file_formats()]
-    assert len(set(titles)) == len(titles) == 6
+    assert len(set(titles)) == len(titles) == 7
 
 
 @pytest.mark.parametrize("name", WRITERS)

@@ -31,7 +31,7 @@ def test_matrices_with_the_names_of_the_channels(transposed, tmp_path, rec):
     path = tmp_path / "m.mat"
     q = rec.q.T if transposed else rec.q
     savemat(path, {"t": rec.t[:, None], "q": q, "Q": rec.Q, "note": "text", "dt": 0.001})
-    _check(hierarchical.read_matlab(path, DataSection()), rec)
+    _check(hierarchical.read_arrays(path, DataSection()), rec)
 
 
 def test_columns_of_a_matrix_by_name(tmp_path, rec):
@@ -39,16 +39,16 @@ def test_columns_of_a_matrix_by_name(tmp_path, rec):
     savemat(path, {"t": rec.t, "log": np.hstack([rec.q, rec.Q])})
     columns = {f"q{j}": f"log(:,{j})" for j in range(1, 7)}
     columns |= {f"Q{j}": f"log(:,{j + 6})" for j in range(1, 7)}
-    _check(hierarchical.read_matlab(path, DataSection(columns=columns)), rec)
+    _check(hierarchical.read_arrays(path, DataSection(columns=columns)), rec)
 
 
 def test_struct_with_fields(tmp_path, rec):
     path = tmp_path / "m.mat"
     savemat(path, {"rec": {"info": {"date": "today"}, **rec.columns}})
-    table = hierarchical.read_matlab(path, DataSection())
+    table = hierarchical.read_arrays(path, DataSection())
     _check(table, rec)
     assert table.column_name("q2") == "rec.q2"
-    _check(hierarchical.read_matlab(path, DataSection(columns={"q2": "rec.q2"})), rec)
+    _check(hierarchical.read_arrays(path, DataSection(columns={"q2": "rec.q2"})), rec)
 
 
 def test_structure_with_time(tmp_path, rec):
@@ -59,10 +59,10 @@ def test_structure_with_time(tmp_path, rec):
     signals[1] = (rec.Q.T[:, None, :], "kraft", np.array([6.0, 1.0]))  # 6 × 1 × T
     savemat(path, {"out": {"time": rec.t[:, None], "signals": signals}})
     by_label = _mapped("laenge(:,{})", "kraft(:,{})", "out.time")
-    _check(hierarchical.read_matlab(path, by_label), rec)
+    _check(hierarchical.read_arrays(path, by_label), rec)
     numbered = "out.signals({}).values(:,{{}})"
     by_number = _mapped(numbered.format(1), numbered.format(2), "time")
-    _check(hierarchical.read_matlab(path, by_number), rec)
+    _check(hierarchical.read_arrays(path, by_number), rec)
 
 
 def test_integers_and_single_precision_are_numbers(tmp_path, rec):
@@ -72,7 +72,7 @@ def test_integers_and_single_precision_are_numbers(tmp_path, rec):
         "q1": rec.q[:, 0].astype(np.float32),
     }
     savemat(path, columns)
-    table = hierarchical.read_matlab(path, DataSection())
+    table = hierarchical.read_arrays(path, DataSection())
     assert np.array_equal(table.values["t"], np.arange(len(rec.t)))
     assert table.values["q1"] == pytest.approx(rec.q[:, 0], rel=1e-7)
     assert table.values["q1"].dtype == np.float64

@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.data.formats import FileFormat
-from estimation.data.stamps import TimeCells
+from estimation.data.stamps import TimeCells, is_stamp
 from estimation.data.table import (
     HEADER_LINE,
     MOST_PROBLEMS,
+    FileContent,
     RawTable,
     RecordedColumn,
     header_column,
@@ -29,6 +30,7 @@ from estimation.data.table import (
     refuse_long,
 )
 from expdesign.configuration import DataSection, InputError, Problem
+from expdesign.configuration.quantity import quantity_of_unit
 
 BLOCK = 4 * 1024 * 1024
 """Characters of a block, without its last line."""
@@ -96,6 +98,7 @@ def line_blocks(path: Path) -> Iterator[list[str]]:
 _QUOTE = '"'
 _OF_NUMBERS = frozenset("0123456789+-.eE \t")
 """Characters of numbers that Python and this reader read alike."""
+_ANY_NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?")
 _MOST_TEXTS = 100_000
 """Largest number of cells without a number whose text is stored."""
 _OTHER_DELIMITERS = {";": "';'", "\t": "'\\t'", ",": "','", "|": "'|'"}
@@ -208,6 +211,66 @@ def _with_delimiter_hint(error: InputError, path: Path, header: str, delimiter: 
         path,
         HEADER_LINE,
         allowed=f"data.delimiter: the one of the file, perhaps {other}",
+    )
+
+
+_SAMPLE = 200
+"""Lines that show the format."""
+
+
+def list_columns(path: Path) -> FileContent:
+    """Guess delimiter and decimal mark, and list the columns with the units of a row of units."""
+    lines = next(line_blocks(path), [])[:_SAMPLE]
+    found = {
+        mark: list(csv.reader([f"{line}\n" for line in lines], delimiter=mark))
+        for mark in (*_OTHER_DELIMITERS, " ")
+    }
+
+    def numeric_cells(mark: str) -> int:
+        return sum(_is_number(cell) for row in found[mark] for cell in row)
+
+    delimiter = max(found, key=numeric_cells)
+    rows = found[delimiter]
+    width = len(rows[-1]) if rows else 0
+    first = next((n for n, row in enumerate(rows) if _is_data(row, width)), len(rows))
+    questions, header, units = list[str](), first - 1, list[str]()
+    if first == len(rows) or width < 2:  # noqa: PLR2004 - time and a value
+        return FileContent((), questions=("no table of numbers is in the file",))
+    if first == 0:
+        return FileContent((), questions=("the first line has no names: add a line with them",))
+    if header > 0 and len(rows[header - 1]) == width and _are_units(rows[header]):
+        units, header = rows[header], header - 1
+        questions.append(f"line {first} has units instead of numbers: delete it")
+    if header > 0:
+        questions.append(f"the names are in line {header + 1}: delete the lines before it")
+    cells = [cell for row in rows[first:] for cell in row if _is_number(cell)]
+    comma = any("," in cell and not is_stamp(cell.strip()) for cell in cells)
+    columns = [header_column(name, place) for place, name in enumerate(rows[header])]
+    columns = [
+        replace(column, name=column.name, unit=column.unit or unit.strip("[]() ") or None)
+        for column, unit in zip(columns, units or [""] * len(columns), strict=False)
+    ]
+    settings = {"delimiter": delimiter, "decimal": "," if comma else "."}
+    defaults = {"delimiter": "\t" if path.suffix.lower() == ".tsv" else ",", "decimal": "."}
+    stated = {key: value for key, value in settings.items() if value != defaults[key]}
+    return FileContent(columns, stated, questions)
+
+
+def _is_number(cell: str) -> bool:
+    text = cell.strip()
+    return is_stamp(text) or _ANY_NUMBER.fullmatch(text) is not None
+
+
+def _is_data(row: Sequence[str], width: int) -> bool:
+    """Return whether a row has the width of the table and mostly numbers."""
+    return len(row) == width and sum(map(_is_number, row)) > width / 2
+
+
+def _are_units(row: Sequence[str]) -> bool:
+    """Return whether most cells of a row are known units."""
+    found = [text for cell in row if (text := cell.strip("[]() "))]
+    return (
+        bool(found) and sum(quantity_of_unit(text) is not None for text in found) > len(found) / 2
     )
 
 
@@ -324,4 +387,11 @@ def _parse_cells(
     return values, wrong
 
 
-FORMATS = (FileFormat(title="CSV, TSV", extensions=(".csv", ".tsv", ".txt"), read=read),)
+FORMATS = (
+    FileFormat(
+        title="CSV, TSV",
+        extensions=(".csv", ".tsv", ".txt"),
+        read=read,
+        list_columns=list_columns,
+    ),
+)

@@ -1,4 +1,4 @@
-"""Arrays in structs and groups: HDF5 and MATLAB files."""
+"""Arrays in structs and groups: HDF5, MATLAB and NumPy files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,14 @@ from scipy.io import loadmat
 
 from constraints.arrays import Array
 from estimation.data.formats import FileFormat
-from estimation.data.table import NUMERIC, RawTable, RecordedColumn, pick_columns, refuse_long
+from estimation.data.table import (
+    NUMERIC,
+    FileContent,
+    RawTable,
+    RecordedColumn,
+    pick_columns,
+    refuse_long,
+)
 from expdesign.configuration import DataSection
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -23,6 +30,7 @@ _PLACES = (0, 512)
 
 _UNIT_ATTRIBUTES = ("units", "unit")
 _MOST_COLUMNS = 256
+_NUMPY = ".npz"
 
 
 def _is_hdf5(path: Path) -> bool:
@@ -35,21 +43,37 @@ def _is_hdf5(path: Path) -> bool:
     return False
 
 
-def read_matlab(path: Path, section: DataSection) -> RawTable:
-    """Read variables; fields of structs have names such as ``recording.q1``.
+def read_arrays(path: Path, section: DataSection) -> RawTable:
+    """Read variables of MATLAB or NumPy; fields of structs have names such as ``recording.q1``.
 
     A Simulink "structure with time" has its signals under their labels too.
     """
+    columns, arrays = _arrays(path)
+    picked = pick_columns(columns, section.columns, path)
+    _refuse_long(picked, path)
+    return RawTable(path, _load_columns(picked, arrays.__getitem__), picked)
+
+
+def _arrays(path: Path) -> tuple[list[RecordedColumn], dict[str, NDArray[Any]]]:
+    """Return the columns of a file of MATLAB or NumPy, and their arrays by name."""
     columns: list[RecordedColumn] = []
     arrays: dict[str, NDArray[Any]] = {}
-    for variable, value in loadmat(path, simplify_cells=True).items():
+    if path.suffix.lower() == _NUMPY:
+        with path.open("rb") as stream, np.load(stream) as archive:
+            variables = dict(archive)
+    else:
+        variables = loadmat(path, simplify_cells=True)
+    for variable, value in variables.items():
         if not variable.startswith("__"):
             for name, short, array in _numeric(value, variable, variable):
                 arrays[name] = array
                 columns += _array_columns(name, short, array.shape, name)
-    picked = pick_columns(columns, section.columns, path)
-    _refuse_long(picked, path)
-    return RawTable(path, _load_columns(picked, arrays.__getitem__), picked)
+    return columns, arrays
+
+
+def list_arrays(path: Path) -> FileContent:
+    """List the columns of a file of MATLAB or NumPy."""
+    return FileContent(_arrays(path)[0])
 
 
 def read_hdf5(path: Path, section: DataSection, separator: str = "/") -> RawTable:
@@ -59,15 +83,7 @@ def read_hdf5(path: Path, section: DataSection, separator: str = "/") -> RawTabl
     """
     h5py = import_module("h5py")
     with h5py.File(path, "r") as file:
-        columns: list[RecordedColumn] = []
-
-        def visit(name: str, item: Any) -> None:
-            # MATLAB's own folders begin with #; links out of the file are not visited.
-            if isinstance(item, h5py.Dataset) and not name.startswith("#"):
-                columns.extend(_dataset_columns(item, separator))
-
-        file.visititems(visit)
-        picked = pick_columns(columns, section.columns, path)
+        picked = pick_columns(_hdf5_columns(file, separator), section.columns, path)
         _refuse_long(picked, path)
 
         def load(place: tuple[str, str | None]) -> NDArray[Any]:
@@ -76,6 +92,24 @@ def read_hdf5(path: Path, section: DataSection, separator: str = "/") -> RawTabl
             return np.asarray(array if member is None else array[member])
 
         return RawTable(path, _load_columns(picked, load), picked)
+
+
+def list_hdf5(path: Path, separator: str = "/") -> FileContent:
+    """List the columns of an HDF5 file."""
+    with import_module("h5py").File(path, "r") as file:
+        return FileContent(_hdf5_columns(file, separator))
+
+
+def _hdf5_columns(file: Any, separator: str) -> list[RecordedColumn]:
+    columns: list[RecordedColumn] = []
+
+    def visit(name: str, item: Any) -> None:
+        # MATLAB's own folders begin with #; links out of the file are not visited.
+        if hasattr(item, "dtype") and not name.startswith("#"):
+            columns.extend(_dataset_columns(item, separator))
+
+    file.visititems(visit)
+    return columns
 
 
 def _dataset_columns(dataset: Any, separator: str) -> Iterator[RecordedColumn]:
@@ -165,7 +199,15 @@ def _is_not_hdf5(path: Path) -> bool:
 
 
 FORMATS = (
-    FileFormat("HDF5", (".h5", ".hdf5", ".hdf"), read_hdf5, "h5py", "hdf5", may_crash=True),
+    FileFormat(
+        "HDF5",
+        (".h5", ".hdf5", ".hdf"),
+        read_hdf5,
+        "h5py",
+        "hdf5",
+        may_crash=True,
+        list_columns=list_hdf5,
+    ),
     FileFormat(
         "MATLAB v7.3",
         (".mat",),
@@ -174,6 +216,15 @@ FORMATS = (
         "mat73",
         may_crash=True,
         accepts=_is_hdf5,
+        list_columns=partial(list_hdf5, separator="."),
     ),
-    FileFormat("MATLAB up to v7", (".mat",), read_matlab, may_crash=True, accepts=_is_not_hdf5),
+    FileFormat(
+        "MATLAB up to v7",
+        (".mat",),
+        read_arrays,
+        may_crash=True,
+        accepts=_is_not_hdf5,
+        list_columns=list_arrays,
+    ),
+    FileFormat("NumPy", (_NUMPY,), read_arrays, list_columns=list_arrays),
 )

@@ -15,6 +15,7 @@ from estimation.data.formats import FileFormat
 from estimation.data.table import (
     NUMERIC,
     OPTIONAL,
+    FileContent,
     RawTable,
     RecordedColumn,
     pick_columns,
@@ -37,6 +38,12 @@ def read(path: Path, section: DataSection) -> RawTable:
     """
     with import_module("asammdf").MDF(path) as file:
         return _table(file, path, section)
+
+
+def list_channels(path: Path) -> FileContent:
+    """List the channels of a file."""
+    with import_module("asammdf").MDF(path) as file:
+        return FileContent(list(_columns(file)), has_time=True)
 
 
 def _table(file: Any, path: Path, section: DataSection) -> RawTable:
@@ -103,4 +110,14 @@ def _text(item: Any) -> str:
     return item.decode("utf-8", "replace") if isinstance(item, bytes) else str(item)
 
 
-FORMATS = (FileFormat("MDF 4", (".mf4", ".mdf"), read, "asammdf", "mdf", may_crash=True),)
+FORMATS = (
+    FileFormat(
+        "MDF 4",
+        (".mf4", ".mdf"),
+        read,
+        "asammdf",
+        "mdf",
+        may_crash=True,
+        list_columns=list_channels,
+    ),
+)

@@ -11,7 +11,14 @@ from typing import Any
 import numpy as np
 
 from estimation.data.formats import FileFormat
-from estimation.data.table import RawTable, RecordedColumn, pick_columns, refuse, refuse_long
+from estimation.data.table import (
+    FileContent,
+    RawTable,
+    RecordedColumn,
+    pick_columns,
+    refuse,
+    refuse_long,
+)
 from expdesign.configuration import (
     FORCE_CHANNELS,
     LENGTH_CHANNELS,
@@ -41,14 +48,8 @@ def read(path: Path, section: DataSection) -> RawTable:
         There are no joint states; joints are missing from the topic, or missing from some messages
         or named twice there; or several publishers take turns on the topic.
     """
-    highlevel = import_module("rosbags.highlevel")
-    typesys = import_module("rosbags.typesys")
-    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    with highlevel.AnyReader([path], default_typestore=store) as bag:
-        topics: dict[str, list[Any]] = {}
-        for connection in bag.connections:
-            if connection.msgtype == _MESSAGE:
-                topics.setdefault(connection.topic, []).append(connection)
+    with _opened(path) as bag:
+        topics = _topics(bag)
         columns = list(_columns(bag, topics))
         if not columns:
             raise InputError(
@@ -58,6 +59,29 @@ def read(path: Path, section: DataSection) -> RawTable:
         topic = _one_topic(picked, path)
         refuse_long(sum(connection.msgcount for connection in topics[topic]), path)
         return _table(bag, topics[topic], picked, path)
+
+
+def list_joints(path: Path) -> FileContent:
+    """List the columns of every topic of joint states."""
+    with _opened(path) as bag:
+        return FileContent(list(_columns(bag, _topics(bag))))
+
+
+def _opened(path: Path) -> Any:
+    """Return the reader of a recording, a context manager."""
+    highlevel = import_module("rosbags.highlevel")
+    typesys = import_module("rosbags.typesys")
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    return highlevel.AnyReader([path], default_typestore=store)
+
+
+def _topics(bag: Any) -> dict[str, list[Any]]:
+    """Return the connections of every topic of joint states."""
+    topics: dict[str, list[Any]] = {}
+    for connection in bag.connections:
+        if connection.msgtype == _MESSAGE:
+            topics.setdefault(connection.topic, []).append(connection)
+    return topics
 
 
 def _columns(bag: Any, topics: Mapping[str, list[Any]]) -> Iterator[RecordedColumn]:
@@ -184,5 +208,6 @@ FORMATS = (
         "ros",
         may_crash=True,
         folder_file="metadata.yaml",
+        list_columns=list_joints,
     ),
 )

@@ -1,0 +1,339 @@
+"""Guess of a run's section `data` from a recording: columns, units, separators and time."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimation.data.measurement import find_gaps, fit_grid
+from estimation.data.reading import LengthRange, format_of
+from estimation.data.stamps import epoch_unit
+from estimation.data.table import FileContent, RawTable, RecordedColumn
+from expdesign.configuration import (
+    FORCE_CHANNELS,
+    LENGTH_CHANNELS,
+    DataSection,
+    InputError,
+    ResolvedRobot,
+    quote,
+)
+from expdesign.configuration.actuator_units import FORCE_KINDS, LENGTH_KINDS, ActuatorUnits
+from expdesign.configuration.quantity import (
+    ANGLE,
+    DURATION,
+    TORQUE,
+    Quantity,
+    quantity_of_unit,
+)
+from expdesign.mechanism.hexapod import ACTUATORS
+
+
+@dataclass(frozen=True)
+class DataGuess:
+    """Guessed section `data` with everything that has to be checked."""
+
+    section: dict[str, Any] = field(default_factory=dict)
+    """Keys and values in the notation of a run file."""
+    facts: list[str] = field(default_factory=list)
+    """Findings about the file."""
+    questions: list[str] = field(default_factory=list)
+    """Values that the file does not determine, with advice."""
+
+
+def guess_data(path: Path, robot: ResolvedRobot | None = None) -> DataGuess:
+    """Guess the section `data` for a recording.
+
+    Names and units of the columns decide: six columns that differ by a number are the channels of a
+    group. The robot's lengths decide on a unit of the lengths that the file does not state, and on
+    their zero.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or is of a format whose columns cannot be listed.
+    """
+    file_format = format_of(path)
+    content = file_format.columns_of(path)
+    guess = DataGuess(dict(content.settings), [], list(content.questions))
+    units: dict[str, str] = {}
+    chosen = _choose_columns(content, guess, units)
+    timed = "t" in chosen or content.has_time
+    names = {channel: column.text for channel, column in chosen.items()}
+    guess.section["columns"] = {channel: name for channel, name in names.items() if name != channel}
+    if set(chosen) >= _NEEDED and timed and not content.questions:
+        keys = ("columns", "delimiter", "decimal")
+        section = {key: guess.section[key] for key in keys if key in guess.section}
+        try:
+            table = file_format.load(path, DataSection.model_validate(section))
+        except InputError as error:
+            guess.questions.extend(str(replace(one, file=None)) for one in error.problems)
+        else:
+            _check_time(table, guess, units)
+            _check_lengths(table, guess, units, robot)
+    _check_scales(guess, units, robot)
+    if "Q1" in chosen and "Q" not in units and chosen["Q1"].unit is None:
+        guess.questions.append("units: {Q: …}: not stated, N is assumed")
+    guess.section["units"] = {key: units[key] for key in ("t", "q", "Q") if key in units}
+    for key in ("columns", "units"):
+        if not guess.section[key]:
+            del guess.section[key]
+    return guess
+
+
+_NEEDED = {*LENGTH_CHANNELS, *FORCE_CHANNELS}
+_MOST_LISTED = 40
+
+
+def _choose_columns(
+    content: FileContent, guess: DataGuess, units: dict[str, str]
+) -> dict[str, RecordedColumn]:
+    """Return the column of every channel that is found; add units and questions."""
+    families, chosen = _families(content.columns), dict[str, RecordedColumn]()
+    listed = ", ".join(column.label for column in content.columns[:_MOST_LISTED])
+    for group, channels, what in (
+        ("q", LENGTH_CHANNELS, "strut lengths"),
+        ("Q", FORCE_CHANNELS, "actuator forces"),
+    ):
+        ranked = sorted(families, key=lambda family: -family.score(group))
+        if not ranked or (best := ranked[0]).score(group) == 0:
+            guess.questions.append(
+                f"no six columns are the {what}: state columns: {{{group}1: …}}, out of {listed}"
+            )
+            continue
+        families.remove(best)
+        equal = [one.named for one in ranked[1:] if one.score(group) == best.score(group)]
+        if equal:
+            guess.questions.append(f"{what}: {best.named}, or {' or '.join(equal)}?")
+        if best.surplus:
+            guess.questions.append(f"{best.named}: the first six of {ACTUATORS + best.surplus}")
+        chosen |= zip(channels, best.columns, strict=True)
+        unknown = best.columns[0].unit
+        if best.unit:
+            units[group] = best.unit
+        elif unknown and quantity_of_unit(unknown) is None:
+            guess.questions.append(f"units: {{{group}: …}}: {quote(unknown)} is not known")
+    taken = list(chosen.values())
+    time = _time_column([column for column in content.columns if column not in taken])
+    if time is None and content.has_time:
+        return chosen
+    if time is None:
+        guess.questions.append(f"no column is the time: state columns: {{t: …}}, out of {listed}")
+        return chosen
+    if unit := _unit_in(time, (DURATION,)):
+        units["t"] = unit
+    return {"t": time} | chosen
+
+
+# --- columns --------------------------------------------------------------------------------------
+
+_WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-zäöü]+|[^\W\d_]+")
+_COMPOUND = re.compile(r"(ist|soll|act|cmd|ref)(\w{2,})")
+_NUMBER = re.compile(r"\d+")
+_LETTER = re.compile(r"(?:.*[./_])?([qQ])(?:\(:,#\)|#)")
+"""Names of the channels themselves, also in structs and as columns of matrices."""
+
+
+def _word_set(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+_LENGTH_WORDS = _word_set(
+    "q l s pos position length len strut leg slider enc encoder angle ang winkel weg lange länge "
+    "laenge hub stroke joint axis motor counts"
+)
+_FORCE_WORDS = _word_set(
+    "f force kraft torque trq tau tq moment drehmoment effort current cur curr i iq strom tension"
+)
+_CURRENT_WORDS = _word_set("i iq current cur curr strom")
+_OTHER_WORDS = _word_set(
+    "v vel velocity speed geschwindigkeit qd dq qdd ddq acc accel acceleration beschleunigung jerk "
+    "temp temperature temperatur voltage volt volts status state err error follow lag model pwm "
+    "duty enable limit time stamp"
+)
+_COMMAND_WORDS = _word_set(
+    "cmd command commanded ref reference des desired soll set setpoint target demand nominal"
+)
+_MEASURED_WORDS = _word_set("act actual ist meas measured fb feedback")
+_TIME_WORDS = _word_set("t time zeit timestamp stamp times sec seconds clock")
+
+
+@dataclass(frozen=True)
+class _Family:
+    """Six columns whose names differ by a number."""
+
+    stem: str
+    """Name with # for the number."""
+    columns: tuple[RecordedColumn, ...]
+    surplus: int
+    """Number of further columns of the family."""
+
+    @property
+    def named(self) -> str:
+        """The names for messages."""
+        return quote(self.stem)
+
+    @property
+    def words(self) -> frozenset[str]:
+        """Words of the name in small letters."""
+        found = {word.lower() for word in _WORDS.findall(self.stem)}
+        compounds = (_COMPOUND.fullmatch(word) for word in found)
+        return frozenset(found.union(*(match.groups() for match in compounds if match)))
+
+    @property
+    def unit(self) -> str | None:
+        """Unit of a length or force that all columns state, if any."""
+        found = {_unit_in(column, (*LENGTH_KINDS, *FORCE_KINDS)) for column in self.columns}
+        return found.pop() if len(found) == 1 else None
+
+    def score(self, group: str) -> float:
+        """Return how well the columns fit as lengths, ``q``, or forces, ``Q``; 0: not at all."""
+        kinds = LENGTH_KINDS if group == "q" else FORCE_KINDS
+        wanted = _LENGTH_WORDS if group == "q" else _FORCE_WORDS
+        unwanted = _FORCE_WORDS if group == "q" else frozenset()
+        if (letter := _LETTER.fullmatch(self.stem)) and letter.group(1) != group:
+            return 0.0
+        stated = next((column.unit for column in self.columns if column.unit), "")
+        kind = quantity_of_unit(self.unit or stated)
+        named = bool(letter) or (bool(self.words & wanted) and not self.words & unwanted)
+        if self.words & _OTHER_WORDS or (kind not in kinds if kind else not named):
+            return 0.0
+        score = 4.0 * (kind is not None) + named + 0.5 * bool(self.words & _MEASURED_WORDS)
+        # Commands, and the currents of torques that are there as well, are the second choice.
+        second = (self.words & _COMMAND_WORDS) or (group == "Q" and self.words & _CURRENT_WORDS)
+        return score - 0.75 * bool(second)
+
+
+def _families(columns: Sequence[RecordedColumn]) -> list[_Family]:
+    """Return all sets of at least six columns that differ by a number, from 0 or 1 on."""
+    found: dict[str, dict[int, RecordedColumn]] = {}
+    for column in columns:
+        for match in _NUMBER.finditer(column.name):
+            stem = f"{column.name[: match.start()]}#{column.name[match.end() :]}"
+            found.setdefault(stem, {}).setdefault(int(match.group()), column)
+    families = []
+    for stem, numbered in found.items():
+        first = next((n for n in (1, 0) if n in numbered and n + ACTUATORS - 1 in numbered), None)
+        if 0 in numbered and ACTUATORS not in numbered:
+            first = 0
+        run = [] if first is None else range(first, first + ACTUATORS)
+        if run and all(number in numbered for number in run):
+            six = tuple(numbered[number] for number in run)
+            families.append(_Family(stem, six, len(numbered) - ACTUATORS))
+    return families
+
+
+def _unit_in(column: RecordedColumn, kinds: Sequence[Quantity]) -> str | None:
+    """Return the unit of one of the kinds in a column's brackets, or as a word of its name."""
+    words = re.split(r"[\s_.,:/#-]+|\d+", column.name)
+    candidates = [column.unit or "", *(words[1:] if column.unit is None else [])]
+    return next(
+        (unit for unit in reversed(candidates) if unit and quantity_of_unit(unit) in kinds), None
+    )
+
+
+def _time_column(columns: Sequence[RecordedColumn]) -> RecordedColumn | None:
+    """Return the column of the time by its name, then by its unit."""
+
+    def words(column: RecordedColumn) -> set[str]:
+        return {word.lower() for word in _WORDS.findall(column.short)}
+
+    named = [column for column in columns if words(column) & _TIME_WORDS]
+    timed = [column for column in columns if _unit_in(column, (DURATION,))]
+    exact = [column for column in named if column.short.lower() == "t"]
+    return next(iter((*exact, *(one for one in named if one in timed), *named, *timed)), None)
+
+
+# --- values ---------------------------------------------------------------------------------------
+
+
+_FEWEST = 3
+_JITTER = 0.01
+_SLOW = ((0.5, "s"), (50.0, "ms"), (5e4, "us"), (np.inf, "ns"))
+"""Units of a time without one, by its steps: no machine is sampled once in half a second."""
+
+
+def _check_time(table: RawTable, guess: DataGuess, units: dict[str, str]) -> None:
+    """Add unit, sampling and jitter of the time."""
+    time, unit = table.values["t"], units.get("t")
+    steps = np.diff(time)
+    if not np.all(np.isfinite(time)) or np.any(steps <= 0) or len(time) < _FEWEST:
+        guess.questions.append("the time is no number, or does not increase, in some rows")
+        return
+    if unit is None and table.columns["t"].unit is None:
+        step = float(np.median(steps))
+        unit = (
+            epoch_unit(table.origin) if table.origin else next(u for end, u in _SLOW if step < end)
+        )
+        if unit != "s":
+            units["t"] = unit
+        if unit != "s" and not table.origin:
+            guess.questions.append(f"units: {{t: {unit}}}: guessed from steps of {step:g}")
+    seconds = time * DURATION.parse(f"1 {unit or 's'}")
+    grid = fit_grid(seconds, find_gaps(seconds))
+    lost = f", {grid.lost} samples missing" if grid.lost else ""
+    guess.facts.append(f"{len(time)} rows, {1 / grid.step:.6g} Hz, {np.ptp(seconds):.4g} s{lost}")
+    if grid.jitter > _JITTER:
+        guess.section["time"] = "stamped"
+        guess.facts.append(
+            f"time: stamped, since it deviates by {grid.jitter:.2g} steps from a grid"
+        )
+
+
+_UNITS = ("m", "mm", "cm", "in", "µm", "rev", "rad", "deg")
+"""Units of lengths that are tried, the most likely first."""
+
+
+def _check_lengths(
+    table: RawTable, guess: DataGuess, units: dict[str, str], robot: ResolvedRobot | None
+) -> None:
+    """Add the unit of the lengths, and their zero, with which they fit the robot."""
+    values = np.array([table.values[channel] for channel in LENGTH_CHANNELS])
+    middle = np.nanmedian(values, axis=1)
+    stated = units.get("q") or table.columns[LENGTH_CHANNELS[0]].unit
+    shown = " ".join(f"{one:.4g}" for one in middle)
+    if robot is None:
+        if stated is None:
+            guess.questions.append(f"units: {{q: …}}: not stated, m is assumed; around {shown}")
+        return
+    allowed, conversion = LengthRange.of(robot), ActuatorUnits(robot)
+    home = robot.struts_at(robot.home).lengths
+    scales = {
+        unit: np.array(conversion.si_values(unit))
+        for unit in ((stated,) if stated else _UNITS)
+        if not conversion.missing(unit)
+    }
+    absolute = [unit for unit, scale in scales.items() if np.all(allowed.fits(middle * scale))]
+    from_home = [u for u, scale in scales.items() if np.all(allowed.fits(home + middle * scale))]
+    if absolute:
+        unit = absolute[0]
+    elif from_home:
+        # Every smaller unit fits as well.
+        unit = max(from_home, key=lambda each: (each != "in", np.max(scales[each])))
+        guess.section["offset"] = "home"
+        guess.questions.append("offset: home: the axes seem to read zero at the robot's home")
+    else:
+        guess.questions.append(
+            f"offset: …: lengths around {shown} {stated or ''} fit the robot neither from zero nor "
+            "from home on: state what each axis reads there, or its unit"
+        )
+        return
+    if stated is None and unit != "m":
+        units["q"] = unit
+        others = [one for one in (absolute or from_home) if one != unit]
+        also = f", as {', '.join(others)} would" if others else ""
+        guess.questions.append(f"units: {{q: {unit}}}: not stated, fits the robot{also}")
+
+
+def _check_scales(guess: DataGuess, units: dict[str, str], robot: ResolvedRobot | None) -> None:
+    """Add the conversions of units that the section or the robot file lacks."""
+    for group in ("q", "Q"):
+        unit = units.get(group, "")
+        if unit and (missing := ActuatorUnits(robot).missing(unit)):
+            guess.questions.append(f"{group} in {unit}: {missing[1]}")
+        elif robot is None and quantity_of_unit(unit) in (ANGLE, TORQUE):
+            guess.questions.append(f"{group} in {unit}: the robot file has to state the lead")

@@ -1,0 +1,171 @@
+"""Guesses of the section `data` from the dialects of recorders."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from estimation.data.guess import guess_data
+from estimation.data.reading import read_measurement
+from expdesign.configuration import DataSection
+from expdesign.configuration.parameters import Drive, Screw
+from tests.data.recordings import write_bag_folder, write_hdf5, write_mdf
+
+LEAD = 0.02
+PER_RADIAN = LEAD / (2 * np.pi)
+BEGIN = 1_764_212_345_123_456_789
+TIMES = {
+    "s": lambda t: t,
+    "ms": lambda t: np.round(1e3 * t).astype(int),
+    "ns": lambda t: BEGIN + np.round(1e9 * t).astype(np.int64),
+    "iso": lambda t: TIMES["ns"](t).astype("datetime64[ns]").astype(str),
+}
+GERMAN = {"sep": ";", "decimal": ","}
+# time and its form; lengths, m; forces, N; other columns; options of the text; guessed units
+DIALECTS = [
+    ("t", "s", "q{}", 1, "Q{}", 1, ["dq{}"], {}, {}),
+    ("time_ms", "ms", "pos_{}_mm", 1e-3, "force{}_kN", 1e3, ["vel_{}"], {}, "ms mm kN"),
+    (
+        *("Zeit", "iso", "Achse {} Istposition (rev)", LEAD, "Achse {} Moment (Nm)"),
+        *(1 / PER_RADIAN, ["Achse {} Sollposition (rev)"], GERMAN, "- rev Nm"),
+    ),
+    (
+        *("Timestamp", "ns", "Axis {}.ActPos [deg]", np.pi / 180 * PER_RADIAN),
+        *("Axis {}.ActTorque [mNm]", 1e-3 / PER_RADIAN, ["Axis {}.ActVel [deg/s]"]),
+        *({"sep": "\t"}, "ns deg mNm"),
+    ),
+    ("t", "s", "q{}", 1, "tau{}", 1, ["qd{}", "temp{}"], {}, {}),
+    ("Time [s]", "s", "cable_{}_length [cm]", 0.01, "tension_{} [N]", 1, [], {}, "s cm N"),
+    ("sec", "s", "enc{} [rad]", PER_RADIAN, "M{} [Nm]", 1 / PER_RADIAN, [], {}, "- rad Nm"),
+]
+
+
+@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize("dialect", DIALECTS, ids=lambda row: row[4])
+def test_the_section_reads_the_recording(dialect, first, tmp_path, rec, palida):
+    """Whatever the names, units and marks: what is guessed needs no question to be read."""
+    time, form, lengths, metres, forces, newtons, others, options, units = dialect
+    frame = rec.frame[["t"]].rename(columns={"t": time})
+    frame[time] = TIMES[form](rec.t)
+    for number in range(6):
+        for other in others:
+            frame[other.format(number + first)] = number + rec.t
+        frame[lengths.format(number + first)] = rec.q[:, number] / metres
+        frame[forces.format(number + first)] = rec.Q[:, number] / newtons
+    path = tmp_path / "log.csv"
+    frame.to_csv(path, index=False, **options)
+    machine = replace(palida, drive=Drive(screw=Screw(lead=LEAD)))
+    guess = guess_data(path, machine)
+    stated = dict(zip("tqQ", units.split(), strict=True)) if units else {}
+    stated = {key: unit for key, unit in stated.items() if unit != "-"}
+    assert guess.section.get("units", {}) == stated
+    assert guess.facts == ["60 rows, 1000 Hz, 0.059 s"]
+    assert all("not stated, N is assumed" in text for text in guess.questions)
+    assert len(guess.questions) == ("Q" not in stated)
+    found = read_measurement(path, DataSection.model_validate(guess.section), machine)
+    np.testing.assert_allclose(found.lengths, rec.q, rtol=1e-12)
+    np.testing.assert_allclose(found.forces, rec.Q, rtol=1e-12)
+    assert found.time == pytest.approx(rec.t, rel=0, abs=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("unit", "metres", "at_home"),
+    [("mm", 1e-3, False), ("in", 0.0254, False), ("mm", 1e-3, True), ("rev", LEAD, True)],
+)
+def test_lengths_without_a_unit_get_the_one_that_fits_the_robot(
+    unit, metres, at_home, tmp_path, rec, palida
+):
+    machine = replace(palida, drive=Drive(screw=Screw(lead=LEAD)))
+    home = machine.struts_at(machine.home).lengths
+    rec.q = (rec.q - home * at_home) / metres
+    rec.frame.to_csv(tmp_path / "log.csv", index=False)
+    guess = guess_data(tmp_path / "log.csv", machine)
+    assert guess.section.get("offset") == ("home" if at_home else None)
+    assert guess.section["units"]["q"] == unit
+    assert any(f"units: {{q: {unit}}}: not stated, fits the robot" in q for q in guess.questions)
+
+
+QUESTIONS = {
+    # A hexapod of a laboratory: lengths in cm, and the duty of the motors for their forces.
+    "time_ms,len1_cm,len2_cm,len3_cm,len4_cm,len5_cm,len6_cm,pwm1,pwm2,pwm3,pwm4,pwm5,pwm6": (
+        "no six columns are the actuator forces: state columns: {Q1: …}, out of time_ms, len1_cm",
+    ),
+    "t,q1,q2,q3,q4,q5,q6,tau1,tau2,tau3,tau4,tau5,tau6,F1,F2,F3,F4,F5,F6": (
+        "actuator forces: 'tau#', or 'F#'?",
+    ),
+    "t,q1,q2,q3,q4,q5,q6,q7,tau1,tau2,tau3,tau4,tau5,tau6,tau7": ("'q#': the first six of 7",),
+    "a,b": ("no six columns are the strut lengths", "no column is the time"),
+    "t,q1 [U],q2 [U],q3 [U],q4 [U],q5 [U],q6 [U],I1 [A],I2 [A],I3 [A],I4 [A],I5 [A],I6 [A]": (
+        "units: {q: …}: 'U' is not known",
+        "Q in A: force_constants: one value or six, in N/A",
+    ),
+    "t,q1 [inc],q2 [inc],q3 [inc],q4 [inc],q5 [inc],q6 [inc],F1,F2,F3,F4,F5,F6": (
+        "q in inc: counts_per_metre: counts of one metre of the strut, or counts_per_revolution",
+    ),
+}
+
+
+@pytest.mark.parametrize("header", QUESTIONS)
+def test_what_the_file_does_not_determine_is_a_question(header, tmp_path):
+    path = tmp_path / "log.txt"
+    width = header.count(",") + 1
+    rows = [",".join(str(n + k) for k in range(width)) for n in range(20)]
+    path.write_text("\n".join([header, *rows]))
+    questions = guess_data(path).questions
+    for wanted in QUESTIONS[header]:
+        assert any(wanted in question for question in questions), questions
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "wanted"),
+    [
+        ("Recorder 5\n\n", "", "the names are in line 3: delete the lines before it"),
+        ("", "[ms]\t" + 6 * "[mm]\t" + 5 * "[N]\t" + "[N]\n", "line 2 has units instead of"),
+    ],
+)
+def test_lines_that_have_to_go(before, after, wanted, tmp_path, rec):
+    path = tmp_path / "log.tsv"
+    header, rows = rec.frame.to_csv(index=False, sep="\t").split("\n", 1)
+    path.write_text(f"{before}{header}\n{after}{rows}")
+    guess = guess_data(path)
+    assert wanted in guess.questions[0]
+    if after:
+        assert guess.section["units"] == {"t": "ms", "q": "mm", "Q": "N"}
+
+
+def test_stamps_that_jitter_and_steps_of_milliseconds(tmp_path, rec):
+    rng = np.random.default_rng(0)
+    rec.t = 2.0 * np.arange(60) + rng.uniform(-0.5, 0.5, 60)
+    rec.frame.to_csv(tmp_path / "log.csv", index=False)
+    guess = guess_data(tmp_path / "log.csv")
+    assert guess.section["time"] == "stamped"
+    assert guess.section["units"] == {"t": "ms"}
+    assert "guessed from steps of" in guess.questions[0]
+
+
+def _write_structs(path, rec):
+    savemat(path, {"log": {"time": rec.t, "pos": rec.q, "force": rec.Q, "cmd": 2 * rec.q}})
+
+
+def _write_numpy(path, rec):
+    np.savez(path, t=rec.t, q=rec.q, Q=rec.Q)
+
+
+@pytest.mark.usefixtures("forked")
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("log.mat", _write_structs),
+        ("log.npz", _write_numpy),
+        ("log.h5", write_hdf5),
+        ("log.mf4", write_mdf),
+        ("log", write_bag_folder),
+    ],
+)
+def test_other_files(name, write, tmp_path, rec, palida):
+    write(tmp_path / name, rec)
+    guess = guess_data(tmp_path / name, palida)
+    found = read_measurement(tmp_path / name, DataSection.model_validate(guess.section), palida)
+    assert np.array_equal(found.lengths, rec.q)
+    assert np.array_equal(found.forces, rec.Q)
