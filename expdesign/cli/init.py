@@ -198,13 +198,12 @@ def write_data_section(file: Path, run: str | None, out: Path | None, *, as_json
         refuse_unwritable(out.absolute().parent)
         if out.exists():
             raise InputError("the file exists", out, key="--out", allowed="a new file")
-    configuration = None if run is None else load_run(run)
-    guess = guess_data(file, configuration and configuration.robot)
-    folder = (
-        Path.cwd()
-        if configuration is None or configuration.file is None
-        else (configuration.file.parent)
-    )
+    robot, folder = None, Path.cwd()
+    if run is not None:
+        configuration = load_run(run)
+        robot = configuration.robot
+        folder = folder if configuration.file is None else configuration.file.absolute().parent
+    guess = guess_data(file, robot)
     section = {"file": os.path.relpath(file.absolute(), folder), **guess.section}
     if as_json:
         found = {"data": section, "facts": guess.facts, "questions": guess.questions}
