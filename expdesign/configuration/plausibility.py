@@ -173,7 +173,7 @@ def _within_rounding(consistent: Realisable, values: Array, reach: Array) -> Arr
 # --- likely unit errors ---------------------------------------------------------------------------
 
 _TURN = 2 * np.pi
-_SPEED = 50.0
+FASTEST = 50.0
 """Above every strut's speed, m/s."""
 _LENGTHS = 20.0
 """Above every limit in m, in lengths of the longest strut at home."""
@@ -188,7 +188,7 @@ def likely_unit_errors(
 
     `longest` is the length of the longest strut at home, m.
     """
-    bounds = {"rad": _TURN, "m": _LENGTHS * longest, "m/s": _SPEED}
+    bounds = {"rad": _TURN, "m": _LENGTHS * longest, "m/s": FASTEST}
     found = []
     for key, limit in limits.items():
         if limit.unit in bounds:

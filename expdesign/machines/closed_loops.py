@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from constraints.arrays import Array
 from expdesign.configuration.errors import InputError
-from expdesign.machines.machine import MachineDraft, Question, rows
+from expdesign.configuration.plausibility import FASTEST
+from expdesign.machines.machine import MachineDraft, Question, round_digits, rows
 from expdesign.machines.mechanism_graph import (
     Groups,
     Joint,
@@ -247,13 +248,15 @@ def _limits(struts: Sequence[_Strut]) -> tuple[dict[str, object], list[Question]
             continue
         ends = strut.axis @ strut.along + np.sort(np.array(strut.slide.travel) * strut.extends)
         if ends[1] > 0:
-            lengths.append((max(float(ends[0]), 0.0), float(ends[1])))
+            lengths.append((round_digits(max(float(ends[0]), 0.0)), round_digits(float(ends[1]))))
     limits, unknown = dict[str, object](), list[Question]()
     slides = [strut.slide for strut in struts]
+    # Simulators have placeholders such as 100 m/s.
+    speeds = [slide.speed for slide in slides if slide.speed is not None and slide.speed <= FASTEST]
     found: tuple[tuple[str, list[object], str], ...] = (
         ("strut_length", list(lengths), "range"),
         ("actuator_force", [s.force for s in slides if s.force is not None], "largest force"),
-        ("strut_speed", [s.speed for s in slides if s.speed is not None], "largest speed"),
+        ("strut_speed", list(speeds), "largest speed"),
     )
     for key, values, words in found:
         if len(values) == ACTUATORS:

@@ -305,6 +305,13 @@ def test_limits_of_joints_that_turn_may_be_empty(text, machines, tmp_path):
     np.testing.assert_array_equal(machine.base_joints, machines["sdf"].base_joints)
 
 
+def test_a_speed_of_no_machine_is_asked_for(machines, tmp_path):
+    content = bench.sdf().replace("<velocity>0.4</velocity>", "<velocity>100</velocity>")
+    machine = read(tmp_path, content, ".sdf")
+    assert "strut_speed" not in machine.limits
+    assert asked(machine) - asked(machines["sdf"]) == {"limits.strut_speed"}
+
+
 def test_a_mechanism_without_slides_is_described_in_its_refusal(tmp_path):
     cranks = bench.sdf().replace('type="prismatic"', 'type="revolute"')
     with pytest.raises(InputError, match="0 sliding joints") as caught:

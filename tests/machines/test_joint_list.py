@@ -74,6 +74,7 @@ MATRICES = {
     "older struct": {"stewart": STRUCT},
     "struct with a height": {"stewart": {"Aa": BASE.T, "Bb": PLATFORM.T, "H": 0.7}},
     "plain matrices": {"A": BASE.T, "B": PLATFORM.T, "h": 0.7, "R": np.eye(3)},
+    "one letter differs": {"Az": BASE, "Bz": PLATFORM, "h": 0.7},
     "homogeneous": {"B": np.vstack([BASE.T, np.ones(6)]), "P": np.vstack([PLATFORM.T, np.ones(6)])}
     | {"h": 0.7},
     "millimetres": {"base_mm": 1e3 * BASE, "platform_mm": 1e3 * PLATFORM, "height": 700.0},

@@ -58,8 +58,11 @@ def draft_of_points(
         There is no set for base or platform, or several.
     """
     sets = {key: points for key, value in values.items() if (points := _six(value)) is not None}
-    if {_words(key) for key in sets} == {"b", "p"}:
-        sets = {{"b": "base", "p": "platform"}[_words(key)]: points for key, points in sets.items()}
+    questions = []
+    if (letters := _by_letters(list(sets))) is not None:
+        text = f"Taken as base: {letters[0]}; as platform: {letters[1]}. Is it so?"
+        questions.append(Question("", text))
+        sets = {"base": sets[letters[0]], "platform": sets[letters[1]]}
     chosen = {}
     for end, pattern in _NAMES.items():
         others = [one for key, one in _NAMES.items() if key != end]
@@ -76,7 +79,6 @@ def draft_of_points(
     given = [value for key, value in values.items() if _HEIGHT.search(_words(key))]
     heights = [float(one) for one in given if isinstance(one, int | float)]
     stated = [value for key, value in values.items() if _UNIT.search(_words(key))]
-    questions = []
     if unit is None and stated:
         unit = str(stated[0])
     if unit is None:
@@ -104,6 +106,14 @@ def draft_of_points(
         home=None if home is None else (*rows(home[None])[0], 0.0, 0.0, 0.0),
         questions=tuple(questions),
     )
+
+
+def _by_letters(keys: list[str]) -> list[str] | None:
+    """Return the names of base and platform that differ in a letter: A and B, or B and P."""
+    words = sorted(map(_words, keys))
+    if len(words) != 2 or words[0][1:] != words[1][1:]:  # noqa: PLR2004 - base and platform
+        return None
+    return sorted(keys, key=_words) if words[0][:1] + words[1][:1] in ("ab", "bp") else None
 
 
 def _words(key: str) -> str:
