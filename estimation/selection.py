@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Annotated, Self
 
 import numpy as np
@@ -452,6 +453,7 @@ class Evidence:
         priors: ParameterPriors,
         values: Array,
         blocks: Mapping[str, tuple[str, ...]],
+        known: Mapping[str, float] = MappingProxyType({}),
     ) -> Self:
         """Linearise the recordings.
 
@@ -465,15 +467,17 @@ class Evidence:
             Parameters at which the model is linearised, SI.
         blocks : mapping
             Names of the parameters of each candidate.
+        known : mapping
+            Estimated deviations that the robot contains already, by name.
         """
-        shares, precision = [], np.zeros(0)
+        shares, precision, off = [], np.zeros(0), np.zeros(0)
         coloured = [with_empirical_colour(experiment) for experiment in experiments]
         reweighted = [replace(each, noise=empirical_noise(each)) for each in coloured]
         for experiment in reweighted:
             motion = None if experiment.fit is None else experiment.motion
             part = linearise(robot, experiment, values, priors.free, motion)
             candidate_effects = CandidateEffects(robot, experiment, motion, values, part)
-            precision = candidate_effects.tolerance_columns()[1]
+            _, precision, off = candidate_effects.tolerance_columns(known)
             shares.append(RecordingInformation.of(candidate_effects, part, experiment))
         names = [n for n, free in zip(priors.names, priors.free, strict=True) if free]
         size = len(names) + len(precision)
@@ -481,9 +485,8 @@ class Evidence:
         bounds = {each.name: (each.lower, each.upper) for each in parameters_of(robot.terms)}
         margins[: len(names)] = [bounds.get(name, (-np.inf, np.inf)) for name in names]
         margins[: len(names)] -= values[priors.free][:, None]
-        tolerated = NormalEquations(
-            0.0, np.diag(np.pad(precision, (len(names), 0))), np.zeros(size)
-        )
+        weights, pull = (np.pad(each, (len(names), 0)) for each in (precision, precision * off))
+        tolerated = NormalEquations(0.0, np.diag(weights), pull)
         return cls(
             {
                 term: np.array([names.index(name) for name in own], dtype=np.intp)

@@ -89,11 +89,7 @@ def format_of(path: Path) -> FileFormat:
 
 
 def read_measurement(
-    path: str | PathLike[str],
-    section: DataSection,
-    robot: ResolvedRobot | Robot,
-    *,
-    plausible: bool = True,
+    path: str | PathLike[str], section: DataSection, robot: ResolvedRobot | Robot
 ) -> Measurement:
     """Read a recording.
 
@@ -105,8 +101,6 @@ def read_measurement(
         Columns, units, signs and time; the defaults are those of ``measurement.csv``.
     robot : ResolvedRobot or Robot
         The measured robot: its parameters need as many rows, its limits show implausible lengths.
-    plausible : bool
-        Refuse implausible lengths.
 
     Raises
     ------
@@ -114,16 +108,11 @@ def read_measurement(
         The file cannot be read, or its content cannot be used: every defect with column and row.
     """
     file = Path(path)
-    table = format_of(file).load(file, section)
-    return measurement_of(table, section, robot, plausible=plausible)
+    return measurement_of(format_of(file).load(file, section), section, robot)
 
 
 def measurement_of(
-    table: RawTable,
-    section: DataSection,
-    robot: ResolvedRobot | Robot,
-    *,
-    plausible: bool = True,
+    table: RawTable, section: DataSection, robot: ResolvedRobot | Robot
 ) -> Measurement:
     """Return the measurement in a table; arguments and exceptions as of `read_measurement`."""
     machine = robot if isinstance(robot, Robot) else Robot(robot)
@@ -144,8 +133,7 @@ def measurement_of(
     refuse_empty_rows(table, FORCE_CHANNELS)
     base = time_base(table, section)
     lengths = np.column_stack([table.values[channel] for channel in LENGTH_CHANNELS])
-    if plausible:
-        refuse_implausible_lengths(table, lengths, description, section)
+    refuse_implausible_lengths(table, lengths, description, section)
     period = table.values.get("period")
     return Measurement(
         time=base.time,

@@ -39,6 +39,8 @@ from estimation.diagnostics.plausibility import plausibility
 from estimation.diagnostics.reliability import (
     UndetectedEffect,
     candidate_reliability,
+    common_effect_findings,
+    join_recordings,
     undetected_effects,
 )
 from estimation.diagnostics.residual_covariance import (
@@ -121,14 +123,14 @@ def diagnose(
         return _result(estimate, results, verdict(results))
     used = [case.experiment for case in cases]
     names = np.array(priors.names)[priors.free].tolist()
-    undetected = undetected_effects(
-        [result.reliability for result in results], names, estimate.std[priors.free]
-    )
+    candidates = join_recordings([result.reliability for result in results])
+    undetected = undetected_effects(candidates, names, estimate.std[priors.free])
     judgement = verdict(
         results,
         *check_motion_onset(used),
         *check_convergence(estimate),
         *tolerance_findings(estimate),
+        *common_effect_findings(candidates, [result.attribution for result in results]),
         plausibility(robot, priors, estimate),
         *findings,
         channels=channels,
@@ -244,7 +246,9 @@ def _diagnose_experiment(
 ) -> AttributedDiagnosis:
     """Search one experiment for effects and test it, at 1/`shares` of the levels."""
     experiment, part, tolerated = case.experiment, case.part, case.tolerated
-    families = list_hypotheses(case.effects, priors.names, held_out=held_out, experiments=shares)
+    # Effects are also tested in all recordings together.
+    several = shares + (shares > 1 and not held_out)
+    families = list_hypotheses(case.effects, priors.names, held_out=held_out, experiments=several)
     attribution = attribute(
         case.search_system.with_tolerances(*tolerated),
         part,

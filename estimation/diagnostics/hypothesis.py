@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Self
 
 import numpy as np
-import scipy
 from pydantic import Field, model_serializer
 from scipy.optimize import brentq, minimize_scalar
 
@@ -31,9 +30,11 @@ from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.significance import (
     HYPOTHESES,
     POSITION_PERIODIC,
+    POWER,
     Strut,
     log_pair_tail,
     log_tail,
+    noncentrality,
 )
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import parameter_unit, term_definitions
@@ -43,8 +44,6 @@ Label = tuple[str, int | None]
 """Parameter, or empty, and actuator (from 0; None: all of them)."""
 MODELLED = "the model has the term, or its columns explain the effect"
 """Reason why no candidate of a family can be tested."""
-POWER = 0.8
-"""Power of the test at the smallest detectable values."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -211,7 +210,8 @@ class CandidateResult:
     values: Annotated[OpenNumbers, described("SI", "estimated size")]
     std: Annotated[OpenNumbers, described("SI", "standard deviations of the values")]
     detectable: Annotated[
-        OpenNumbers, described("SI", "smallest values, each alone, that are detected with `power`")
+        OpenNumbers,
+        described("SI", "smallest values that are detected with `power`, whatever the others are"),
     ]
     failed: Annotated[bool, described("", "the effect is significant")]
 
@@ -230,13 +230,13 @@ class HypothesisResult:
     def of(cls, test: HypothesisTest, conditional: ConditionalScores) -> Self:
         """Convert a test, given the known effects."""
         hypothesis = test.hypothesis
-        far = scipy.stats.norm.isf(np.exp(test.limit) / 2) + scipy.stats.norm.ppf(POWER)
         rows = []
         for number, (name, strut) in enumerate(hypothesis.labels):
             fit = conditional.fit(test.places(number))
             values, std = fit.values, np.sqrt(np.diag(fit.covariance))
             if not fit.rank and not hypothesis.places:
                 values = std = np.full(1, np.nan)
+            far = noncentrality(test.limit, fit.rank, conditional.freedom) if fit.rank else np.nan
             rows.append(
                 CandidateResult(
                     parameter=name,
@@ -247,7 +247,7 @@ class HypothesisResult:
                     log_p=float(test.log_p[number]),
                     values=values,
                     std=std,
-                    detectable=far * std,
+                    detectable=np.sqrt(far) * std,
                     failed=bool(test.log_p[number] < test.limit),
                 )
             )

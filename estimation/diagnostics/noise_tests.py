@@ -224,7 +224,8 @@ def drift(values: Array, block: NDArray[np.intp], phases: int, level: float = NO
     inner = np.sum((values - values.mean(axis=0)) ** 2, axis=0) - between
     freedom = len(values) - count - max(phases - 1, 0)
     variance = inner / freedom
-    statistic = between / (count - 1) / variance
+    statistic = np.zeros_like(between)
+    np.divide(between / (count - 1), variance, out=statistic, where=variance > 0)
     number = np.arange(count) - (count - 1) / 2
     return Drift(
         means=centred,

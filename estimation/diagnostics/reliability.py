@@ -7,11 +7,14 @@ information I (`estimation.diagnostics.joint_system`) and the noncentrality λ o
 estimator (`Influence.response`). For several columns, the effects with cᵀ I c ≤ λ move parameter p
 by at most √(λ d I⁻¹ dᵀ), d the row of D.
 
-The effects of all recordings are the same: their shifts add, and each recording tests them alone,
-with the information of the others on parameters and deviations. An effect disturbs that, too. The
-score of the test then has the expectation H c with H = I − A J Aₒᵀ, where A and Aₒ, (q, u), are the
-changes of the jointly fitted parameters and deviations by the effect in this recording and in all
-others, and J is their information: the test sees Hᵀ I⁻¹ H, not I.
+An effect is the same in all recordings: its shifts add, and it is tested in all of them together.
+In one of them alone, what the others say of the parameters contains the effect as well. The scores
+of all recordings, at their joint fit, add to s with the information
+
+    I = Σ (I_r + A_r J A_rᵀ) − (Σ A_r) J (Σ A_r)ᵀ,
+
+A_r, (q, u), being the changes of the jointly fitted parameters and deviations by the effect in
+recording r alone, and J their information.
 
 Effects that a tolerance describes are part of the standard deviations already, and effects without
 any information, such as a common factor of all forces, have no limit: both are left out.
@@ -22,28 +25,37 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
 import scipy
-from scipy.optimize import brentq
 
 from constraints.arrays import Array
-from estimation.diagnostics.attribution import Attribution, describe_candidate
-from estimation.diagnostics.hypothesis import POWER, Hypothesis
+from estimation.diagnostics.attribution import (
+    Attribution,
+    Effect,
+    Rival,
+    describe_candidate,
+    hypothesis_finding,
+)
+from estimation.diagnostics.finding import Finding
+from estimation.diagnostics.hypothesis import Hypothesis
 from estimation.diagnostics.joint_system import (
     DETERMINED,
-    SEEN,
     ConditionalScores,
+    EffectFit,
     JointSystem,
 )
 from estimation.diagnostics.linearisation import Linearisation, Signature
-from estimation.diagnostics.significance import Strut
+from estimation.diagnostics.search import RIVAL_LEVEL
+from estimation.diagnostics.significance import Strut, are_possible, log_tail, noncentrality
 from estimation.estimators.influence import Influence
 from estimation.measurement_model.motion import root_of_pseudo_inverse
 from expdesign.runfolder import described
 
+_MOST_RIVALS = 5
+"""Largest number of named effects that explain the residuals as well."""
 _Key = tuple[str, str, int | None, float | None]
 
 
@@ -74,14 +86,13 @@ class UndetectedEffect:
 
 @dataclass(frozen=True, eq=False)
 class CandidateReliability:
-    """Candidate effect in one recording."""
+    """Candidate effect in one recording, or in all of them together."""
 
     hypothesis: Hypothesis
     number: int
     """Family, and number of the candidate in it."""
-    freedom: int
-    """Degrees of freedom of its test; 0: it cannot be tested."""
-    noncentrality: float
+    limit: float
+    """Largest log p, uncorrected, with which it is significant."""
     scores: ConditionalScores
     """Of its q columns, with I."""
     response: Array
@@ -102,20 +113,38 @@ class CandidateReliability:
         )
         return self.hypothesis.kind, name, strut, constant if np.isfinite(constant) else None
 
+    @cached_property
+    def fit(self) -> EffectFit:
+        """Joint fit of its columns."""
+        return self.scores.fit(range(len(self.response)))
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of its test; 0: it cannot be tested."""
+        return self.fit.rank
+
     @property
     def covariance(self) -> Array:
         """(q, q), I⁻¹."""
-        return self.scores.fit(range(len(self.response))).covariance
+        return self.fit.covariance
 
-    def covariance_given(self, others: Sequence[CandidateReliability]) -> Array:
-        """Return (Hᵀ I⁻¹ H)⁻¹, (q, q), with the same effect in other recordings."""
-        if not others:
-            return self.covariance
-        elsewhere = np.sum([each.response for each in others], axis=0)
-        root = root_of_pseudo_inverse(self.unknowns, DETERMINED)
-        seen = self.scores.information - self.response @ root @ (elsewhere @ root).T
-        scores = replace(self.scores, information=seen.T @ self.covariance @ seen)
-        return scores.fit(range(len(seen)), SEEN**2).covariance
+    @property
+    def log_p(self) -> float:
+        """Logarithm of p of its test, uncorrected."""
+        statistic, rank = np.array(self.fit.statistic), np.array(self.freedom)
+        return float(log_tail(statistic, rank, self.scores.freedom))
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether its first value is within its bounds, or beyond them by noise alone."""
+        first = slice(1)
+        values, covariance = self.fit.values[first], self.covariance[first, first]
+        return are_possible(values, covariance, *self.hypothesis.bounds)
+
+    @property
+    def noncentrality(self) -> float:
+        """λ."""
+        return noncentrality(self.limit, self.freedom, self.scores.freedom)
 
 
 def candidate_reliability(
@@ -167,15 +196,12 @@ def candidate_reliability(
             places = family.places(number)
             if np.all(counted[places]):
                 continue
-            scores = tests.conditional.select(places)
-            rank = int(family.rank[number]) if np.isfinite(family.log_p[number]) else 0
             found.append(
                 CandidateReliability(
                     hypothesis,
                     number,
-                    rank,
-                    _noncentrality(family.limit, rank, scores.freedom) if rank else np.inf,
-                    scores,
+                    family.limit,
+                    tests.conditional.select(places),
                     response[places],
                     inverse[np.ix_(unknown, unknown)],
                     shift[:, places],
@@ -185,82 +211,134 @@ def candidate_reliability(
     return tuple(found)
 
 
-@cache
-def _noncentrality(log_level: float, count: int, freedom: float) -> float:
-    """Return λ of a noncentral χ² that is significant at this level with `POWER`.
+def join_recordings(
+    recordings: Sequence[Sequence[CandidateReliability]],
+) -> tuple[CandidateReliability, ...]:
+    """Return the candidates that can be tested in all recordings together."""
+    groups: dict[_Key, list[CandidateReliability]] = {}
+    for candidate in (candidate for recording in recordings for candidate in recording):
+        groups.setdefault(candidate.key, []).append(candidate)
+    return tuple(joint for joint in map(_join, groups.values()) if joint.freedom)
 
-    With an estimated Σ of ν degrees of freedom, `freedom`, it is `count` times a noncentral F.
-    """
-    known = not np.isfinite(freedom)
-    shape = (count,) if known else (count, freedom)
-    central, noncentral = (
-        (scipy.stats.chi2, scipy.stats.ncx2) if known else (scipy.stats.f, scipy.stats.ncf)
+
+def _join(own: Sequence[CandidateReliability]) -> CandidateReliability:
+    first, *others = own
+    if not others:
+        return first
+    root = root_of_pseudo_inverse(first.unknowns, DETERMINED)
+    parts = [each.response @ root for each in own]
+    total, scores = np.sum(parts, axis=0), [each.scores for each in own]
+    information = sum(
+        each.information + part @ part.T for each, part in zip(scores, parts, strict=True)
     )
-    critical = central.isf(np.exp(log_level), *shape)
+    joint = ConditionalScores(
+        np.sum([each.score for each in scores], axis=0),
+        information - total @ total.T,
+        np.sum([each.whole for each in scores], axis=0),
+        min(each.freedom for each in scores),
+    )
+    return replace(
+        first,
+        limit=min(each.limit for each in own),
+        scores=joint,
+        response=np.sum([each.response for each in own], axis=0),
+        shift=np.sum([each.shift for each in own], axis=0),
+        gram=np.mean([each.gram for each in own], axis=0),
+    )
 
-    def lacking(value: float) -> float:
-        return float(noncentral.sf(critical, *shape, value)) - POWER
 
-    return float(brentq(lacking, 1e-6, 10 * count * critical + 100))
+def common_effect_findings(
+    candidates: Sequence[CandidateReliability], attributions: Sequence[Attribution]
+) -> tuple[Finding, ...]:
+    """Return the finding of an effect that only all recordings together show."""
+    if len(attributions) == 1 or any(each.effects for each in attributions):
+        return ()
+    significant = [each for each in candidates if each.log_p < each.limit]
+    possible = [each for each in significant if each.is_possible]
+    if not significant:
+        return ()
+    best = min(possible or significant, key=lambda each: each.log_p - each.limit)
+    kind, name, strut, constant = best.key
+    values, stds = best.fit.values, np.sqrt(np.diag(best.fit.covariance))
+    if best.hypothesis.sized_by_constant:
+        values = np.array([constant])
+    alike = sorted(
+        (each for each in possible if _is_rival(each, best)), key=lambda each: each.log_p
+    )
+    effect = Effect(
+        kind=kind,
+        strut=strut,
+        parameter=name,
+        log_p=best.log_p - best.limit + float(np.log(best.hypothesis.level)),
+        force=None,
+        value=float(values[0]),
+        std=float(stds[0]),
+        values=values,
+        stds=stds,
+        constant=np.nan if constant is None else constant,
+        rivals=tuple(
+            Rival(own[0], own[2], own[1], log_p)
+            for own, log_p in {each.key[:3]: each.log_p for each in alike[:_MOST_RIVALS]}.items()
+        ),
+        doubt="" if possible else "its sign or size is impossible",
+    )
+    finding = hypothesis_finding(replace(attributions[0], effects=(effect,)), best.hypothesis)
+    together = "all recordings together: "
+    return (
+        replace(
+            finding,
+            sentence=together + finding.sentence,
+            contradiction=together + finding.contradiction,
+        ),
+    )
+
+
+def _is_rival(one: CandidateReliability, best: CandidateReliability) -> bool:
+    """Return whether a candidate explains nearly as much as the best one, another effect."""
+    least = best.fit.statistic - scipy.stats.chi2.isf(RIVAL_LEVEL, best.freedom)
+    return one.key[:3] != best.key[:3] and one.fit.statistic > least
 
 
 def undetected_effects(
-    recordings: Sequence[Sequence[CandidateReliability]], names: Sequence[str], std: Array
+    candidates: Sequence[CandidateReliability], names: Sequence[str], std: Array
 ) -> tuple[UndetectedEffect, ...]:
     """Return what every candidate may do undetected, the largest change first.
 
     Parameters
     ----------
+    candidates : sequence of CandidateReliability
+        Of all recordings together.
     names : sequence of str
         The k estimated parameters.
     std : (k,)
         Their standard deviations, SI.
     """
-    groups: dict[_Key, list[CandidateReliability]] = {}
-    for candidate in (candidate for recording in recordings for candidate in recording):
-        groups.setdefault(candidate.key, []).append(candidate)
-    tested = [own for own in groups.values() if any(each.freedom for each in own)]
-    effects = [_combine(own, names, std) for own in tested]
+    effects = [_undetected(each, names, std) for each in candidates]
     return tuple(sorted(effects, key=lambda effect: -effect.sigmas))
 
 
-def _combine(
-    own: Sequence[CandidateReliability], names: Sequence[str], std: Array
-) -> UndetectedEffect:
-    """Combine the recordings of one effect: the most sensitive one detects it."""
-    total = np.sum([each.shift for each in own], axis=0)
-    tested = [each for each in own if each.freedom]
-    covariances = [
-        each.covariance_given([one for one in own if one is not each]) for each in tested
-    ]
-    spreads = np.array(
-        [
-            each.noncentrality * np.einsum("kq,qr,kr->k", total, covariance, total)
-            for each, covariance in zip(tested, covariances, strict=True)
-        ]
-    )
-    shifts = np.sqrt(np.min(spreads, axis=0))
+def _undetected(own: CandidateReliability, names: Sequence[str], std: Array) -> UndetectedEffect:
+    spreads = np.einsum("kq,qr,kr->k", own.shift, own.covariance, own.shift)
+    shifts = np.sqrt(own.noncentrality * spreads)
     k = int(np.argmax(shifts / std))
-    number = int(np.argmin(spreads[:, k]))
-    best, direction = tested[number], covariances[number] @ total[k]
-    spread = float(total[k] @ direction)
-    change = direction * np.sqrt(best.noncentrality / spread) if spread > 0 else direction
-    moved = total @ change
-    kind, name, strut, constant = best.key
+    direction, spread = own.covariance @ own.shift[k], float(spreads[k])
+    change = direction * np.sqrt(own.noncentrality / spread) if spread > 0 else direction
+    moved = own.shift @ change
+    kind, name, strut, constant = own.key
     # Further values are of auxiliary columns.
-    shown = change[: best.hypothesis.values_shown]
+    shown = change[: own.hypothesis.values_shown]
     return UndetectedEffect(
         kind=kind,
         strut=strut,
         parameter=name,
         constant=constant,
-        freedom=best.freedom,
+        freedom=own.freedom,
         size=float(np.linalg.norm(shown)),
-        text=describe_candidate(best.hypothesis, name, strut, shown),
+        text=describe_candidate(own.hypothesis, name, strut, shown),
         shifts=dict(zip(names, shifts.tolist(), strict=True)),
         sigmas=float(shifts[k] / std[k]),
         worst=names[k],
-        forces=float(np.sqrt(moved @ best.gram @ moved)),
+        forces=float(np.sqrt(moved @ own.gram @ moved)),
     )
 
 

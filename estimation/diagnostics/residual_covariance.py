@@ -149,6 +149,8 @@ def empirical_noise(experiment: Experiment) -> NoiseModel:
         repeated = channels.scatter
         if given.source != "given" or repeated is None or repeated.freedom < ENOUGH_FREEDOM:
             return given
+        if repeated.is_singular:
+            return given
         found = repeated if experiment.pointwise is not None else channels.empirical_noise
         return given if found is None else found
 

@@ -38,8 +38,10 @@ from estimation.diagnostics.significance import (
     log_tail,
     no_numbers,
     ratio_tail,
+    trace_as_f,
 )
 from estimation.estimators.experiment import Experiment
+from estimation.processing import NoiseEstimate
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import Column, Numbers, OpenNumber, described, sized, strutwise
 
@@ -75,10 +77,8 @@ def chi_square(residuals: Array, counts: Array, expected: ResidualCovariance) ->
 
     Notes
     -----
-    With an estimated Σ the sum is a Lawley–Hotelling trace; its F approximation is McKeon's
-    (Biometrika 61, 1974).
+    With an estimated Σ the sum is a Lawley–Hotelling trace (`trace_as_f`).
     """
-    channels = residuals.shape[1]
     inverse = np.asarray(np.linalg.inv(expected.noise.covariance), dtype=np.float64)
     value = float(np.einsum("r,ri,ij,rj->", counts, residuals, inverse, residuals))
     freedom = _expectation(expected, inverse)
@@ -88,14 +88,10 @@ def chi_square(residuals: Array, counts: Array, expected: ResidualCovariance) ->
     elif not np.isfinite(expected.noise.freedom):
         upper, lower = scipy.stats.chi2.sf(value, freedom), scipy.stats.chi2.cdf(value, freedom)
     else:
-        p, h, nu = channels, freedom / channels, expected.noise.freedom
-        big = (nu + h - p - 1) * (nu - 1) / ((nu - p - 3) * (nu - p))
-        a = p * h
-        b = 4 + (a + 2) / (big - 1)
-        c = a * (b - 2) / (b * (nu - p - 1))
-        f = value / nu / c
-        ratio = value / (nu * p * h / (nu - p - 1))
-        upper, lower = scipy.stats.f.sf(f, a, b), scipy.stats.f.cdf(f, a, b)
+        nu = expected.noise.freedom
+        ratio *= (nu - ACTUATORS - 1) / nu
+        f, *counts_of_f = trace_as_f(value, freedom, nu)
+        upper, lower = scipy.stats.f.sf(f, *counts_of_f), scipy.stats.f.cdf(f, *counts_of_f)
     return ChiSquare(value, freedom, ratio, float(upper), float(lower), refused)
 
 
@@ -170,6 +166,11 @@ def lack_of_fit(
         return LackOfFit(
             refused="without a second period, noise and error of the model cannot be separated: "
             "measure two or more"
+        )
+    if scatter.is_singular:
+        return LackOfFit(
+            refused="the periods repeat without noise: nothing shows how large an error of the "
+            "model is"
         )
     rest = part.forces if residuals is None else residuals
     weights = [expected.weights(j) for j in range(rest.shape[1])]
@@ -271,7 +272,13 @@ def harmonic_lack_of_fit(
         scores.fit(range(j * waves.shape[1], (j + 1) * waves.shape[1]), _REMAINING)
         for j in range(ACTUATORS)
     ]
-    log_p = log_tail(np.array(whole.statistic), np.array(whole.rank), scores.freedom)
+    statistic, rank, freedom = whole.statistic, float(whole.rank), scores.freedom
+    if np.isfinite(freedom) and solved.system.force_rows.filter is None:
+        # One Σ̂ for all waves in six channels: F with its ν would reject too rarely.
+        loss = NoiseEstimate(np.eye(ACTUATORS), freedom).weighting_loss
+        f, _, freedom = trace_as_f(statistic * loss, rank, freedom)
+        statistic = rank * f
+    log_p = log_tail(np.array(statistic), np.array(rank), freedom)
     test = HarmonicLackOfFit(
         level=level,
         lines=lines,

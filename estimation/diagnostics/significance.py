@@ -13,6 +13,7 @@ saddlepoint approximation of Lugannani and Rice (1980), applied to quadratic for
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Annotated, Any
 
 import numpy as np
@@ -43,6 +44,9 @@ TOLERANCES = 0.001
 """Level over all estimated deviations, their groups, and all of them together."""
 CHI_SQUARE = 0.001
 """Level over both tails of forces and lengths."""
+
+POWER = 0.8
+"""Power of the tests at the smallest detectable sizes."""
 
 OfEach = Annotated[OpenNumbers, sized(ACTUATORS)]
 """One number per channel, of which some may be missing."""
@@ -169,6 +173,44 @@ def log_tail(statistic: Array, count: Array, freedom: float) -> Array:
     # Beyond the range of floating-point numbers, the leading term of the tail.
     far = (half - 1) * np.log(np.maximum(size, 1.0)) - size - gammaln(half)
     return np.where(direct > _SMALLEST, np.log(np.maximum(direct, _SMALLEST)), far)
+
+
+@cache
+def noncentrality(log_level: float, count: int, freedom: float) -> float:
+    """Return λ of a noncentral χ² that is significant at this level with `POWER`.
+
+    With an estimated Σ of ν degrees of freedom, `freedom`, it is `count` times a noncentral F.
+    """
+    known = not np.isfinite(freedom)
+    shape = (count,) if known else (count, freedom)
+    central, noncentral = (
+        (scipy.stats.chi2, scipy.stats.ncx2) if known else (scipy.stats.f, scipy.stats.ncf)
+    )
+    critical = central.isf(np.exp(log_level), *shape)
+
+    def lacking(value: float) -> float:
+        return float(noncentral.sf(critical, *shape, value)) - POWER
+
+    return float(brentq(lacking, 1e-6, 10 * count * critical + 100))
+
+
+def trace_as_f(value: float, count: float, freedom: float) -> tuple[float, float, float]:
+    """Return the F and its degrees of freedom of a sum of squares weighted with an estimated Σ.
+
+    Σ xᵀ Σ̂⁻¹ x with `count` degrees of freedom in six channels is a Lawley–Hotelling trace if Σ̂ has
+    ν degrees of freedom, `freedom`; the F approximation is McKeon's (Biometrika 61, 1974).
+
+    Examples
+    --------
+    >>> f, a, b = trace_as_f(200.0, 180.0, 1e9)
+    >>> round(f * a, 3), a, b > 1e8
+    (200.0, 180.0, True)
+    """
+    # Below ν = 10 the mean of the inverse's square does not exist.
+    p, h, nu = ACTUATORS, count / ACTUATORS, max(freedom, ACTUATORS + 4.0)
+    big = (nu + h - p - 1) * (nu - 1) / ((nu - p - 3) * (nu - p))
+    b = 4 + (count + 2) / (big - 1)
+    return value / nu * b * (nu - p - 1) / (count * (b - 2)), count, b
 
 
 def ratio_tail(value: float, weights: Array, freedom: float) -> float:

@@ -15,9 +15,8 @@ import scipy
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import Assumption, Finding, join_words
-from estimation.diagnostics.hypothesis import POWER
 from estimation.diagnostics.joint_system import ConditionalScores, EffectFit
-from estimation.diagnostics.significance import TOLERANCES
+from estimation.diagnostics.significance import POWER, TOLERANCES
 from estimation.estimators.influence import EstimatedDeviation
 from estimation.estimators.result import SEEN, ParameterEstimate
 

@@ -6,13 +6,15 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
-from estimation.diagnostics.channels import ChannelCheck
+from estimation.diagnostics.channels import ChannelCheck, check_channels
 from estimation.estimators import (
     Experiment,
     ParameterEstimate,
@@ -27,10 +29,10 @@ from estimation.estimators.influence import EstimatedDeviation
 from estimation.estimators.prior_estimate import UnloadedMachine
 from estimation.estimators.result import PayloadEstimate, payload_estimate
 from estimation.identification.harmonics import weigh_signs
+from estimation.identification.periods import UnsuitableDataError
 from estimation.identification.recording import (
     PreparedRecording,
     apply_calibration,
-    check_recording,
     estimated_machine,
     fold_measurement,
     linearise_at_load,
@@ -58,8 +60,6 @@ def estimate_parameters(
     config: ConfigurationLike,
     data: Measurement | Sequence[Measurement],
     design: FourierTrajectory | Sequence[FourierTrajectory | None] | None = None,
-    *,
-    refuse_channels: bool = False,
 ) -> Estimation:
     """Estimate the parameters from one or several recordings, without a diagnosis.
 
@@ -70,6 +70,7 @@ def estimate_parameters(
     data = (data,) if isinstance(data, Measurement) else tuple(data)
     if not data:
         raise ValueError("estimate needs at least one recording")
+    _refuse_repeated(data)
     section = configuration.run.estimate
     robot = robot_from(configuration.robot)
     priors = parameter_priors(configuration, robot)
@@ -79,13 +80,17 @@ def estimate_parameters(
     with threadpool_limits(limits=1, user_api="blas"):
         pairs = tuple(zip(data, designs, strict=True))
         folded = [fold_measurement(configuration, *pair) for pair in pairs]
+        planned = configuration.run.trajectory.harmonics
         channels = tuple(
-            check_recording(configuration, robot, parts, trajectory)
+            check_channels(
+                robot,
+                configuration.run.data,
+                *parts,
+                planned if trajectory is None else trajectory.harmonics,
+                trajectory,
+            )
             for parts, trajectory in zip(folded, designs, strict=True)
         )
-        if refuse_channels:
-            for check, measurement in zip(channels, data, strict=True):
-                check.refuse(configuration.run.data, measurement.source)
         recordings = tuple(
             prepare_recording(configuration, robot, *pair, folded=parts)
             for pair, parts in zip(
@@ -345,6 +350,18 @@ def refuse_ml_without_fit(
             key=f"{section}.estimators",
             allowed="[ls, gm], or estimate.differentiation: fourier",
         )
+
+
+def _refuse_repeated(data: Sequence[Measurement]) -> None:
+    """Refuse a recording that is given twice: its noise would count as independent."""
+    for (first, one), (second, other) in combinations(enumerate(data, 1), 2):
+        if np.array_equal(one.forces, other.forces) and np.array_equal(one.lengths, other.lengths):
+            raise UnsuitableDataError(
+                f"recordings {first} and {second} are the same: a repeated recording adds no "
+                "information",
+                file=Path(other.source) if other.source else None,
+                allowed="each recording once",
+            )
 
 
 def _match_designs(

@@ -15,11 +15,9 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
-from estimation.diagnostics.channels import ChannelCheck, check_channels
 from estimation.estimators import (
     Experiment,
     ParameterPriors,
@@ -52,12 +50,10 @@ from estimation.processing import (
 )
 from estimation.processing.noise import ENOUGH_FREEDOM
 from estimation.processing.spectrum import NoiseLines, given_filter
-from estimation.uncertainty.intervals import correlation
 from expdesign.configuration import InputError, RunConfiguration
 from expdesign.configuration.estimate import SpectrumOrigin
 from expdesign.noise import NoiseSpectrum
 from expdesign.robot import Robot
-from expdesign.robot.deviation import DELAYS_OF_FORCES
 from expdesign.trajectory import FourierTrajectory
 
 _CUTOFF = 3.0
@@ -160,17 +156,6 @@ def fold_measurement(
         raise UnsuitableDataError(str(error), file) from error
     noise = choose_noise(configuration, recording, data.source)
     return recording.as_weighted(noise), noise
-
-
-def check_recording(
-    configuration: RunConfiguration,
-    robot: Robot,
-    folded: tuple[PeriodicRecording, NoiseModel],
-    design: FourierTrajectory | None,
-) -> ChannelCheck:
-    """Check the channels of a folded recording."""
-    planned = configuration.run.trajectory.harmonics if design is None else design.harmonics
-    return check_channels(robot, configuration.run.data, *folded, planned, design)
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,8 +261,6 @@ def _start(
         return HarmonicMotion.of(design)
 
 
-_STILL = 1e-12
-"""Smallest variance, relative to the largest, and eigenvalue of a correlation that is one."""
 _FEWEST_FREEDOM = 14.0
 """Fewest degrees of freedom of a scatter as weight: with less its inverse is twice too large."""
 
@@ -375,11 +358,9 @@ def with_stated_spectrum(
 
 def _refuse_singular(letter: str, noise: NoiseEstimate, source: str) -> None:
     """Refuse channels without noise, or with the noise of another channel."""
-    variances = np.diag(noise.covariance)
-    still = [f"{letter}{j + 1}" for j in np.flatnonzero(variances <= _STILL * np.max(variances))]
-    if still:
+    if still := [f"{letter}{j + 1}" for j in np.flatnonzero(noise.still)]:
         message = f"{', '.join(still)}: the recording shows no noise at all in this channel"
-    elif np.linalg.eigvalsh(correlation(noise.covariance))[0] <= _STILL:
+    elif noise.is_singular:
         message = f"the noise of {letter}1 … {letter}6 is not that of six independent sensors"
     else:
         return
@@ -411,11 +392,8 @@ def estimated_machine(robot: Robot, systematic: SystematicUncertainty | None) ->
     """
     if systematic is None:
         return PerturbedMachine.exact(robot)
-    largest = [
-        max((one.std for one in systematic.deviations if one.group == group), default=0.0)
-        for group in DELAYS_OF_FORCES
-    ]
-    robot = replace(robot, delay_std=float(np.linalg.norm(largest)))
+    delays = (one.std for one in systematic.deviations if one.group == "delay")
+    robot = replace(robot, delay_std=sum(delays))
     if not systematic.estimated:
         return PerturbedMachine.exact(robot)
     return PerturbedMachine.of(robot, systematic.deviations, systematic.values)
@@ -428,27 +406,12 @@ def apply_calibration(data: Measurement, machine: PerturbedMachine) -> Measureme
     """
     if not machine.chosen:
         return data
-    forces, lengths = (
-        _without_delays(data.time, values, machine.channel_delays(group))
-        for group, values in (("Q", data.forces), ("q", data.lengths))
-    )
     return replace(
         data,
-        lengths=lengths - machine.zeros,
-        forces=forces / machine.gains,
+        lengths=data.lengths - machine.zeros,
+        forces=data.forces / machine.gains,
         force_delay=data.force_delay + machine.delay,
     )
-
-
-def _without_delays(times: Array, values: Array, delays: Array) -> Array:
-    """Return channels, (T, 6), moved by delays of their own, (6,), s."""
-    if not np.any(delays):
-        return values
-    moved = (
-        CubicSpline(times, own)(np.minimum(times + delay, times[-1]))
-        for own, delay in zip(values.T, delays, strict=True)
-    )
-    return np.column_stack(list(moved))
 
 
 def linearise_at_load(

@@ -209,7 +209,8 @@ class Selection:
             wide, loaded = machine, tuple(each.of_robot(machine) for each in loaded)
         level = (section.level or DEFAULT_LEVEL) if section.by == "f" else None
         try:
-            evidence = Evidence.of(wide, loaded, priors, found.values, blocks)
+            held = {} if found.systematic is None else found.systematic.estimates
+            evidence = Evidence.of(wide, loaded, priors, found.values, blocks, held)
             needs = {name: terms[name].beside for name in blocks if terms[name].beside in blocks}
             judge = Judge(evidence, section.by, level or DEFAULT_LEVEL, needs)
         except LinAlgError as error:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from constraints.arrays import Array, ComplexArray
+from constraints.arrays import Array, ComplexArray, Mask
 from estimation.processing.spectrum import (
     NoiseLines,
     WhiteningFilter,
@@ -29,6 +29,11 @@ deviations include, and the weights lose as little efficiency."""
 
 FEWEST_PERIODS = 3
 """Smallest number of periods whose median identifies an outlier."""
+
+_STILL = 1e-12
+"""Smallest variance, relative to the largest, and eigenvalue of a correlation that is noise."""
+_EXACT = 1e-24
+"""Variance of rounding errors, N² or m²."""
 
 _MOST_PAIRS = 20
 _ROUNDS = 3
@@ -115,6 +120,21 @@ class NoiseEstimate:
     def includes_model_error(self) -> bool:
         """True if it comes from residuals of the model of these channels."""
         return self.source == "residuals"
+
+    @property
+    def still(self) -> Mask:
+        """(6,), channels without noise."""
+        variances = np.diag(self.covariance)
+        return np.asarray(variances <= max(_STILL * np.max(variances), _EXACT))
+
+    @property
+    def is_singular(self) -> bool:
+        """Whether a channel has no noise, or the noise of others."""
+        if np.any(self.still):
+            return True
+        std = np.sqrt(np.diag(self.covariance))
+        correlation = self.covariance / np.multiply.outer(std, std)
+        return bool(np.linalg.eigvalsh(correlation)[0] <= _STILL)
 
     def std_error(self) -> Array:
         """Return the standard error of each element, (6, 6), for normal noise (Wishart)."""

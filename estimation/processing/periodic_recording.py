@@ -42,9 +42,6 @@ from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.noise import lines_of, series_of
 
 _REPEATED = 2
-_EXACT = 1e-24
-"""Variance of a channel without noise, N² or m²."""
-
 _MOST_LOST = 0.1
 """Largest share of missing samples, or of lost weight, for a spectrum of the noise."""
 
@@ -115,7 +112,8 @@ class Channels:
     def noise(self, spectrum: SpectrumOrigin = "auto") -> NoiseEstimate | None:
         """Return the scatter with its spectrum and filter, according to `estimate.spectrum`.
 
-        With too few periods for a spectrum, or without `repeats`, the noise counts as white.
+        With too few periods for a spectrum, without `repeats`, or if the covariance is singular,
+        the noise counts as white.
         """
         empirical = self.empirical_noise
         if spectrum == "auto" or empirical is None or self.repeats is None:
@@ -136,7 +134,7 @@ class Channels:
         repeated, repeats = self.scatter, self.repeats
         if repeated is None:
             return None
-        if repeats is None or len(repeats) < FEWEST_PERIODS:
+        if repeats is None or len(repeats) < FEWEST_PERIODS or repeated.is_singular:
             return self.noise_before_sensors(repeated)
         lines, covariance, size = (
             self.recorded_lines(NoiseLines.of(repeats)),
@@ -171,10 +169,7 @@ class Channels:
         scatter is no size of the noise. A channel with mostly equal samples in successive periods
         is left out.
         """
-        periods, ends = self.repeats, 0
-        if self.scatter is None or np.any(np.diag(self.scatter.covariance) <= _EXACT):
-            return self
-        noise = self.empirical_noise
+        periods, ends, noise = self.repeats, 0, self.empirical_noise
         if noise is None or noise.lines is None or periods is None:
             return self
         rounded = np.median(np.abs(np.diff(periods, axis=0)), axis=(0, 1)) == 0

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.finding import Status
 from estimation.diagnostics.hypothesis import evaluate_hypothesis
-from estimation.diagnostics.reliability import undetected_std
+from estimation.diagnostics.reliability import join_recordings, undetected_std
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.robot import robot_from
@@ -110,7 +111,7 @@ def test_the_spread_is_that_of_sizes_below_the_detectable_one(lab):
     (recording,) = diagnosis.recordings
     spread = undetected_std(diagnosis.undetected)
     rng, largest = np.random.default_rng(2), np.zeros(len(spread))
-    for candidate in recording.reliability:
+    for candidate in join_recordings([recording.reliability]):
         sizes, axes = np.linalg.eigh(candidate.covariance * candidate.noncentrality)
         seen = sizes > 1e-9 * sizes[-1]
         assert np.count_nonzero(seen) == candidate.freedom
@@ -132,8 +133,8 @@ def test_held_out_data_have_none(lab):
     assert not diagnose(lab.robot, [other], lab.knowledge, estimate, held_out=True).undetected
 
 
-def test_an_effect_in_all_recordings_is_in_what_one_says_of_the_parameters_to_another():
-    """Of the size stated it just reaches, in one of them, what the test of that one detects."""
+def test_an_effect_in_all_recordings_is_tested_in_all_of_them_together():
+    """What one says of the parameters contains the effect, too: alone it misses the other's."""
     lab = Laboratory(samples=60, periods=4)
     both = [lab.measure(seed) for seed in (1, 2)]
 
@@ -141,12 +142,16 @@ def test_an_effect_in_all_recordings_is_in_what_one_says_of_the_parameters_to_an
         disturbed = [replace(data, forces=data.forces + size) for data in both]
         experiments = [lab.experiment(data, lab.noise) for data in disturbed]
         found = diagnose(lab.robot, experiments, lab.knowledge, lab.estimate(experiments, "ml"))
-        causes = [cause for each in found.recordings for cause in each.tests.causes]
-        return found.undetected, [c.candidates[0] for c in causes if c.kind == "force_offset"]
+        joint = join_recordings([each.reliability for each in found.recordings])
+        return found, next(one for one in joint if one.key[:3] == ("force_offset", "", None))
 
-    undetected, before = diagnosed(0.0)
-    (effect,) = (one for one in undetected if (one.kind, one.strut) == ("force_offset", None))
+    sound, before = diagnosed(0.0)
+    (effect,) = (one for one in sound.undetected if (one.kind, one.strut) == ("force_offset", None))
+    assert sound.verdict.status is Status.ACCEPTED
     _, after = diagnosed(effect.size)
-    pairs = zip(after, before, strict=True)
-    moved = [(one.values[0] - other.values[0]) / one.detectable[0] for one, other in pairs]
-    assert max(moved) == pytest.approx(1.0, abs=0.02)
+    moved = after.fit.values[0] - before.fit.values[0]
+    assert moved == pytest.approx(effect.size, rel=0.02)
+    assert effect.size**2 / after.covariance[0, 0] == pytest.approx(after.noncentrality, rel=0.02)
+    finding = diagnosed(1.5 * effect.size)[0].verdict.failed[0]
+    assert finding.contradiction.startswith("all recordings together: the model lacks")
+    assert "a constant force" in finding.sentence

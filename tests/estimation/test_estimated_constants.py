@@ -11,6 +11,7 @@ from estimation.diagnostics.diagnosis import diagnose
 from estimation.estimators.priors import UnidentifiableError
 from estimation.identification import estimate_parameters, estimation_result
 from estimation.identification.result import EstimationResult
+from estimation.selection import Evidence
 from expdesign.configuration import InputError, load_run
 from expdesign.mechanism.terms import DEFAULT
 from expdesign.robot import load_robot, robot_from
@@ -266,3 +267,17 @@ def _dense(experiment, estimator, memory, tolerance):
     random = inverse @ weighted.T @ noisy @ weighted @ inverse
     found = random, inverse @ np.diag(prior) @ inverse, inverse
     return [each / np.multiply.outer(scales, scales) for each in found]
+
+
+def test_a_selection_begins_where_data_and_tolerance_of_a_constant_agree():
+    """Its tolerance still speaks for the stated value, not for the one that was found."""
+    tolerances = {"terms": {"cogging": {"pitch": 1e-5}}}
+    robot = case.palida() | {"terms": case.terms(case.PITCH_BEGUN, case.VELOCITY)}
+    section = {"noise": "given", "harmonics": 2, "estimators": ["gm"]}
+    config = {"name": "n", "robot": robot | {"tolerances": tolerances}, "noise": case.noise()}
+    found = estimate_parameters(config | {"estimate": section}, case.data(1), MOTION)
+    gm = found["gm"]
+    known = gm.systematic.estimates
+    begun = Evidence.of(found.robot, found.experiments, found.priors, gm.values, {}, known).total
+    assert abs(known["cogging_pitch"]) > 10 * 1e-5
+    assert np.max(np.abs(begun.gradient) / np.sqrt(np.diag(begun.matrix))) < 0.5

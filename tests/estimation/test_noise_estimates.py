@@ -1,10 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from estimation.data.measurement import Measurement
+from estimation.identification import estimate, estimate_parameters
+from estimation.identification.periods import UnsuitableDataError
 from estimation.processing import PeriodSource, fold_recording
 from estimation.processing.noise import NoiseEstimate, huber_weights
-from tests.estimation.cases import ROBOT, measured, trajectory
+from tests.estimation.cases import ROBOT, measured, run, trajectory
 
 NOISE = ROBOT.description.noise
 
@@ -107,3 +111,28 @@ def test_outliers_of_coarsely_quantised_channels_lose_their_weight(periods):
 def test_two_periods_have_no_median():
     with pytest.raises(ValueError, match="3 periods, not 2"):
         huber_weights(np.zeros((2, 10, 6)))
+
+
+def _without_noise(data, kind):
+    """Return a recording with a channel that repeats exactly, or is that of another strut."""
+    forces = data.forces.copy()
+    forces[:, 2] = np.tile(forces[:100, 2], 5) if kind == "still" else forces[:, 1]
+    return replace(data, forces=forces)
+
+
+@pytest.mark.parametrize(("kind", "words"), [("still", "Q3"), ("copy", "six independent sensors")])
+def test_a_singular_covariance_of_the_noise(kind, words):
+    motion = trajectory(100, 0.01)
+    data = _without_noise(measured(motion, 1, step=0.01), kind)
+    with pytest.raises(UnsuitableDataError, match=words):
+        estimate_parameters(run(), data, motion)
+    result = estimate(run({"noise": "given", "harmonics": 2}), data, motion)
+    assert result.diagnostics.recordings[0].tests.lack_of_fit.refused
+    assert np.all(result["ml"].std > 0)
+
+
+def test_a_recording_that_is_given_twice_is_refused():
+    motion = trajectory(100, 0.01)
+    data, other = (measured(motion, seed, step=0.01) for seed in (1, 2))
+    with pytest.raises(UnsuitableDataError, match="recordings 1 and 3 are the same"):
+        estimate_parameters(run(), [data, other, replace(data, source="again.csv")], motion)
