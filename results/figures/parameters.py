@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,13 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from constraints.arrays import Array
-from estimation.identification.result import EstimationResult
-from estimation.selection import SelectionRow
-from estimation.uncertainty.intervals import correlation
 from expdesign.experiment import DesignResult
 from expdesign.information.identifiable import IDENTIFIABLE
 from results.figures import drawing
 from results.notation import readable, symbol
+
+if TYPE_CHECKING:  # an estimate's modules take half a second to load, which no design needs
+    from estimation.identification.result import EstimationResult
+    from estimation.selection import SelectionRow
 
 _IDENTIFIABLE = 100 * IDENTIFIABLE
 _WIDTH = 0.38
@@ -132,7 +134,7 @@ def estimates_figure(figure: Figure, result: EstimationResult) -> None:
 def _correlation(result: EstimationResult) -> tuple[list[str], Array]:
     """Return the names of the free parameters and the correlation of their best estimates."""
     free = [k for k, name in enumerate(result.parameters) if name not in result.fixed]
-    matrix = correlation(result.best_estimator.covariance)[np.ix_(free, free)]
+    matrix = result.correlations[result.best][np.ix_(free, free)]
     return [result.parameters[k] for k in free], matrix
 
 

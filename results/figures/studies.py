@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import product
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,13 +14,15 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from constraints.arrays import Array
-from estimation.montecarlo.result import StatisticsRow
 from expdesign.configuration.grid import value_text
 from expdesign.experiment.plan import PlanResult
 from expdesign.experiment.sweep import SweepResult, point_label
 from results.figures import drawing
 
-Rows = Sequence[StatisticsRow]
+if TYPE_CHECKING:  # as in `results.figures.parameters`
+    from estimation.montecarlo.result import StatisticsRow
+
+Rows = Sequence["StatisticsRow"]
 _OTHER_LOOK = drawing.ESTIMATOR_LOOKS["ml"] | {"color": drawing.BLACK, "marker": "D"}
 _WIDTH = 0.56
 

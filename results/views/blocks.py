@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,18 +13,15 @@ from estimation.diagnostics.linearisation import GENERAL_PLATFORM
 from estimation.diagnostics.reliability import UndetectedEffect
 from estimation.diagnostics.tolerance_test import hidden_error
 from estimation.estimators.result import ABOUT_CENTRE, TEN
-from estimation.identification.estimator_result import EstimatedQuantity, PayloadRow
+from estimation.identification.estimator_result import PayloadRow
 from estimation.identification.result import EstimateFile, EstimationResult
 from estimation.identification.term_selection import SAME_MOTION, UNSETTLED, without_bounds
 from estimation.selection import SelectionRow
 from estimation.uncertainty.intervals import FAMILY_LEVEL, Differences, difference_test
-from expdesign.information.identifiable import KnownCombination
 from expdesign.mechanism.bodies import about_centre
-from expdesign.mechanism.terms import term_definitions
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
-from expdesign.robot.derived import GRAVITY_FORCE, KnownQuantity
 from results.figures.parameters import WORTH, selection_figure
-from results.notation import DisplayUnit, count_text, handy_unit, readable
+from results.notation import count_text, readable
 from results.views.view import (
     Block,
     Drawing,
@@ -166,120 +162,6 @@ def differences_table(
         TableColumn("outcome", kind="outcome", of=outcome),
     )
     return ReportTable.of(key, caption, columns, folded=folded)
-
-
-def symbols_block(names: Iterable[str], *, screen: bool = False) -> TextBlock:
-    """Return the meaning of every parameter among the names, equal ones together.
-
-    >>> symbols_block(["p10", "r1", "r2", "r3"]).text
-    'p10: mass of the platform and the six sliders; r1 … r3: dry friction of the actuators.'
-    """
-    known = {one.name: one for term in term_definitions().values() for one in term.parameters}
-    groups: dict[str, list[str]] = {}
-    for name in names:
-        if name in known:
-            groups.setdefault(known[name].in_words, []).append(name)
-    listed = "; ".join(f"{_ends(group)}: {words}" for words, group in groups.items())
-    return TextBlock(f"{listed}.", screen=screen)
-
-
-def _ends(names: Sequence[str]) -> str:
-    return f"{names[0]} … {names[-1]}" if len(names) > 2 else ", ".join(names)  # noqa: PLR2004
-
-
-def combination_blocks(
-    key: str, found: Sequence[KnownCombination], asked: Iterable[str]
-) -> tuple[Block, ...]:
-    """Return the combinations of several parameters; nothing for a result that has none.
-
-    Parameters
-    ----------
-    key : str
-        Name of the table in the page.
-    found : sequence of KnownCombination
-    asked : iterable of str
-        The parameters that a design judges, or that were estimated.
-    """
-    together = [row for row in found if row.together]
-    if not found:
-        return ()
-    regrouped = (name for row in found for name in row.regrouped.split(", ") if name)
-    parameters = len({*asked, *regrouped})
-    if not together:
-        if len(found) == parameters:
-            text = f"All {count_text(parameters, 'parameter')} are identified individually."
-        else:
-            text = (
-                f"{len(found)} of {count_text(parameters, 'parameter')} are identified "
-                "individually; the others do not affect these."
-            )
-        return (TextBlock(text),)
-    columns = (
-        TableColumn("combination", kind="text", of="combination"),
-        TableColumn("unit", kind="text", of="unit"),
-        TableColumn("value", digits=5, of="value"),
-        TableColumn("σ", kind="error", digits=3, of="std"),
-        TableColumn("σ / scale", "%", digits=3, of="rel_std_percent"),
-        TableColumn("σ of the first alone", digits=3, of="std_alone", screen=False),
-        TableColumn("regrouped into it", kind="text", of="regrouped", screen=False),
-    )
-    caption = (
-        f"Combinations: {len(found)} combinations of {count_text(parameters, 'parameter')} are "
-        f"identified, {len(found) - len(together)} of them single parameters. A combination has "
-        "the unit of its first parameter, which alone is known less precisely or not at all"
-    )
-    return (ReportTable.of(key, caption, columns, together, screen=True),)
-
-
-def derived_blocks(key: str, found: Sequence[KnownQuantity], whose: str) -> list[Block]:
-    """Return the table of derived quantities; nothing without any.
-
-    `key` is its name in the page; `whose` completes the caption: ``"of the ML estimate"``.
-    """
-    if not found:
-        return []
-
-    def unit(row: KnownQuantity) -> DisplayUnit:
-        return handy_unit(row.unit, [row.value])
-
-    def column(label: str, of: str, digits: int = 3) -> TableColumn:
-        return TableColumn(label, digits=digits, of=lambda row: unit(row).factor * getattr(row, of))
-
-    intervals = isinstance(found[0], EstimatedQuantity)
-    shared = any(row.std_systematic > 0 for row in found)
-    on_page = [
-        TableColumn("σ / value", "%", digits=3, of="rel_std_percent"),
-        *([column("σ noise", "std_random"), column("σ tolerances", "std_systematic")] * shared),
-        *([TableColumn("largest source", kind="text", of="source")] * shared),
-        *([column("95 % from", "ci_low", 5), column("95 % to", "ci_high", 5)] * intervals),
-    ]
-    columns = (
-        TableColumn("quantity", kind="text", of="quantity"),
-        TableColumn("unit", kind="text", of=lambda row: unit(row).symbol),
-        column("value", "value", 5),
-        replace(column("σ", "std"), kind="error"),
-        *(replace(each, screen=False) for each in on_page),
-    )
-    caption = (
-        f"Quantities {whose}: mass, centre and inertia of the platform with the sliders' masses, "
-        "forces of the actuators at rest at home without friction"
-    )
-    rows = list(_merge_equal(found))
-    return [ReportTable.of(key, caption, columns, rows, screen=True, latex=True)]
-
-
-def _merge_equal(found: Sequence[KnownQuantity]) -> Iterator[KnownQuantity]:
-    """Yield the quantities; those of all actuators in one row if they are equal."""
-    numbered = [one for one in found if one.quantity.startswith(GRAVITY_FORCE)]
-    values, stds = (np.array([getattr(one, of) for one in numbered]) for of in ("value", "std"))
-    equal = len(numbered) > 1 and np.ptp(values) < _EQUAL * np.min(stds)
-    yield from (one for one in found if not (equal and one in numbered))
-    if equal:
-        yield replace(numbered[0], quantity=f"{GRAVITY_FORCE}1 … {len(numbered)}")
-
-
-_EQUAL = 1e-3
-"""Largest difference of equal quantities, in standard deviations."""
 
 
 def share_columns(result: EstimationResult) -> list[TableColumn]:

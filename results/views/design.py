@@ -24,8 +24,8 @@ from expdesign.robot.derived import NOISE
 from expdesign.solver.feasibility import InfeasibleLimitsError
 from results.figures.design import DESIGN_FIGURES
 from results.notation import DisplayUnit, duration, handy_unit, percent, readable
-from results.views.blocks import combination_blocks, derived_blocks, symbols_block
 from results.views.folder import RunFolder
+from results.views.parameter_blocks import combination_blocks, derived_blocks, symbols_block
 from results.views.view import (
     Block,
     Fact,

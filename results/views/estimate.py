@@ -20,10 +20,8 @@ from results.views.blocks import (
     INTERVAL,
     UNDETECTED,
     budget_blocks,
-    combination_blocks,
     consistency_blocks,
     constants_blocks,
-    derived_blocks,
     differences_table,
     findings_block,
     first_contradictions,
@@ -32,13 +30,13 @@ from results.views.blocks import (
     payload_blocks,
     selection_blocks,
     share_columns,
-    symbols_block,
     truth_columns,
     undetected_blocks,
     verdict_level,
 )
 from results.views.folder import RunFolder
 from results.views.noise import shows_noise
+from results.views.parameter_blocks import combination_blocks, derived_blocks, symbols_block
 from results.views.view import (
     Block,
     Fact,

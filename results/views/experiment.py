@@ -10,9 +10,9 @@ from estimation.montecarlo.result import EstimatorStatistics, MonteCarloResult
 from estimation.twin.truth import Truth
 from results.figures.studies import STUDY_FIGURES
 from results.notation import count_text, percent, readable
-from results.views.blocks import symbols_block
 from results.views.estimate import NAMES
 from results.views.folder import RunFolder
+from results.views.parameter_blocks import symbols_block
 from results.views.view import (
     Block,
     Fact,

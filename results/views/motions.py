@@ -5,9 +5,9 @@ from __future__ import annotations
 from expdesign.experiment.motions import MotionsResult
 from expdesign.information.criteria import criteria
 from results.notation import duration, readable
-from results.views.blocks import derived_blocks
 from results.views.design import parameters_table, precision_facts
 from results.views.folder import RunFolder
+from results.views.parameter_blocks import derived_blocks
 from results.views.view import (
     Block,
     Fact,
