@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from expdesign.recheck.limit_check import LimitCheck
 from expdesign.robot import ForwardKinematicsError, LimitModel, Robot, robot_from
 from expdesign.runfolder.files import RUN_FILE
 from expdesign.runfolder.lock import consistent_reading
-from expdesign.stages.execution import refuse_run_file
+from expdesign.stages.execution import motion_workspaces, refuse_run_file
 from expdesign.stages.stage import StageFailed, Workspace, short
 from expdesign.trajectory import FourierTrajectory
 from results.render.terminal import print_table
@@ -50,7 +50,7 @@ def certify_motions(place: Path, design: Path | None, *, piece: bool, as_json: b
         warn_of_changes(folder, "", "design", "export")
         work = Workspace(run_configuration(folder), folder, terminal)
         if path.is_dir():
-            parts = certified_folder(work)
+            parts = certified_motions(work)
         else:
             parts = [certified_table(work, path, piece=piece)]
     verdict = worst_verdict(parts)
@@ -141,6 +141,17 @@ class CertifiedPart:
         own = {"name": self.name, "title": self.title, "certified": self.proof.certified}
         own |= {"verdict": self.proof.verdict}
         return {**own, **asdict(self.proof), "limits": limits}
+
+
+def certified_motions(work: Workspace) -> list[CertifiedPart]:
+    """Certify a run folder, or those of its several motions."""
+    if len(work.motion_folders) == 1:
+        return certified_folder(work)
+    return [
+        replace(part, name=f"{place.folder.name}/{part.name}")
+        for place in motion_workspaces(work)
+        for part in certified_folder(place)
+    ]
 
 
 def certified_folder(work: Workspace) -> list[CertifiedPart]:

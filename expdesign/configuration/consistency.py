@@ -298,7 +298,6 @@ def _impossible_motions(run: RunDescription, _: ResolvedRobot) -> Iterator[_Faul
     single = {
         "a prior": run.design.prior is not None,
         "design.others": bool(run.design.others),
-        "goals": bool(run.goals),
         "a Monte-Carlo study": "montecarlo" in run.stages,
         "a sweep": run.sweep is not None,
         "feedforward of the design": "feedforward" in run.stages

@@ -116,6 +116,8 @@ def next_run(folders: Sequence[Path]) -> RunConfiguration:
         refused = "a sweep has several designs"
     elif run.design.is_change:
         refused = "its design is for the change since a prior"
+    elif run.trajectory.count > 1:
+        refused = "it has several motions"
     if refused:
         allowed = "the run folder of one design for a machine that has not changed"
         raise InputError(f"{refused}: there is no next motion", folder, key="DIR", allowed=allowed)

@@ -147,7 +147,7 @@ def plan_measurement(configuration: RunConfiguration, trajectory: FourierTraject
     InputError
         A goal is unknown, not determined by the design, or has a wrong unit.
     """
-    _refuse_prior(configuration)
+    _refuse_unplanned(configuration)
     evaluator = noise_evaluator(configuration)
     prediction = Prediction.of(configuration, evaluator, trajectory)
     wanted = _wishes(configuration.run.goals, prediction, configuration.file)
@@ -181,7 +181,7 @@ def check_goals(configuration: RunConfiguration, wanted: Mapping[str, Any] | Non
     """
     if not (goals := configuration.run.goals if wanted is None else wanted):
         return
-    _refuse_prior(configuration)
+    _refuse_unplanned(configuration)
     evaluator = noise_evaluator(configuration)
     robot, own = evaluator.robot, evaluator.names
     derived = derived_quantities(robot)
@@ -194,13 +194,20 @@ def check_goals(configuration: RunConfiguration, wanted: Mapping[str, Any] | Non
     _wishes(goals, known, configuration.file if wanted is None else None)
 
 
-def _refuse_prior(configuration: RunConfiguration) -> None:
+def _refuse_unplanned(configuration: RunConfiguration) -> None:
     if configuration.run.design.is_change:
         raise InputError(
             "goals are not planned for the change since a prior",
             file=configuration.file,
             key="goals",
             allowed="goals of a design without design.prior",
+        )
+    if configuration.run.trajectory.count > 1:
+        raise InputError(
+            "goals are planned for a single motion",
+            file=configuration.file,
+            key="goals",
+            allowed="trajectory.count: 1",
         )
 
 

@@ -10,15 +10,19 @@ from typer.testing import CliRunner
 import expdesign
 from estimation.identification.result import EstimateFile
 from expdesign.cli.app import app
+from expdesign.cli.certify import CertifiedPart, certified_motions
 from expdesign.configuration import InputError, load_run
 from expdesign.experiment import DesignResult
 from expdesign.experiment.design import FoundMotion
 from expdesign.experiment.judging import noise_evaluator
 from expdesign.experiment.motions import MotionsResult
+from expdesign.experiment.next_motion import next_run
 from expdesign.experiment.setup import plan_search, probe_motion
+from expdesign.export.certification import PathCertificate
 from expdesign.information.fisher import information_matrix
 from expdesign.solver.search import SearchResult
 from expdesign.solver.starts import StartResult
+from expdesign.stages.stage import Workspace
 from tests.blank_figures import blank_figures
 from tests.tiny_run import tiny_run
 
@@ -91,6 +95,16 @@ def test_information_and_searches(folder):
     ]
 
 
+def test_certify_and_next(folder):
+    work = Workspace(load_run(folder / "run.yaml"), folder)
+    certified = CertifiedPart("design", "", PathCertificate(()))
+    with patch("expdesign.cli.certify.certified_folder", lambda _: [certified]):
+        names = [part.name for part in certified_motions(work)]
+    assert names == ["motion-1/design", "motion-2/design"]
+    with pytest.raises(InputError, match="it has several motions"):
+        next_run([folder])
+
+
 def test_noise_of_the_recordings_differs(folder):
     texts = [(folder / f"motion-{k}" / "truth.json").read_text() for k in (1, 2)]
     one, other = (json.loads(text)["seeds"]["repetitions"] for text in texts)
@@ -116,7 +130,6 @@ def test_searched_motions_and_one_estimate_of_all_recordings(tmp_path):
     ("changes", "message"),
     [
         ({"trajectory": {"count": 3}}, "3 motions cannot share 4 periods equally"),
-        ({"goals": {"mass": "1 %"}}, "goals is for a single motion"),
         ({"montecarlo": {}}, "a Monte-Carlo study is for a single motion"),
         (
             {"feedforward": {"bandwidth": 2, "motion": "design"}},
@@ -138,6 +151,7 @@ def test_commands_for_one_recording_name_the_motions(folder):
     for command, message in (
         (["noise", run], "the noise of one recording is analysed, and there are 2"),
         (["montecarlo", run], "motion-1"),
+        (["plan", run, "--want", "mass=1%"], "goals are planned for a single motion"),
         (
             ["estimate", run, "--data", str(folder / "motion-1/measurement.csv")],
             "recordings: 1, motions: 2",
