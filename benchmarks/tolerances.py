@@ -45,6 +45,8 @@ SECTIONS: dict[str, dict[str, Any]] = {
     "force-constants": {"force_constant": {"common": 0.02, "each": 0.02}},
     "zeros": {"strut_length": 3e-4},
     "delay": {"delay": 1e-3},
+    "channel-delays": {"channel_delay": {"forces": 5e-4, "lengths": 1e-4}},
+    "channel-delays-2ms": {"channel_delay": {"forces": 2e-3, "lengths": 5e-4}},
     "gravity": {"gravity": 0.01},
     "all": {
         **_JOINTS,
@@ -79,7 +81,7 @@ def summary(table: pd.DataFrame) -> str:
 
 
 def _run(section: str) -> RunConfiguration:
-    samples = _AT_1_KHZ if section == "delay" else _SAMPLES
+    samples = _AT_1_KHZ if "delay" in section else _SAMPLES
     return equivalent_run("tolerances", samples, tolerances=SECTIONS[section])
 
 

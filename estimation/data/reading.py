@@ -89,7 +89,11 @@ def format_of(path: Path) -> FileFormat:
 
 
 def read_measurement(
-    path: str | PathLike[str], section: DataSection, robot: ResolvedRobot | Robot
+    path: str | PathLike[str],
+    section: DataSection,
+    robot: ResolvedRobot | Robot,
+    *,
+    plausible: bool = True,
 ) -> Measurement:
     """Read a recording.
 
@@ -101,6 +105,8 @@ def read_measurement(
         Columns, units, signs and time; the defaults are those of ``measurement.csv``.
     robot : ResolvedRobot or Robot
         The measured robot: its parameters need as many rows, its limits show implausible lengths.
+    plausible : bool
+        Refuse implausible lengths.
 
     Raises
     ------
@@ -108,11 +114,16 @@ def read_measurement(
         The file cannot be read, or its content cannot be used: every defect with column and row.
     """
     file = Path(path)
-    return measurement_of(format_of(file).load(file, section), section, robot)
+    table = format_of(file).load(file, section)
+    return measurement_of(table, section, robot, plausible=plausible)
 
 
 def measurement_of(
-    table: RawTable, section: DataSection, robot: ResolvedRobot | Robot
+    table: RawTable,
+    section: DataSection,
+    robot: ResolvedRobot | Robot,
+    *,
+    plausible: bool = True,
 ) -> Measurement:
     """Return the measurement in a table; arguments and exceptions as of `read_measurement`."""
     machine = robot if isinstance(robot, Robot) else Robot(robot)
@@ -133,7 +144,8 @@ def measurement_of(
     refuse_empty_rows(table, FORCE_CHANNELS)
     base = time_base(table, section)
     lengths = np.column_stack([table.values[channel] for channel in LENGTH_CHANNELS])
-    refuse_implausible_lengths(table, lengths, description, section)
+    if plausible:
+        refuse_implausible_lengths(table, lengths, description, section)
     period = table.values.get("period")
     return Measurement(
         time=base.time,

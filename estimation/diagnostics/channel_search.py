@@ -39,6 +39,13 @@ _STRUTS = np.arange(ACTUATORS)
 _ORDERS = np.array(list(permutations(range(ACTUATORS))))
 _SIGNS = np.array([(1, *signs) for signs in product((1, -1), repeat=ACTUATORS - 1)])
 _FACTORS = (2.0, 0.5)
+UNITS = {1.0: "m", 1e-3: "mm", 1e-2: "cm", 0.0254: "in", 1e-6: "µm"}
+"""Units of length, by their size in m."""
+_USUAL = np.array([factor * unit for factor in (0.25, 0.5, 1.0, 2.0, 4.0) for unit in UNITS])
+_USUAL = np.concatenate([_USUAL, 1 / _USUAL])
+_SHORTEST, _LONGEST = 0.5, 2.0
+"""Possible lengths of a strut, relative to that at home."""
+_MOST_STRUTS = 4
 _STEPS_LATE = (1, 2, 3, 5, 7, 10, 14, 20)
 """Delays that are tried, in steps of the recording."""
 _MOST_OF_PERIOD = 0.1
@@ -204,6 +211,8 @@ class ChannelSearch:
     ----------
     least_decrease : float
         Least decrease of the unexplained share that noise does not cause.
+    possible : bool
+        Whether the lengths of most struts are possible in any unit.
     spread : float
         Standard deviation of the unexplained share due to noise.
 
@@ -233,6 +242,8 @@ class ChannelSearch:
         self.zeros, self.least_zeros, self.least_delay = zeros, least_zeros, least_delay
         self.length_times, lengths, _ = _thin_rows(recording.lengths, _LENGTH_ROWS)
         self.readings = lengths - zeros
+        found = self._find_unit()
+        self.unit, self.possible = found or 1.0, found is not None
         coloured, variances = noise.forces.filter, np.diag(noise.forces.covariance)
         self._density: Array | None = None
         rows = _FORCE_ROWS
@@ -254,6 +265,19 @@ class ChannelSearch:
         longest = _MOST_OF_PERIOD * recording.period
         steps = [sign * late for late in _STEPS_LATE for sign in (1, -1)]
         self._delays = [late * self.step for late in steps if abs(late) * self.step < longest]
+
+    def _find_unit(self) -> float | None:
+        """Return the unit of the lengths, relative to that stated, with which most are possible."""
+        home = self.robot.inverse_kinematics(self.robot.home)
+        ends = np.quantile(self.readings, (0.05, 0.95), axis=0)
+        for unit in UNITS:
+            fits = np.zeros(ACTUATORS, dtype=bool)
+            for sign in (1, -1):
+                lengths = (self.zeros + sign * unit * ends) / home
+                fits |= np.all((lengths > _SHORTEST) & (lengths < _LONGEST), axis=0)
+            if np.count_nonzero(fits) >= _MOST_STRUTS:
+                return unit
+        return None
 
     def motion(self, lengths: Wiring) -> HarmonicMotion:
         """Return the motion with the readings nearest to the measured lengths.
@@ -335,7 +359,9 @@ class ChannelSearch:
         are tried first, then the zero of a length and the value of the delay.
         """
         known = None if design is None else self.wiring_of_design(design)
-        best = self.candidate(known or Wiring.as_measured(), 0.0)
+        measured = Wiring.as_measured()
+        measured = replace(measured, gains=self.unit * measured.gains)
+        best = self.candidate(known or measured, 0.0)
         if np.any(best.lengths.offsets):
             # The machine may stand elsewhere than planned: the forces decide.
             plain = replace(best.lengths, offsets=np.zeros(ACTUATORS))
@@ -498,7 +524,7 @@ class ChannelSearch:
         gains = products[time, _STRUTS, channels] / energies
         usual = float(np.median(np.abs(gains)))
         far = np.abs(np.log(np.abs(gains) / usual)) > np.log(_OTHER_GAIN)
-        gains = signs * np.where(far, _round_factor(np.abs(gains) / usual), 1.0)
+        gains = self.unit * signs * np.where(far, _round_factor(np.abs(gains) / usual), 1.0)
         offsets = middle - self.zeros - gains * mean[channels]
         usual = _CLEARLY * float(np.median(np.abs(offsets)))
         shifted = np.abs(offsets) > np.maximum(self.least_zeros, usual)
@@ -507,15 +533,15 @@ class ChannelSearch:
 
 
 def _round_factor(factors: Array) -> Array:
-    """Return the factors, those near a power of two as this power.
+    """Return the factors, those near a usual one as this one.
 
     Examples
     --------
-    >>> _round_factor(np.array([0.497, 1.7])).tolist()
-    [0.5, 1.7]
+    >>> _round_factor(np.array([0.497, 1.7, 0.00102])).tolist()
+    [0.5, 1.7, 0.001]
     """
-    powers = 2.0 ** np.round(np.log2(factors))
-    return np.where(np.abs(factors / powers - 1) < _ROUND, powers, factors)
+    nearest = _USUAL[np.argmin(np.abs(np.log(_USUAL / factors[:, None])), axis=1)]
+    return np.where(np.abs(factors / nearest - 1) < _ROUND, nearest, factors)
 
 
 def _series(phases: Array, values: Array, harmonics: int) -> tuple[Array, ComplexArray]:

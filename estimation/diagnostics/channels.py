@@ -6,17 +6,21 @@ effects of the diagnosis, derivatives at the estimate, would interpret it as cog
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from constraints.arrays import Array, Mask
-from estimation.diagnostics.channel_search import Candidate, ChannelSearch
+from estimation.diagnostics.channel_search import UNITS, Candidate, ChannelSearch
 from estimation.diagnostics.finding import Assumption, Finding, join_words
 from estimation.processing import NoiseModel, PeriodicRecording
-from expdesign.configuration.estimate import DataSection
+from expdesign.configuration import InputError, Problem
+from expdesign.configuration.estimate import LENGTH_CHANNELS, DataSection
+from expdesign.configuration.run import yaml_lines
 from expdesign.configuration.tolerances import RobotTolerances
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
@@ -41,6 +45,19 @@ _ASSIGNED = Assumption(
 )
 
 
+class WrongChannelsError(InputError):
+    """Channels of a recording that contradict the section `data`, with the section that is right.
+
+    `details` has this section for programs.
+    """
+
+    def __init__(
+        self, problems: Iterable[Problem], details: Mapping[str, Any] = MappingProxyType({})
+    ) -> None:
+        super().__init__(problems)
+        self.details = dict(details)
+
+
 @dataclass(frozen=True)
 class ChannelCheck:
     """Channels of a recording that explain it better than those of the section `data`."""
@@ -53,6 +70,28 @@ class ChannelCheck:
     """Whether no other channels explain the recording nearly as well."""
     explained: float
     """Share of the forces beyond the noise that the other channels explain."""
+
+    def corrected(self, section: DataSection) -> dict[str, Any]:
+        """Return the keys of the section that is right, without defaults, as in a run file."""
+        return section.model_dump(exclude_defaults=True) | self.keys
+
+    def refuse(self, section: DataSection, source: str) -> None:
+        """Refuse a recording whose channels certainly contradict the section.
+
+        Raises
+        ------
+        WrongChannelsError
+            It contains the section that is right.
+        """
+        if not (self.faults and self.sure):
+            return
+        sentences = "; ".join(sentence for _, sentence in self.faults)
+        corrected = self.corrected(section)
+        text = "".join(yaml_lines("data", corrected, 2))
+        message = f"{sentences}. The section that is right:\n{text.rstrip()}"
+        allowed = "this section, or --force to estimate in spite of it"
+        problem = Problem(message, Path(source) if source else None, allowed=allowed)
+        raise WrongChannelsError([problem], {"data": corrected})
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -89,17 +128,25 @@ def check_channels(
     home = robot.inverse_kinematics(robot.home)
     zeros = home if section.length_offsets == "home" else np.array(section.length_offsets)
     least_zeros, least_delay = _least_faults(robot, home, recording.step)
-    search = ChannelSearch(robot, recording, noise, harmonics, zeros, least_zeros, least_delay)
+    least = least_zeros, least_delay
+    search = ChannelSearch(robot, recording, noise, harmonics, zeros, *least)
+    from_home = not (search.possible or np.any(zeros))
+    if from_home:
+        zeros = home
+        search = ChannelSearch(robot, recording, noise, harmonics, zeros, *least)
     given = search.candidate_as_measured()
     found = search.search(design)
     left, gain = search.left(found.excess), given.excess - found.excess
     explained = gain / (gain + left) if gain > search.least_decrease else 0.0
     faults = tuple(_faults(found))
-    if not faults or explained < _EXPLAINED:
+    if not (faults or from_home) or explained < _EXPLAINED:
         return ChannelCheck((), {}, sure=False, explained=explained)
     margin = found.next_best - found.excess
     sure = left < _LEFT and margin > max(_CLEAR * left, search.least_decrease)
     keys = dict(_changed_keys(section, found, zeros))
+    if from_home:
+        faults = ("q", "the lengths are measured from home"), *faults
+        keys = {"offset": "home"} | keys
     return ChannelCheck(faults, keys, sure, explained)
 
 
@@ -141,7 +188,10 @@ def _faults(found: Candidate) -> Iterator[tuple[str, str]]:
         place = join_words(f"{key}{number}" for number in _numbers(one.gains < 0))
         if place:
             yield place, f"{place} {'have' if ' and ' in place else 'has'} the opposite sign"
-        for number in _numbers(np.abs(one.gains) != 1):
+        unit = _unit(np.abs(one.gains)) if key == "q" else ""
+        if unit:
+            yield "q", f"the lengths are in another unit: {unit} if they are stated in m"
+        for number in [] if unit else _numbers(np.abs(one.gains) != 1):
             factor = 1 / abs(one.gains[number - 1])
             yield f"{key}{number}", f"{key}{number} is read {factor:.3g} times too large"
     errors = found.lengths.offsets
@@ -154,6 +204,11 @@ def _faults(found: Candidate) -> Iterator[tuple[str, str]]:
     if found.delay:
         late, early = ("forces", "lengths") if found.delay > 0 else ("lengths", "forces")
         yield "delay", f"the {late} lag behind the {early} by {1e3 * abs(found.delay):.3g} ms"
+
+
+def _unit(gains: Array) -> str:
+    """Return the unit of all lengths in terms of the stated one; empty if they have it."""
+    return UNITS[gains[0]] if gains[0] != 1 and np.all(gains == gains[0]) else ""
 
 
 def _numbers(flags: Mask) -> list[int]:
@@ -180,6 +235,10 @@ def _changed_keys(
         own_scale = np.array(section.channel_scales(key))[one.channels]
         scales[key] = _rounded(np.abs(one.gains) * own_scale)
     usual = [1] * ACTUATORS
+    unit = _unit(np.abs(found.lengths.gains))
+    if unit and not section.units.keys() & {"q", *LENGTH_CHANNELS}:
+        scales["q"] = list(section.channel_scales("q"))
+        yield "units", section.units | {"q": unit}
     for name, values, given, default in (
         ("order", orders, section.channel_order, list(range(1, ACTUATORS + 1))),
         ("sign", signs, section.channel_signs, usual),

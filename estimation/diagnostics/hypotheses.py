@@ -501,7 +501,9 @@ _FAMILIES = (
         "lag",
         "a lag of the",
         _lags,
-        "compare filters and sampling of the channels, and correct the recording",
+        "set it as `data.delay`, one for each channel, or its filter as `data.filter`; or state "
+        "the uncertainty of the delays, `tolerances.channel_delay`, with " + _JOINTLY,
+        tolerances=("channel_delay",),
         assumed="all channels are sampled at the same time",
         fails="a channel lags behind the others",
         weight=0.5,

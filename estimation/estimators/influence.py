@@ -32,7 +32,7 @@ from estimation.measurement_model.prediction import chunks
 from estimation.processing.noise import NoiseEstimate
 from expdesign.noise import lines_of
 from expdesign.robot import Robot
-from expdesign.robot.deviation import Deviation
+from expdesign.robot.deviation import DELAYS_OF_FORCES, Deviation
 from expdesign.runfolder import Numbers, OpenNumber, described
 
 Part = tuple[slice, Array]
@@ -395,7 +395,8 @@ def systematic_share(
         theta = dict(zip((one.name for one in found.chosen), found.theta.tolist(), strict=True))
         at = np.array([theta.get(one.name, 0.0) for one in chosen])
         machine = PerturbedMachine.of(influence.robot, chosen, at)
-        known, jumps = (influence.experiment, motion), "delay" not in theta
+        known = influence.experiment, motion
+        jumps = not any(one.group in DELAYS_OF_FORCES for one in found.chosen)
         change[:, own:] += influence.response(
             _deviation_columns(partial(machine.forces, *known, influence.values, jumps=jumps), own),
             _deviation_columns(partial(machine.lengths, *known), own),

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -42,7 +43,9 @@ from estimation.processing import NoiseEstimate
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
 from expdesign.robot.deviation import (
+    CHANNEL_DELAYS,
     Deviation,
+    add_jumps,
     apply_deviations,
     delay_of_jumps,
     deviating_forces,
@@ -147,11 +150,37 @@ class PerturbedMachine:
         """Predict a part of an experiment's force samples at ξ and p, (m,).
 
         With `jumps`, the derivative to a delay includes the jumps of dry friction, averaged over
-        the position of the samples: a single sample does not show when a sign changed.
+        the position of the samples: a single sample does not show when a sign changed. A channel
+        with a delay of its own keeps the columns of ξ at the common time.
         """
+        delays = self.channel_delays("Q")
+        predict = partial(self._forces_at, experiment, motion, values, part, jumps)
+        found = predict(self.delay)
+        for delay in np.unique(delays[delays != 0]):
+            own, late = predict(self.delay + delay), delays == delay
+            rows = late[:, None]
+            found = MeasuredForces(
+                values=np.where(late, own.values, found.values),
+                regressors=np.where(rows, own.regressors, found.regressors),
+                deviations=np.where(rows, own.deviations, found.deviations),
+                slope=np.where(rows, own.slope, found.slope),
+                sampled=found.sampled,
+            )
+        return found
+
+    def _forces_at(
+        self,
+        experiment: Experiment,
+        motion: HarmonicMotion,
+        values: Array,
+        part: slice,
+        jumps: bool,
+        delay: float,
+    ) -> MeasuredForces:
+        """Predict force samples that all lag behind by a delay, s."""
         times = experiment.recording.forces.times[part]
         own = experiment.recording.own_clock
-        sampled = self._sample(motion, times - self.delay, own_clock=own)
+        sampled = self._sample(motion, times - delay, own_clock=own)
         signs = signs_along(self.robot, sampled, experiment.spread_along(motion)[part])
         if not self.chosen:
             kernel = force_kernel(self.robot.terms)
@@ -164,10 +193,9 @@ class PerturbedMachine:
         )
         columns = found.columns
         if jumps:
-            late = [one.group == "delay" for one in self.chosen]
             step = experiment.recording.step
             change = delay_of_jumps(self.robot, state, signs, values, step)
-            columns[:, :, late] += change[:, :, None]
+            add_jumps(columns, self.chosen, change)
         gains = self.gains[:, None]
         read = np.array([one.group.startswith("force_constant.") for one in self.chosen], bool)
         return MeasuredForces(
@@ -186,6 +214,11 @@ class PerturbedMachine:
         own = experiment.recording.own_clock
         sampled = self._sample(motion, times, own_clock=own)
         lengths, columns = length_columns(self.robot, sampled)
+        delays = self.channel_delays("q")
+        for delay in np.unique(delays[delays != 0]):
+            later = self._sample(motion, times - delay, own_clock=own)
+            late = self.robot.inverse_kinematics(later.pose())
+            lengths = np.where(delays == delay, late, lengths)
         if self.chosen:
             state, stamps = sampled.state(), sampled.times
             deviations = length_deviation_columns(
@@ -253,6 +286,10 @@ class PerturbedMachine:
         """Lag of the forces behind the lengths, s."""
         return self._one("delay")
 
+    def channel_delays(self, group: str) -> Array:
+        """Return the delays of single forces (group ``Q``) or lengths (``q``), (6,), s."""
+        return self._per_actuator(CHANNEL_DELAYS[group])
+
     @property
     def zeros(self) -> Array:
         """(6,), error of the measured lengths, positive if too long, m."""
@@ -272,7 +309,7 @@ class PerturbedMachine:
         result = np.zeros(ACTUATORS)
         for one, value in zip(self.chosen, self.theta, strict=True):
             if one.group == group:
-                result[int(one.name.rpartition("_")[2]) - 1] += value
+                result[one.channel] += value
         return result
 
     def _sample(self, motion: HarmonicMotion, times: Array, *, own_clock: bool) -> MotionSamples:

@@ -72,6 +72,8 @@ def estimate(
     config: ConfigurationLike,
     data: Measurement | Sequence[Measurement],
     design: FourierTrajectory | Sequence[FourierTrajectory | None] | None = None,
+    *,
+    refuse_channels: bool = False,
 ) -> EstimationResult:
     """Estimate the parameters from one or several recordings and diagnose the best estimate.
 
@@ -84,17 +86,22 @@ def estimate(
     design : FourierTrajectory or sequence, optional
         The trajectory of each recording (one for all of them, or one each); without it the period
         comes from the recording.
+    refuse_channels : bool
+        Refuse a recording whose channels certainly contradict the section `data`; otherwise that
+        is the first finding.
 
     Raises
     ------
     InputError
         The configuration, or a recording's period, does not fit.
+    WrongChannelsError
+        Channels are refused.
     MotionFitError
         No motion has the measured lengths.
     UnidentifiableError
         The data do not determine some parameters at all; it names them.
     """
-    estimation = estimate_parameters(config, data, design)
+    estimation = estimate_parameters(config, data, design, refuse_channels=refuse_channels)
     return estimation_result(estimation, diagnose_estimation(estimation))
 
 

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
-from estimation.diagnostics.channels import ChannelCheck, check_channels
+from estimation.diagnostics.channels import ChannelCheck
 from estimation.estimators import (
     Experiment,
     ParameterEstimate,
@@ -33,6 +33,7 @@ from estimation.identification.periods import UnsuitableDataError
 from estimation.identification.recording import (
     PreparedRecording,
     apply_calibration,
+    check_recording,
     estimated_machine,
     fold_measurement,
     linearise_at_load,
@@ -60,6 +61,8 @@ def estimate_parameters(
     config: ConfigurationLike,
     data: Measurement | Sequence[Measurement],
     design: FourierTrajectory | Sequence[FourierTrajectory | None] | None = None,
+    *,
+    refuse_channels: bool = False,
 ) -> Estimation:
     """Estimate the parameters from one or several recordings, without a diagnosis.
 
@@ -80,17 +83,13 @@ def estimate_parameters(
     with threadpool_limits(limits=1, user_api="blas"):
         pairs = tuple(zip(data, designs, strict=True))
         folded = [fold_measurement(configuration, *pair) for pair in pairs]
-        planned = configuration.run.trajectory.harmonics
         channels = tuple(
-            check_channels(
-                robot,
-                configuration.run.data,
-                *parts,
-                planned if trajectory is None else trajectory.harmonics,
-                trajectory,
-            )
+            check_recording(configuration, robot, parts, trajectory)
             for parts, trajectory in zip(folded, designs, strict=True)
         )
+        if refuse_channels:
+            for check, measurement in zip(channels, data, strict=True):
+                check.refuse(configuration.run.data, measurement.source)
         recordings = tuple(
             prepare_recording(configuration, robot, *pair, folded=parts)
             for pair, parts in zip(

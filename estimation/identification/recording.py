@@ -15,9 +15,11 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
+from estimation.diagnostics.channels import ChannelCheck, check_channels
 from estimation.estimators import (
     Experiment,
     ParameterPriors,
@@ -54,6 +56,7 @@ from expdesign.configuration import InputError, RunConfiguration
 from expdesign.configuration.estimate import SpectrumOrigin
 from expdesign.noise import NoiseSpectrum
 from expdesign.robot import Robot
+from expdesign.robot.deviation import DELAYS_OF_FORCES
 from expdesign.trajectory import FourierTrajectory
 
 _CUTOFF = 3.0
@@ -156,6 +159,17 @@ def fold_measurement(
         raise UnsuitableDataError(str(error), file) from error
     noise = choose_noise(configuration, recording, data.source)
     return recording.as_weighted(noise), noise
+
+
+def check_recording(
+    configuration: RunConfiguration,
+    robot: Robot,
+    folded: tuple[PeriodicRecording, NoiseModel],
+    design: FourierTrajectory | None,
+) -> ChannelCheck:
+    """Check the channels of a folded recording."""
+    planned = configuration.run.trajectory.harmonics if design is None else design.harmonics
+    return check_channels(robot, configuration.run.data, *folded, planned, design)
 
 
 @dataclass(frozen=True, eq=False)
@@ -392,8 +406,11 @@ def estimated_machine(robot: Robot, systematic: SystematicUncertainty | None) ->
     """
     if systematic is None:
         return PerturbedMachine.exact(robot)
-    delays = (one.std for one in systematic.deviations if one.group == "delay")
-    robot = replace(robot, delay_std=sum(delays))
+    largest = [
+        max((one.std for one in systematic.deviations if one.group == group), default=0.0)
+        for group in DELAYS_OF_FORCES
+    ]
+    robot = replace(robot, delay_std=float(np.linalg.norm(largest)))
     if not systematic.estimated:
         return PerturbedMachine.exact(robot)
     return PerturbedMachine.of(robot, systematic.deviations, systematic.values)
@@ -406,12 +423,27 @@ def apply_calibration(data: Measurement, machine: PerturbedMachine) -> Measureme
     """
     if not machine.chosen:
         return data
+    forces, lengths = (
+        _without_delays(data.time, values, machine.channel_delays(group))
+        for group, values in (("Q", data.forces), ("q", data.lengths))
+    )
     return replace(
         data,
-        lengths=data.lengths - machine.zeros,
-        forces=data.forces / machine.gains,
+        lengths=lengths - machine.zeros,
+        forces=forces / machine.gains,
         force_delay=data.force_delay + machine.delay,
     )
+
+
+def _without_delays(times: Array, values: Array, delays: Array) -> Array:
+    """Return channels, (T, 6), moved by delays of their own, (6,), s."""
+    if not np.any(delays):
+        return values
+    moved = (
+        CubicSpline(times, own)(np.minimum(times + delay, times[-1]))
+        for own, delay in zip(values.T, delays, strict=True)
+    )
+    return np.column_stack(list(moved))
 
 
 def linearise_at_load(

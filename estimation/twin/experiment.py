@@ -216,7 +216,7 @@ def _measure(
     configuration: RunConfiguration,
 ) -> tuple[Array, Array, Array]:
     """Return the readings of the sensors; refuse a motion through a singularity."""
-    found = machine.measure(motion, times, section.delay)
+    found = machine.measure(motion, times, section.delay, section.channel_delay)
     if not all(np.all(np.isfinite(values)) for values in found):
         named = "robot" if configuration.truth is None else "experiment.truth"
         raise InputError(

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from constraints.arrays import Array, Mask
 from expdesign.configuration import RunConfiguration
-from expdesign.configuration.experiment import ForceConstantError
+from expdesign.configuration.experiment import ChannelDelay, ForceConstantError
 from expdesign.mechanism.terms import friction, platform_forces, rigid_platform, struts
 from expdesign.recheck.limit_check import Motion
 from expdesign.robot import Robot
 from expdesign.robot.deviation import (
+    CHANNEL_DELAYS,
     Deviation,
     apply_deviations,
     as_in_a_file,
@@ -65,7 +66,11 @@ class Machine:
     """(6,), m/N; 0 for a rigid strut."""
 
     def measure(
-        self, motion: Motion, times: Array, delay: float = 0.0
+        self,
+        motion: Motion,
+        times: Array,
+        delay: float = 0.0,
+        channel_delay: ChannelDelay | None = None,
     ) -> tuple[Array, Array, Array]:
         """Return the quantities at the sensors, without measurement errors.
 
@@ -77,18 +82,27 @@ class Machine:
             Times of the length measurements, s.
         delay : float
             Lag of the forces, s.
+        channel_delay : ChannelDelay, optional
+            Lags of single channels, s.
 
         Returns
         -------
         lengths : (D, 6) array
             Lengths at the motors, m.
         forces : (D, 6) array
-            Forces of the actuators `delay` earlier, N.
+            Forces of the actuators at the times less their delays, N.
         positions : (D, 6) array
             Lengths at the motors at the time of these forces, m.
         """
-        positions, forces = self._motor_states(motion, times - delay)
-        lengths = positions if delay == 0 else self._lengths(motion, times)
+        channels = channel_delay or ChannelDelay()
+        late, length_late = (
+            np.add(delay, channels.forces),
+            np.array(channels.lengths),
+        )
+        positions, forces = _by_channel(late, lambda own: self._motor_states(motion, times - own))
+        lengths = positions
+        if not np.array_equal(late, length_late):
+            (lengths,) = _by_channel(length_late, lambda own: (self._lengths(motion, times - own),))
         return lengths, forces, positions
 
     def _lengths(self, motion: Motion, times: Array) -> Array:
@@ -186,13 +200,22 @@ class DrawnMachine:
     """(t,), deviation of each entry, SI."""
 
 
+def _by_channel(delays: Array, read: Callable[[float], tuple[Array, ...]]) -> tuple[Array, ...]:
+    """Return series, (D, 6) each, that are read anew for the channels of each delay, (6,)."""
+    found = read(delays[0])
+    for delay in np.unique(delays[delays != delays[0]]):
+        others = read(delay)
+        found = tuple(np.where(delays == delay, *each) for each in zip(others, found, strict=True))
+    return found
+
+
 def draw_machine(configuration: RunConfiguration, rng: np.random.Generator) -> DrawnMachine:
     """Draw deviations within the robot's tolerances from independent normal distributions.
 
     They are added to those of the run: to joints, gravity and constants of its true machine
-    (`experiment.truth`, or the robot), and to `strut_length`, `force_constant`, `delay` and `clock`
-    of its `experiment`. The true machine gets the terms that the robot lacks. Its other parameters
-    and its noise remain.
+    (`experiment.truth`, or the robot), and to `strut_length`, `force_constant`, `delay`,
+    `channel_delay` and `clock` of its `experiment`. The true machine gets the terms that the robot
+    lacks. Its other parameters and its noise remain.
     """
     base = configuration.truth or configuration.robot
     robot = Robot(replace(base, tolerances=configuration.robot.tolerances))
@@ -219,6 +242,10 @@ def draw_machine(configuration: RunConfiguration, rng: np.random.Generator) -> D
         strut_length=tuple(np.add(section.strut_length, off["strut_length"]).tolist()),
         force_constant=error.model_copy(update=constants),
         delay=section.delay + sum(off["delay"]),
+        channel_delay=ChannelDelay(
+            forces=tuple(np.add(section.channel_delay.forces, off[CHANNEL_DELAYS["Q"]]).tolist()),
+            lengths=tuple(np.add(section.channel_delay.lengths, off[CHANNEL_DELAYS["q"]]).tolist()),
+        ),
         clock=section.clock + sum(off["clock"]),
     )
     truth = replace(truth, description=described)

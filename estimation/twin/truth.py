@@ -13,7 +13,7 @@ from pydantic import ConfigDict, PlainSerializer, PlainValidator
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
-from expdesign.configuration.experiment import ExperimentSection
+from expdesign.configuration.experiment import ChannelDelay, ExperimentSection
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
 from expdesign.runfolder import (
@@ -116,6 +116,9 @@ class DisturbanceKeys:
         dict[str, Any] | None, described("Hz, N, rad", "in the measured forces; phase null: drawn")
     ] = None
     delay: Annotated[float | None, described("s", "of the forces against the lengths")] = None
+    channel_delay: Annotated[
+        dict[str, Any] | None, described("s", "of single channels of forces and lengths")
+    ] = None
     clock: Annotated[
         float | None, described("1", "relative error of the recording's clock, positive if fast")
     ] = None
@@ -134,7 +137,7 @@ class DisturbanceKeys:
         """Collect the disturbances of a run; `drift` is that of the struts."""
         names = [field.name for field in fields(cls) if field.name != "drift"]
         found = section.model_dump(include=set(names))
-        off = (None, 0.0, (0.0,) * ACTUATORS)
+        off = (None, 0.0, (0.0,) * ACTUATORS, ChannelDelay().model_dump())
         return cls(drift=drift, **{n: None if v in off else v for n, v in found.items()})
 
     @property

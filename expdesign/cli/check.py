@@ -30,12 +30,14 @@ from expdesign.configuration.limits import (
 )
 from expdesign.configuration.noise import NOISE_FROM_DATA
 from expdesign.configuration.robot import load_robot_description
+from expdesign.configuration.run import yaml_lines
 from expdesign.library import robot_files
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.deviation import estimated_constants
 from expdesign.stages.execution import run_folder
 from expdesign.stages.registry import missing_design, named_stages, performed_stages
 from expdesign.stages.run import refuse_unfit
+from expdesign.stages.stage import Sources, Workspace
 from results.notation import range_text
 
 
@@ -116,6 +118,31 @@ def check_run(run: str, out: Path | None, *, machine: bool, as_json: bool) -> No
         note(text)
     for warning in warnings:
         warn(warning)
+
+
+def show_channels(run: str, data: Path, design: Path | None, *, as_json: bool) -> None:
+    """Check the channels of a recording, and print the section `data` that is right."""
+    from expdesign.stages.estimate import check_channels_of
+
+    configuration = load_run(run)
+    refuse_unfit(configuration)
+    sources = Sources(data=(data,), designs=() if design is None else (design,))
+    work = Workspace(configuration, run_folder(configuration, None), sources=sources)
+    found, remarks = check_channels_of(work)
+    section = {"file": "", **found.corrected(configuration.run.data)} | {"file": str(data)}
+    sure = "certain" if found.sure else "not certain: other channels explain it nearly as well"
+    if as_json:
+        faults = [{"place": place, "sentence": sentence} for place, sentence in found.faults]
+        channels = {"faults": faults, "sure": found.sure, "explained": found.explained}
+        write_json({"status": 0, "data": section, "channels": channels, "warnings": remarks})
+        return
+    typer.echo("".join(yaml_lines("data", section, 0)), nl=False)
+    for remark in remarks:
+        note(remark)
+    for _, sentence in found.faults:
+        warn(f"{sentence} ({sure})")
+    if not found.faults:
+        note("the channels are those of the struts: no other ones explain the forces better")
 
 
 def _constants_in_words(robot: Robot) -> list[str]:

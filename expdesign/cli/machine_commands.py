@@ -85,6 +85,18 @@ MachineOption = Annotated[
         "coordinate, and draw it.",
     ),
 ]
+DataOption = Annotated[
+    Path | None, option("--data", "FILE", "A recording whose channels are checked.")
+]
+DesignOption = Annotated[
+    Path | None,
+    option(
+        "--design",
+        "DIR",
+        "Of --data: the folder with the design.json that was executed, or that file; the run "
+        "folder's by default, if it has one.",
+    ),
+]
 OutOption = Annotated[
     Path | None,
     option(
@@ -98,6 +110,8 @@ OutOption = Annotated[
 def check(
     run: RunArgument,
     machine: MachineOption = False,
+    data: DataOption = None,
+    design: DesignOption = None,
     out: OutOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -111,10 +125,16 @@ def check(
     the condition, the reach of every coordinate with the limit that stops it, and the parameters
     that motions within the limits can identify. A drawing goes to figures/machine.png and
     machine.svg of the run folder.
-    """
-    from expdesign.cli.check import check_run
 
-    check_run(run, out, machine=machine, as_json=as_json)
+    With --data it checks the channels of a recording, order, sign, scale, zero and delay, and
+    prints the section `data` that is right instead of the configuration.
+    """
+    from expdesign.cli.check import check_run, show_channels
+
+    if data is not None:
+        show_channels(run, data, design, as_json=as_json)
+    else:
+        check_run(run, out, machine=machine, as_json=as_json)
 
 
 @with_options(EXPORT_OPTIONS)

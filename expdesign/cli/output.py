@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -76,18 +76,18 @@ def report_error(error: BaseException, *, as_json: bool) -> int | None:
     elif isinstance(error, KeyboardInterrupt | typer.Abort):
         error = ComputationError("interrupted")
     if isinstance(error, InputError):
-        return _bad_input(error.problems, as_json)
+        return _bad_input(error.problems, as_json, getattr(error, "details", {}))
     if isinstance(error, ComputationError):
         return _failed(error.message, as_json, error.details)
     return None
 
 
-def _bad_input(problems: Iterable[Problem], as_json: bool) -> int:
+def _bad_input(problems: Iterable[Problem], as_json: bool, details: Mapping[str, Any]) -> int:
     if as_json:
         data = [
             asdict(problem) | {"file": problem.file and str(problem.file)} for problem in problems
         ]
-        write_json({"status": BAD_INPUT, "problems": data})
+        write_json({"status": BAD_INPUT, "problems": data, **details})
         return BAD_INPUT
     console = messages()
     found = list(problems)

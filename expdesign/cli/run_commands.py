@@ -46,6 +46,9 @@ SeedOption = Annotated[
     int | None,
     option("--seed", "S", "Seed of the search, instead of design.seed.", min=0, max=2**63 - 1),
 ]
+ForceOption = Annotated[
+    bool, flag_option("--force", "Estimate although channels contradict the section `data`.")
+]
 StrictOption = Annotated[bool, flag_option("--strict", "Exit status 1 when a diagnostic fails.")]
 
 
@@ -216,9 +219,13 @@ def estimate(
     design: DesignsOption = None,
     out: OutOption = None,
     strict: StrictOption = False,
+    force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Estimate the parameters from measured data.
+
+    Channels that certainly contradict the section `data` are refused, with the section that is
+    right.
 
     Prints the verdict of the diagnostics with advice, and every estimator's values with their
     standard deviations. Writes estimates.csv (values, standard deviations,
@@ -226,7 +233,7 @@ def estimate(
     identified robot, for further runs), tables/ (precision, residuals; with tolerances budget.csv,
     the uncertainty from each of them) and figures/.
     """
-    sources = {"data": tuple(data or ()), "designs": tuple(design or ())}
+    sources = {"data": tuple(data or ()), "designs": tuple(design or ()), "force": force}
     _execute("estimate", run, out, as_json, sources=sources, strict=strict)
 
 

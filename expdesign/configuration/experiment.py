@@ -130,6 +130,13 @@ class Lost(schema.Section):
         return self
 
 
+class ChannelDelay(schema.Section):
+    """Delays of single channels, s, one or six by the struts' numbers."""
+
+    forces: Annotated[tuple[Duration, ...], schema.per_strut("delays")] = (0.0,) * ACTUATORS
+    lengths: Annotated[tuple[Duration, ...], schema.per_strut("delays")] = (0.0,) * ACTUATORS
+
+
 class ExperimentSection(schema.Section):
     """Execution of the trajectory, and disturbances of the twin, by default none."""
 
@@ -155,6 +162,7 @@ class ExperimentSection(schema.Section):
     hum: HumDisturbance | None = None
     delay: Duration = 0.0
     """Delay of the measured forces against the lengths, s."""
+    channel_delay: ChannelDelay = ChannelDelay()
     clock: Annotated[Share, Field(gt=-0.1, lt=0.1)] = 0.0
     """Relative error of the recording's clock against the controller's, positive if fast."""
     strut_length: Annotated[tuple[Length, ...], schema.per_strut("errors")] = (0.0,) * ACTUATORS

@@ -173,6 +173,9 @@ def _read_term(term: str, value: object) -> dict[str, float]:
     return {EACH_PARAMETER: read(EACH_PARAMETER, value)}
 
 
+_Delays = Annotated[tuple[Annotated[Duration, NotNegative], ...], schema.per_strut("delays")]
+
+
 class ForceConstantTolerance(schema.Section):
     """Standard deviations of the force constants, as shares."""
 
@@ -182,6 +185,13 @@ class ForceConstantTolerance(schema.Section):
         Annotated[tuple[Annotated[Share, NotNegative], ...], schema.per_strut("shares")] | None
     ) = None
     """Individual part of each actuator."""
+
+
+class ChannelDelayTolerance(schema.Section):
+    """Standard deviations of the delays of single channels, s, one or six."""
+
+    forces: _Delays | None = None
+    lengths: _Delays | None = None
 
 
 class RobotTolerances(schema.Section):
@@ -200,6 +210,8 @@ class RobotTolerances(schema.Section):
     """rad, of its direction, about each of two axes across it."""
     delay: Annotated[Duration, NotNegative] | None = None
     """s, of the forces against the lengths."""
+    channel_delay: ChannelDelayTolerance | None = None
+    """s, of single channels of forces and lengths."""
     clock: Annotated[Share, NotNegative] | None = None
     """Rate of the recording's clock, as a share."""
     terms: (

@@ -416,8 +416,7 @@ def tolerance_effects(
     jumps = deviation.delay_of_jumps(
         robot, state, exact, robot.parameters, trajectory.period / samples
     )
-    late = [one.group == "delay" for one in chosen]
-    forces.columns[:, :, late] += jumps[:, :, None]
+    deviation.add_jumps(forces.columns, chosen, jumps)
     lengths = deviation.length_deviation_columns(robot, state, times, chosen)
     jacobian = robot.length_jacobian(state[:, :COORDINATES])
     equal = np.eye(ACTUATORS) if length_covariance is None else length_covariance

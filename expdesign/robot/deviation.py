@@ -19,6 +19,7 @@ from expdesign.configuration.robot import ResolvedRobot, RobotDescription
 from expdesign.configuration.schema import read_only
 from expdesign.configuration.tolerances import (
     EACH_PARAMETER,
+    ChannelDelayTolerance,
     ForceConstantTolerance,
     RobotTolerances,
 )
@@ -61,12 +62,27 @@ class Deviation:
         return self.name, self.tolerance
 
     @property
+    def channel(self) -> int:
+        """Number of the actuator, from zero, at the end of the name."""
+        return int(self.name.rpartition("_")[2]) - 1
+
+    @property
     def of_the_machine(self) -> bool:
         """True for deviations of the model itself, false for errors of the measurement."""
         return self.group not in _MEASURED
 
 
-_MEASURED = ("strut_length", "force_constant.common", "force_constant.each", "delay", "clock")
+CHANNEL_DELAYS = {"Q": "channel_delay.forces", "q": "channel_delay.lengths"}
+"""Groups of the delays of single channels, of forces and lengths."""
+DELAYS_OF_FORCES = ("delay", CHANNEL_DELAYS["Q"])
+_MEASURED = (
+    "strut_length",
+    "force_constant.common",
+    "force_constant.each",
+    "delay",
+    *CHANNEL_DELAYS.values(),
+    "clock",
+)
 
 
 def deviations(robot: Robot) -> tuple[Deviation, ...]:
@@ -78,7 +94,8 @@ def deviations(robot: Robot) -> tuple[Deviation, ...]:
     terms (``<term>_<parameter>``, see `Robot.extended`), ``strut_length_1`` … (m: a length is
     measured too long), ``force_constant`` (a share: all forces are measured too large),
     ``force_constant_1`` … (one of them is), ``delay`` (s: forces lag behind the lengths),
-    ``clock`` (a share: stamps run fast).
+    ``force_delay_1`` … and ``length_delay_1`` … (s: a channel lags behind its stamps), ``clock`` (a
+    share: stamps run fast).
     """
     entries = _entries(robot, robot.description.tolerances or RobotTolerances())
     return tuple(
@@ -138,6 +155,9 @@ def _entries(robot: Robot, given: RobotTolerances) -> Iterator[tuple[str, str, s
     yield FORCE_CONSTANT, "force_constant.common", "1", forces.common
     yield from _numbered_entries(FORCE_CONSTANT, "force_constant.each", "1", forces.each)
     yield "delay", "delay", "s", given.delay
+    late = given.channel_delay or ChannelDelayTolerance()
+    yield from _numbered_entries("force_delay", CHANNEL_DELAYS["Q"], "s", late.forces)
+    yield from _numbered_entries("length_delay", CHANNEL_DELAYS["q"], "s", late.lengths)
     yield "clock", "clock", "1", given.clock
 
 
@@ -296,6 +316,15 @@ def delay_of_jumps(
     return -np.einsum("sij,sj->si", slope, np.where(near, 2 * np.sign(change) / step, 0.0))
 
 
+def add_jumps(columns: Array, chosen: Sequence[Deviation], jumps: Array) -> None:
+    """Add the share of `delay_of_jumps`, (S, 6), to the columns of delays of forces, (S, 6, t)."""
+    for place, one in enumerate(chosen):
+        if one.group == "delay":
+            columns[:, :, place] += jumps
+        elif one.group == CHANNEL_DELAYS["Q"]:
+            columns[:, one.channel, place] += jumps[:, one.channel]
+
+
 class DeviatingForces(NamedTuple):
     """Forces of a motion with their derivatives."""
 
@@ -366,6 +395,8 @@ def deviating_forces(
         forces[:, :, None],
         forces[:, :, None] * np.eye(ACTUATORS),
         -rate[:, :, None],
+        -rate[:, :, None] * np.eye(ACTUATORS),
+        np.zeros((len(forces), ACTUATORS, ACTUATORS)),
         clock[:, :, None],
     ]
     columns = np.concatenate(blocks, axis=2)[:, :, _places(robot, chosen)]
@@ -393,7 +424,8 @@ def length_deviation_columns(
         by_joints,
         np.zeros((*samples, others)),
         np.broadcast_to(np.eye(ACTUATORS), (*samples, ACTUATORS)),
-        np.zeros((*samples, 1 + ACTUATORS + 1)),
+        np.zeros((*samples, 1 + ACTUATORS + 1 + ACTUATORS)),
+        -rate[:, :, None] * np.eye(ACTUATORS),
         clock[:, :, None],
     ]
     return np.concatenate(blocks, axis=2)[:, :, _places(robot, chosen)]

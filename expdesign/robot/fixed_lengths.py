@@ -23,6 +23,7 @@ from expdesign.mechanism.graph import HexapodGraph, hexapod_graph, inverse
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.term import Friction, Term
 from expdesign.robot.deviation import (
+    CHANNEL_DELAYS,
     Deviation,
     deviating_forces,
     deviations,
@@ -39,6 +40,8 @@ _GROUPS = {
     "force_constant.common": "force_constant",
     "force_constant.each": "force_constant",
     "delay": "delay",
+    CHANNEL_DELAYS["Q"]: "force_delay",
+    CHANNEL_DELAYS["q"]: "length_delay",
     "clock": "clock",
 }
 
@@ -63,7 +66,7 @@ class DeviationGroups(NamedTuple):
     @property
     def has_jerk(self) -> bool:
         """Whether Z depends on the third derivative of the motion: that of a delay does."""
-        return "delay" in self.groups
+        return bool({"delay", "force_delay", "length_delay"} & {*self.groups})
 
 
 def _group(robot: Robot, one: Deviation) -> str:
@@ -86,7 +89,8 @@ def fixed_length_graph(about: DeviationGroups) -> tuple[HexapodGraph, ca.SX, ca.
     ]
     geometry, force = graph.geometry, graph.force_with(Friction.HELD)
     joints = ca.vertcat(ca.vec(geometry.base_joints), ca.vec(geometry.platform_joints))
-    by_length = _length_slopes(graph, slopes) if {"joints", "strut_length"} & {*groups} else []
+    of_lengths = {"joints", "strut_length", "length_delay"} & {*groups}
+    by_length = _length_slopes(graph, slopes) if of_lengths else []
     columns = [graph.regressor[:, : about.own]]
     for group in groups:
         if group == "joints":
@@ -104,9 +108,16 @@ def fixed_length_graph(about: DeviationGroups) -> tuple[HexapodGraph, ca.SX, ca.
             columns.append(-by_length[0])
         elif group == "force_constant":
             columns.append(ca.diag(force))
-        elif group == "delay":
-            moving = (graph.rate, graph.acceleration, jerk)
-            columns.append(-_sum(slopes, moving))
+        elif group in ("delay", "force_delay"):
+            change = -_sum(slopes, (graph.rate, graph.acceleration, jerk))
+            columns.append(change if group == "delay" else ca.diag(change))
+        elif group == "length_delay":
+            speed = graph.kinematic["strut_speed"]
+            moving = ca.vertcat(graph.pose, graph.rate, graph.acceleration)
+            changing = ca.vertcat(graph.rate, graph.acceleration, jerk)
+            acceleration = _rate_of(graph, speed)
+            moved = (speed, acceleration, ca.jtimes(acceleration, moving, changing))
+            columns.append(_sum(by_length, tuple(map(ca.diag, moved))))
         else:  # a clock that runs fast makes rates look too small, and accelerations twice as much
             columns.append(slopes[1] @ graph.rate + 2 * (slopes[2] @ graph.acceleration))
     smooth = graph.with_signs(ca.horzcat(*columns), Friction.SMOOTH)

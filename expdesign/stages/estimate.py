@@ -16,11 +16,17 @@ from estimation.data.measurement import Measurement
 from estimation.data.reading import measurement_of, read_measurement
 from estimation.data.table import RawTable
 from estimation.diagnostics import noise_analysis
+from estimation.diagnostics.channels import ChannelCheck
 from estimation.diagnostics.noise_result import NoiseResult
 from estimation.feedforward.comparison import compare_feedforward
 from estimation.feedforward.result import FeedforwardResult
 from estimation.identification.estimate import IdentifiedModel, identified_model
 from estimation.identification.periods import fold_noise_recording
+from estimation.identification.recording import (
+    check_recording,
+    fold_measurement,
+    prepare_recording,
+)
 from estimation.identification.result import EstimateFile, EstimationResult
 from estimation.validation.validate import ValidationResult, validate
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
@@ -92,8 +98,15 @@ def run_estimate(work: Workspace) -> Outcome:
         recordings.append(_recording(work, file))
         count = sum(len(recording.time) for recording in recordings)
         require_at_most(count, MOST_SAMPLES, f"{len(recordings)} recordings", key="--data")
+    # The twin's own recording has the channels of the struts.
+    simulated = not work.sources.data and files == [work.measurement_file]
     try:
-        result = identification.estimate(configuration, recordings, designs)
+        result = identification.estimate(
+            configuration,
+            recordings,
+            designs,
+            refuse_channels=not (work.sources.force or simulated),
+        )
     except LinAlgError as error:
         raise StageFailed(
             f"the parameters cannot be determined from these data: is a channel constant? ({error})"
@@ -111,6 +124,26 @@ def run_estimate(work: Workspace) -> Outcome:
 ESTIMATE = StageFunctions(
     run_estimate, StageViews(EstimationResult, estimate_view, compare_estimates)
 )
+
+
+def check_channels_of(work: Workspace) -> tuple[ChannelCheck, list[str]]:
+    """Check the channels of a recording; return also remarks on its time and its motion."""
+    configuration = work.configuration
+    (file,), (design,) = work.data_files(), work.recorded_designs(1)
+    robot = robot_from(configuration.robot)
+    data = read_measurement(file, configuration.run.data, robot, plausible=False)
+    folded = fold_measurement(configuration, data, design)
+    found, recording = check_recording(configuration, robot, folded, design), folded[0]
+    remarks = [
+        f"{recording.periods:.4g} periods of {recording.period:.6g} s, from the "
+        f"{recording.source.value}, at {1 / recording.step:.6g} Hz",
+        *data.warnings,
+    ]
+    if recording.motion_onset is not None:
+        remarks.append(f"the struts do not move before {recording.motion_onset:.4g} s: data.start")
+    if not found.faults:
+        remarks += prepare_recording(configuration, robot, data, design, folded=folded).warnings
+    return found, remarks
 
 
 def _summary(result: EstimationResult) -> dict[str, Any]:

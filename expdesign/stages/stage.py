@@ -226,6 +226,8 @@ class Sources:
     """``--table``: the controller table that is executed."""
     repetitions: int = 1
     """``--repetitions`` of an experiment."""
+    force: bool = False
+    """``--force``: estimate although channels contradict the section `data`."""
 
 
 @dataclass(frozen=True, eq=False)

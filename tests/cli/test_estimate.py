@@ -213,3 +213,31 @@ def test_parameters_that_cannot_be_identified_end_with_1(folder, command):
     result = command(*arguments(folder))
     assert result.status in (1, 2)
     assert "Traceback" not in result.error
+
+
+def test_wrong_channels_are_refused_with_the_section_that_is_right(command, folder):
+    """One force negated and two exchanged, in a file in mm: `check --data` writes all of it."""
+
+    def change(table):
+        lengths = [f"q{j}" for j in range(1, 7)]
+        table = table.rename(columns={"Q2": "Q5", "Q5": "Q2"})
+        return table.assign(Q4=-table["Q4"], **{name: 1e3 * table[name] for name in lengths})
+
+    write(folder / "wrong.csv", change=change)
+    keys = {
+        "order": {"Q": [1, 5, 3, 4, 2, 6]},
+        "sign": {"Q": [1, 1, 1, -1, 1, 1]},
+    }
+    given = ("--data", folder / "wrong.csv", "--design", folder, "--json")
+    checked = json.loads(command("check", folder / "run.yaml", *given).output)
+    assert checked["channels"]["sure"]
+    assert checked["data"] == {"file": str(folder / "wrong.csv"), "units": {"q": "mm"}, **keys}
+    (folder / "run.yaml").write_text("name: lab\nrobot: palida\ndata: {units: {q: mm}}\n")
+    given = (folder / "run.yaml", *given, "--out", folder / "out")
+    refused = command("estimate", *given)
+    assert refused.status == 2
+    assert json.loads(refused.output)["data"] == {"units": {"q": "mm"}, **keys}
+    data = json.dumps({"units": {"q": "mm"}, **keys})
+    (folder / "run.yaml").write_text(f"name: lab\nrobot: palida\ndata: {data}\n")
+    checked = json.loads(command("check", *given[:-2]).output)
+    assert checked["channels"]["faults"] == []

@@ -15,7 +15,9 @@ from estimation.data.measurement import Measurement
 from estimation.data.reading import read_measurement
 from estimation.data.sensors import SensorResponse
 from estimation.diagnostics.finding import Status
+from estimation.identification import estimate_parameters
 from estimation.identification.estimate import estimate
+from estimation.twin import Twin
 from estimation.twin.truth import write_measurement
 from expdesign.configuration import InputError
 from expdesign.configuration.estimate import DataSection
@@ -107,6 +109,33 @@ def test_known_filters_and_delays_of_the_forces_leave_no_bias(tmp_path: Path) ->
         assert doubtful == (name == "unknown")
     for (name, _), distance in distances.items():
         assert distance > 4 if name == "unknown" else distance < 2.5, distances
+
+
+def test_unknown_delays_of_single_channels_are_estimated() -> None:
+    # A jump of dry friction between two samples is no derivative of a delay.
+    about = ROBOT.description
+    smooth = {name: 0.0 if name[0] == "r" else value for name, value in about.parameters.items()}
+    robot = about.description.model_copy(update={"parameters": smooth})
+    late = {"forces": [0.8e-3, -0.5e-3, 0, 0, 1e-3, 0], "lengths": [0, 0, 1.5e-4, 0, 0, -1e-4]}
+    case = run(
+        robot=robot,
+        experiment={"sampling": "500 Hz", "channel_delay": late},
+        tolerances={"channel_delay": {"forces": "0.7 ms", "lengths": "0.1 ms"}},
+        noise={"force_std": ["1 N"] * 6, "length_std": ["10 um"] * 6},
+    )
+    data = Twin.of(case, palida_motion(), seed=5).measurement(1)
+    found = estimate_parameters(case, data, palida_motion()).estimates
+    ml, gm = found["ml"], found["gm"]
+    assert ml.systematic is not None
+    std = np.array([one.std for one in ml.systematic.deviations])
+    assert np.all(std[:6] < 2.1e-4)
+    truth = np.array([*late["forces"], *late["lengths"]])
+    assert np.mean(((ml.systematic.values - truth) / std) ** 2) < 2
+    for each in (ml, gm):
+        error = each.values - np.array(list(smooth.values()))
+        assert np.mean((error / each.std) ** 2) < 2
+    # GM does not estimate the delays: its budget contains them.
+    assert np.median(ml.std / gm.std) < 0.8
 
 
 @pytest.mark.parametrize(

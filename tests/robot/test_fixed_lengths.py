@@ -17,6 +17,7 @@ from expdesign.trajectory import FourierTrajectory
 
 RUN = {"name": "x", "robot": "palida"}
 TOLERANCES = {
+    "channel_delay": {"forces": "0.5 ms", "lengths": "0.1 ms"},
     "base_joints": "0.1 mm",
     "platform_joints": "0.1 mm",
     "strut_length": "0.1 mm",
