@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 from markupsafe import Markup, escape
 
+from expdesign.runfolder import StageResult
 from results.render.terminal import concise
 from results.views.folder import RunFolder, StageViews
 from results.views.view import Drawing, Fact, Facts, ReportTable, StageView
@@ -23,13 +24,22 @@ _MOST_FACTS = 10
 
 def show_results(views: StageViews) -> None:
     """Give the results of a stage a short text, an HTML text, and the property ``view``."""
+    if not issubclass(views.result_type, StageResult):
+        return
     shown: dict[str, Any] = {
         "view": property(lambda result: ResultView(result, views)),
-        "__repr__": lambda result: repr(result.view),
+        "__repr__": _short_text,
         "_repr_html_": lambda result: result.view._repr_html_(),
     }
     for name, value in shown.items():
         setattr(views.result_type, name, value)
+
+
+def _short_text(result: Any) -> str:
+    try:
+        return repr(result.view)
+    except AttributeError:  # a view that needs the run's configuration, which a sweep has not
+        return object.__repr__(result)
 
 
 class ResultView:

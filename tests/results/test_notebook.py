@@ -1,10 +1,14 @@
 """Results in Python: short texts, tables as data frames, figures by name."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 
 import expdesign
 from expdesign.recheck.limit_check import REACHED
+from expdesign.runfolder import StageResult
+from expdesign.stages.registry import stages
 from results.figures.drawing import NotebookFigure
 
 
@@ -41,6 +45,13 @@ def test_figures_have_names_and_are_drawn_on_access(tiny_result):
     figure = figures["precision"]
     assert isinstance(figure, NotebookFigure)
     assert figure._repr_png_().startswith(b"\x89PNG")
+
+
+def test_only_results_of_stages_are_changed():
+    every = [stage.views().result_type for stage in stages().values()]
+    assert Path in every or type(Path()) in every  # the report
+    assert repr(Path("a")) == "PosixPath('a')"
+    assert all(hasattr(kind, "view") == issubclass(kind, StageResult) for kind in every)
 
 
 def test_inputs_have_short_texts():
