@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,7 @@ def check_run(run: str, out: Path | None, *, machine: bool, as_json: bool) -> No
     configuration = load_run(run)
     robot = robot_from(configuration.robot)
     refuse_unfit(configuration)
+    _refuse_unfit_points(configuration)
     pairs = [(i + 1, j + 1) for i, j in configuration.robot.shared_joint_pairs]
     named = named_stages(configuration)
     done = [stage.name for stage in performed_stages(configuration)]
@@ -158,6 +160,22 @@ def _constants_in_words(robot: Robot) -> list[str]:
             f"{prior if one.tolerance < float('inf') else 'no prior'}"
         )
     return found
+
+
+def _refuse_unfit_points(configuration: RunConfiguration) -> None:
+    """Refuse designs of a sweep that break a limit at home, with their values."""
+    problems = []
+    for point in configuration.grid:
+        try:
+            robot_from(point.configuration.robot)
+        except InputError as error:
+            words = ", ".join(f"{path} {value_text(each)}" for path, each in point.values.items())
+            problems += [
+                replace(problem, message=f"with {words}: {problem.message}")
+                for problem in error.problems
+            ]
+    if problems:
+        raise InputError(problems)
 
 
 def _designs_in_words(configuration: RunConfiguration) -> str:

@@ -240,8 +240,12 @@ def scales_of(
 ) -> Array:
     """Return the scale of every parameter, (m,), SI: the size of its nominal value.
 
-    A nominal value of zero has the scale of its term by mass, length and gravity of the robot, or 1
-    if that is zero.
+    A nominal value of zero, up to rounding, has the scale of its term by mass, length and gravity
+    of the robot, or 1 if that is zero.
     """
-    physical = [parameter.scale.of(abs(mass), length, gravity) for parameter in parameters]
-    return np.where(values == 0, physical, np.abs(values))
+    physical = np.array([each.scale.of(abs(mass), length, gravity) for each in parameters])
+    return np.where(np.abs(values) <= _ROUNDING * physical, physical, np.abs(values))
+
+
+_ROUNDING = 1e-12
+"""Largest rounding error of a parameter, relative to its scale."""

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
-from expdesign.configuration import ComputationError, RunConfiguration, quantity_text
+from expdesign.configuration import ComputationError, InputError, RunConfiguration, quantity_text
 from expdesign.configuration.run import GridPoint
 from expdesign.experiment import DesignResult, design
 from expdesign.experiment.motions import MotionsResult, design_motions
@@ -353,6 +353,8 @@ def _make_design(
         return _End(INTERRUPTED, error.message)
     except ComputationError as error:
         return _End(FAILED, error.message)
+    except InputError as error:
+        return _End(FAILED, "; ".join(problem.message for problem in error.problems))
     outcome = design_outcome(result, work)
     save(outcome, stage, work, began)
     return _End("", outcome.failure)

@@ -110,6 +110,10 @@ def _verdict(result: SweepResult) -> StageVerdict:
     return StageVerdict("Sweep", level, word, sentence, "sweep")
 
 
+_LONGER = 1.05
+"""Ratio of measuring times from which a comparison of the precision names them."""
+
+
 def _facts(result: SweepResult) -> tuple[Fact, ...]:
     best = result.most_precise
     if best is None:
@@ -117,7 +121,14 @@ def _facts(result: SweepResult) -> tuple[Fact, ...]:
     label = dict(zip(result.designs, result.labels, strict=True))[best]
     spent = sum(one.cpu_seconds for one in result.designs if one.made)
     value = f"{readable(best.median_rel_std_percent, 3)} %"
+    times = [one.measuring_time for one in result.designs if one.complete]
+    note = f"median predicted σ, with {label}: {best.folder}"
+    if max(times) > _LONGER * min(times):
+        note += (
+            f". Designs measure for {readable(min(times), 3)} to {readable(max(times), 3)} s: more "
+            "time alone makes σ smaller"
+        )
     return (
-        Fact("most precise design", value, f"median predicted σ, with {label}: {best.folder}"),
+        Fact("most precise design", value, note),
         Fact("searches", duration(spent), f"processor time of {len(result.designs)} designs"),
     )

@@ -249,6 +249,11 @@ def test_check_says_how_many_designs_there_are(expdesign, mapping, tmp_path):
     found = json.loads(expdesign("check", file, "--json")[1])
     assert set(found["designs"]) == {*MADE, *FAILING}
     assert found["run_does"] == ["sweep", "report"]
+    # Home lies beyond the second limit.
+    shut = {"trajectory.harmonics": [1, 2], "limits.strut_length.scale": [1, 1e-9]}
+    status, _, messages = expdesign("check", written(tmp_path, mapping(shut)))
+    assert status == 2
+    assert "with trajectory.harmonics 1, limits.strut_length.scale 1e-09: the home" in messages
     wrong = written(tmp_path, mapping({"trajectory.harmonix": [1]}))
     status, _, messages = expdesign("check", wrong)
     assert status == 2

@@ -199,3 +199,15 @@ def test_rounded_joints_and_centres_are_symmetric_enough(palida):
     bodies = {**STRUT, "platform": {**PLATFORM, "centre": [1e-6, 0, 0.106]}}
     robot = _robot(palida, bodies, platform_joints=joints.tolist())
     assert not [text for text in robot.warnings if "symmetric" in text]
+
+
+def test_sums_over_symmetric_joints_are_zero_and_not_rounding_errors():
+    angles = np.deg2rad(np.array([0, 20, 120, 140, 240, 260]) + 13)
+    joints = np.stack([0.3 * np.cos(angles), 0.3 * np.sin(angles), np.full(6, 0.05)], axis=1)
+    body = RigidBody(12.0, np.array([0.0, 0.0, 0.84]), np.diag([0.3, 0.3, 0.5]))
+    found = platform_parameters(body, 1.7, joints)
+    lateral = ("sx", "sy", "Ixy", "Ixz", "Iyz")
+    assert all(found[name] == 0 for name in lateral)
+    parameters = [one for one in GENERAL.parameters if one.name in lateral]
+    scales = scales_of(parameters, np.array([-2e-15, 1e-16, 0.0, 0.1, 1e-17]), 12.0, 0.3, 9.81)
+    np.testing.assert_allclose(scales, [3.6, 3.6, 1.08, 0.1, 1.08])
