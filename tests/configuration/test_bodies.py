@@ -7,6 +7,9 @@ from scipy.spatial.transform import Rotation
 from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.configuration.bodies import bodies_in_words
 from expdesign.configuration.robot import load_robot_description
+from expdesign.mechanism.bodies import RigidBody, platform_parameters
+from expdesign.mechanism.term import scales_of
+from expdesign.mechanism.terms.rigid_platform import GENERAL
 
 STRUT = {
     "ring": {"mass": 0.6, "inertia": [0.0019, 0.0012, 0.0014]},
