@@ -453,12 +453,15 @@ def run_in_copies(work: Callable[[int], T], count: int) -> list[T]:
     copies: list[tuple[int, Connection]] = []
     for number in range(1, count):
         source, sink = Pipe(duplex=False)
-        with warnings.catch_warnings(), _blocked_signals():
+        with sink, warnings.catch_warnings(), _blocked_signals():
             warnings.simplefilter("ignore", DeprecationWarning)  # threads: see above
-            child = os.fork()
+            try:
+                child = os.fork()
+            except OSError:  # no room for another process
+                source.close()
+                break
             if not child:
                 _answer_from_copy(work, number, sink)
-        sink.close()
         copies.append((child, source))
     results: dict[int, T] = {}
     try:
