@@ -118,12 +118,20 @@ def _choose_columns(
         elif unknown and quantity_of_unit(unknown) is None:
             guess.questions.append(f"units: {{{group}: …}}: {quote(unknown)} is not known")
     taken = list(chosen.values())
-    time = _time_column([column for column in content.columns if column not in taken])
-    if time is None and content.has_time:
+    times = _time_columns([column for column in content.columns if column not in taken])
+    if not times:
+        if not content.has_time:
+            guess.questions.append(
+                f"no column is the time: state columns: {{t: …}}, out of {listed}"
+            )
         return chosen
-    if time is None:
-        guess.questions.append(f"no column is the time: state columns: {{t: …}}, out of {listed}")
-        return chosen
+    time, *others = times
+    if others:
+        names = ", ".join(column.label for column in others)
+        guess.questions.append(
+            f"the time is {time.label}; {names} too? Lengths and forces of different times do not "
+            "fit: resample one of them, or state a constant lag as delay: {forces: …}"
+        )
     if unit := _unit_in(time, (DURATION,)):
         units["t"] = unit
     return {"t": time} | chosen
@@ -236,16 +244,18 @@ def _unit_in(column: RecordedColumn, kinds: Sequence[Quantity]) -> str | None:
     )
 
 
-def _time_column(columns: Sequence[RecordedColumn]) -> RecordedColumn | None:
-    """Return the column of the time by its name, then by its unit."""
+def _time_columns(columns: Sequence[RecordedColumn]) -> list[RecordedColumn]:
+    """Return the columns that may be the time, the likeliest first, by their names and units."""
 
-    def words(column: RecordedColumn) -> set[str]:
-        return {word.lower() for word in _WORDS.findall(column.short)}
+    def score(column: RecordedColumn) -> int:
+        words = {word.lower() for word in _WORDS.findall(column.short)}
+        timed = _unit_in(column, (DURATION,)) is not None
+        named = bool(words & _TIME_WORDS) and "log" not in words  # log_time of ROS
+        return 4 * (column.short.lower() == "t") + 2 * named + timed
 
-    named = [column for column in columns if words(column) & _TIME_WORDS]
-    timed = [column for column in columns if _unit_in(column, (DURATION,))]
-    exact = [column for column in named if column.short.lower() == "t"]
-    return next(iter((*exact, *(one for one in named if one in timed), *named, *timed)), None)
+    scores = {column.text: score(column) for column in columns}
+    best = max(scores.values(), default=0)
+    return [column for column in columns if scores[column.text] == best > 0]
 
 
 # --- values ---------------------------------------------------------------------------------------
@@ -301,6 +311,8 @@ def _check_lengths(
             guess.questions.append(f"units: {{q: …}}: not stated, m is assumed; around {shown}")
         return
     allowed, conversion = LengthRange.of(robot), ActuatorUnits(robot)
+    if stated and conversion.missing(stated):
+        return  # `_check_scales` asks for it
     home = robot.struts_at(robot.home).lengths
     scales = {
         unit: np.array(conversion.si_values(unit))

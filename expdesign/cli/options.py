@@ -74,6 +74,10 @@ def _whole(text: str) -> int | str:
         return text
 
 
+def _texts(text: str) -> list[str]:
+    return [item.strip() for item in text.split(",")]
+
+
 def _items(text: str, read: Callable[[str], Any] = str) -> Any:
     """Return one item, or a list of several."""
     items = [read(item.strip()) for item in text.split(",")]
@@ -97,7 +101,7 @@ EXPORT_OPTIONS = {
     "offset": Option("L,…", "Strut length at which its axis reads zero, or `home`.", _items),
     "counts_per_metre": Option("C,…", "Motor counts; one for all or six.", _items),
     "counts_per_revolution": Option("C,…", "Counts of one turn of a motor.", _items),
-    "columns": Option("q,Q,…", "Columns of csv, without the numbers of struts.", _items),
+    "columns": Option("q,Q,…", "Columns of csv, without the numbers of struts.", _texts),
     "tolerance": Option("L", "Largest deviation of a strut, such as '1 um'."),
     "blend": Option("L", "P of G64 for LinuxCNC."),
     "servo_period": Option("TIME", "Of LinuxCNC's planner, such as '1 ms'."),
@@ -114,12 +118,8 @@ EXPORT_OPTIONS = {
 """Options by the keys of `export:`."""
 
 
-def _pair(text: str) -> list[str]:
-    return [end.strip() for end in text.split(",")]
-
-
 def _points(text: str) -> list[list[str]]:
-    return [_pair(point) for point in text.strip().strip(";").split(";")]
+    return [_texts(point) for point in text.strip().strip(";").split(";")]
 
 
 INIT_OPTIONS = {
@@ -140,7 +140,7 @@ INIT_OPTIONS = {
         "'X,Y,Z; …'", "Six platform joints from the TCP, instead of a circle.", _points
     ),
     "strut_length": Option(
-        "MIN,MAX", "Lengths of a strut, joint to joint, such as '600 mm, 900 mm'.", _pair
+        "MIN,MAX", "Lengths of a strut, joint to joint, such as '600 mm, 900 mm'.", _texts
     ),
     "stroke": Option("L", "Stroke of a drive, with home in its middle, instead of lengths."),
     "strut_speed": Option("SPEED", "Largest speed of a strut, such as '300 mm/s'."),

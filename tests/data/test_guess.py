@@ -95,6 +95,10 @@ QUESTIONS = {
         "actuator forces: 'tau#', or 'F#'?",
     ),
     "t,q1,q2,q3,q4,q5,q6,q7,tau1,tau2,tau3,tau4,tau5,tau6,tau7": ("'q#': the first six of 7",),
+    # A cable robot: two streams in one file, each with its own stamps.
+    "stamp_len,len1,len2,len3,len4,len5,len6,stamp_tau,tau1,tau2,tau3,tau4,tau5,tau6": (
+        "the time is stamp_len; stamp_tau too? Lengths and forces of different times do not fit",
+    ),
     "a,b": ("no six columns are the strut lengths", "no column is the time"),
     "t,q1 [U],q2 [U],q3 [U],q4 [U],q5 [U],q6 [U],I1 [A],I2 [A],I3 [A],I4 [A],I5 [A],I6 [A]": (
         "units: {q: …}: 'U' is not known",
@@ -167,5 +171,6 @@ def test_other_files(name, write, tmp_path, rec, palida):
     write(tmp_path / name, rec)
     guess = guess_data(tmp_path / name, palida)
     found = read_measurement(tmp_path / name, DataSection.model_validate(guess.section), palida)
+    assert guess.questions == ["units: {Q: …}: not stated, N is assumed"]
     assert np.array_equal(found.lengths, rec.q)
     assert np.array_equal(found.forces, rec.Q)
