@@ -186,7 +186,8 @@ def candidate_reliability(
     gram = columns.T @ columns / len(columns)
     size = attribution.response.shape[1]
     unknown = np.r_[0:count, size - tolerated.count : size]
-    response, inverse = attribution.response[:, unknown], tests.solution.inverse
+    response = attribution.response[:, unknown]
+    unknowns = tests.solution.inverse[np.ix_(unknown, unknown)]
     found = []
     for family in families:
         hypothesis = family.hypothesis
@@ -203,7 +204,7 @@ def candidate_reliability(
                     family.limit,
                     tests.conditional.select(places),
                     response[places],
-                    inverse[np.ix_(unknown, unknown)],
+                    unknowns,
                     shift[:, places],
                     gram,
                 )
@@ -216,16 +217,18 @@ def join_recordings(
 ) -> tuple[CandidateReliability, ...]:
     """Return the candidates that can be tested in all recordings together."""
     groups: dict[_Key, list[CandidateReliability]] = {}
+    root = np.zeros((0, 0))
     for candidate in (candidate for recording in recordings for candidate in recording):
+        if len(recordings) > 1 and not root.size:
+            # The same in all of them.
+            root = root_of_pseudo_inverse(candidate.unknowns, DETERMINED)
         groups.setdefault(candidate.key, []).append(candidate)
-    return tuple(joint for joint in map(_join, groups.values()) if joint.freedom)
+    joint = (_join(own, root) if len(own) > 1 else own[0] for own in groups.values())
+    return tuple(each for each in joint if each.freedom)
 
 
-def _join(own: Sequence[CandidateReliability]) -> CandidateReliability:
-    first, *others = own
-    if not others:
-        return first
-    root = root_of_pseudo_inverse(first.unknowns, DETERMINED)
+def _join(own: Sequence[CandidateReliability], root: Array) -> CandidateReliability:
+    """Return one effect in all recordings; R Rᵀ = J, (u, u), with R = `root`."""
     parts = [each.response @ root for each in own]
     total, scores = np.sum(parts, axis=0), [each.scores for each in own]
     information = sum(
@@ -238,7 +241,7 @@ def _join(own: Sequence[CandidateReliability]) -> CandidateReliability:
         min(each.freedom for each in scores),
     )
     return replace(
-        first,
+        own[0],
         limit=min(each.limit for each in own),
         scores=joint,
         response=np.sum([each.response for each in own], axis=0),

@@ -27,6 +27,7 @@ from estimation.diagnostics.significance import ratio_tail
 from estimation.estimators import Experiment, ParameterPriors
 from estimation.estimators.experiment import RefinedMotion
 from estimation.estimators.joint_equations import PerturbedMachine
+from estimation.estimators.prior_estimate import invert_covariance
 from estimation.kinematics import length_equations, most_harmonics, rate_spread
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.motion import NormalEquations, root_of_pseudo_inverse
@@ -177,10 +178,8 @@ class _Series:
 
 
 def _solve_motion(equations: NormalEquations) -> tuple[Array, Array]:
-    """Return N⁻¹ g and N⁻¹, scaled against loss of digits."""
-    matrix, scale = equations.matrix, np.sqrt(np.diag(equations.matrix))
-    inverse = np.linalg.inv(matrix / np.multiply.outer(scale, scale))
-    inverse = (inverse + inverse.T) / 2 / np.multiply.outer(scale, scale)
+    """Return N⁻¹ g and N⁻¹."""
+    inverse = invert_covariance(equations.matrix)
     return inverse @ equations.gradient, inverse
 
 
