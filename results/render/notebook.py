@@ -59,14 +59,12 @@ class ResultView:
     @property
     def facts(self) -> tuple[Fact, ...]:
         """The most important numbers, ten at most: name, value with its unit, note."""
-        facts, blocks = [*self._content.facts], self._content.blocks
+        blocks = self._content.blocks
+        tables = [block for block in blocks if isinstance(block, ReportTable) and block.screen]
+        estimated = [table for table in tables if "error" in [one.kind for one in table.columns]]
+        facts = [*self._content.facts, *(_values(estimated[0]) if estimated else ())]
         for block in blocks:
             facts += block.facts if isinstance(block, Facts) else ()
-        for table in [block for block in blocks if isinstance(block, ReportTable)]:
-            titles = [column.kind for column in table.columns]
-            if "parameter" in titles and "error" in titles:
-                facts += _estimates(table)
-                break
         return tuple(facts[:_MOST_FACTS])
 
     @property
@@ -113,15 +111,13 @@ class ResultView:
         return str(head + Markup("<table>{}</table>").format(rows) + warnings + names)
 
 
-def _estimates(table: ReportTable) -> Iterator[Fact]:
-    """Yield the parameters of a table with their values and standard deviations."""
-    kinds = [column.kind for column in table.columns]
-    name, error = kinds.index("parameter"), kinds.index("error")
-    unit = next((k for k, c in enumerate(table.columns) if c.title == "unit"), None)
+def _values(table: ReportTable) -> Iterator[Fact]:
+    """Yield the rows of a table: name, value with its standard deviation, unit."""
+    error = next(k for k, column in enumerate(table.columns) if column.kind == "error")
+    titles = [column.title for column in table.columns]
     for row in table.rows:
-        value = concise(row[error - 1], row[error])
-        text = f"{value} {row[unit]}" if unit is not None and row[unit] != "1" else value
-        yield Fact(f"{row[name]}", text)
+        unit = row[titles.index("unit")] if "unit" in titles else ""
+        yield Fact(f"{row[0]}", f"{concise(row[error - 1], row[error])} {unit or ''}".rstrip())
 
 
 class Figures(Mapping[str, "Figure"]):

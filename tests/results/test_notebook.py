@@ -18,6 +18,7 @@ def test_a_design_shows_its_verdict_and_ten_numbers_at_most(tiny_result):
     assert verdict.startswith("Design: ")
     assert 5 <= len([line for line in lines if line.startswith("  ")]) <= 11
     assert "array(" not in text
+    assert any(line.startswith("  mass: ") and line.endswith(" kg") for line in lines)
     assert f"  warnings: {len(tiny_result.warnings)}, see .view.warnings" in lines
     page = tiny_result._repr_html_()
     assert page.startswith("<p><b>Design: ")

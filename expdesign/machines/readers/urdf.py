@@ -174,7 +174,7 @@ class _Tree:
         """Return the links with the platform, and joints between it and the legs' open ends.
 
         The platform is the link that one leg carries and the others do not, or the one that floats;
-        without either it is a link of its own amid the ends.
+        without either it is a new link amid the ends.
         """
         paths = [self._path(slide.bodies[1]) for slide in slides]
         floating = [joint.bodies[1] for joint in self.joints if joint.kind == "free"]
