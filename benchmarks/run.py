@@ -29,6 +29,7 @@ NAMES = (
     "montecarlo",
     "roundtrip",
     "departures",
+    "channels",
     "term_selection",
     "multibody",
     "tolerances",

@@ -30,6 +30,7 @@ from expdesign.trajectory import FourierTrajectory, PhaseBasis
 _FORCE_ROWS, _LENGTH_ROWS = 1000, 256
 """Largest number of rows in use: means over periods, or single samples."""
 _DETERMINED = 1e-12
+_TINY = 1e-12
 _STEPS = 12
 _DAMPING = 1e-9
 _REACHED = 1e-9
@@ -69,6 +70,8 @@ _UNLIKE = 0.1
 """Largest sum of 1 − correlation of the six lengths with those of a design that was executed."""
 _CLEARLY = 8.0
 _MOST_SHIFTED = 2
+_CORRELATED = 0.3
+"""Correlation of measured with nominal forces that shows the sign of all of them."""
 _LEAST_SHARE = 0.2
 """Share of the unexplained forces that one of several faults must explain."""
 _ROUNDS = 4
@@ -190,14 +193,14 @@ class ForceFit:
         The gains of an order are an eigenvector: they maximise the explained share of the scaled
         forces. Those near the median are taken as equal.
         """
-        norms = np.sqrt(self.energies)[_ORDERS]
+        norms = np.sqrt(np.maximum(self.energies, _TINY))[_ORDERS]
         shares = self._products / (norms[:, :, None] * norms[:, None])
         values, vectors = np.linalg.eigh(shares)
         best = int(np.argmax(values[:, -1]))
         gains = vectors[best, :, -1] / norms[best]
-        gains = gains / np.median(np.abs(gains))
-        far = np.abs(np.log(np.maximum(np.abs(gains), 1e-9))) > np.log(_OTHER_GAIN)
-        gains = np.sign(gains) * np.where(far, _round_factor(np.abs(gains)), 1.0)
+        sizes = np.maximum(np.abs(gains) / np.median(np.abs(gains)), _TINY)
+        far = np.abs(np.log(sizes)) > np.log(_OTHER_GAIN)
+        gains = np.sign(gains) * np.where(far, _round_factor(sizes), 1.0)
         others = max(float(np.max(np.delete(values[:, -1], best))), float(values[best, -2]))
         noise = float(np.sum(self._variances) / np.sum(self.energies))
         found = replace(Wiring.as_measured(), channels=_ORDERS[best], gains=gains)
@@ -247,7 +250,7 @@ class ChannelSearch:
         coloured, variances = noise.forces.filter, np.diag(noise.forces.covariance)
         self._density: Array | None = None
         rows = _FORCE_ROWS
-        if coloured is not None:
+        if coloured is not None and coloured.samples == len(recording.forces.values):
             # One filter for all channels, as any of them may belong to any strut.
             spectrum = np.diagonal(coloured.spectrum, axis1=1, axis2=2).real
             self._density, rows = np.mean(spectrum, axis=1), coloured.samples
@@ -318,30 +321,41 @@ class ChannelSearch:
         return ForceFit(self.columns(motion, delay), self.forces, self._variances)
 
     def candidate_as_measured(self) -> Candidate:
-        """Return the wiring of the recording as it was read, with its unexplained forces."""
+        """Return the wiring of the recording as it was read, with its unexplained forces.
+
+        Forces against those of the nominal model explain nothing.
+        """
         lengths = forces = Wiring.as_measured()
-        return Candidate(lengths, forces, 0.0, self.fit(self.motion(lengths)).excess(forces))
+        columns = self.columns(self.motion(lengths))
+        excess = ForceFit(columns, self.forces, self._variances).excess(forces)
+        if self._orient(forces, columns) is not forces:
+            excess = 1.0
+        return Candidate(lengths, forces, 0.0, excess)
+
+    def _orient(self, forces: Wiring, columns: Array) -> Wiring:
+        """Return the wiring of the forces, all signs reversed if the nominal model contradicts.
+
+        A fit with free parameters does not depend on this sign. The model decides if it has a clear
+        correlation with the forces, otherwise the number of reversed signs.
+        """
+        own, nominal = forces.apply(self.forces), columns @ self.robot.parameters
+        alike = float(np.sum(own * nominal) / np.sqrt(np.sum(own**2) * np.sum(nominal**2)))
+        sign = alike if abs(alike) > _CORRELATED else float(np.sum(np.sign(forces.gains)))
+        return forces if sign >= 0 else replace(forces, gains=-forces.gains)
 
     def candidate(self, lengths: Wiring, delay: float) -> Candidate:
         """Return the best wiring of the forces for given lengths and delay."""
         columns = self.columns(self.motion(lengths), delay)
         fit = ForceFit(columns, self.forces, self._variances)
-        nominal = columns @ self.robot.parameters
-
-        def oriented(forces: Wiring) -> Wiring:
-            along = float(np.sum(forces.apply(self.forces) * nominal))
-            return forces if along >= 0 else replace(forces, gains=-forces.gains)
-
-        forces = oriented(Wiring.as_measured())
-        other = oriented(fit.best())
+        forces, other = Wiring.as_measured(), fit.best()
         if self._is_better(fit.excess(other), fit.excess(forces)):
             forces = other
+        next_best = fit.next_best(forces)
         scaled, next_scaled = fit.best_with_scales()
         if self._is_better(fit.excess(scaled), fit.excess(forces)):
-            forces, next_best = oriented(scaled), min(fit.excess(forces), next_scaled)
-        else:
-            next_best = fit.next_best(forces)
-        return Candidate(lengths, forces, delay, fit.excess(forces), next_best)
+            forces, next_best = scaled, min(fit.excess(forces), next_scaled)
+        excess = fit.excess(forces)
+        return Candidate(lengths, self._orient(forces, columns), delay, excess, next_best)
 
     def _is_better(self, excess: float, other: float) -> bool:
         """Return whether a wiring is preferred to a simpler one, by their unexplained shares."""
@@ -384,10 +398,10 @@ class ChannelSearch:
         for _ in range(_ROUNDS):
             if best.excess < self.least_decrease:
                 break
-            found = min(self._refined(best, _MOSTLY), key=lambda one: one.excess)
+            found, other, *_ = sorted(self._refined(best, _MOSTLY), key=lambda one: one.excess)
             if found.excess > _MOSTLY * best.excess or not self._is_no_imitation(best, found):
                 break
-            best = found
+            best = replace(found, next_best=min(found.next_best, other.excess))
         return best
 
     def _without_small_zeros(self, found: Candidate) -> Candidate:
@@ -409,19 +423,22 @@ class ChannelSearch:
         fit = ForceFit(columns, self.forces, self._variances)
         forces = present.forces.apply(self.forces)
         model = columns @ fit.parameters(present.forces)
-        struts = self.robot.strut_motion(*np.split(motion.at(self.force_times).state(), 3, axis=1))
+        state = np.split(motion.at(self.force_times).state(), 3, axis=1)
+        struts = self.robot.strut_motion(*state)
         rest, most = forces - model, 0.0
-        for strut in range(ACTUATORS):
-            for shape in (
-                np.ones(len(rest)),
-                struts.length[:, strut] - np.mean(struts.length[:, strut]),
-                model[:, strut],
-                struts.length_acceleration[:, strut],
-            ):
-                own = columns[:, strut].T @ shape
-                left = float(shape @ shape) - float(np.sum((fit.root.T @ own) ** 2))
-                if left > _DETERMINED * float(shape @ shape):
-                    most = max(most, float(shape @ rest[:, strut]) ** 2 / left)
+        shapes = (
+            np.ones_like(rest),
+            struts.length - np.mean(struts.length, axis=0),
+            self.robot.regressor(*state) @ fit.parameters(present.forces),
+            struts.length_acceleration,
+        )
+        for shape in map(self._whiten, shapes):
+            own = np.einsum("rim,ri->im", columns, shape) @ fit.root
+            energies = np.sum(shape**2, axis=0)
+            left = energies - np.sum(own**2, axis=1)
+            seen = left > _DETERMINED * energies
+            explained = np.sum(shape * rest, axis=0)[seen] ** 2 / left[seen]
+            most = max(most, float(np.max(explained, initial=0.0)))
         decrease = present.excess - found.excess
         return decrease > max(self.least_decrease, most / float(np.sum(forces**2)))
 

@@ -169,7 +169,8 @@ def check_recording(
 ) -> ChannelCheck:
     """Check the channels of a folded recording."""
     planned = configuration.run.trajectory.harmonics if design is None else design.harmonics
-    return check_channels(robot, configuration.run.data, *folded, planned, design)
+    harmonics = configuration.run.estimate.harmonics or planned
+    return check_channels(robot, configuration.run.data, *folded, harmonics, design)
 
 
 @dataclass(frozen=True, eq=False)
