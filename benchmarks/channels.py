@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from joblib import Parallel, delayed
+from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
@@ -64,7 +65,7 @@ class Recorded:
         self.forces = self.forces_at(0.0)
 
 
-def _pair(recorded: Recorded) -> Array:
+def _pair(recorded: Recorded) -> NDArray[np.intp]:
     order = np.arange(ACTUATORS)
     i, j = recorded.rng.choice(ACTUATORS, 2, replace=False)
     order[[i, j]] = j, i
@@ -218,10 +219,11 @@ def _record(robot: Robot, design: FourierTrajectory, rng: np.random.Generator) -
     times = np.arange(_SAMPLES * _PERIODS) * step
     less = _SAMPLES / (_AT_1_KHZ * design.period)
     noise = robot.description.noise
-    covariances = [noise.length_covariance, noise.force_covariance] if noise else []
+    if noise is None or noise.length_covariance is None or noise.force_covariance is None:
+        raise ValueError(f"{robot.name} states no noise")
     length_noise, force_noise = (
         rng.normal(size=(len(times), ACTUATORS)) @ np.linalg.cholesky(less * each).T
-        for each in covariances
+        for each in (noise.length_covariance, noise.force_covariance)
     )
 
     def forces_at(delay: float) -> Array:
