@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,10 @@ from threadpoolctl import threadpool_limits
 
 from constraints.arrays import Array
 from estimation.estimators import ParameterEstimate
+from estimation.identification.estimate import identified_robot
 from estimation.identification.estimation import (
     add_systematic_uncertainty,
+    estimate_parameters,
     parameter_priors,
     run_estimators,
 )
@@ -27,15 +30,19 @@ from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from estimation.twin.machine import draw_machine
 from expdesign import design
-from expdesign.configuration import RunConfiguration, load_run
+from expdesign.configuration import RunConfiguration, load_run, resolved_yaml
 from expdesign.configuration.motions import motion_runs
+from expdesign.configuration.tolerances import IDENTIFIED_ROBOT
 from expdesign.experiment import DesignResult
 from expdesign.experiment.judging import noise_evaluator
 from expdesign.experiment.motions import MotionsResult, design_motions
+from expdesign.experiment.next_motion import compare_with_repetition, next_run
 from expdesign.experiment.precision import experiment_information, predicted_errors
 from expdesign.experiment.setup import plan_search
 from expdesign.robot import robot_from
+from expdesign.robot.derived import derived_quantities
 from expdesign.robot.deviation import toleranced_deviations
+from expdesign.runfolder.files import RUN_FILE
 from expdesign.trajectory import FourierTrajectory
 from expdesign.workers import Monitor
 
@@ -49,9 +56,10 @@ SECTIONS = (
     "interest",
     "interest_quick",
     "motions",
+    "next",
 )
-"""Robots, designs for quantities of interest, or several motions of palida; ``quick``: a search of
-a minute. Those of the motions are quick, too."""
+"""Robots, designs for quantities of interest, several motions of palida, or a second one after an
+estimate; ``quick``: a search of a minute. Those of the motions are quick, too."""
 _INTERESTS: dict[str, dict[str, Any]] = {
     "all parameters": {},
     "mass, centre": {"interest": ["mass", "centre"]},
@@ -74,6 +82,8 @@ _DESIGNS = {
 }
 _SAMPLES = 250
 """Of a period."""
+_RATE = 150.0
+"""Sampling of the recordings before and after an estimate, Hz."""
 
 Row = dict[str, Any]
 
@@ -86,6 +96,9 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
         return
     if name == "interest":
         yield from _interest_rows(_QUICK if quick else {})
+        return
+    if name == "next":
+        yield from _next_rows(repetitions or 60)
         return
     first = np.nan
     for label, settings in _DESIGNS.items():
@@ -177,6 +190,9 @@ def summary(table: pd.DataFrame) -> str:
     if "motions" in table:
         gained = table["D-efficiency gained (%)"].tolist()
         return f"gain of two motions {gained[1]} %, of three {gained[2]} %"
+    if "recordings" in table:
+        again, following = (float(table["achieved (%)"][k]) for k in (1, 2))
+        return f"error after the next motion: {following / again:.2f} of that after repeating"
     if "machines" not in table:
         return "smallest: " + ", ".join(
             f"{name} {table['design for'][table[name].astype(float).idxmin()]}"
@@ -236,16 +252,29 @@ def _achieved(
     **more: Any,
 ) -> dict[str, Array]:
     """Return the relative rms errors of each estimator over drawn machines."""
-    stated = _run(robot_name, {}, "auto", **more)
     sampling = _SAMPLES / motions[0].period
+    fewer = _fewer(robot_name, sampling, {}, **more)
+    errors: dict[str, list[Array]] = {}
+    robot = robot_from(fewer.robot)
+    for number in range(count):
+        for name, found in _estimates(fewer, motions, number, plain=plain).items():
+            errors.setdefault(name, []).append((found.values - robot.parameters) / robot.scales)
+    return {name: np.sqrt(np.mean(np.square(each), axis=0)) for name, each in errors.items()}
+
+
+def _fewer(
+    robot_name: str, sampling: float, search: dict[str, Any], **more: Any
+) -> RunConfiguration:
+    """Return the run with fewer samples of as much less noise."""
+    stated = _run(robot_name, search, "auto", **more)
     less = sampling / stated.run.experiment.sampling
     noise = stated.robot.noise
     assert noise is not None
     assert noise.force_covariance is not None
     assert noise.length_covariance is not None
-    fewer = _run(
+    return _run(
         robot_name,
-        {},
+        search,
         "auto",
         trajectory=more.get("trajectory", {}),
         experiment={**more.get("experiment", {}), "sampling": sampling},
@@ -254,12 +283,53 @@ def _achieved(
             "length_covariance": (less * noise.length_covariance).tolist(),
         },
     )
-    errors: dict[str, list[Array]] = {}
-    robot = robot_from(fewer.robot)
-    for number in range(count):
-        for name, found in _estimates(fewer, motions, number, plain=plain).items():
-            errors.setdefault(name, []).append((found.values - robot.parameters) / robot.scales)
-    return {name: np.sqrt(np.mean(np.square(each), axis=0)) for name, each in errors.items()}
+
+
+def _next_rows(count: int) -> Iterator[Row]:
+    """Yield the errors after one recording, and after a second one of the same or the next motion.
+
+    The prior is the estimate from a recording of the nominal machine.
+    """
+    run = _fewer("palida", _RATE, _QUICK)
+    plan_search(run).problem.compile()
+    first = design(run).trajectory
+    with TemporaryDirectory() as place:
+        folder = Path(place)
+        found = estimate_parameters(run, Twin.of(run, first, seed=count).measurement(1), first)
+        (folder / IDENTIFIED_ROBOT).write_text(identified_robot(found, None), encoding="utf-8")
+        (folder / RUN_FILE).write_text(resolved_yaml(run), encoding="utf-8")
+        following = next_run([folder])
+    second = design(following).trajectory
+    predicted = compare_with_repetition(following, second, first)
+    cases = {
+        "first": ("std_measured", [first]),
+        "first, and again": ("std_repeated", [first, first]),
+        "first, and next": ("std_next", [first, second]),
+    }
+    robot = robot_from(run.robot)
+    derived = derived_quantities(robot)
+    for label, (key, motions) in cases.items():
+        errors, own = list[Array](), list[Array]()
+        for number in range(count):
+            found_joint = _estimates(run, motions, number, plain=False)["ml estimated"]
+            values = found_joint.values - robot.parameters
+            errors.append(values / robot.scales)
+            own.append(derived.jacobian @ values)
+        stated = {one.quantity: getattr(one, key) for one in predicted.gains}
+        std = np.array([stated[name] for name in robot.parameter_names]) / robot.scales
+        rms, whole = (np.sqrt(np.mean(np.square(each), axis=0)) for each in (errors, own))
+        mass, centre = (derived.names.index(name) for name in ("mass", "centre_z"))
+        yield {
+            "recordings": label,
+            "predicted (%)": f"{100 * _mean(std):.2f}",
+            "achieved (%)": f"{100 * _mean(rms):.2f}",
+            "achieved / predicted": f"{_mean(rms) / _mean(std):.3f}",
+            "mass, predicted (g)": f"{1e3 * stated['mass']:.1f}",
+            "mass, achieved (g)": f"{1e3 * whole[mass]:.1f}",
+            "centre z, predicted (µm)": f"{1e6 * stated['centre_z']:.1f}",
+            "centre z, achieved (µm)": f"{1e6 * whole[centre]:.1f}",
+            "machines": count,
+        }
 
 
 def _estimates(
