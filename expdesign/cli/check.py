@@ -21,6 +21,7 @@ from expdesign.configuration import (
     resolved_yaml,
 )
 from expdesign.configuration.bodies import bodies_in_words
+from expdesign.configuration.consistency import refuse_missing_task
 from expdesign.configuration.grid import value_text
 from expdesign.configuration.limits import (
     defaults_in_words,
@@ -51,6 +52,7 @@ def check_run(run: str, out: Path | None, *, machine: bool, as_json: bool) -> No
     robot = robot_from(configuration.robot)
     refuse_unfit(configuration)
     _refuse_unfit_points(configuration)
+    refuse_missing_task(configuration.run, configuration.file)
     pairs = [(i + 1, j + 1) for i, j in configuration.robot.shared_joint_pairs]
     named = named_stages(configuration)
     done = [stage.name for stage in performed_stages(configuration)]
@@ -109,6 +111,7 @@ def check_run(run: str, out: Path | None, *, machine: bool, as_json: bool) -> No
         *(f"{name}: left out, {reason}" for name, reason in left_out.items() if reason),
         *(f"struts {i} and {j} share a joint: left out of the strut clearance" for i, j in pairs),
         _designs_in_words(configuration),
+        _parameters_in_words(configuration),
         *defaults,
         *held,
         reserve,
@@ -187,6 +190,19 @@ def _designs_in_words(configuration: RunConfiguration) -> str:
     count = len(configuration.grid)
     designs = f"{count} design{'' if count == 1 else 's'}"
     return f"the sweep makes {designs}: {', '.join(lists)}" if lists else ""
+
+
+def _parameters_in_words(configuration: RunConfiguration) -> str:
+    """Return the meaning of named `design.parameters`; empty without."""
+    design = configuration.run.design
+    if design.named_parameters is None:
+        return ""
+    if design.is_change:
+        return "design.parameters with design.prior: the criterion judges their change since then"
+    return (
+        "design.parameters: all others count as known exactly, as by design.known. To judge these "
+        "while the others are unknown, as an estimate has them, name them under design.interest"
+    )
 
 
 _WIDEST = 100

@@ -62,9 +62,9 @@ def execute_stage(
             configuration, folder, Terminal(quiet=as_json), inputs, resume, stages=reported_stages()
         )
         work.warn(before)
-        if name == "goals" and not inputs.designs and not work.design_file.is_file():
-            execute(stages()["design"], work)
         stage = stage_of(name, configuration)
+        if stage.makes_design and not (inputs.designs or work.design_file.is_file()):
+            execute(stages()[FIRST], work)
         outcomes = [execute(stage, place) for place in workspaces(stage, work)]
         if name == FIRST and "report" in configuration.run.stages:
             report = stages()["report"]

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
+from expdesign.configuration.design import TaskSection
 from expdesign.configuration.document import Document, Located, absolute, find_file
-from expdesign.configuration.errors import InputError, Key, Problem, nearest_name
+from expdesign.configuration.errors import InputError, Key, Problem, nearest_name, quote
+from expdesign.configuration.experiment import Motion
 from expdesign.configuration.noise import aliasing_of
 from expdesign.configuration.parameters import term_hint
 from expdesign.configuration.robot import (
@@ -180,6 +184,8 @@ def payload_problems(
 
 _ROUNDING = 1e-12
 _LEAST_HARMONICS_AT_REST = 2
+_MOTIONS = tuple(name for name in get_args(Motion) if name != "file")
+"""Tasks that a run file states by their names."""
 _SAMPLES_PER_SWING = 20
 """Fewest samples of a controller per period of its bandwidth."""
 
@@ -441,6 +447,29 @@ def _impossible_control(run: RunDescription, robot: ResolvedRobot) -> Iterator[_
             ("experiment", "compliance"),
             "the forward dynamics of feedforward has rigid struts",
             "no compliance in a run with `feedforward:`",
+        )
+
+
+def refuse_missing_task(run: RunDescription, file: Path | None) -> None:
+    """Refuse a task that is neither a motion nor a file.
+
+    Raises
+    ------
+    InputError
+        There is no such file; it names the motion with the most similar name.
+    """
+    interest = run.design.interest
+    if not isinstance(interest, TaskSection) or interest.task.file is None:
+        return
+    path = Path(interest.task.file)
+    if not path.exists():
+        near = nearest_name(path.name, _MOTIONS)
+        hint = f"; did you mean {quote(near)}?" if near else ""
+        raise InputError(
+            f"the task {quote(path.name)} is no motion, and there is no {path}{hint}",
+            file=file,
+            key="design.interest.task",
+            allowed=f"{', '.join(_MOTIONS)}, or the folder or design.json of a design",
         )
 
 

@@ -11,7 +11,7 @@ import scipy.linalg as sla
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration
-from expdesign.configuration.consistency import identification_of
+from expdesign.configuration.consistency import identification_of, refuse_missing_task
 from expdesign.configuration.design import TaskSection
 from expdesign.configuration.noise import NOISE_FROM_DATA
 from expdesign.information import fisher
@@ -215,6 +215,7 @@ def _refusal(configuration: RunConfiguration, message: str) -> InputError:
 def _task_motion(
     configuration: RunConfiguration, interest: TaskSection, robot: Robot
 ) -> FourierTrajectory:
+    refuse_missing_task(configuration.run, configuration.file)
     task = interest.task
     if task.file is not None:
         return TrajectoryFile.read(Path(task.file)).trajectory

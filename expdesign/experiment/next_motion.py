@@ -127,10 +127,11 @@ def next_run(folders: Sequence[Path]) -> RunConfiguration:
         known = tuple(name for name in names if name not in design.named_parameters)
     parameters = None if design.named_parameters is not None else design.parameters
     priors = tuple(str(each.absolute()) for each in folders)
-    changes = {"prior": priors, "parameters": parameters, "known": known}
+    changes = {"prior": priors, "parameters": parameters, "known": known, "others": ()}
     following: RunDescription = run.model_copy(
         update={
             "name": _following_name(run.name),
+            "trajectory": run.trajectory.model_copy(update={"count": 1}),
             "design": design.model_copy(update=changes),
             "data": run.data.model_copy(update={"file": None}),
         }

@@ -48,6 +48,8 @@ _CURVE = 25
 _HALF = math.sqrt(0.5)
 """Share of a goal that the floor may take, so that half of the variance is left to noise."""
 _STEPS = 40
+_OF_VARIANCES = ("d", "a", "e")
+"""Criteria that are a mean of variances or the largest one."""
 _EXPLAINED = 0.1
 """Largest unexplained share of the cost's gradient for a statement on limits."""
 
@@ -57,7 +59,8 @@ class PlannedGoal:
     """One goal and the measuring time that reaches it."""
 
     goal: Annotated[str, described("", "name in `goals` or --want")]
-    quantity: Annotated[str, described("", "quantity of the goal that decides")]
+    quantities: Annotated[str, described("", "quantities of the goal, with commas between them")]
+    quantity: Annotated[str, described("", "the one of them that decides")]
     unit: Annotated[str, described("", "SI unit of the standard deviations")]
     wanted: Annotated[float, described("see unit", "wanted standard deviation")]
     std: Annotated[float, described("see unit", "predicted for the experiment of the run file")]
@@ -118,6 +121,14 @@ class PlanResult(StageResult):
         OpenNumber,
         described("%", "gain of the criterion if that limit were 10 % wider; empty: not known"),
     ]
+    limit_std_percent: Annotated[
+        OpenNumber,
+        described(
+            "%",
+            "the same as a reduction of the judged standard deviations: of their geometric mean "
+            "(criterion d), their rms (a) or the largest (e); empty for other criteria",
+        ),
+    ]
     goals: Annotated[tuple[PlannedGoal, ...], Table("tables/plan.csv", some=True)]
     curves: Annotated[tuple[PrecisionPoint, ...], Table("tables/plan_precision.csv", some=True)]
 
@@ -164,6 +175,7 @@ def plan_measurement(configuration: RunConfiguration, trajectory: FourierTraject
         estimator="tolerances estimated" if prediction.estimated else "budget",
         limit=limit,
         limit_gain_percent=gain,
+        limit_std_percent=_std_reduction(configuration.run.design.criterion, gain),
         goals=tuple(goals),
         curves=tuple(_curves(goals, prediction)),
     )
@@ -388,6 +400,7 @@ def _planned(wish: _Wish, prediction: Prediction) -> PlannedGoal:
         together = 100 * _largest_factor(wish, prediction, errors.sources)
     return PlannedGoal(
         goal=wish.name,
+        quantities=", ".join(prediction.names[one] for one in wish.wanted),
         quantity=prediction.names[place],
         unit=prediction.units[place],
         wanted=wish.wanted[place],
@@ -457,3 +470,15 @@ def _helpful_limit(
         return "", np.nan
     key = max(found.gains, key=lambda name: found.gains[name])
     return (key, 100 * found.gains[key]) if found.gains[key] > 0 else ("", np.nan)
+
+
+def _std_reduction(criterion: str, gain: float) -> float:
+    """Return the reduction of standard deviations, %, by a criterion's gain, %; NaN if unrelated.
+
+    Examples
+    --------
+    >>> round(_std_reduction("d", 21.0), 3)
+    9.091
+    """
+    known = criterion in _OF_VARIANCES
+    return 100 * (1 - float((1 + gain / 100) ** -0.5)) if known else np.nan

@@ -101,6 +101,7 @@ class GoalsStage(Stage):
         experiment={"periods", "sampling"},
     )
     needs = ("design",)
+    makes_design = True
 
     def functions(self) -> StageFunctions:
         """Return the plan and its view."""

@@ -85,6 +85,8 @@ class Stage(ABC):
     (with the executed design, if there is one), ``"estimate"``, or ``"folder"`` for all other
     stages. They come from the
     options of the command, from memory when the same run has made them, or from the run folder."""
+    makes_design: bool = False
+    """Whether its command makes a missing design first."""
     compared: str = ""
     """Table that identifies the result in comparisons; empty: the stage is not compared."""
     motions: Literal["together", "each", "both"] = "together"

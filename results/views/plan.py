@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from estimation.processing.noise import FEWEST_PERIODS
 from expdesign.experiment.next_motion import NextResult, QuantityGain
 from expdesign.experiment.plan import LONGEST_DAYS, PlannedGoal, PlanResult
 from expdesign.information.identifiable import listed
@@ -33,6 +34,7 @@ def plan_view(folder: RunFolder) -> StageView:
     blocks: tuple[Block, ...] = (
         _table(result),
         *(TextBlock(text, Level.CAUTION, screen=True) for text in obstacles),
+        *(TextBlock(text, screen=True) for text in _meanings(result)),
         Drawing(plan_figure, result),
     )
     return StageView(_verdict(result), blocks, _facts(result), heading="Measuring time")
@@ -64,6 +66,18 @@ def _table(result: PlanResult) -> ReportTable:
     return ReportTable.of("plan", caption, columns, result.goals, screen=True, latex=True)
 
 
+def _meanings(result: PlanResult) -> Iterator[str]:
+    """Yield remarks on quantities that are not what their names suggest."""
+    names = {name for one in result.goals for name in one.quantities.split(", ")}
+    if any(one.goal == "centre" and one.quantities == "centre_z" for one in result.goals):
+        yield (
+            "centre is centre_z alone: with platform: symmetric the centre is on the z axis by "
+            "assumption, and platform: general has all three components."
+        )
+    if any(name.startswith(("mass", "centre", "inertia")) for name in names):
+        yield "Mass, centre and inertia are those of the platform with the sliders' masses."
+
+
 def _measuring(goal: PlannedGoal) -> str:
     return duration(60 * goal.minutes) if goal.reachable else "–"
 
@@ -89,6 +103,11 @@ def _verdict(result: PlanResult) -> StageVerdict:
             f"{readable(result.periods, 6)} {'period' if result.periods == 1 else 'periods'}, "
             f"{duration(60 * result.minutes)} of measuring, enough for every goal."
         )
+        if result.periods < FEWEST_PERIODS:
+            sentence += (
+                f" Measure {FEWEST_PERIODS} periods or more: the noise is estimated from their "
+                "scatter, and an outlier differs from their median."
+            )
         return StageVerdict("Plan", Level.GOOD, "reachable", sentence, "plan")
     missed = [one.goal for one in result.goals if not one.reachable]
     sentence = f"{LONGEST_DAYS} days of measuring do not reach {listed(missed)}."
@@ -98,9 +117,11 @@ def _verdict(result: PlanResult) -> StageVerdict:
 def _facts(result: PlanResult) -> tuple[Fact, ...]:
     if not result.limit:
         return ()
-    gain = f"+{readable(result.limit_gain_percent, 2)} %"
-    note = f"of the design's criterion with 10 % more {limit_title(result.limit)}"
-    return (Fact("limit that helps most", gain, note),)
+    more = f"with 10 % more of it, to first order: {limit_title(result.limit)}"
+    change, note = f"σ −{readable(result.limit_std_percent, 2)} %", more
+    if not np.isfinite(result.limit_std_percent):
+        change, note = f"+{readable(result.limit_gain_percent, 2)} %", f"of the criterion {more}"
+    return (Fact("limit that helps most", change, note),)
 
 
 def next_view(folder: RunFolder) -> StageView:

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from expdesign.cli.app import app
 from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.experiment.setup import plan_search, probe_motion
 from expdesign.motion.benchmark import motion_of_run
@@ -85,6 +87,23 @@ def test_resolved_run_reads_the_same(interest, tmp_path):
     file = tmp_path / "run.yaml"
     file.write_text(resolved_yaml(run), encoding="utf-8")
     assert load_run(file).run.design == run.run.design
+
+
+def test_a_task_without_motion_or_file_is_refused_by_check(tmp_path):
+    file = tmp_path / "run.yaml"
+    design = "{criterion: a, interest: {task: cirle}}"
+    file.write_text(f"{{name: n, robot: palida, design: {design}}}", encoding="utf-8")
+    found = CliRunner().invoke(app, ["check", str(file)])
+    assert isinstance(found.exception, InputError)
+    assert "did you mean 'circle'" in found.exception.problems[0].message
+    assert found.exception.problems[0].key == "design.interest.task"
+
+
+def test_check_states_that_the_others_count_as_known(tmp_path):
+    file = tmp_path / "run.yaml"
+    file.write_text("{name: n, robot: palida, design: {parameters: [p10]}}", encoding="utf-8")
+    found = CliRunner().invoke(app, ["check", str(file)])
+    assert "design.parameters: all others count as known" in found.output
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Measuring times for wanted precisions, against the prediction and against experiments."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,9 +11,12 @@ from estimation.identification import estimate_parameters
 from estimation.identification.estimator_result import estimated_quantities
 from expdesign.cli.app import app
 from expdesign.configuration import InputError
-from expdesign.experiment.plan import plan_measurement
+from expdesign.experiment.plan import PlanResult, plan_measurement
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import apply_deviations, toleranced_deviations
+from results.views.folder import RunFolder
+from results.views.plan import plan_view
+from results.views.view import TextBlock
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 
 MOTION = trajectory()
@@ -151,3 +155,31 @@ def test_goals_are_checked_with_the_run_file(tmp_path):
     found = CliRunner().invoke(app, ["check", str(file)])
     assert isinstance(found.exception, InputError)
     assert found.exception.problems[0].key == "goals.mass"
+
+
+def _shown(plan):
+    """The texts of the view, and its facts."""
+    view = plan_view(RunFolder(Path(), {}, _run({}), results={PlanResult: plan}))
+    texts = [block.text for block in view.blocks if isinstance(block, TextBlock)]
+    return view.verdict.sentence, " ".join(texts), view.facts
+
+
+def test_remarks_on_what_a_goal_means():
+    plan = plan_measurement(_run({"centre": "5 mm"}), MOTION)
+    (goal,) = plan.goals
+    assert (goal.quantities, goal.periods) == ("centre_z", 1)
+    sentence, texts, _ = _shown(plan)
+    assert "3 periods or more" in sentence
+    assert "centre_z alone" in texts
+    assert "sliders' masses" in texts
+    sentence, texts, _ = _shown(plan_measurement(_run({"v1": "1 %"}), MOTION))
+    assert "or more" not in sentence
+    assert not texts
+
+
+@pytest.mark.parametrize(("percent", "words"), [(2.5, "σ −2.5 %"), (np.nan, "+5.2 %")])
+def test_a_limit_helps_in_percent_of_the_standard_deviations(percent, words):
+    plan = plan_measurement(_run({"v1": "1 %"}), MOTION)
+    stated = replace(plan, limit="strut_speed", limit_gain_percent=5.2, limit_std_percent=percent)
+    (fact,) = _shown(stated)[2]
+    assert fact.value == words
