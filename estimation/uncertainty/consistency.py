@@ -18,7 +18,7 @@ from constraints.arrays import Array
 from estimation.estimators import ParameterEstimate, ParameterPriors
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.information.identifiable import listed
-from expdesign.mechanism.nearest import NoBodiesError, Projection
+from expdesign.mechanism.nearest import Nearest, NoBodiesError, Projection
 from expdesign.robot import Robot
 from expdesign.runfolder import Numbers, OpenNumbers, described
 
@@ -109,9 +109,8 @@ def consistent_estimate(
     std = estimate.std
     free = priors.free & (std > 0) & np.isfinite(std)
     projection = Projection.by(estimate.covariance, consistent_set, free, priors.regrouping)
-    try:
-        nearest = projection.of(estimate.values)
-    except NoBodiesError:
+    nearest = _nearest(projection, estimate.values)
+    if nearest is None:
         return None
     half = interval_widths(estimate.freedom) * np.where(free, std, np.nan)
     p, spread = 1.0, np.where(free, std, np.nan)
@@ -124,20 +123,21 @@ def consistent_estimate(
             draws *= np.sqrt(freedom / rng.chisquare(freedom, (MOST_DRAWS, 1)))
         errors = draws @ projection.factor.T
         null = least_favourable(projection, nearest.values)
-        as_far = (projection.of(null + error).distance >= nearest.distance for error in errors)
-        p = monte_carlo_p(as_far)
+        drawn = (_nearest(projection, null + error) for error in errors)
+        # A draw whose nearest parameters the solver does not find counts as distant.
+        p = monte_carlo_p(one is None or one.distance >= nearest.distance for one in drawn)
+        found = (_nearest(projection, nearest.values + error) for error in errors[:DRAWS])
         consistent_errors = [
-            projection.observable_change(
-                projection.of(nearest.values + error).values - nearest.values
-            )
-            for error in errors[:DRAWS]
+            projection.observable_change(one.values - nearest.values)
+            for one in found
+            if one is not None
         ]
         spread = np.where(free, np.sqrt(np.mean(np.square(consistent_errors), axis=0)), np.nan)
     change = nearest.values - estimate.values
     exchanged = np.flatnonzero(
         projection.regrouped & (np.abs(change) > REPORTED_CHANGE * robot.scales)
     )
-    found = ConsistentEstimate(
+    result = ConsistentEstimate(
         values=dict(zip(priors.names, nearest.values.tolist(), strict=True)),
         moved=projection.observable_change(change) / np.where(free, std, np.nan),
         exchanged=tuple(priors.names[k] for k in exchanged),
@@ -151,7 +151,14 @@ def consistent_estimate(
         bodies={name: BodyResult(**vars(body)) for name, body in vars(nearest.bodies).items()},
     )
     known = own.bodies(robot.parameters) is not None
-    return replace(found, text=consistency_text(found, known=known))
+    return replace(result, text=consistency_text(result, known=known))
+
+
+def _nearest(projection: Projection, values: Array) -> Nearest | None:
+    try:
+        return projection.of(values)
+    except NoBodiesError:
+        return None
 
 
 def consistency_text(found: ConsistentEstimate, *, known: bool) -> str:

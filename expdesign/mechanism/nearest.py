@@ -11,10 +11,13 @@ changes p_d by w and p_b by −C w at no cost. Distances are those of β.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import clarabel
@@ -208,7 +211,7 @@ class Projection:
 
     @cached_property
     def _solvers(self) -> dict[bool, Any]:
-        return {scaled: self._solver(scaled=scaled) for scaled in (True, False)}
+        return {}
 
     def _solver(self, *, scaled: bool) -> Any:
         rows = np.vstack(
@@ -252,9 +255,19 @@ class Projection:
         right = (rows @ values - bounds) / unit
         if not np.all(np.isfinite(right)) or not np.all(np.isfinite(rows)):
             return None
+        if scaled not in self._solvers:
+            self._solvers[scaled] = self._solver(scaled=scaled)
         solver = self._solvers[scaled]
         solver.update(b=right)
-        found = solver.solve()
+        try:
+            with _without_stderr():
+                found = solver.solve()
+        except BaseException as error:
+            # A failed eigenvalue decomposition in Clarabel ends as a panic of Rust, with a trace.
+            if type(error).__name__ != "PanicException":
+                raise
+            del self._solvers[scaled]
+            return None
         if found.status not in _SOLVED:
             return None
         move = np.array(found.x)[:-1]
@@ -272,6 +285,19 @@ class Projection:
             if np.linalg.norm((block.rows @ self.noise).T @ force) > least
         )
         return tuple(dict.fromkeys(active))
+
+
+@contextmanager
+def _without_stderr() -> Iterator[None]:
+    """Discard what a library writes to the standard error output by itself."""
+    kept = os.dup(2)
+    try:
+        with Path(os.devnull).open("wb") as nothing:
+            os.dup2(nothing.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,6 @@
 """Parameters that some bodies have, and the nearest ones: bodies as witnesses, and second ways."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -318,3 +319,27 @@ def test_pseudo_inertia_there_and_back():
     back = RigidBody.of_pseudo_inertia(pseudo_inertia(body.mass, body.moment, body.inertia))
     for one, other in zip(vars(back).values(), vars(body).values(), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-15)
+
+
+def test_a_panic_of_the_solver_is_a_failed_attempt(capfd):
+    """Clarabel is written in Rust: a failed decomposition panics, with a trace on the screen."""
+    PanicException = type("PanicException", (BaseException,), {})
+
+    class Panicking:
+        def update(self, b):
+            pass
+
+        def solve(self):
+            os.write(2, b"thread panicked")
+            raise PanicException("Eigval error")
+
+    robot = load_robot("palida")
+    values = robot.parameters * 1.3
+    values[robot.parameter_names.index("p1")] = -1.0
+    expected = projection(robot, np.diag((0.1 * robot.scales) ** 2)).of(values)
+    broken = projection(robot, np.diag((0.1 * robot.scales) ** 2))
+    broken._solvers[True] = Panicking()
+    found = broken.of(values)
+    np.testing.assert_allclose(found.values, expected.values, atol=1e-4 * robot.scales.max())
+    assert found.distance == pytest.approx(expected.distance, rel=1e-4)
+    assert "panicked" not in capfd.readouterr().err
