@@ -45,6 +45,8 @@ from expdesign.workers import JobJournal, Monitor, StoppedError
 
 LEAST_GAIN = 1e-3
 """Gain per parameter, as a logarithm, of an exchange that counts: 0.1 % of D-efficiency."""
+STOPPED = "stopped"
+"""Reason for the end of exchanges that were interrupted."""
 ROUNDS = 5
 """Largest number of exchanges of each motion."""
 
@@ -136,9 +138,16 @@ class MotionsResult(StageResult):
         return sum(one.measuring_time for one in self.motions)
 
     @property
+    def interrupted(self) -> bool:
+        """Whether the exchanges were stopped before their end."""
+        return self.ended == STOPPED
+
+    @property
     def passed(self) -> bool:
         """Whether every motion keeps its limits and the searches were completed."""
-        return all(one.status in ("converged", "not converged") for one in self.motions)
+        return not self.interrupted and all(
+            one.status in ("converged", "not converged") for one in self.motions
+        )
 
 
 Searching = Callable[[RunConfiguration], AbstractContextManager[Monitor]]
@@ -211,9 +220,9 @@ class _Ascent:
         # The last motion of the greedy phase is the best one for the others.
         count, idle = len(self.runs), 1
         for place in islice(cycle(range(count)), ROUNDS * count):
+            idle = 1 if not self.stopped and self._improve(place) else idle + 1
             if self.stopped:
-                return "stopped"
-            idle = 1 if self._improve(place) else idle + 1
+                return STOPPED
             if idle >= count:
                 return f"no motion gains {100 * LEAST_GAIN:g} % with the others fixed"
         return f"{ROUNDS} exchanges of each motion were made"
@@ -243,8 +252,10 @@ class _Ascent:
         if self.journal is not None:
             self.journal.prefix = f"search {number + 1}, "
         with self.searching(run) as monitor:
-            made = find_motion(run, monitor, self.journal, self._others(place), origin)
-            self.stopped = monitor.stop_requested()
+            try:
+                made = find_motion(run, monitor, self.journal, self._others(place), origin)
+            finally:
+                self.stopped = monitor.stop_requested()
         self.seconds += made.search.seconds
         self.cpu_seconds += made.search.cpu_seconds
         return made

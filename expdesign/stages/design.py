@@ -144,18 +144,21 @@ def run_motions(stage: Stage, work: Workspace) -> Outcome:
         result, designs = name_unexcited(
             lambda: design_motions(configuration, work.folder, searching, journal)
         )
-    places = motion_workspaces(work)
-    written = [one.write(place.folder) for one, place in zip(designs, places, strict=True)]
-    files, failures = result.write(work.folder), list[str]()
-    # Each motion is an input of the others.
-    for one, place, own in zip(designs, places, written, strict=True):
-        place.inputs[stage.name] = input_hash(stage, place)
-        place.origins[stage.name] = origins(stage, place)
-        outcome = replace(design_outcome(one, place), files=tuple(own))
-        save(outcome, stage, place, began)
-        files.append(place.folder / DesignResult.FILE)
-        failures += [outcome.failure] if outcome.failure else []
+        # Each motion is an input of the others: all are written before one is complete.
+        places = motion_workspaces(work)
+        written = [one.write(place.folder) for one, place in zip(designs, places, strict=True)]
+        files, failures = result.write(work.folder), list[str]()
+        for one, place, own in zip(designs, places, written, strict=True):
+            place.inputs[stage.name] = input_hash(stage, place)
+            place.origins[stage.name] = origins(stage, place)
+            outcome = replace(design_outcome(one, place), files=tuple(own))
+            save(outcome, stage, place, began)
+            files.append(place.folder / DesignResult.FILE)
+            failures += [outcome.failure] if outcome.failure else []
     broken = [one.status for one in designs if not one.passed]
+    if result.interrupted and not broken:
+        broken = ["interrupted"]
+        failures = [f"interrupted: the best so far is saved in {short(work.folder)}; {_CONTINUES}"]
     return Outcome(
         result=result,
         files=tuple(files),
@@ -171,7 +174,7 @@ def run_motions(stage: Stage, work: Workspace) -> Outcome:
         message=result.ended,
         warnings=result.warnings[len(configuration.warnings) :],
         failure="; ".join(failures),
-        temporary=(work.folder / SEARCH_JOURNAL,),
+        temporary=() if "interrupted" in broken else (work.folder / SEARCH_JOURNAL,),
         asked_to_stop=stop(),
     )
 

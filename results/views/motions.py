@@ -74,6 +74,9 @@ def _verdict(result: MotionsResult) -> StageVerdict:
         return StageVerdict(
             "Motions", Level.BAD, wrong[0].status, f"{sentence} {listed}.", "motions"
         )
+    if result.interrupted:
+        sentence += " The searches were interrupted: these are the best found until then."
+        return StageVerdict("Motions", Level.BAD, "interrupted", sentence, "motions")
     how = "proved for every instant" if proved else "but not proved for every instant"
     sentence += f" Every limit is kept by each of them, {how}."
     level = Level.GOOD if proved else Level.CAUTION

@@ -1,6 +1,8 @@
 """Several motions of one run: folders of single designs, and one estimate of all recordings."""
 
 import json
+from contextlib import nullcontext
+from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
@@ -15,7 +17,7 @@ from expdesign.configuration import InputError, load_run
 from expdesign.experiment import DesignResult
 from expdesign.experiment.design import FoundMotion
 from expdesign.experiment.judging import noise_evaluator
-from expdesign.experiment.motions import MotionsResult
+from expdesign.experiment.motions import MotionsResult, design_motions
 from expdesign.experiment.next_motion import next_run
 from expdesign.experiment.setup import plan_search, probe_motion
 from expdesign.export.certification import PathCertificate
@@ -23,6 +25,7 @@ from expdesign.information.fisher import information_matrix
 from expdesign.solver.search import SearchResult
 from expdesign.solver.starts import StartResult
 from expdesign.stages.stage import Workspace
+from expdesign.workers import Monitor, StoppedError
 from tests.blank_figures import blank_figures
 from tests.tiny_run import tiny_run
 
@@ -34,11 +37,8 @@ def _run(**changes):
     return tiny_run(trajectory=trajectory, experiment={"periods": 4, "seed": 3}, **changes)
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """A run whose searches find random motions within the limits."""
-    place = tmp_path_factory.mktemp("motions") / "run"
-    made = []
+def _finder(made):
+    """Return a search that finds random motions within the limits; `made` gets their origins."""
 
     def find(configuration, _monitor, _journal, others, origin):
         plan = plan_search(configuration, others)
@@ -48,6 +48,13 @@ def folder(tmp_path_factory):
         found = SearchResult(start, start, (start,), {1: 0.0}, False, 1.0, 1.0, "made up")
         return FoundMotion(plan, noise_evaluator(configuration), found)
 
+    return find
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place, made = tmp_path_factory.mktemp("motions") / "run", []
+    find = _finder(made)
     with blank_figures(), patch("expdesign.experiment.motions.find_motion", find):
         found = expdesign.run(_run(), place)
         again = expdesign.run(_run(), place)
@@ -124,6 +131,27 @@ def test_searched_motions_and_one_estimate_of_all_recordings(tmp_path):
     std = {row.parameter: row.std for row in found.by_estimator()["ml"]}
     ratios = [std[one.name] / one.std_total for one in result.parameters]
     assert np.exp(np.mean(np.log(ratios))) == pytest.approx(1, abs=0.1)
+
+
+@pytest.mark.parametrize("searches", [1, 2, 3])
+def test_a_stop_keeps_the_motions_once_there_are_all(searches):
+    made = []
+
+    def stopped():
+        return len(made) >= searches
+
+    def design():
+        searching = nullcontext(Monitor(stopped))
+        return design_motions(load_run(_run()), Path("nowhere"), lambda _: searching)
+
+    with patch("expdesign.experiment.motions.find_motion", _finder(made)):
+        if searches < COUNT:
+            with pytest.raises(StoppedError, match="interrupted after 1 of 2 motions"):
+                design()
+            return
+        result, _ = design()
+    assert (result.interrupted, result.passed) == (True, False)
+    assert len(made) == len(result.searches) == searches
 
 
 @pytest.mark.parametrize(
