@@ -98,6 +98,7 @@ def test_parallel_legs_with_open_ends_give_the_base_and_the_strokes_only(tmp_pat
         ('<child link="upper2"/>', '<child link="tip2"/>', "two joints carry its child"),
         ('<parent link="base"/>', '<parent link="none"/>', "its parent 'none' is no link"),
         ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "has no direction"),
+        ('<parent link="cross3"/>', '<parent link="tip3"/>', "it carries itself"),
     ],
 )
 def test_a_urdf_model_that_is_not_read_says_why(old, new, said, tmp_path):

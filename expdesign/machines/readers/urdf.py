@@ -44,6 +44,8 @@ _KINDS: dict[str, Kind] = {
 }
 _AXES = {"revolute": 1, "continuous": 1, "prismatic": 1, "universal": 2}
 """Number of axes; the other types have none."""
+_DEEPEST = 100
+"""Largest number of links in a chain."""
 _PARALLEL = 1e-3
 """Largest sine of the angle between legs that are parallel."""
 
@@ -90,10 +92,9 @@ class _Tree:
             if child in self._carriers:
                 raise element.refusal("two joints carry its child", "one joint for each link")
             self._carriers[child] = element
-        self._places: dict[int, Placement] = {}
+        places = [self._place(i) for i in range(len(elements))]
         self.links = [
-            Link(key, self._place(i), *_rigid(elements[i], self._place(i)))
-            for key, i in self.numbers.items()
+            Link(key, places[i], *_rigid(elements[i], places[i])) for key, i in self.numbers.items()
         ]
         self.joints = [self._joint(element) for element in root.all("joint")]
         roots = [i for i in range(len(elements)) if i not in self._carriers]
@@ -110,15 +111,18 @@ class _Tree:
             raise element.refusal(f"its {side} {quote(name)} is no link", "a link of the model")
         return self.numbers[name]
 
-    def _place(self, number: int, below: tuple[int, ...] = ()) -> Placement:
-        if number in self._places or number not in self._carriers:
-            return self._places.setdefault(number, WORLD)
-        carrier = self._carriers[number]
-        if number in below:
-            raise carrier.refusal("it carries itself", "a tree of links")
-        parent = self._place(self._link(carrier, "parent"), (*below, number))
-        self._places[number] = parent.then(_pose(carrier, carrier.first("origin")))
-        return self._places[number]
+    def _place(self, number: int) -> Placement:
+        chain: list[Element] = []
+        while (carrier := self._carriers.get(number)) is not None:
+            chain.append(carrier)
+            if len(chain) > _DEEPEST:
+                message = f"it carries itself, or is in a chain of more than {_DEEPEST} links"
+                raise carrier.refusal(message, "a tree of links")
+            number = self._link(carrier, "parent")
+        place = WORLD
+        for carrier in reversed(chain):
+            place = place.then(_pose(carrier, carrier.first("origin")))
+        return place
 
     def _joint(self, element: Element) -> Joint:
         title = element.attributes.get("type", "").strip()
