@@ -244,8 +244,11 @@ class Robot:
         return StrutMotion(*_evaluate(kernel, (self.geometry_vector,), *state))
 
     def regressor(self, pose: ArrayLike, rate: ArrayLike, acceleration: ArrayLike) -> Array:
-        """Return A of Q = A p with the exact signs of dry friction: (6, m) or (N, 6, m)."""
-        state = pose, rate, acceleration
+        """Return A of Q = A p with the exact signs of dry friction: (6, m) or (N, 6, m).
+
+        Rates of a machine at rest, up to rounding, have no sign.
+        """
+        state = pose, _rates(rate), acceleration
         return _evaluate(_regressor_kernel(self.terms), (self.machine,), *state)[0]
 
     def actuator_forces(
@@ -266,7 +269,7 @@ class Robot:
             raise ValueError(
                 f"parameters: expected {len(self.parameter_names)} values, got {values.shape}"
             )
-        one = _one_instant(pose, rate, acceleration)
+        one = _one_instant(pose, _rates(rate), acceleration)
         if one is not None:
             machine = self.machine
             if parameters is not None:
@@ -274,6 +277,17 @@ class Robot:
             return _force_kernel(self.terms).at(one, machine, values)[0]
         loaded = self if parameters is None else self.with_load_at(values)
         return loaded.regressor(pose, rate, acceleration) @ values
+
+
+_AT_REST = 1e-12
+"""Largest rounding error of the rates of a machine at rest, m/s and rad/s."""
+
+
+def _rates(rate: ArrayLike) -> Array:
+    """Return rates, (6,) or (N, 6), zero where all six are rounding errors."""
+    rates = np.atleast_1d(np.asarray(rate, dtype=np.float64))
+    still = np.max(np.abs(rates), axis=-1, keepdims=True, initial=0.0) <= _AT_REST
+    return np.where(still, 0.0, rates) if np.any(still) else rates
 
 
 def _rows(name: str, value: ArrayLike) -> tuple[Array, bool]:
