@@ -281,9 +281,8 @@ def consistency_blocks(result: EstimationResult) -> list[Block]:
     if found is None:
         return []
     level = Level.CAUTION if found.significant else Level.NEUTRAL
-    blocks: list[Block] = [
-        TextBlock(f"{found.text[0].upper()}{found.text[1:]}.", level, screen=found.distance > 0)
-    ]
+    text = f"{found.text[0].upper()}{found.text[1:]}."
+    blocks: list[Block] = [TextBlock(text, level, screen=found.significant)]
     if found.distance == 0:
         return blocks
     rows = [row for row in result.consistent if row.estimator == result.best]

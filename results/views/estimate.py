@@ -167,7 +167,7 @@ def _parameter_blocks(
     blocks += derived_blocks(
         "estimate_derived", result.best_estimator.derived, f"of the {name} estimate"
     )
-    blocks += [estimates_table(result, truth), symbols_block(result.parameters, screen=True)]
+    blocks += [estimates_table(result, truth), symbols_block(result.parameters)]
     if len(result.estimators) > 1:
         blocks.append(_estimators_table(result))
     blocks += constants_blocks(result)

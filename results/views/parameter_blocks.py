@@ -14,7 +14,7 @@ from results.notation import DisplayUnit, count_text, handy_unit
 from results.views.view import Block, ReportTable, TableColumn, TextBlock
 
 
-def symbols_block(names: Iterable[str], *, screen: bool = False) -> TextBlock:
+def symbols_block(names: Iterable[str]) -> TextBlock:
     """Return the meaning of every parameter among the names, equal ones together.
 
     >>> symbols_block(["p10", "r1", "r2", "r3"]).text
@@ -26,7 +26,7 @@ def symbols_block(names: Iterable[str], *, screen: bool = False) -> TextBlock:
         if name in known:
             groups.setdefault(known[name].in_words, []).append(name)
     listed = "; ".join(f"{_ends(group)}: {words}" for words, group in groups.items())
-    return TextBlock(f"{listed}.", screen=screen)
+    return TextBlock(f"{listed}.")
 
 
 def _ends(names: Sequence[str]) -> str:
@@ -69,12 +69,21 @@ def combination_blocks(
         TableColumn("σ of the first alone", digits=3, of="std_alone", screen=False),
         TableColumn("regrouped into it", kind="text", of="regrouped", screen=False),
     )
-    caption = (
-        f"Combinations: {len(found)} combinations of {count_text(parameters, 'parameter')} are "
-        f"identified, {len(found) - len(together)} of them single parameters. A combination has "
-        "the unit of its first parameter, which alone is known less precisely or not at all"
+    counted = (
+        f"{len(found)} combinations of {count_text(parameters, 'parameter')} are identified, "
+        f"{len(found) - len(together)} of them single parameters"
     )
-    return (ReportTable.of(key, caption, columns, together, screen=True),)
+    caption = (
+        f"Combinations: {counted}. A combination has the unit of its first parameter, which alone "
+        "is known less precisely or not at all"
+    )
+    few = len(together) <= _MOST_ON_SCREEN
+    table = ReportTable.of(key, caption, columns, together, screen=few)
+    return (table,) if few else (TextBlock(f"{counted} (report).", screen=True), table)
+
+
+_MOST_ON_SCREEN = 4
+"""Largest number of combinations that the terminal lists."""
 
 
 def derived_blocks(key: str, found: Sequence[KnownQuantity], whose: str) -> list[Block]:

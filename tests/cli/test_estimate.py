@@ -75,6 +75,7 @@ def test_an_estimate_writes_what_the_contract_names(folder, expdesign):
     names = {path.name for path in (folder / "out" / "figures").iterdir()}
     assert {"estimates.png", "correlation.svg", "residuals.png"} <= names
     assert "p10" in result.output
+    assert len(result.output.splitlines()) <= 40
     table = pd.read_csv(folder / "out" / "estimates.csv")
     assert list(table.columns) == [
         "estimator",
