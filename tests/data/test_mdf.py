@@ -92,6 +92,10 @@ def test_invalid_samples_and_texts_are_defects(tmp_path, rec, refused):
     (problem,) = refused(path)
     assert problem.key == "q3, sample 17"
     assert problem.message == "'marked invalid' is not a finite number"
+    stamps = Signal(np.arange(60), rec.t, name="stamp", unit="ms", invalidation_bits=invalid)
+    _write(path, [*_signals(rec), stamps])
+    (problem,) = refused(path, columns={"t": "stamp"})
+    assert problem.key == "stamp, sample 17"
     signals[2] = Signal(np.array([b"ok"] * 60), rec.t, name="q3", encoding="utf-8")
     _write(path, signals)
     problems = refused(path)

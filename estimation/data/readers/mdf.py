@@ -68,7 +68,9 @@ def _table(file: Any, path: Path, section: DataSection) -> RawTable:
     for channel, signal in signals.items():
         samples = signal.samples
         if samples.dtype.kind in NUMERIC and samples.ndim == 1:
-            values[channel] = samples if channel == "t" else samples.astype(np.float64)
+            # Nanoseconds since 1970 are exact as integers only, which cannot be NaN.
+            exact = channel == "t" and signal.invalidation_bits is None
+            values[channel] = samples if exact else samples.astype(np.float64)
         else:
             values[channel] = np.full(len(samples), np.nan)
             texts |= {(channel, row): _text(item) for row, item in enumerate(samples)}
