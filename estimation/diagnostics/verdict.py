@@ -227,10 +227,12 @@ def _order_causes(
 
     Experiments mark the effects that are needed together, in case an effect is the first cause.
     """
+    effects = dict.fromkeys((finding.assumption for finding in of_the_forces), _EFFECT)
+    others = {**effects, **_RANKS}  # effects in all recordings together are effects as well
     ranked = [
         *((_RANKS[_MOVING.text], finding) for finding in channels),
-        *((_RANKS.get(f.assumption, _OF_THE_ESTIMATE), f) for f in of_the_estimate),
-        *((_RANKS.get(f.assumption, _EFFECT), f) for f in of_the_forces),
+        *((others.get(f.assumption, _OF_THE_ESTIMATE), f) for f in of_the_estimate),
+        *((others[f.assumption], f) for f in of_the_forces),
     ]
     ordered = sorted(
         ((rank, finding) for rank, finding in ranked if finding.failed and finding.serious),
