@@ -138,6 +138,7 @@ def run_motions(stage: Stage, work: Workspace) -> Outcome:
 
         @contextmanager
         def searching(run: RunConfiguration) -> Iterator[Monitor]:
+            progress.note(f"a search of {run.run.name}")
             with progress.search(run) as report:
                 yield Monitor(stop, report)
 

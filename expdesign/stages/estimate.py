@@ -55,6 +55,9 @@ from results.views.validate import feedforward_view, validation_view
 __all__ = ["Measurement", "estimate", "load_measurement"]  # the public names of `expdesign`
 
 
+Executed = DesignResult | FourierTrajectory | Place
+
+
 def run_noise(work: Workspace) -> Outcome:
     """Analyse the noise of a recording."""
     files = work.data_files()
@@ -209,7 +212,7 @@ def load_measurement(config: ConfigurationLike, file: Place | None = None) -> Me
 def estimate(
     config: ConfigurationLike,
     data: Measurement | Place | Sequence[Measurement | Place] | None = None,
-    design: DesignResult | FourierTrajectory | Place | None = None,
+    design: Executed | Sequence[Executed] | None = None,
 ) -> EstimationResult:
     """Estimate the parameters from recordings.
 
@@ -218,8 +221,9 @@ def estimate(
     config : path, mapping or RunConfiguration
     data : Measurement, path or sequence of them, optional
         Recordings, combined in one estimate; the run's `data.file` by default.
-    design : DesignResult, FourierTrajectory or path, optional
-        Executed motion of all recordings; without it the period comes from the recording.
+    design : DesignResult, FourierTrajectory or path, or sequence of them, optional
+        Executed motion of all recordings, or of each; without it the period comes from the
+        recording.
 
     Raises
     ------
@@ -236,8 +240,11 @@ def estimate(
         one if isinstance(one, Measurement) else load_measurement(configuration, one)
         for one in ([given] if isinstance(given, str | PathLike | Measurement) else given)
     ]
-    trajectory = None if design is None else trajectory_of(design)
-    return identification.estimate(configuration, recordings, trajectory)
+    if design is None:
+        return identification.estimate(configuration, recordings)
+    if isinstance(design, str | PathLike | DesignResult | FourierTrajectory):
+        return identification.estimate(configuration, recordings, trajectory_of(design))
+    return identification.estimate(configuration, recordings, [trajectory_of(d) for d in design])
 
 
 def run_validation(work: Workspace) -> Outcome:

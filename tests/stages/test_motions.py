@@ -126,9 +126,14 @@ def test_searched_motions_and_one_estimate_of_all_recordings(tmp_path):
     found, result = EstimateFile.read(tmp_path), MotionsResult.read(tmp_path)
     files = [str(tmp_path / f"motion-{number}" / "measurement.csv") for number in (1, 2)]
     assert [one.source for one in found.recordings] == files
-    assert {one.period_source for one in found.recordings} == {"from the design"}
+    assert {one.period_source for one in found.recordings} == {"design"}
     assert all(one.certified for one in result.motions)
-    std = {row.parameter: row.std for row in found.by_estimator()["ml"]}
+    again = expdesign.estimate(
+        tmp_path / "run.yaml", files, [tmp_path / one.folder for one in result.motions]
+    )
+    values = found.estimators["ml"].values
+    assert again.estimators["ml"].values == pytest.approx(values, rel=1e-6, abs=1e-9)
+    std = {row.parameter: row.std for row in again.by_estimator()["ml"]}
     ratios = [std[one.name] / one.std_total for one in result.parameters]
     assert np.exp(np.mean(np.log(ratios))) == pytest.approx(1, abs=0.1)
 
