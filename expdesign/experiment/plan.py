@@ -181,6 +181,33 @@ def plan_measurement(configuration: RunConfiguration, trajectory: FourierTraject
     )
 
 
+def minutes_to_goals(
+    configuration: RunConfiguration, trajectory: FourierTrajectory
+) -> dict[str, float]:
+    """Return the measuring time that reaches each goal of a run, min; NaN where none does."""
+    evaluator = noise_evaluator(configuration)
+    prediction = Prediction.of(configuration, evaluator, trajectory)
+    found = dict[str, float]()
+    for wish in _wishes(configuration.run.goals, prediction, configuration.file):
+        reachable = wish.excess(prediction.errors(prediction.longest()))[0] <= 1
+        periods = _fewest_periods(wish, prediction) if reachable else np.nan
+        found[wish.name] = periods * trajectory.period / 60
+    return found
+
+
+def median_std_percent(
+    configuration: RunConfiguration, trajectory: FourierTrajectory, seconds: float
+) -> float:
+    """Return the median of the parameters' relative standard deviations after a time, %."""
+    evaluator = noise_evaluator(configuration)
+    prediction = Prediction.of(configuration, evaluator, trajectory)
+    own = slice(-len(evaluator.names), None)
+    values = np.abs(prediction.values[own])
+    std = prediction.errors(seconds / trajectory.period).std[own]
+    known = values > 0
+    return float(np.median(100 * std[known] / values[known])) if np.any(known) else np.nan
+
+
 def check_goals(configuration: RunConfiguration, wanted: Mapping[str, Any] | None = None) -> None:
     """Check names, units and signs of goals, which needs no motion.
 

@@ -18,6 +18,7 @@ from expdesign.configuration.design import path_units
 from expdesign.configuration.grid import resolved_cell, short_path, value_text
 from expdesign.configuration.run import GridPoint
 from expdesign.experiment.design import design
+from expdesign.experiment.plan import median_std_percent, minutes_to_goals
 from expdesign.experiment.result import DesignResult
 from expdesign.runfolder import OpenNumber, RowTable, StageResult, Table, described
 from expdesign.workers import JobJournal, Monitor
@@ -25,7 +26,7 @@ from expdesign.workers import JobJournal, Monitor
 FOLDER = "designs"
 """Folder of the designs' run folders, in that of the run."""
 
-_VALUE = "value_"
+_VALUE, _GOAL = "value_", "goal_"
 
 FAILED, NOT_BEGUN, INTERRUPTED, BROKEN = "failed", "not begun", "interrupted", "limits broken"
 """Statuses of a row without a complete design."""
@@ -56,6 +57,14 @@ class SweptDesign:
             "median of parameters",
         ),
     ] = np.nan
+    equal_time_rel_std_percent: Annotated[
+        OpenNumber,
+        described(
+            "%",
+            "the same median for one measuring time of all designs: that of the fewest periods at "
+            "the highest frequency of the grid; empty for the change since a prior",
+        ),
+    ] = np.nan
     worst_rel_std_percent: Annotated[OpenNumber, described("%", "the largest of them")] = np.nan
     worst_parameter: Annotated[str, described("", "that it is of")] = ""
     period: Annotated[OpenNumber, described("s", "of the motion")] = np.nan
@@ -75,6 +84,16 @@ class SweptDesign:
         return bool(self.folder)
 
     @property
+    def precision(self) -> float:
+        """The median at equal measuring time, or without one that of the own experiment, %."""
+        equal = self.equal_time_rel_std_percent
+        return equal if np.isfinite(equal) else self.median_rel_std_percent
+
+    def minutes(self, place: int) -> float:
+        """Return the measuring time that reaches a goal, by its place; NaN where none does."""
+        return float(getattr(self, f"{_GOAL}{place}", math.nan))
+
+    @property
     def complete(self) -> bool:
         """Whether the design keeps its limits and its search came to its end."""
         return self.status not in (FAILED, BROKEN, INTERRUPTED, NOT_BEGUN)
@@ -85,8 +104,15 @@ class SweptDesign:
         return self.status in (FAILED, BROKEN)
 
     @classmethod
-    def of(cls, number: int, point: GridPoint, result: DesignResult, reason: str) -> SweptDesign:
-        """Return the row of the design of a point."""
+    def of(
+        cls, number: int, point: GridPoint, result: DesignResult, reason: str, seconds: float
+    ) -> SweptDesign:
+        """Return the row of the design of a point, with `seconds` of equal measuring time."""
+        configuration, motion = point.configuration, result.trajectory
+        equal, minutes = math.nan, dict[str, float]()
+        if not configuration.run.design.is_change:
+            equal = median_std_percent(configuration, motion, seconds)
+            minutes = minutes_to_goals(configuration, motion)
         percents = {p.name: p.rel_std_percent for p in result.parameters}
         known = {name: value for name, value in percents.items() if np.isfinite(value)}
         worst = max(known, key=lambda name: known[name], default="")
@@ -100,6 +126,7 @@ class SweptDesign:
             criterion_value=result.criterion_value,
             log_det_information=result.log_det_information,
             median_rel_std_percent=float(np.median(list(known.values()))) if known else math.nan,
+            equal_time_rel_std_percent=equal,
             worst_rel_std_percent=known.get(worst, math.nan),
             worst_parameter=worst,
             period=result.period,
@@ -108,6 +135,7 @@ class SweptDesign:
             iterations=result.solver.iterations,
             evaluations=sum(result.solver.evaluations.values()),
             reason=reason,
+            **{f"{_GOAL}{k}": value for k, value in enumerate(minutes.values())},
         )
 
     @classmethod
@@ -127,25 +155,37 @@ class SweptDesign:
 
 def _row(point: GridPoint, **columns: Any) -> Any:
     values = {f"{_VALUE}{k}": resolved_cell(path, point) for k, path in enumerate(point.values)}
-    return _row_type(tuple(point.values))(**values, **columns)
+    goals = tuple(point.configuration.run.goals)
+    return _row_type(tuple(point.values), goals)(**values, **columns)
 
 
 @cache
-def _row_type(paths: tuple[str, ...]) -> type[Any]:
-    """Return the row of a grid: a text at each key path, then those of `SweptDesign`."""
+def _row_type(paths: tuple[str, ...], goals: tuple[str, ...]) -> type[Any]:
+    """Return the row of a grid: a text at each key path, then `SweptDesign`, then the goals."""
     units = path_units()
     values = [
         (f"{_VALUE}{k}", Annotated[str, described(units[path], f"value of {path}", name=path)])
         for k, path in enumerate(paths)
     ]
     first = make_dataclass("GridValues", values, frozen=True)
+    last: list[Any] = [
+        (
+            f"{_GOAL}{k}",
+            Annotated[
+                OpenNumber,
+                described("min", "measuring time that reaches it; empty: none", f"minutes_{name}"),
+            ],
+            math.nan,
+        )
+        for k, name in enumerate(goals)
+    ]
     # Fields of the last base come first.
-    return make_dataclass("SweepRow", [], bases=(SweptDesign, first), frozen=True)
+    return make_dataclass("SweepRow", last, bases=(SweptDesign, first), frozen=True)
 
 
 def _sweep_table(result: SweepResult) -> RowTable[SweptDesign]:
     """Return the table of a grid with a column for each key path."""
-    row = _row_type(tuple(result.grid))
+    row = _row_type(tuple(result.grid), result.goals)
     return RowTable("tables/sweep.csv", result.WRITTEN_BY, row, some=True, rows_of=("number",))
 
 
@@ -169,6 +209,9 @@ class SweepResult(StageResult):
         dict[Annotated[str, AfterValidator(_key_path)], tuple[Any, ...]],
         described("", "by key path its values, as the run file states them"),
     ]
+    goals: Annotated[
+        tuple[str, ...], described("", "goals of the run, with a column minutes_… each")
+    ] = ()
     designs: Annotated[
         tuple[SweptDesign, ...],
         Table(
@@ -225,10 +268,10 @@ class SweepResult(StageResult):
 
     @property
     def most_precise(self) -> SweptDesign | None:
-        """The design with the smallest median; None where there is none that is complete."""
+        """The design with the smallest `precision`; None where there is none that is complete."""
         complete = [one for one in self.designs if one.complete]
-        known = [one for one in complete if np.isfinite(one.median_rel_std_percent)]
-        return min(known, key=lambda one: one.median_rel_std_percent, default=None)
+        known = [one for one in complete if np.isfinite(one.precision)]
+        return min(known, key=lambda one: one.precision, default=None)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -242,6 +285,7 @@ def sweep_result(configuration: RunConfiguration, designs: Iterable[SweptDesign]
         name=configuration.run.name,
         robot_name=configuration.robot.name,
         grid=dict(configuration.run.sweep or {}),
+        goals=tuple(configuration.run.goals),
         designs=tuple(designs),
     )
 

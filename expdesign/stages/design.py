@@ -311,6 +311,10 @@ def _make_sweep(stage: Stage, work: Workspace, monitor: Monitor) -> Outcome:
 def _designs(stage: Stage, work: Workspace, monitor: Monitor) -> Iterator[SweptDesign]:
     """Yield the designs in the order of the grid; finished ones are read from their folders."""
     points = work.configuration.grid
+    seconds = min(
+        run.experiment.periods / run.trajectory.frequency[1]
+        for run in (point.configuration.run for point in points)
+    )
     places = [_workspace(stage, point, work.folder) for point in points]
     kept = [is_done(stage, place) for place in places]
     missing = [point for point, done in zip(points, kept, strict=True) if not done]
@@ -322,7 +326,8 @@ def _designs(stage: Stage, work: Workspace, monitor: Monitor) -> Iterator[SweptD
         if end.without:
             yield SweptDesign.missing(number, point, end.without, end.reason)
         else:
-            yield SweptDesign.of(number, point, DesignResult.read(place.folder), end.reason)
+            result = DesignResult.read(place.folder)
+            yield SweptDesign.of(number, point, result, end.reason, seconds)
         monitor.advanced(number, len(points))
 
 

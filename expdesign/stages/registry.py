@@ -244,7 +244,12 @@ class SweepStage(Stage):
     file = "sweep.json"
     writes = (*TABLES, "designs/*/design.json")
     sections = run_sections(
-        "trajectory", "design", "sweep", experiment={"periods", "sampling", "payload"}
+        "trajectory",
+        "design",
+        "sweep",
+        "goals",
+        estimate={"systematic", "estimators"},
+        experiment={"periods", "sampling", "payload"},
     )
     in_sweep = True
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
+
+import numpy as np
 
 from expdesign.configuration import RunConfiguration
 from expdesign.configuration.grid import short_path, value_text
@@ -46,7 +49,8 @@ def sweep_view(folder: RunFolder) -> StageView:
 
 
 _CAPTION = (
-    "Designs: median of σ over the parameters, the largest σ and its parameter, measuring time, "
+    "Designs: median of σ over the parameters for one measuring time of all designs and for their "
+    "own experiments, the largest σ and its parameter, measuring time (also for each goal), "
     "processor time of the search, and whether every limit is proved to be kept"
 )
 
@@ -56,13 +60,22 @@ def _promised(configuration: RunConfiguration) -> tuple[TableColumn, ...]:
     return (
         TableColumn("status", kind="outcome", of="status"),
         TableColumn(log_det, digits=5, of="log_det_information"),
+        TableColumn("σ, equal time", "%", digits=3, of="equal_time_rel_std_percent"),
         TableColumn("σ, median", "%", digits=3, of="median_rel_std_percent"),
         TableColumn("σ, worst", "%", digits=3, of="worst_rel_std_percent"),
         TableColumn("of", kind="parameter", of="worst_parameter"),
         TableColumn("measuring", "s", of="measuring_time"),
+        *(
+            TableColumn(f"for {goal}", "min", digits=3, of=partial(_minutes, place))
+            for place, goal in enumerate(configuration.run.goals)
+        ),
         TableColumn("search", "s", digits=3, of="cpu_seconds"),
         TableColumn("proved", of="certified", proof=True),
     )
+
+
+def _minutes(place: int, one: SweptDesign) -> float:
+    return one.minutes(place)
 
 
 _SEARCHED = (
@@ -120,10 +133,12 @@ def _facts(result: SweepResult) -> tuple[Fact, ...]:
         return ()
     label = dict(zip(result.designs, result.labels, strict=True))[best]
     spent = sum(one.cpu_seconds for one in result.designs if one.made)
-    value = f"{readable(best.median_rel_std_percent, 3)} %"
+    value = f"{readable(best.precision, 3)} %"
     times = [one.measuring_time for one in result.designs if one.complete]
-    note = f"median predicted σ, with {label}: {best.folder}"
-    if max(times) > _LONGER * min(times):
+    equal = np.isfinite(best.equal_time_rel_std_percent)
+    when = " for one measuring time of all designs" if equal else ""
+    note = f"median predicted σ{when}, with {label}: {best.folder}"
+    if not equal and max(times) > _LONGER * min(times):
         note += (
             f". Designs measure for {readable(min(times), 3)} to {readable(max(times), 3)} s: more "
             "time alone makes σ smaller"

@@ -11,7 +11,14 @@ from estimation.identification import estimate_parameters
 from estimation.identification.estimator_result import estimated_quantities
 from expdesign.cli.app import app
 from expdesign.configuration import InputError
-from expdesign.experiment.plan import PlanResult, plan_measurement
+from expdesign.configuration.run import GridPoint
+from expdesign.experiment.plan import (
+    PlanResult,
+    median_std_percent,
+    minutes_to_goals,
+    plan_measurement,
+)
+from expdesign.experiment.sweep import SweptDesign, sweep_result
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import apply_deviations, toleranced_deviations
 from results.views.folder import RunFolder
@@ -183,3 +190,18 @@ def test_a_limit_helps_in_percent_of_the_standard_deviations(percent, words):
     stated = replace(plan, limit="strut_speed", limit_gain_percent=5.2, limit_std_percent=percent)
     (fact,) = _shown(stated)[2]
     assert fact.value == words
+
+
+def test_a_sweep_has_the_minutes_of_each_goal():
+    config = _run({"mass": "0.5 %", "v1": "1e-7 %"})
+    plan = plan_measurement(config, MOTION)
+    found = minutes_to_goals(config, MOTION)
+    assert found["mass"] == plan.goals[0].minutes
+    assert np.isnan(found["v1"])
+    once, twice = (median_std_percent(config, MOTION, seconds) for seconds in (3.0, 6.0))
+    assert once == pytest.approx(np.sqrt(2) * twice)
+    points = replace(config, run=config.run.model_copy(update={"sweep": {"design.seed": (0,)}}))
+    point = GridPoint({"design.seed": 0}, "seed-0", config)
+    row = SweptDesign.missing(1, point, "failed", "no motion")
+    assert np.isnan(row.minutes(0))
+    assert sweep_result(points, [row]).goals == ("mass", "v1")
