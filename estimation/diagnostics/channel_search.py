@@ -24,6 +24,7 @@ from estimation.measurement_model.motion import root_of_pseudo_inverse
 from estimation.processing import NoiseModel, PeriodicRecording
 from estimation.processing.periodic_recording import Channels
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.mechanism.terms.rigid_platform import MASS
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
@@ -70,8 +71,8 @@ _UNLIKE = 0.1
 """Largest sum of 1 − correlation of the six lengths with those of a design that was executed."""
 _CLEARLY = 8.0
 _MOST_SHIFTED = 2
-_CORRELATED = 0.3
-"""Correlation of measured with nominal forces that shows the sign of all of them."""
+_CLEAR_WORK = 10.0
+"""Work of the actuators over a period that is not noise, in standard deviations."""
 _LEAST_SHARE = 0.2
 """Share of the unexplained forces that one of several faults must explain."""
 _ROUNDS = 4
@@ -256,7 +257,10 @@ class ChannelSearch:
             self._density, rows = np.mean(spectrum, axis=1), coloured.samples
             variances = np.mean(spectrum / self._density[:, None], axis=0)
         self.force_times, forces, counts = _thin_rows(recording.forces, rows)
-        self.forces = self._whiten(forces)
+        self._measured_forces, self.forces = forces, self._whiten(forces)
+        self._work_noise = float(
+            np.sqrt(np.max(np.diag(noise.forces.covariance)) / np.mean(counts))
+        )
         self._variances = variances * float(np.sum(1 / counts))
         share = float(np.sum(self._variances) / np.sum(self.forces**2))
         self.least_decrease = _LEAST * share / self.forces.size
@@ -323,30 +327,42 @@ class ChannelSearch:
     def candidate_as_measured(self) -> Candidate:
         """Return the wiring of the recording as it was read, with its unexplained forces.
 
-        Forces against those of the nominal model explain nothing.
+        Forces with all signs reversed explain nothing.
         """
         lengths = forces = Wiring.as_measured()
-        columns = self.columns(self.motion(lengths))
-        excess = ForceFit(columns, self.forces, self._variances).excess(forces)
-        if self._orient(forces, columns) is not forces:
+        motion = self.motion(lengths)
+        fit = self.fit(motion)
+        excess = fit.excess(forces)
+        if self._orient(forces, fit, motion, 0.0) is not forces:
             excess = 1.0
         return Candidate(lengths, forces, 0.0, excess)
 
-    def _orient(self, forces: Wiring, columns: Array) -> Wiring:
-        """Return the wiring of the forces, all signs reversed if the nominal model contradicts.
+    def _orient(
+        self, forces: Wiring, fit: ForceFit, motion: HarmonicMotion, delay: float
+    ) -> Wiring:
+        """Return the wiring of the forces, with all signs reversed if physics demands it.
 
-        A fit with free parameters does not depend on this sign. The model decides if it has a clear
-        correlation with the forces, otherwise the number of reversed signs.
+        A fit with free parameters does not depend on this sign. The mass must be positive, and over
+        a period the actuators must do the work of friction. If the two disagree, or the work is
+        within the noise, fewer reversed signs are preferred.
         """
-        own, nominal = forces.apply(self.forces), columns @ self.robot.parameters
-        alike = float(np.sum(own * nominal) / np.sqrt(np.sum(own**2) * np.sum(nominal**2)))
-        sign = alike if abs(alike) > _CORRELATED else float(np.sum(np.sign(forces.gains)))
+        names = self.robot.parameter_names
+        mass = float(fit.parameters(forces)[names.index(MASS)]) if MASS in names else 0.0
+        state = np.split(motion.at(self.force_times - delay).state(), 3, axis=1)
+        rates = self.robot.strut_motion(*state).length_rate
+        own = forces.apply(self._measured_forces)
+        work = float(np.sum(own * rates))
+        noise = (
+            self._work_noise * float(np.linalg.norm(rates)) * float(np.max(np.abs(forces.gains)))
+        )
+        clear = work * mass > 0 and abs(work) > _CLEAR_WORK * noise
+        sign = work if clear else float(np.sum(np.sign(forces.gains)))
         return forces if sign >= 0 else replace(forces, gains=-forces.gains)
 
     def candidate(self, lengths: Wiring, delay: float) -> Candidate:
         """Return the best wiring of the forces for given lengths and delay."""
-        columns = self.columns(self.motion(lengths), delay)
-        fit = ForceFit(columns, self.forces, self._variances)
+        motion = self.motion(lengths)
+        fit = self.fit(motion, delay)
         forces, other = Wiring.as_measured(), fit.best()
         if self._is_better(fit.excess(other), fit.excess(forces)):
             forces = other
@@ -355,7 +371,8 @@ class ChannelSearch:
         if self._is_better(fit.excess(scaled), fit.excess(forces)):
             forces, next_best = scaled, min(fit.excess(forces), next_scaled)
         excess = fit.excess(forces)
-        return Candidate(lengths, self._orient(forces, columns), delay, excess, next_best)
+        forces = self._orient(forces, fit, motion, delay)
+        return Candidate(lengths, forces, delay, excess, next_best)
 
     def _is_better(self, excess: float, other: float) -> bool:
         """Return whether a wiring is preferred to a simpler one, by their unexplained shares."""
