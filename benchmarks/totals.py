@@ -28,7 +28,7 @@ from estimation.identification.estimation import (
 )
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
-from estimation.twin.machine import draw_machine
+from estimation.twin.machine import draw_machine, machine_within_tolerances
 from expdesign import design
 from expdesign.configuration import RunConfiguration, load_run, resolved_yaml
 from expdesign.configuration.motions import motion_runs
@@ -308,11 +308,15 @@ def _next_rows(count: int) -> Iterator[Row]:
     }
     robot = robot_from(run.robot)
     derived = derived_quantities(robot)
+    # Draws with exactly the covariance of the tolerances: few draws of one that dominates, such as
+    # the force constant, would be too large or too small for all rows.
+    drawn = np.random.default_rng(0).standard_normal((count, len(toleranced_deviations(robot))))
+    draws = np.linalg.qr(drawn)[0] * np.sqrt(count)
     for label, (key, motions) in cases.items():
         errors, own = list[Array](), list[Array]()
         for number in range(count):
-            found_joint = _estimates(run, motions, number, plain=False)["ml estimated"]
-            values = found_joint.values - robot.parameters
+            every = _estimates(run, motions, number, plain=False, draws=draws[number])
+            values = every["ml estimated"].values - robot.parameters
             errors.append(values / robot.scales)
             own.append(derived.jacobian @ values)
         stated = {one.quantity: getattr(one, key) for one in predicted.gains}
@@ -333,9 +337,16 @@ def _next_rows(count: int) -> Iterator[Row]:
 
 
 def _estimates(
-    run: RunConfiguration, motions: Sequence[FourierTrajectory], number: int, *, plain: bool
+    run: RunConfiguration,
+    motions: Sequence[FourierTrajectory],
+    number: int,
+    *,
+    plain: bool,
+    draws: Array | None = None,
 ) -> dict[str, ParameterEstimate]:
     drawn = draw_machine(run, np.random.default_rng([0, number]))
+    if draws is not None:
+        drawn = machine_within_tolerances(run, draws)
     with threadpool_limits(limits=1):
         robot = robot_from(run.robot)
         priors, chosen = parameter_priors(run, robot), toleranced_deviations(robot)

@@ -217,10 +217,16 @@ def draw_machine(configuration: RunConfiguration, rng: np.random.Generator) -> D
     `channel_delay` and `clock` of its `experiment`. The true machine gets the terms that the robot
     lacks. Its other parameters and its noise remain.
     """
+    count = len(toleranced_deviations(Robot(configuration.robot)))
+    return machine_within_tolerances(configuration, rng.standard_normal(count))
+
+
+def machine_within_tolerances(configuration: RunConfiguration, draws: Array) -> DrawnMachine:
+    """Return the machine with deviations in units of their tolerances, (t,): see `draw_machine`."""
     base = configuration.truth or configuration.robot
     robot = Robot(replace(base, tolerances=configuration.robot.tolerances))
     entries = toleranced_deviations(robot)
-    values = rng.standard_normal(len(entries)) * np.array([each.tolerance for each in entries])
+    values = draws * np.array([each.tolerance for each in entries])
     drawn = dict(zip((each.name for each in entries), values.tolist(), strict=True))
     off: dict[str, list[float]] = {}
     for entry in deviations(robot):
