@@ -504,6 +504,19 @@ class ChannelSearch:
         )
         return replace(present, delay=float(found.x), excess=float(found.fun))
 
+    def delay_error(self, found: Candidate) -> float:
+        """Return the standard deviation of the delay due to noise of the forces, s.
+
+        It is that of the curvature over half a step, for jumps of dry friction have no derivative;
+        all parameters are free.
+        """
+        motion, half = self.motion(found.lengths), self.step / 2
+        below, middle, above = (
+            self.fit(motion, found.delay + late).excess(found.forces) for late in (-half, 0, half)
+        )
+        curvature = (below - 2 * middle + above) / half**2 * _LEAST / self.least_decrease
+        return float(np.sqrt(2 / curvature)) if curvature > 0 else half
+
     def _at_zero(self, present: Candidate, strut: int, most: float) -> Candidate:
         """Return the wiring with the zero of one length that explains most."""
 

@@ -73,7 +73,7 @@ class ChannelCheck:
 
     def corrected(self, section: DataSection) -> dict[str, Any]:
         """Return the keys of the section that is right, without defaults, as in a run file."""
-        return section.model_dump(exclude_defaults=True) | self.keys
+        return _shortened(section.model_dump(exclude_defaults=True)) | self.keys
 
     def refuse(self, section: DataSection, source: str) -> None:
         """Refuse a recording whose channels certainly contradict the section.
@@ -138,7 +138,8 @@ def check_channels(
     found = search.search(design)
     left, gain = search.left(found.excess), given.excess - found.excess
     explained = gain / (gain + left) if gain > search.least_decrease else 0.0
-    faults = tuple(_faults(found))
+    late_error = search.delay_error(found) if found.delay else 0.0
+    faults = tuple(_faults(found, late_error))
     if not (faults or from_home) or explained < _EXPLAINED:
         return ChannelCheck((), {}, sure=False, explained=explained)
     margin = found.next_best - found.excess
@@ -170,8 +171,8 @@ def _least_faults(robot: Robot, home: Array, step: float) -> tuple[Array, float]
     return zeros, max(_LEAST_DELAY * step, _TOLERATED * (tolerances.delay or 0.0))
 
 
-def _faults(found: Candidate) -> Iterator[tuple[str, str]]:
-    """Yield place and sentence of each fault."""
+def _faults(found: Candidate, late_error: float) -> Iterator[tuple[str, str]]:
+    """Yield place and sentence of each fault; the error of the delay is in s."""
     groups = {"q": found.lengths, "Q": found.forces}
     nouns = {"q": "lengths", "Q": "forces"}
     moved = {key: _numbers(one.channels != np.arange(ACTUATORS)) for key, one in groups.items()}
@@ -199,11 +200,16 @@ def _faults(found: Candidate) -> Iterator[tuple[str, str]]:
         yield (
             f"q{number}",
             f"the zero of q{number} is wrong by {-1e3 * errors[number - 1]:.3g} mm (an equal error "
-            "of a joint along the strut has the same effect)",
+            "of a joint along the strut has the same effect; state what may be left of it as "
+            "`tolerances.strut_length`)",
         )
     if found.delay:
         late, early = ("forces", "lengths") if found.delay > 0 else ("lengths", "forces")
-        yield "delay", f"the {late} lag behind the {early} by {1e3 * abs(found.delay):.3g} ms"
+        yield (
+            "delay",
+            f"the {late} lag behind the {early} by {1e3 * abs(found.delay):.3g} ms (± "
+            f"{1e3 * late_error:.1g} ms: state that as `tolerances.delay`)",
+        )
 
 
 def _unit(gains: Array) -> str:
@@ -269,6 +275,20 @@ def _delays(values: Array) -> Any:
 
 def _rounded(values: Array) -> list[float | int]:
     return [int(value) if value == int(value) else float(f"{value:.3g}") for value in values]
+
+
+def _shortened(value: Any) -> Any:
+    """Return a section with one value where all struts have the same, and whole numbers as such.
+
+    >>> _shortened({"counts_per_revolution": (4096.0,) * 6, "start": 1.5})
+    {'counts_per_revolution': 4096, 'start': 1.5}
+    """
+    if isinstance(value, dict):
+        return {key: _shortened(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        items = [_shortened(item) for item in value]
+        return items[0] if len(items) == ACTUATORS and items.count(items[0]) == ACTUATORS else items
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def _flow(value: Any) -> str:
