@@ -328,14 +328,14 @@ def noise_tests(
         recording, recording.lengths, noise.lengths.filter, (lengths, length_rows), level
     )
     _, length_white, length_normal, length_change = lengths_tested
-    counted = noise.forces.lines is not None
+    counted, repeats = noise.forces.lines is not None, recording.forces.repeats
     if length_white is not None:
         counted = counted and noise.lengths.lines is not None
     return NoiseTests(
         samples.reshape(-1, ACTUATORS),
         Whitenesses(white, length_white, counted=counted, refused=why_not_compared(recording)),
         Normalities(
-            "residuals" if recording.forces.repeats is None else "periods",
+            "residuals" if repeats is None or len(repeats) == 1 else "periods",
             normal,
             length_normal,
             recording.weight_taken if recording.robust else None,

@@ -408,5 +408,5 @@ def _same_limits(result: DesignResult) -> bool:
 
 def _same_criterion(result: DesignResult, evaluator: Evaluator) -> bool:
     information = evaluator.information(result.trajectory, result.samples)
-    value = evaluator.value(information)
-    return bool(np.isclose(value, result.criterion_value, rtol=_SAME, atol=0))
+    value, known = evaluator.value(information), np.isfinite(result.log_det_information)
+    return bool(known and np.isclose(value, result.criterion_value, rtol=_SAME, atol=0))

@@ -69,7 +69,8 @@ def arguments(folder, *more):
     ]
 
 
-def test_an_estimate_writes_what_the_contract_names(folder, expdesign):
+def test_an_estimate_writes_what_the_contract_names(folder, expdesign, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
     result = Outcome(*expdesign(*arguments(folder)))
     assert result.status == 0, result.error
     names = {path.name for path in (folder / "out" / "figures").iterdir()}

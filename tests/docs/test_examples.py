@@ -270,7 +270,10 @@ def test_the_schema_admits_every_criterion():
 
 def test_the_commands_of_the_docs_exist():
     text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
-    names = [command.name or command.callback.__name__ for command in app.registered_commands]
+    names = [
+        command.name or command.callback.__name__.replace("_", "-")
+        for command in app.registered_commands
+    ]
     for name in names:
         assert f"| `expdesign {name}" in text
         assert CliRunner().invoke(app, [name, "--help"]).exit_code == 0
