@@ -167,7 +167,10 @@ _COMMAND_WORDS = _word_set(
     "cmd command commanded ref reference des desired soll set setpoint target demand nominal"
 )
 _MEASURED_WORDS = _word_set("act actual ist meas measured fb feedback")
-_TIME_WORDS = _word_set("t time zeit timestamp stamp times sec seconds clock")
+_TIME_WORDS = _word_set(
+    "t time zeit uhrzeit zeitstempel datum date datetime heure timestamp stamp times sec seconds "
+    "clock"
+)
 
 
 @dataclass(frozen=True)

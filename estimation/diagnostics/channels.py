@@ -73,7 +73,7 @@ class ChannelCheck:
 
     def corrected(self, section: DataSection) -> dict[str, Any]:
         """Return the keys of the section that is right, without defaults, as in a run file."""
-        return _shortened(section.model_dump(exclude_defaults=True)) | self.keys
+        return _shortened(section.model_dump(exclude_defaults=True) | self.keys)
 
     def refuse(self, section: DataSection, source: str) -> None:
         """Refuse a recording whose channels certainly contradict the section.
@@ -133,6 +133,8 @@ def check_channels(
     from_home = not (search.possible or np.any(zeros))
     if from_home:
         zeros = home
+        lengths = replace(recording.lengths, values=recording.lengths.values + home)
+        recording = replace(recording, lengths=lengths)
         search = ChannelSearch(robot, recording, noise, harmonics, zeros, *least)
     given = search.candidate_as_measured()
     found = search.search(design)

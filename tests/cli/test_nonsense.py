@@ -48,17 +48,15 @@ def estimated(tmp_path, expdesign, monkeypatch):
 
 
 def test_a_negative_force_constant(estimated):
-    """Accepted with −115 kg before: the first finding names mass and sign."""
+    """Accepted with −115 kg before: refused, with the signs that are right."""
 
     def currents(table):
         table[FORCES] /= 85.0
 
-    status, _, verdict = estimated(currents, units={"Q": "A"}, force_constants=-85)
-    first = verdict["findings"][0]
-    assert (status, verdict["status"], first["outcome"]) == (0, "doubtful", "fails")
-    assert first["sentence"].startswith("p10 = -15.8 ± 0.4 kg is negative")
-    assert "the sign of all forces is wrong" in first["advice"]
-    assert "data.force_constants" in first["advice"]
+    status, said, _ = estimated(currents, units={"Q": "A"}, force_constants=-85)
+    assert status == 2
+    assert "Q1, Q2, Q3, Q4, Q5 and Q6 have the opposite sign" in said
+    assert "Q: -1" in said
 
 
 def test_force_constants_without_a_current(estimated):

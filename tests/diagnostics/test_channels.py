@@ -141,6 +141,19 @@ def test_lengths_come_from_the_design():
     assert found.keys == {"order": {"q": [3, 4, 1, 2, 5, 6]}, "sign": {"q": [1, 1, 1, 1, -1, 1]}}
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e-3])
+def test_lengths_that_are_counted_from_home(unit):
+    home = ROBOT.inverse_kinematics(ROBOT.home)
+    data = counted_otherwise(recording(1, 0.2), sign=SECOND)
+    data = replace(data, lengths=(data.lengths - home) / unit)
+    case = run()
+    folded = fold_measurement(case, data, MOTION)
+    found = check_channels(ROBOT, case.run.data, *folded, MOTION.harmonics, MOTION)
+    units = {} if unit == 1 else {"units": {"q": "mm"}}
+    assert found.sure
+    assert found.keys == {"offset": "home", "sign": {"Q": SECOND}} | units
+
+
 def test_a_delay_of_a_sample():
     data = recording(3, QUIET)
     states = [MOTION.sample(data.time - late) for late in (0.0, 5e-3)]

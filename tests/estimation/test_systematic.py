@@ -328,7 +328,9 @@ def test_deviations_within_the_tolerances_contradict_none_of_them(joint):
         for _ in range(runs)
     ]
     # At 0.1 %, of tests that overlap.
-    assert sum(one.failed for one in found) <= 8
+    assert sum(one.failed and one.serious for one in found) <= 8
+    # Some entry of so many is at the edge of its tolerance, beyond 3 σ, in 1.5 % of the machines.
+    assert sum(one.failed for one in found) <= 0.025 * runs
     assert np.mean([one.p < 0.1 for one in found]) == pytest.approx(0.07, abs=0.04)
     assert not tolerance_findings(replace(joint, covariance_joint=None))
 
