@@ -63,8 +63,8 @@ class SensorResponse:
             response[:, channel] *= np.abs(own) ** 2 if each.zero_phase else own
         if samples % 2 == 0:  # a real line
             response[-1] = np.abs(response[-1])
-        gain = np.abs(response)
-        return np.asarray(response * np.maximum(1.0, _FLOOR / np.maximum(gain, _FLOOR**2)))
+        gain = np.maximum(np.abs(response), _FLOOR)
+        return np.asarray(gain * np.exp(1j * np.angle(response)))
 
     def undo(self, series: Array, step: float) -> Array:
         """Return the periodic series, (n, 6), before filters and delays."""

@@ -402,6 +402,8 @@ class ChannelSearch:
             if self.left(best.excess) < _SMALL:
                 break
             tried = [self.candidate(*each) for each in self._neighbours(best, known is not None)]
+            if not tried:
+                break
             found = min(tried, key=lambda one: one.excess)
             others = (one.excess for one in tried if self._differs(one, found))
             found = replace(found, next_best=min(found.next_best, *others, np.inf))
@@ -488,8 +490,9 @@ class ChannelSearch:
         """
         motion = self.motion(present.lengths)
         delays = [(self.fit(motion, late).excess(present.forces), late) for late in self._delays]
-        later = self._at_delay(present, min(delays)[1])
-        yield later if abs(later.delay) >= self.least_delay else present
+        if delays:  # a period of ten samples has no room for any
+            later = self._at_delay(present, min(delays)[1])
+            yield later if abs(later.delay) >= self.least_delay else present
         for strut in range(ACTUATORS):
             yield self._at_zero(present, strut, most)
 

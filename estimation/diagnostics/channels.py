@@ -140,6 +140,8 @@ def check_channels(
     found = search.search(design)
     left, gain = search.left(found.excess), given.excess - found.excess
     explained = gain / (gain + left) if gain > search.least_decrease else 0.0
+    if from_home:  # lengths from zero explain nothing: no pose has them
+        explained = 1 - left
     late_error = search.delay_error(found) if found.delay else 0.0
     faults = tuple(_faults(found, late_error))
     if not (faults or from_home) or explained < _EXPLAINED:

@@ -345,12 +345,13 @@ def _impossible_estimates(run: RunDescription, robot: ResolvedRobot) -> Iterator
                 "budget or none; or ml among estimate.estimators",
             )
     for filtered in run.data.filtered_keys:
-        if estimate.differentiation != "fourier" or estimate.frequency != "known":
+        settings = estimate.differentiation, estimate.frequency, estimate.loss
+        if settings != ("fourier", "known", "squared"):
             yield (
                 ("data", filtered),
-                "filters, and delays of single channels, are taken back from the means over whole "
-                "periods of a known frequency",
-                "estimate.differentiation: fourier and estimate.frequency: known",
+                "filters, and delays of single channels, are taken back from the plain means over "
+                "whole periods of a known frequency",
+                "estimate.differentiation: fourier, frequency: known and loss: squared",
             )
     named = ", ".join(robot.estimated_constants)
     if named and estimate.differentiation != "fourier":

@@ -213,9 +213,11 @@ class _Reading:
         machines = list[RobotDescription]()
         for source in design.priors:
             with collect(self.problems):
-                machines.append(
-                    prior_machine(source, key, robot, self.document, corrected=corrected)
-                )
+                machine = prior_machine(source, key, robot, self.document, corrected=corrected)
+                if machine in machines:
+                    message = "the same estimate is given twice: it would count twice"
+                    raise InputError(self.document.problem(key, message, "estimates of other data"))
+                machines.append(machine)
         if machines:
             found["design"] = tuple(machines) if isinstance(design.prior, tuple) else machines[0]
         key = ("estimate", "prior")

@@ -39,6 +39,7 @@ from expdesign.stages.execution import Place
 from expdesign.stages.experiment import trajectory_of
 from expdesign.stages.stage import (
     ESTIMATE_FILE,
+    MEASUREMENT_FILE,
     Outcome,
     StageFailed,
     StageFunctions,
@@ -102,7 +103,8 @@ def run_estimate(work: Workspace) -> Outcome:
         count = sum(len(recording.time) for recording in recordings)
         require_at_most(count, MOST_SAMPLES, f"{len(recordings)} recordings", key="--data")
     # The twin's own recording has the channels of the struts.
-    simulated = not work.sources.data and files == [work.measurement_file]
+    own = [place / MEASUREMENT_FILE for place in work.motion_folders]
+    simulated = not work.sources.data and files == own
     try:
         result = identification.estimate(
             configuration,

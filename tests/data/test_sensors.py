@@ -54,6 +54,13 @@ def test_a_periodic_signal_passes_the_filter_as_in_a_simulation_with_fine_steps(
     assert np.allclose(sensors.undo(recorded, step), series, atol=1e-11)
 
 
+@pytest.mark.parametrize("zero_phase", [False, True])
+def test_gains_have_a_floor_however_steep_the_filter(zero_phase: bool) -> None:
+    low_pass = {"low_pass": "100 Hz", "order": 8, "zero_phase": zero_phase}
+    gains = np.abs(_response(filter={"Q": low_pass}).lines(1000, 1e-4))
+    assert np.min(gains) == pytest.approx(1e-4)
+
+
 def test_filters_follow_the_channels_of_the_file_and_delays_the_struts() -> None:
     delays = ["1 ms", *["0 ms"] * 5]
     sensors = _response(
@@ -143,6 +150,7 @@ def test_unknown_delays_of_single_channels_are_estimated() -> None:
     [
         ({"estimate": {"differentiation": "central"}}, "data.filter"),
         ({"estimate": {"frequency": "estimated"}}, "data.filter"),
+        ({"estimate": {"loss": "huber"}}, "data.filter"),
     ],
 )
 def test_filters_need_the_means_of_a_known_period(section: dict[str, Any], key: str) -> None:

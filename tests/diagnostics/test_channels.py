@@ -141,17 +141,34 @@ def test_lengths_come_from_the_design():
     assert found.keys == {"order": {"q": [3, 4, 1, 2, 5, 6]}, "sign": {"q": [1, 1, 1, 1, -1, 1]}}
 
 
+@pytest.mark.parametrize("sign", [[1] * 6, SECOND])
 @pytest.mark.parametrize("unit", [1.0, 1e-3])
-def test_lengths_that_are_counted_from_home(unit):
+def test_lengths_that_are_counted_from_home(unit, sign):
     home = ROBOT.inverse_kinematics(ROBOT.home)
-    data = counted_otherwise(recording(1, 0.2), sign=SECOND)
+    data = counted_otherwise(recording(1, 0.2), sign=sign)
     data = replace(data, lengths=(data.lengths - home) / unit)
     case = run()
     folded = fold_measurement(case, data, MOTION)
     found = check_channels(ROBOT, case.run.data, *folded, MOTION.harmonics, MOTION)
     units = {} if unit == 1 else {"units": {"q": "mm"}}
     assert found.sure
-    assert found.keys == {"offset": "home", "sign": {"Q": SECOND}} | units
+    signs = {"sign": {"Q": SECOND}} if sign is SECOND else {}
+    assert found.keys == {"offset": "home"} | signs | units
+
+
+def test_a_period_of_ten_samples_has_no_delay_to_try():
+    data = recording(1, 0.2)
+    every = slice(None, None, 20)
+    data = replace(
+        data,
+        time=data.time[every],
+        lengths=data.lengths[every][:, swapped(0, 1)],
+        forces=data.forces[every],
+        step=20 * data.step,
+    )
+    for design in (None, MOTION):
+        folded = fold_measurement(run(), data, MOTION)
+        check_channels(ROBOT, run().run.data, *folded, MOTION.harmonics, design)
 
 
 def test_a_delay_of_a_sample():
