@@ -53,6 +53,7 @@ SECTIONS = (
     "palida_quick",
     "linuxcnc",
     "linuxcnc_quick",
+    "rubin",
     "interest",
     "interest_quick",
     "motions",

@@ -122,15 +122,20 @@ def replace_goals(config):
 
 
 def test_several_priors_add(systematic, prior, tmp_path):
-    config = _run(systematic, prior=[prior, prior])
-    one, two = (
+    found = estimate_parameters(_run(systematic), measured(FIRST, 2), FIRST)
+    again = tmp_path / "again.yaml"
+    again.write_text(identified_robot(found, None), encoding="utf-8")
+    config = _run(systematic, prior=[prior, str(again)])
+    first, second, both = (
         earlier_recordings(each, ROBOT.parameter_names, ())
-        for each in (_run(systematic, prior=prior), config)
+        for each in (_run(systematic, prior=prior), _run(systematic, prior=str(again)), config)
     )
-    np.testing.assert_allclose(two, 2 * one)
+    np.testing.assert_allclose(both, first + second)
     file = tmp_path / "run.yaml"
     file.write_text(resolved_yaml(config), encoding="utf-8")
     assert load_run(file).run.design == config.run.design
+    with pytest.raises(InputError, match="count twice"):
+        _run(systematic, prior=[prior, prior])
 
 
 def test_refusals(prior):
