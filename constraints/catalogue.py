@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import copyreg
+from collections.abc import Mapping
 from functools import cache
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from constraints import limits
 from constraints.definition import LimitDefinition, plain_limit
 from constraints.plugins import declarations
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 
 @cache

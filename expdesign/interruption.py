@@ -15,10 +15,7 @@ from _thread import start_new_thread
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from sys import UnraisableHookArgs
+from typing import Any
 
 ENDING: tuple[int, ...] = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """The signals that ask a process to end."""
@@ -96,7 +93,7 @@ def raise_interruptions(while_importing: Callable[[], Any]) -> Iterator[None]:
         module behind, become another exception, or be lost in C code.
     """
 
-    def raise_later(what: UnraisableHookArgs) -> None:
+    def raise_later(what: sys.UnraisableHookArgs) -> None:
         if issubclass(what.exc_type, KeyboardInterrupt):
             # This function cannot raise either.
             start_new_thread(_interrupt_later, ())

@@ -99,9 +99,6 @@ def _journal(
         raise
 
 
-DESIGN = StageFunctions(run_design, StageViews(DesignResult, design_view, compare_designs))
-
-
 def design_outcome(result: DesignResult, work: Workspace) -> Outcome:
     """Return the outcome of a design."""
     return Outcome(
@@ -120,11 +117,6 @@ def design_outcome(result: DesignResult, work: Workspace) -> Outcome:
         failure="" if result.passed else _failure(result, short(work.folder)),
         temporary=() if result.status == "interrupted" else (work.folder / SEARCH_JOURNAL,),
     )
-
-
-def motions_functions(stage: Stage) -> StageFunctions:
-    """Return the functions of the motions, each a result of another stage."""
-    return StageFunctions(partial(run_motions, stage), StageViews(MotionsResult, motions_view))
 
 
 def run_motions(stage: Stage, work: Workspace) -> Outcome:
@@ -205,9 +197,6 @@ def run_goals(work: Workspace) -> Outcome:
     )
 
 
-GOALS = StageFunctions(run_goals, StageViews(PlanResult, plan_view))
-
-
 def run_next(work: Workspace) -> Outcome:
     """Compare the design made before with the motion to repeat, which the options name."""
     following = work.made["design"].result.trajectory
@@ -220,9 +209,6 @@ def run_next(work: Workspace) -> Outcome:
             "gains": [asdict(one) for one in result.gains],
         },
     )
-
-
-NEXT = StageFunctions(run_next, StageViews(NextResult, next_view))
 
 
 def name_unexcited(make: Callable[[], Made]) -> Made:
@@ -259,11 +245,6 @@ def _failure(result: DesignResult, folder: str) -> str:
             "range)"
         )
     return f"the design breaks {'; '.join(parts)}. It is saved and marked in {folder}"
-
-
-def sweep_functions(stage: Stage) -> StageFunctions:
-    """Return the functions of the sweep, whose designs are results of another stage."""
-    return StageFunctions(partial(run_sweep, stage), StageViews(SweepResult, sweep_view))
 
 
 def run_sweep(stage: Stage, work: Workspace) -> Outcome:
@@ -391,3 +372,21 @@ def _end(result: SweepResult) -> tuple[str, str]:
 def _continuation(result: SweepResult, folder: Path) -> str:
     place = f"The finished designs are in {short(folder)}"
     return f"{place}, and the same command continues the sweep" if result.interrupted else place
+
+
+def stage_functions(stage: Stage) -> dict[str, StageFunctions]:
+    """Return the functions of the stages by name; `stage` is that of the single designs."""
+    return {
+        **_FUNCTIONS,
+        "motions": StageFunctions(
+            partial(run_motions, stage), StageViews(MotionsResult, motions_view)
+        ),
+        "sweep": StageFunctions(partial(run_sweep, stage), StageViews(SweepResult, sweep_view)),
+    }
+
+
+_FUNCTIONS = {
+    "design": StageFunctions(run_design, StageViews(DesignResult, design_view, compare_designs)),
+    "next": StageFunctions(run_next, StageViews(NextResult, next_view)),
+    "goals": StageFunctions(run_goals, StageViews(PlanResult, plan_view)),
+}

@@ -90,9 +90,6 @@ def run_noise(work: Workspace) -> Outcome:
     )
 
 
-NOISE = StageFunctions(run_noise, StageViews(NoiseResult, noise_view))
-
-
 def run_estimate(work: Workspace) -> Outcome:
     """Estimate the parameters and diagnose the estimate."""
     configuration, files = work.configuration, work.data_files()
@@ -124,11 +121,6 @@ def run_estimate(work: Workspace) -> Outcome:
         warnings=result.warnings[len(configuration.warnings) :],
         doubt="" if summary["verdict"] == "accepted" else "a diagnostic failed",
     )
-
-
-ESTIMATE = StageFunctions(
-    run_estimate, StageViews(EstimationResult, estimate_view, compare_estimates)
-)
 
 
 def check_channels_of(work: Workspace) -> tuple[ChannelCheck, list[str]]:
@@ -273,9 +265,6 @@ def run_validation(work: Workspace) -> Outcome:
     )
 
 
-VALIDATION = StageFunctions(run_validation, StageViews(ValidationResult, validation_view))
-
-
 def run_feedforward(work: Workspace) -> Outcome:
     """Compare the tracking errors with each feed-forward."""
     configuration, saved = _identified(work)
@@ -298,9 +287,6 @@ def run_feedforward(work: Workspace) -> Outcome:
     )
 
 
-FEEDFORWARD = StageFunctions(run_feedforward, StageViews(FeedforwardResult, feedforward_view))
-
-
 def _identified(work: Workspace) -> tuple[RunConfiguration, IdentifiedModel]:
     """Return the run with the terms that the estimate added, and the estimate."""
     place, made = work.estimate_place, work.made.get("estimate")
@@ -313,3 +299,14 @@ def _identified(work: Workspace) -> tuple[RunConfiguration, IdentifiedModel]:
     configuration = add_terms(work.configuration, added)
     path = place if place.is_file() else place / ESTIMATE_FILE
     return configuration, identified_model(found, path, robot_from(configuration.robot))
+
+
+FUNCTIONS = {
+    "noise": StageFunctions(run_noise, StageViews(NoiseResult, noise_view)),
+    "estimate": StageFunctions(
+        run_estimate, StageViews(EstimationResult, estimate_view, compare_estimates)
+    ),
+    "validate": StageFunctions(run_validation, StageViews(ValidationResult, validation_view)),
+    "feedforward": StageFunctions(run_feedforward, StageViews(FeedforwardResult, feedforward_view)),
+}
+"""Functions of the stages by name."""

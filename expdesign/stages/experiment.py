@@ -94,9 +94,6 @@ def run_experiment(work: Workspace) -> Outcome:
     )
 
 
-EXPERIMENT = StageFunctions(run_experiment, StageViews(Truth, experiment_view))
-
-
 def simulate(
     config: ConfigurationLike,
     design: DesignResult | FourierTrajectory | Place,
@@ -184,11 +181,6 @@ def run_montecarlo(work: Workspace) -> Outcome:
     )
 
 
-MONTE_CARLO = StageFunctions(
-    run_montecarlo, StageViews(MonteCarloResult, montecarlo_view, compare_montecarlo)
-)
-
-
 def _failed_repetitions(result: MonteCarloResult) -> Iterator[str]:
     """Yield a warning for every estimator that failed or did not converge somewhere."""
     for name, keys in result.estimators.items():
@@ -205,3 +197,12 @@ def _reasons(*estimators: EstimatorStatistics) -> str:
     reasons = dict.fromkeys(failure.reason for keys in estimators for failure in keys.failures)
     shown = list(reasons)[:_MOST_REASONS]
     return "; ".join(shown) + ("; …" if len(reasons) > len(shown) else "")
+
+
+FUNCTIONS = {
+    "experiment": StageFunctions(run_experiment, StageViews(Truth, experiment_view)),
+    "montecarlo": StageFunctions(
+        run_montecarlo, StageViews(MonteCarloResult, montecarlo_view, compare_montecarlo)
+    ),
+}
+"""Functions of the stages by name."""

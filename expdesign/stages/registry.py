@@ -24,7 +24,37 @@ from expdesign.stages.stage import (
 )
 
 
-class DesignStage(Stage):
+class SearchStage(Stage):
+    """Stage that searches or judges designs."""
+
+    def functions(self) -> StageFunctions:
+        """Return the search or the judgement, and its view."""
+        from expdesign.stages.design import stage_functions
+
+        return stage_functions(DesignStage())[self.name]
+
+
+class SimulationStage(Stage):
+    """Stage on the digital twin."""
+
+    def functions(self) -> StageFunctions:
+        """Return the simulation and its view."""
+        from expdesign.stages.experiment import FUNCTIONS
+
+        return FUNCTIONS[self.name]
+
+
+class EstimationStage(Stage):
+    """Stage that analyses a recording or uses an estimate."""
+
+    def functions(self) -> StageFunctions:
+        """Return the computation, its view and its comparison."""
+        from expdesign.stages.estimate import FUNCTIONS
+
+        return FUNCTIONS[self.name]
+
+
+class DesignStage(SearchStage):
     """Search for the optimal excitation trajectory."""
 
     name = "design"
@@ -35,19 +65,13 @@ class DesignStage(Stage):
     needs = ("others",)
     compared = "trajectory.csv"
 
-    def functions(self) -> StageFunctions:
-        """Return the search, the view and the comparison of designs."""
-        from expdesign.stages.design import DESIGN
-
-        return DESIGN
-
     def reason_left_out(self, configuration: RunConfiguration) -> str:
         """Return the reason against a single design in a sweep."""
         sweeps = configuration.run.sweep is not None
         return "the sweep does it for each of its designs" if sweeps else ""
 
 
-class NextStage(Stage):
+class NextStage(SearchStage):
     """Gain of the next motion over the last one repeated."""
 
     name = "next"
@@ -63,12 +87,6 @@ class NextStage(Stage):
     needs = ("design",)
     shown_after = "design"
 
-    def functions(self) -> StageFunctions:
-        """Return the comparison and its view."""
-        from expdesign.stages.design import NEXT
-
-        return NEXT
-
 
 class MotionsStage(DesignStage):
     """Search for several motions of one experiment."""
@@ -79,14 +97,8 @@ class MotionsStage(DesignStage):
     writes = (*TABLES, "motion-*/design.json")
     compared = ""
 
-    def functions(self) -> StageFunctions:
-        """Return the searches and the view of the motions."""
-        from expdesign.stages.design import motions_functions
 
-        return motions_functions(DesignStage())
-
-
-class GoalsStage(Stage):
+class GoalsStage(SearchStage):
     """Measuring time for wanted precisions."""
 
     name = "goals"
@@ -103,14 +115,8 @@ class GoalsStage(Stage):
     needs = ("design",)
     makes_design = True
 
-    def functions(self) -> StageFunctions:
-        """Return the plan and its view."""
-        from expdesign.stages.design import GOALS
 
-        return GOALS
-
-
-class ExperimentStage(Stage):
+class ExperimentStage(SimulationStage):
     """Simulated experiment on the digital twin."""
 
     name = "experiment"
@@ -122,12 +128,6 @@ class ExperimentStage(Stage):
     needs = ("design",)
     motions = "each"
 
-    def functions(self) -> StageFunctions:
-        """Return the simulation and its view."""
-        from expdesign.stages.experiment import EXPERIMENT
-
-        return EXPERIMENT
-
     def reason_left_out(self, configuration: RunConfiguration) -> str:
         """Return the reason against a simulation: a measured recording, its length, or a sweep."""
         run = configuration.run
@@ -136,7 +136,7 @@ class ExperimentStage(Stage):
         return too_long_to_simulate(run) or super().reason_left_out(configuration)
 
 
-class NoiseStage(Stage):
+class NoiseStage(EstimationStage):
     """Noise analysis of a recording, without any model."""
 
     name = "noise"
@@ -147,14 +147,8 @@ class NoiseStage(Stage):
     needs = ("recording",)
     in_sweep = True
 
-    def functions(self) -> StageFunctions:
-        """Return the analysis and its view."""
-        from expdesign.stages.estimate import NOISE
 
-        return NOISE
-
-
-class MonteCarloStage(Stage):
+class MonteCarloStage(SimulationStage):
     """Monte-Carlo study of the estimators."""
 
     name = "montecarlo"
@@ -165,19 +159,13 @@ class MonteCarloStage(Stage):
     needs = ("design",)
     compared = "tables/montecarlo.csv"
 
-    def functions(self) -> StageFunctions:
-        """Return the study, its view and the comparison of studies."""
-        from expdesign.stages.experiment import MONTE_CARLO
-
-        return MONTE_CARLO
-
     def reason_left_out(self, configuration: RunConfiguration) -> str:
         """Return the reason against the simulations: their length, or a sweep."""
         left_out = super().reason_left_out(configuration)
         return left_out or too_long_to_simulate(configuration.run)
 
 
-class EstimateStage(Stage):
+class EstimateStage(EstimationStage):
     """Estimate of the parameters."""
 
     name = "estimate"
@@ -188,14 +176,8 @@ class EstimateStage(Stage):
     needs = ("recording",)
     compared = "estimates.csv"
 
-    def functions(self) -> StageFunctions:
-        """Return the estimation, its view and the comparison of estimates."""
-        from expdesign.stages.estimate import ESTIMATE
 
-        return ESTIMATE
-
-
-class ValidateStage(Stage):
+class ValidateStage(EstimationStage):
     """Validation of an estimate on other motions."""
 
     name = "validate"
@@ -206,14 +188,8 @@ class ValidateStage(Stage):
     needs = ("estimate",)
     compared = "tables/validation.csv"
 
-    def functions(self) -> StageFunctions:
-        """Return the prediction of other motions and its view."""
-        from expdesign.stages.estimate import VALIDATION
 
-        return VALIDATION
-
-
-class FeedforwardStage(Stage):
+class FeedforwardStage(EstimationStage):
     """Comparison of feed-forwards on the closed loop."""
 
     name = "feedforward"
@@ -224,19 +200,13 @@ class FeedforwardStage(Stage):
     needs = ("estimate", "design")
     compared = "tables/feedforward.csv"
 
-    def functions(self) -> StageFunctions:
-        """Return the comparison of tracking errors and its view."""
-        from expdesign.stages.estimate import FEEDFORWARD
-
-        return FEEDFORWARD
-
     def inputs(self, configuration: RunConfiguration) -> tuple[str, ...]:
         """Return the inputs; without the design for a motion of the run file."""
         designed = configuration.run.feedforward.motion == "design"
         return self.needs if designed else ("estimate",)
 
 
-class SweepStage(Stage):
+class SweepStage(SearchStage):
     """Designs over a grid."""
 
     name = "sweep"
@@ -252,12 +222,6 @@ class SweepStage(Stage):
         experiment={"periods", "sampling", "payload"},
     )
     in_sweep = True
-
-    def functions(self) -> StageFunctions:
-        """Return the search at every point and the view of the designs."""
-        from expdesign.stages.design import sweep_functions
-
-        return sweep_functions(DesignStage())
 
 
 class ExportStage(Stage):
