@@ -128,7 +128,7 @@ def estimate_parameters(
                     prepare_recording(
                         configuration.with_section("estimate", harmonics=motion.harmonics),
                         robot,
-                        apply_calibration(measurement, machine),
+                        apply_calibration(configuration, measurement, trajectory, machine),
                         trajectory,
                     ),
                     least_harmonics=recording.least_harmonics,

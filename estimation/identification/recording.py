@@ -56,7 +56,7 @@ from expdesign.configuration import InputError, RunConfiguration
 from expdesign.configuration.estimate import SpectrumOrigin
 from expdesign.noise import NoiseSpectrum
 from expdesign.robot import Robot
-from expdesign.robot.deviation import DELAYS_OF_FORCES
+from expdesign.robot.deviation import CHANNEL_DELAYS, DELAYS_OF_FORCES
 from expdesign.trajectory import FourierTrajectory
 
 _CUTOFF = 3.0
@@ -417,34 +417,46 @@ def estimated_machine(robot: Robot, systematic: SystematicUncertainty | None) ->
     return PerturbedMachine.of(robot, systematic.deviations, systematic.values)
 
 
-def apply_calibration(data: Measurement, machine: PerturbedMachine) -> Measurement:
-    """Remove the estimated length offsets, force gains and delay from a recording.
+def apply_calibration(
+    configuration: RunConfiguration,
+    data: Measurement,
+    design: FourierTrajectory | None,
+    machine: PerturbedMachine,
+) -> Measurement:
+    """Remove the estimated length offsets, force gains and delays from a recording.
 
     The rate of the clock stays: its effect on the motion is far below the noise.
     """
     if not machine.chosen:
         return data
-    forces, lengths = (
-        _without_delays(data.time, values, machine.channel_delays(group))
-        for group, values in (("Q", data.forces), ("q", data.lengths))
-    )
+    delays = {group: machine.channel_delays(group) for group in CHANNEL_DELAYS}
+    if any(map(np.any, delays.values())):
+        omega, _ = choose_omega(configuration, data, design)
+        data = replace(
+            data,
+            forces=_without_delays(data, data.forces, delays["Q"], 2 * np.pi / omega),
+            lengths=_without_delays(data, data.lengths, delays["q"], 2 * np.pi / omega),
+        )
     return replace(
         data,
-        lengths=lengths - machine.zeros,
-        forces=forces / machine.gains,
+        lengths=data.lengths - machine.zeros,
+        forces=data.forces / machine.gains,
         force_delay=data.force_delay + machine.delay,
     )
 
 
-def _without_delays(times: Array, values: Array, delays: Array) -> Array:
-    """Return channels, (T, 6), moved by delays of their own, (6,), s."""
-    if not np.any(delays):
-        return values
-    moved = (
-        CubicSpline(times, own)(np.minimum(times + delay, times[-1]))
-        for own, delay in zip(values.T, delays, strict=True)
-    )
-    return np.column_stack(list(moved))
+def _without_delays(data: Measurement, values: Array, delays: Array, period: float) -> Array:
+    """Return channels, (T, 6), before their delays, (6,), s.
+
+    The periods at the ends continue the recording beyond them.
+    """
+    times, slack = data.time, 0.5 * data.step
+    first = times < times[0] + period - slack
+    last = times > times[-1] - period + slack
+    knots = np.concatenate([times[first] - period, times, times[last] + period])
+    continued = np.concatenate([values[first], values, values[last]])
+    columns = zip(continued.T, delays, strict=True)
+    return np.column_stack([CubicSpline(knots, own)(times + delay) for own, delay in columns])
 
 
 def linearise_at_load(

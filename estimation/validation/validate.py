@@ -131,7 +131,7 @@ def _predict_motion(
         data = Twin.of(changed, trajectory).measurement(FIRST_REPETITION + number - 1)
         warnings += broken_limits(robot, trajectory, name)
     loaded = robot.with_load_at(saved.estimate.values)
-    data = apply_calibration(data, machine)
+    data = apply_calibration(configuration, data, trajectory, machine)
     experiment = prepare_experiment(configuration, loaded, data, trajectory, held_out=True)
     diagnosis = diagnose(loaded, [experiment], saved.priors, saved.estimate, held_out=True)
     verdict = _advise_estimate_first(diagnosis.verdict) if saved.doubt else diagnosis.verdict

@@ -15,12 +15,16 @@ from estimation.data.measurement import Measurement
 from estimation.data.reading import read_measurement
 from estimation.data.sensors import SensorResponse
 from estimation.diagnostics.finding import Status
+from estimation.estimators import PerturbedMachine
 from estimation.identification import estimate_parameters
 from estimation.identification.estimate import estimate
+from estimation.identification.recording import apply_calibration
 from estimation.twin import Twin
 from estimation.twin.truth import write_measurement
 from expdesign.configuration import InputError
 from expdesign.configuration.estimate import DataSection
+from expdesign.robot import robot_from
+from expdesign.robot.deviation import toleranced_deviations
 from tests.estimation.cases import ROBOT, STEP, run
 from tests.estimation.cases import trajectory as palida_motion
 
@@ -143,6 +147,28 @@ def test_unknown_delays_of_single_channels_are_estimated() -> None:
         assert np.mean((error / each.std) ** 2) < 2
     # GM does not estimate the delays: its budget contains them.
     assert np.median(ml.std / gm.std) < 0.8
+
+
+@pytest.mark.parametrize("periods", [2.0, 2.37])
+def test_estimated_delays_are_removed_up_to_the_ends_of_a_recording(periods: float) -> None:
+    # Delays of 20 steps: held or extrapolated ends would be wrong by a tenth of the amplitude.
+    motion = palida_motion()
+    times = STEP * np.arange(round(periods * motion.period / STEP))
+    late = 20 * STEP * np.array([1.0, -1.0, 0.5, 0.0, -0.3, 0.0])
+
+    def signals(delays: Array) -> Array:
+        phases = motion.omega * (times[:, None] - delays)
+        return np.sin(phases) + 0.3 * np.cos(4 * phases)
+
+    names = [f"{kind}_delay_{j}" for kind in ("force", "length") for j in range(1, 7)]
+    tolerances = {"channel_delay": {"forces": "1 ms", "lengths": "1 ms"}}
+    chosen = toleranced_deviations(robot_from(run(tolerances=tolerances).robot))
+    assert [one.name for one in chosen] == names
+    machine = PerturbedMachine.of(ROBOT, chosen, np.concatenate([late, -late]))
+    data = Measurement(times, signals(-late), signals(late))
+    found = apply_calibration(run(), data, motion, machine)
+    for values in (found.forces, found.lengths):
+        assert np.max(np.abs(values - signals(np.zeros(6)))) < 1e-4
 
 
 @pytest.mark.parametrize(
