@@ -100,6 +100,14 @@ def next_motion(
     ],
     effort: EffortOption = None,
     seed: SeedOption = None,
+    design: Annotated[
+        Path | None,
+        option(
+            "--design",
+            "DIR",
+            "The folder with the design.json of the last motion; by default that of its estimate.",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         option("--out", "DIR", "The new run folder; by default runs/NAME-next of the last run."),
@@ -115,7 +123,7 @@ def next_motion(
     """
     from expdesign.cli.runs import design_next
 
-    design_next(folders, out, as_json, resume=resume, effort=effort, seed=seed)
+    design_next(folders, out, as_json, design=design, resume=resume, effort=effort, seed=seed)
 
 
 def simulate(

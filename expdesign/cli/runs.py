@@ -10,6 +10,8 @@ from typing import Any
 from expdesign.cli.output import note, results, say, warn, write_json
 from expdesign.cli.terminal import Terminal, working
 from expdesign.configuration import InputError, RunConfiguration, load_run, quote
+from expdesign.configuration.consistency import identification_of
+from expdesign.information.identifiable import listed
 from expdesign.runfolder.files import RUN_FILE
 from expdesign.runfolder.lock import one_writer
 from expdesign.stages.execution import (
@@ -83,12 +85,13 @@ def design_next(
     out: Path | None,
     as_json: bool,
     *,
+    design: Path | None,
     resume: bool,
     effort: str | None,
     seed: int | None,
 ) -> None:
     """Design the motion after the estimates of run folders; compare it with the last one."""
-    from expdesign.experiment.next_motion import next_run
+    from expdesign.experiment.next_motion import executed_designs, next_run
 
     places = [folder.absolute() for folder in folders]
     configuration = next_run(places).with_search(effort, seed)
@@ -98,8 +101,11 @@ def design_next(
         raise InputError(message, folder, key="--out", allowed="another folder")
     refuse_unwritable(folder)
     with one_writer(folder, "expdesign next"):
-        inputs = Sources(designs=(places[-1],))
+        executed = [design] if design else executed_designs(places[-1])
+        inputs = Sources(designs=(executed or places)[-1:])
         terminal = Terminal(quiet=as_json)
+        counted = [identification_of(one).run for one in configuration.run.design.priors]
+        terminal.note(f"earlier recordings that count: of {listed(counted)}")
         work = Workspace(configuration, folder, terminal, inputs, resume, stages=reported_stages())
         work.design()  # refused before the search if there is none
         work.warn(configuration.warnings_before(FIRST))

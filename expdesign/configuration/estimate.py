@@ -336,6 +336,11 @@ class EstimateSection(schema.Section):
     select: SelectSection | None = None
     """Selection of further terms by the data, by default none."""
 
+    @property
+    def estimates_tolerances(self) -> bool:
+        """Whether the best estimator estimates the deviations within the robot's tolerances."""
+        return self.systematic in ("auto", "estimated") and "ml" in self.estimators
+
     @model_validator(mode="after")
     def _check_prior(self) -> EstimateSection:
         if self.prior and self.prior_from != "none":

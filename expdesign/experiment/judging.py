@@ -113,7 +113,7 @@ def judge(
         marginal = Marginal.of_quantities(slopes, sizes, samples)
     scaling, searched = noise.scaling[columns], marginal
     if chosen:
-        estimated = estimates_deviations(configuration)
+        estimated = configuration.run.estimate.estimates_tolerances
         keys = dict.fromkeys([one.key for one in chosen])
         own = np.diag([one.tolerance for one in chosen])
         effects = group_effects(robot, chosen)
@@ -266,15 +266,9 @@ def nuisances_in_words(configuration: RunConfiguration) -> str:
         runs = listed([identification_of(machine).run for machine in design.priors])
         parts.append(f"S includes the recordings of {runs}")
     if counted_deviations(configuration, robot_from(configuration.robot)):
-        verb = "estimated" if estimates_deviations(configuration) else "budgeted"
+        verb = "estimated" if configuration.run.estimate.estimates_tolerances else "budgeted"
         parts.append(f"the tolerances count as {verb}")
     return "; ".join(parts)
-
-
-def estimates_deviations(configuration: RunConfiguration) -> bool:
-    """Return whether the run's estimator estimates the deviations with the parameters."""
-    section = configuration.run.estimate
-    return section.systematic in ("auto", "estimated") and "ml" in section.estimators
 
 
 def _samples(configuration: RunConfiguration) -> float:

@@ -23,7 +23,7 @@ from expdesign.configuration import RunConfiguration
 from expdesign.configuration.motions import motion_folders, motion_runs, seed_of
 from expdesign.experiment import result
 from expdesign.experiment.design import FoundMotion, design_result, find_motion
-from expdesign.experiment.judging import estimates_deviations, noise_evaluator
+from expdesign.experiment.judging import noise_evaluator
 from expdesign.experiment.precision import (
     combine_effects,
     derived_precisions,
@@ -83,7 +83,11 @@ class MotionSearch:
     ]
     gain_percent: Annotated[
         OpenNumber,
-        described("%", "gain per parameter over the motion before; empty in the greedy phase"),
+        described(
+            "%",
+            "gain per parameter over the motion before; empty in the greedy phase and where none "
+            "was found",
+        ),
     ]
     accepted: Annotated[bool, described("", f"gains {100 * LEAST_GAIN:g} % or more")]
 
@@ -233,6 +237,7 @@ class _Ascent:
         try:
             made = self._search(place, before.search.trajectory)
         except (NoDesignError, StoppedError):
+            self._note(place, "exchange", np.nan, accepted=False)
             return False
         evaluator, samples = made.plan.evaluator, made.plan.problem.cost.samples
         merits = [evaluator.merit(one.search.trajectory, samples) for one in (made, before)]
@@ -299,7 +304,7 @@ def _motions_result(
         [part[1] for part in parts],
     )
     random = fisher.parameter_covariance(whole, evaluator.names)
-    errors = effects.shares(random, total, estimated=estimates_deviations(run))
+    errors = effects.shares(random, total, estimated=run.run.estimate.estimates_tolerances)
     predicted = result.PredictedStd(
         per_period=precision(evaluator, mean, first.samples, 1),
         experiment=precision(evaluator, whole, total, configuration.run.experiment.periods),

@@ -16,12 +16,14 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration, load_run
+from expdesign.configuration.robot import RobotSource
 from expdesign.configuration.run import RunDescription
 from expdesign.experiment.judging import noise_evaluator
 from expdesign.experiment.plan import Prediction
 from expdesign.robot import robot_from
 from expdesign.runfolder import OpenNumber, StageResult, Table, described
 from expdesign.runfolder.files import RUN_FILE
+from expdesign.runfolder.manifest import Manifest
 from expdesign.trajectory import FourierTrajectory
 
 
@@ -97,7 +99,8 @@ def _mean(ratios: Sequence[float]) -> float:
 def next_run(folders: Sequence[Path]) -> RunConfiguration:
     """Return the run of the last folder, for the motion after the estimates of all folders.
 
-    Its recordings are new; everything else is that of the folder's `run.yaml`.
+    Its recordings are new; everything else is that of the folder's `run.yaml`. The priors of the
+    folders' own designs count as well, unless an estimate contains their recordings.
 
     Raises
     ------
@@ -105,12 +108,11 @@ def next_run(folders: Sequence[Path]) -> RunConfiguration:
         A folder has no estimate, or its run is a sweep or judges a change.
     """
     folder = folders[-1]
-    file = folder / RUN_FILE
-    if not file.is_file():
+    if not (folder / RUN_FILE).is_file():
         message = "not a run folder: run.yaml is missing"
         raise InputError(message, folder, key="DIR", allowed="a folder with design and estimate")
-    configuration = load_run(file)
-    run = configuration.run
+    runs = {each: load_run(each / RUN_FILE) for each in folders if (each / RUN_FILE).is_file()}
+    configuration, run = runs[folder], runs[folder].run
     refused = ""
     if run.sweep is not None:
         refused = "a sweep has several designs"
@@ -126,17 +128,41 @@ def next_run(folders: Sequence[Path]) -> RunConfiguration:
         names = robot_from(configuration.robot).parameter_names
         known = tuple(name for name in names if name not in design.named_parameters)
     parameters = None if design.named_parameters is not None else design.parameters
-    priors = tuple(str(each.absolute()) for each in folders)
-    changes = {"prior": priors, "parameters": parameters, "known": known, "others": ()}
-    following: RunDescription = run.model_copy(
-        update={
+    changes = {"parameters": parameters, "known": known, "others": ()}
+
+    def following(*priors: RobotSource) -> RunConfiguration:
+        section = design.model_copy(update={"prior": priors, **changes})
+        update = {
             "name": _following_name(run.name),
             "trajectory": run.trajectory.model_copy(update={"count": 1}),
-            "design": design.model_copy(update=changes),
+            "design": section,
             "data": run.data.model_copy(update={"file": None}),
         }
-    )
-    return load_run(following)
+        return load_run(run.model_copy(update=update))
+
+    found = following(*(str(each.absolute()) for each in folders))
+    priors = list(found.run.design.priors)
+    for each, own in runs.items():
+        priors += [one for one in _earlier_priors(own.run, each) if one not in priors]
+    return found if len(priors) == len(folders) else following(*priors)
+
+
+def _earlier_priors(run: RunDescription, folder: Path) -> list[RobotSource]:
+    """Return the priors of a folder's design whose recordings its estimate does not contain.
+
+    An estimate from recordings of several designs contains the earlier ones.
+    """
+    if run.design.is_change or len(executed_designs(folder)) > 1:
+        return []
+    return [one for one in run.design.priors if one != run.estimate.prior]
+
+
+def executed_designs(folder: Path) -> list[Path]:
+    """Return the files of the designs whose recordings a folder's estimate was made from."""
+    manifest = Manifest.known(folder)
+    made = None if manifest is None else manifest.stages.get("estimate")
+    files = [] if made is None else [folder / name for name in made.made_from]
+    return [file for file in files if file.suffix == ".json" and file.is_file()]
 
 
 def _following_name(name: str) -> str:

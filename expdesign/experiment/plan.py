@@ -21,7 +21,6 @@ from expdesign.configuration.errors import nearest_name, quote
 from expdesign.configuration.quantity import quantity_in
 from expdesign.experiment.judging import (
     earlier_recordings,
-    estimates_deviations,
     noise_evaluator,
 )
 from expdesign.experiment.precision import (
@@ -310,7 +309,7 @@ class Prediction(_Quantities):
             random=random,
             samples=total / periods,
             effects=experiment_tolerance_effects(configuration, evaluator, trajectory),
-            estimated=estimates_deviations(configuration),
+            estimated=configuration.run.estimate.estimates_tolerances,
             stated=periods,
             period=trajectory.period,
         )

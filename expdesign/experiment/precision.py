@@ -36,7 +36,6 @@ from expdesign.configuration.schema import MOST_SAMPLES
 from expdesign.experiment import result
 from expdesign.experiment.judging import (
     earlier_recordings,
-    estimates_deviations,
     inexact_deviations,
     noise_evaluator,
 )
@@ -121,7 +120,9 @@ def predicted_errors(
     """
     effects = experiment_tolerance_effects(configuration, evaluator, trajectory)
     random = fisher.parameter_covariance(information, evaluator.names)
-    return effects.shares(random, samples, estimated=estimates_deviations(configuration))
+    return effects.shares(
+        random, samples, estimated=configuration.run.estimate.estimates_tolerances
+    )
 
 
 def experiment_tolerance_effects(

@@ -62,7 +62,7 @@ class DesignStage(SearchStage):
     file = "design.json"
     writes = ("trajectory.csv", *TABLES)
     sections = run_sections("trajectory", "design", experiment={"periods", "sampling", "payload"})
-    needs = ("others",)
+    needs = ("others", "tolerances")
     compared = "trajectory.csv"
 
     def reason_left_out(self, configuration: RunConfiguration) -> str:

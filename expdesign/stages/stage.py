@@ -82,8 +82,8 @@ class Stage(ABC):
     """Sections of the run file, or keys of them, that the result depends on; None: all."""
     needs: tuple[str, ...] = ()
     """Inputs in addition to the run file: ``"design"``, ``"others"`` of a design, ``"recording"``
-    (with the executed design, if there is one), ``"estimate"``, or ``"folder"`` for all other
-    stages. They come from the
+    (with the executed design, if there is one), ``"estimate"``, ``"tolerances"`` for their
+    treatment by the run's estimator, or ``"folder"`` for all other stages. They come from the
     options of the command, from memory when the same run has made them, or from the run folder."""
     makes_design: bool = False
     """Whether its command makes a missing design first."""
@@ -371,6 +371,10 @@ class Workspace:
             place = self.estimate_place
             path = place / ESTIMATE_FILE if place.is_dir() else place
             return file_hash(path) if path.is_file() else ""
+        if need == "tolerances":
+            section, robot = self.configuration.run.estimate, self.configuration.robot
+            treatment = section.systematic == "none", section.estimates_tolerances
+            return "" if robot.tolerances is None else repr(treatment)
         manifest = Manifest.known(self.folder)
         entries = {} if manifest is None else manifest.stages
         others = {name: asdict(entry) for name, entry in entries.items() if name != "report"}

@@ -14,11 +14,18 @@ from estimation.identification.estimate import identified_robot
 from expdesign.cli.app import app
 from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.experiment.judging import earlier_recordings, noise_evaluator
-from expdesign.experiment.next_motion import NextResult, compare_with_repetition, next_run
+from expdesign.experiment.next_motion import (
+    NextResult,
+    compare_with_repetition,
+    executed_designs,
+    next_run,
+)
 from expdesign.experiment.plan import plan_measurement
 from expdesign.experiment.precision import experiment_information, predicted_errors
 from expdesign.experiment.setup import plan_search
 from expdesign.robot import load_robot
+from expdesign.runfolder.manifest import Manifest, StageEntry
+from expdesign.trajectory import TrajectoryFile, fourier_keys
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 from tests.tiny_run import tiny_run
 
@@ -160,6 +167,27 @@ def test_next_run_is_that_of_the_folder_with_its_prior(systematic, folder):
     assert config.run.name == "case-next"
     assert config.run.design == _run(systematic, prior=[str(folder)]).run.design
     assert config.run.experiment == _run(systematic).run.experiment
+
+
+def test_next_run_counts_the_priors_of_the_last_one(systematic, prior, folder, tmp_path):
+    """Once, although they are named again, and not if the estimate contains their recordings."""
+    place = tmp_path / "second"
+    place.mkdir()
+    text = Path(prior).read_text(encoding="utf-8").replace("run: case", "run: second")
+    (place / "identified-robot.yaml").write_text(text, encoding="utf-8")
+    text = resolved_yaml(_run(systematic, prior=[str(folder)]))
+    (place / "run.yaml").write_text(text, encoding="utf-8")
+    expected = _run(systematic, prior=[str(place), prior]).run.design.priors
+    assert next_run([place]).run.design.priors == expected
+    assert next_run([folder, place]).run.design.priors == expected[::-1]
+    assert executed_designs(place) == []
+    for each in (folder, place):
+        TrajectoryFile(**fourier_keys(SECOND)).write(each)
+    sources = {"run.yaml": "", "m.csv": "", str(folder / "design.json"): "", "design.json": ""}
+    entry = StageEntry("done", "", 0.0, "", made_from=sources)
+    Manifest.new({}, "").with_stage("estimate", entry).write(place)
+    assert executed_designs(place) == [folder / "design.json", place / "design.json"]
+    assert next_run([place]).run.design.priors == expected[:1]
 
 
 def test_gain_of_the_next_motion_and_of_the_last_one_repeated(folder):

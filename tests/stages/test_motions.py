@@ -22,7 +22,7 @@ from expdesign.experiment.next_motion import next_run
 from expdesign.experiment.setup import plan_search, probe_motion
 from expdesign.export.certification import PathCertificate
 from expdesign.information.fisher import information_matrix
-from expdesign.solver.search import SearchResult
+from expdesign.solver.search import NoDesignError, SearchResult
 from expdesign.solver.starts import StartResult
 from expdesign.stages.stage import Workspace
 from expdesign.workers import Monitor, StoppedError
@@ -136,6 +136,30 @@ def test_searched_motions_and_one_estimate_of_all_recordings(tmp_path):
     std = {row.parameter: row.std for row in again.by_estimator()["ml"]}
     ratios = [std[one.name] / one.std_total for one in result.parameters]
     assert np.exp(np.mean(np.log(ratios))) == pytest.approx(1, abs=0.1)
+
+
+def test_a_search_without_a_result_counts():
+    """The next one has its own seed and place in the journal."""
+    made, seeds, count = [], [], 3
+    three = tiny_run(trajectory={"count": count}, experiment={"periods": 6})
+
+    def find(configuration, *arguments):
+        seeds.append(configuration.run.design.seed)
+        if len(seeds) == count + 1:
+            raise NoDesignError("no trajectory keeps the limits", ())
+        return _finder(made)(configuration, *arguments)
+
+    def searching(_):
+        return nullcontext(Monitor())
+
+    with patch("expdesign.experiment.motions.find_motion", find):
+        result, _ = design_motions(load_run(three), Path("nowhere"), searching)
+    failed = result.searches[count]
+    assert not failed.accepted
+    before = result.searches[count - 1].criterion_value
+    assert failed.criterion_value == pytest.approx(before, rel=1e-12)
+    assert np.isnan(failed.gain_percent)
+    assert len(set(seeds)) == len(seeds) == len(result.searches) > count + 1
 
 
 @pytest.mark.parametrize("searches", [1, 2, 3])
