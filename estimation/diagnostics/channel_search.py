@@ -62,6 +62,9 @@ _LEAST = 40.0
 """Least decrease of the sum of squares, in variances; by chance it has a probability of 1e-10."""
 _SPREADS = 3.0
 _DELAY_DIGITS = 0.01
+_ZERO_DIGITS = 0.05
+_LARGEST_ZERO = 0.1
+"""Largest error of a length's zero, relative to the length."""
 _ALIKE = 0.1
 _ROUND = 0.03
 _FURTHER = 3
@@ -527,20 +530,23 @@ class ChannelSearch:
             motion = self.motion(present.lengths.shift(strut, offset))
             return self.fit(motion, present.delay).excess(present.forces)
 
-        step = self.least_zeros[strut]
-        low, middle, high = excess(-step), present.excess, excess(step)
-        bend = low - 2 * middle + high
-        if bend <= 0 or middle - (high - low) ** 2 / (8 * bend) > most * middle:
+        # Doubled steps to a bracket: far from the minimum the curve is no parabola.
+        step, largest = self.least_zeros[strut], _LARGEST_ZERO * self.zeros[strut]
+        step = min((step, -step), key=excess)
+        offsets, values = [0.0, step], [present.excess, excess(step)]
+        while values[-1] < values[-2] and abs(offsets[-1]) < largest:
+            offsets.append(2 * offsets[-1])
+            values.append(excess(offsets[-1]))
+        if min(values) > most * present.excess:
             return present
-        vertex = 0.5 * step * (low - high) / bend
         found = minimize_scalar(
             excess,
-            bounds=sorted((0.5 * vertex, 2 * vertex)),
+            bounds=sorted((offsets[-3], offsets[-1])),
             method="bounded",
-            options={"xatol": 0.01 * abs(vertex)},
+            options={"xatol": _ZERO_DIGITS * abs(step)},
         )
         offset = float(found.x)
-        if abs(offset) < step:
+        if abs(offset) < abs(step):
             return present
         return replace(
             present, lengths=present.lengths.shift(strut, offset), excess=float(found.fun)

@@ -102,7 +102,7 @@ def design_next(
     refuse_unwritable(folder)
     with one_writer(folder, "expdesign next"):
         executed = [design] if design else executed_designs(places[-1])
-        inputs = Sources(designs=(executed or places)[-1:])
+        inputs = Sources(designs=tuple(executed or places)[-1:])
         terminal = Terminal(quiet=as_json)
         counted = [identification_of(one).run for one in configuration.run.design.priors]
         terminal.note(f"earlier recordings that count: of {listed(counted)}")

@@ -249,6 +249,23 @@ def test_each_stage_depends_on_its_own_sections(changed, design, experiment):
         assert (one == other) == same
 
 
+@pytest.mark.parametrize(
+    ("changed", "same"),
+    [
+        ({"estimators": ["ml"]}, True),
+        ({"estimators": ["gm"]}, False),
+        ({"systematic": "budget"}, False),
+        ({"systematic": "none"}, False),
+    ],
+)
+def test_a_design_depends_on_the_treatment_of_tolerances(changed, same):
+    for tolerances, alike in ((None, True), ({"gravity": "0.1 deg"}, same)):
+        about = {"name": "n", "robot": "palida", "tolerances": tolerances}
+        runs = (load_run(about | {"estimate": keys}) for keys in ({}, changed))
+        one, other = (input_hash(stages()["design"], Workspace(run, Path())) for run in runs)
+        assert (one == other) == alike
+
+
 def test_a_stage_with_another_seed_keeps_the_entries_of_the_others(done):
     run = load_run({"name": "test", "robot": "palida", "experiment": {"seed": 7}})
     did("experiment", run, done)
