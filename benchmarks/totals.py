@@ -51,6 +51,7 @@ TITLE = "Designs for the total error"
 SECTIONS = (
     "palida",
     "palida_quick",
+    "palida_terms",
     "linuxcnc",
     "linuxcnc_quick",
     "rubin",
@@ -60,7 +61,8 @@ SECTIONS = (
     "next",
 )
 """Robots, designs for quantities of interest, several motions of palida, or a second one after an
-estimate; ``quick``: a search of a minute. Those of the motions are quick, too."""
+estimate; ``quick``: a search of a minute, as are those of the motions; ``terms``: with tolerances
+of terms that the robot lacks."""
 _INTERESTS: dict[str, dict[str, Any]] = {
     "all parameters": {},
     "mass, centre": {"interest": ["mass", "centre"]},
@@ -73,6 +75,15 @@ _TOLERANCES = {
     "force_constant": {"common": "0.5 %", "each": "0.5 %"},
     "gravity": "0.1 deg",
 }
+_TERMS = {
+    "drive_inertia": 0.03,
+    "force_offset": 1.0,
+    "load_friction": 0.01,
+    "quadratic_friction": 1.0,
+    "asymmetric_friction": 0.5,
+}
+_HELD = {"rubin": [f"p{number}" for number in range(1, 9)]}
+"""Parameters that a motion of the robot does not excite: known to design and estimate."""
 _PERIODS = 12
 """Of one, two and three motions together."""
 _QUICK = {"starts": 16, "hops": 16}
@@ -91,7 +102,9 @@ Row = dict[str, Any]
 
 def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
     """Yield a row per design of a robot."""
-    name, _, quick = section.partition("_")
+    name, _, variant = section.partition("_")
+    quick = variant == "quick"
+    more = {"tolerances": _TOLERANCES | {"terms": _TERMS}} if variant == "terms" else {}
     if name == "motions":
         yield from _motion_rows(repetitions or 40)
         return
@@ -105,7 +118,7 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
     for label, settings in _DESIGNS.items():
         search = {"counts": settings["counts"], **(_QUICK if quick else {})}
         systematic = settings.get("systematic", "auto")
-        run = _run(name, search, systematic)
+        run = _run(name, search, systematic, **more)
         plan_search(run).problem.compile()
         result = design(run)
         seconds = result.solver.cpu_seconds
@@ -113,11 +126,12 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
         motion = result.trajectory
         row: Row = {"design for": label, "search / that for noise": f"{seconds / first:.1f}"}
         for other in ("auto", "budget"):
-            judged, stated = _predicted(_run(name, {"counts": "total"}, other), motion)
+            judging = _run(name, {"counts": "total"}, other, **more)
+            judged, stated = _predicted(judging, motion)
             row[f"criterion's, {other} (%)"] = f"{100 * _mean(judged):.2f}"
             row[f"predicted, {other} (%)"] = f"{100 * _mean(stated):.2f}"
         count = repetitions or 200
-        for estimator, achieved in _achieved(name, [motion], count).items():
+        for estimator, achieved in _achieved(name, [motion], count, **more).items():
             row[f"achieved, {estimator} (%)"] = f"{100 * _mean(achieved):.2f}"
         yield row | {"machines": count}
 
@@ -211,13 +225,14 @@ def summary(table: pd.DataFrame) -> str:
 
 
 def _run(robot: str, search: dict[str, Any], systematic: str, **more: Any) -> RunConfiguration:
+    held = _HELD.get(robot, [])
     return load_run(
         {
             "name": f"totals-{robot}",
             "robot": robot,
             "tolerances": _TOLERANCES,
-            "design": search,
-            "estimate": {"systematic": systematic},
+            "design": search | ({"known": held} if held else {}),
+            "estimate": {"systematic": systematic, "fixed": held},
         }
         | more
     )
@@ -241,7 +256,8 @@ def _predicted(run: RunConfiguration, motion: FourierTrajectory) -> tuple[Array,
     whole, count = experiment_information(noise, motion, run)
     stated = predicted_errors(run, noise, motion, whole, count)
     std = np.sqrt(np.diag(np.linalg.inv(judged)))
-    return std / evaluator.robot.scales, stated.std / evaluator.robot.scales
+    scales = evaluator.robot.scales[evaluator.columns]
+    return std / scales, stated.std / scales
 
 
 def _achieved(
@@ -257,9 +273,11 @@ def _achieved(
     fewer = _fewer(robot_name, sampling, {}, **more)
     errors: dict[str, list[Array]] = {}
     robot = robot_from(fewer.robot)
+    free = [name not in _HELD.get(robot_name, ()) for name in robot.parameter_names]
     for number in range(count):
         for name, found in _estimates(fewer, motions, number, plain=plain).items():
-            errors.setdefault(name, []).append((found.values - robot.parameters) / robot.scales)
+            off = (found.values - robot.parameters) / robot.scales
+            errors.setdefault(name, []).append(off[free])
     return {name: np.sqrt(np.mean(np.square(each), axis=0)) for name, each in errors.items()}
 
 
@@ -277,11 +295,13 @@ def _fewer(
         robot_name,
         search,
         "auto",
-        trajectory=more.get("trajectory", {}),
-        experiment={**more.get("experiment", {}), "sampling": sampling},
-        noise={
-            "force_covariance": (less * noise.force_covariance).tolist(),
-            "length_covariance": (less * noise.length_covariance).tolist(),
+        **more
+        | {
+            "experiment": {**more.get("experiment", {}), "sampling": sampling},
+            "noise": {
+                "force_covariance": (less * noise.force_covariance).tolist(),
+                "length_covariance": (less * noise.length_covariance).tolist(),
+            },
         },
     )
 

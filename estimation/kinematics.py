@@ -44,14 +44,12 @@ from expdesign.configuration import ComputationError
 from expdesign.information.fisher import whitening
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot import ForwardKinematicsError, Robot
-from expdesign.trajectory import PhaseBasis
+from expdesign.trajectory import HARMONIC_LEVEL, MOST_HARMONICS, PhaseBasis
 
 _STEPS = 30
 _HALVINGS = 12
 _CONVERGED = 1e-4
 _START_POINTS = 400
-_FAMILY_LEVEL = 1e-3
-_MOST = 60
 _ROUNDS = 6
 _POINTS = 4096
 _NO_LINE = 1e-12
@@ -179,7 +177,7 @@ def length_equations(
 def most_harmonics(recording: PeriodicRecording) -> int:
     """Return the largest number of harmonics that the sampling allows."""
     per_period = recording.samples if recording.averaged else recording.period / recording.step
-    return int(min(_MOST, (per_period - 1) // 4, (recording.samples - 1) // 8))
+    return int(min(MOST_HARMONICS, (per_period - 1) // 4, (recording.samples - 1) // 8))
 
 
 def choose_harmonics(
@@ -206,7 +204,7 @@ def choose_harmonics(
     """
     most = most_harmonics(recording)
     first = max(least, min(expected or least, most))
-    level = _FAMILY_LEVEL / max(most - least, 1)
+    level = HARMONIC_LEVEL / max(most - least, 1)
 
     def fitted(count: int, begin: HarmonicMotion | None) -> MotionFit:
         return fit_motion(

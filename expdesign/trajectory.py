@@ -140,6 +140,11 @@ class FourierTrajectory:
         )
 
 
+MOST_HARMONICS = 60
+HARMONIC_LEVEL = 1e-3
+"""Of an estimated motion: most harmonics, and family-wise level at which one exceeds the noise."""
+
+
 @dataclass(frozen=True)
 class PhaseBasis:
     """1, sin kφ, cos kφ at N phases φ = ωt, with the derivatives to φ. All (N, 2 n + 1)."""

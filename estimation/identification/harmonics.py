@@ -33,12 +33,10 @@ from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.motion import NormalEquations, root_of_pseudo_inverse
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot import Robot
+from expdesign.trajectory import HARMONIC_LEVEL
 
 _PER_UNKNOWN = 2.0
 """Reduction of the cost that an unknown must give (Akaike)."""
-
-_FAMILY_LEVEL = 1e-3
-"""Family-wise level of the tests of single harmonics."""
 
 _CONTRADICTED = 1e-3
 """Level of the test whether the lengths contradict further harmonics."""
@@ -136,7 +134,7 @@ class _Series:
         if not len(gains):
             return self.least
         cheapest = int(np.argmin(np.cumsum(np.append(0.0, _PER_UNKNOWN * _UNKNOWNS - gains))))
-        single = scipy.stats.chi2.sf(gains, _UNKNOWNS) < _FAMILY_LEVEL / len(gains)
+        single = scipy.stats.chi2.sf(gains, _UNKNOWNS) < HARMONIC_LEVEL / len(gains)
         return self.least + max([cheapest, *(np.flatnonzero(single) + 1).tolist()])
 
     def lengths_contradict(self, harmonics: int) -> bool:

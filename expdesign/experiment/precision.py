@@ -1,15 +1,16 @@
 """The predicted precision of a design: random errors by noise, systematic ones by tolerances.
 
 The systematic errors follow from the sensitivity of the estimate. The Gauss–Markov estimate takes
-the motion from the lengths, as a series of the design's harmonics. For a machine with deviations θ
-the lengths yield another motion, and the forces other parameters: with L = ∂l/∂ξ
+the motion from the lengths, as a series. For a machine with deviations θ the lengths yield another
+motion, and the forces other parameters: with L = ∂l/∂ξ
 
     ∂ξ̂/∂θ = (Σ Lᵀ Δ⁻¹ L)⁻¹ Σ Lᵀ Δ⁻¹ Z_l,
     D = F⁻¹ Σ Aᵀ Σ⁻¹ (Z_f − ∂(A p)/∂ξ · ∂ξ̂/∂θ).
 
-D does not depend on the number of periods. With θ estimated by maximum likelihood and its
-tolerances Θ as priors the columns U = Z_f − ∂(A p)/∂ξ · ∂ξ̂/∂θ are further columns of A: with F of
-[A | U] over all samples
+The series has the harmonics of the design, and those that θ raises above the noise of the lengths:
+the estimate takes them for motion, and D grows by up to a half. With θ estimated by
+maximum likelihood and its tolerances Θ as priors the columns U = Z_f − ∂(A p)/∂ξ · ∂ξ̂/∂θ are
+further columns of A: with F of [A | U] over all samples
 
     C = (F + Θ⁻¹)⁻¹,   D = −C_pθ Θ⁻¹,
 
@@ -28,6 +29,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 import scipy.linalg as sla
 
 from constraints.arrays import Array
@@ -63,7 +65,12 @@ from expdesign.robot.derived import (
     derived_quantities,
     known_quantities,
 )
-from expdesign.trajectory import FourierTrajectory, PhaseBasis
+from expdesign.trajectory import (
+    HARMONIC_LEVEL,
+    MOST_HARMONICS,
+    FourierTrajectory,
+    PhaseBasis,
+)
 
 _WHOLE = 1e-6
 _LARGE = 100.0
@@ -130,15 +137,17 @@ def experiment_tolerance_effects(
 ) -> ToleranceEffects:
     """Return the effects of the robot's tolerances on the judged parameters of a motion."""
     noise, design = configuration.robot.noise, configuration.run.design
+    experiment, section = configuration.run.experiment, configuration.run.estimate
+    harmonics: int | Recorded | None = section.harmonics
+    if harmonics is None and not estimates_deviations(configuration):
+        harmonics = Recorded(experiment.sampling * trajectory.period, experiment.periods)
     found = tolerance_effects(
-        evaluator.robot,
+        evaluator,
         trajectory,
         configuration.run.trajectory.samples,
-        evaluator.names,
-        evaluator.covariance,
         None if noise is None else noise.length_covariance,
-        evaluator.marginal if design.is_change else None,
-        evaluator.memory,
+        harmonics,
+        change=evaluator.marginal if design.is_change else None,
     )
     if design.prior is None or design.is_change:
         return found
@@ -374,14 +383,13 @@ def combine_effects(
 
 
 def tolerance_effects(
-    robot: Robot,
+    evaluator: Evaluator,
     trajectory: FourierTrajectory,
     samples: int,
-    names: tuple[str, ...],
-    force_covariance: Array,
     length_covariance: Array | None,
+    harmonics: int | Recorded | None = None,
+    *,
     change: Marginal | None = None,
-    memory: fisher.PeriodicNoise | None = None,
 ) -> ToleranceEffects:
     """Return the effects of the tolerances on a motion's parameters.
 
@@ -390,24 +398,24 @@ def tolerance_effects(
 
     Parameters
     ----------
+    evaluator : Evaluator
+        Robot, noise of the forces and names of the estimated parameters; the others are known.
     samples : int
         Samples of one period.
-    names : tuple of str
-        Estimated parameters; the others are known.
-    force_covariance : (6, 6)
-        Σ, N².
     length_covariance : (6, 6) or None
         Δ, m²; None: equal weights of all lengths.
+    harmonics : int or Recorded, optional
+        Harmonics of the estimated motion: a number, or the data that decide it; by default those
+        of the motion.
     change : Marginal, optional
         Change since an identification: the names are then those of the changed parameters.
-    memory : PeriodicNoise, optional
-        Coloured noise of the forces.
     """
+    robot, names, memory = evaluator.robot, evaluator.names, evaluator.memory
     chosen = deviation.toleranced_deviations(robot)
     if not chosen and (change is None or not change.moved):
         return ToleranceEffects((), np.zeros((len(names), 0)))
     times = np.arange(samples) * trajectory.period / samples
-    bases = _bases(trajectory, times)
+    bases = _bases(trajectory, times, trajectory.harmonics)
     table = np.concatenate(
         [trajectory.lambda0[:, None], trajectory.sine, trajectory.cosine], axis=1
     )
@@ -421,19 +429,27 @@ def tolerance_effects(
     lengths = deviation.length_deviation_columns(robot, state, times, chosen)
     jacobian = robot.length_jacobian(state[:, :COORDINATES])
     equal = np.eye(ACTUATORS) if length_covariance is None else length_covariance
-    by_motion = _rows(np.einsum("sic,sh->sich", jacobian, bases[0]), fisher.whitening(equal))
-    moved = np.linalg.lstsq(by_motion, _rows(lengths, fisher.whitening(equal)), rcond=None)[0]
+    white = fisher.whitening(equal)
+    tolerances = np.array([each.tolerance for each in chosen])
+    shifts = _rows(lengths, white)
+    if isinstance(harmonics, Recorded):
+        harmonics = harmonics.visible_harmonics(
+            trajectory, np.matmul(white, jacobian), shifts * tolerances
+        )
+    if harmonics is not None:
+        bases = _bases(trajectory, times, harmonics)
+    by_motion = _rows(np.einsum("sic,sh->sich", jacobian, bases[0]), white)
+    moved = np.linalg.lstsq(by_motion, shifts, rcond=None)[0]
     slope = np.zeros((samples, ACTUATORS, len(moved)))
     for order in range(3):
         own = slice(COORDINATES * order, COORDINATES * (order + 1))
         along = np.einsum("sic,sh->sich", forces.state_slope[:, :, own], bases[order])
         slope += along.reshape(slope.shape)
-    tolerances = np.array([each.tolerance for each in chosen])
     used = names if change is None else robot.parameter_names
     judged = [robot.parameter_names.index(name) for name in used]
     regressors = forces.regressors[:, :, judged]
     unexplained = (forces.columns - slope @ moved) * tolerances
-    white = fisher.whitening(force_covariance)
+    white = fisher.whitening(evaluator.covariance)
     known, unknown = _rows(regressors, white), _rows(unexplained, white)
     if change is not None:
         keys = [one.key for one in chosen]
@@ -449,16 +465,56 @@ def tolerance_effects(
     response = np.linalg.lstsq(known / sizes, unknown, rcond=None)[0] / sizes[:, None]
     extended = np.concatenate([regressors, unexplained], axis=2)
     if memory is None:
-        joint = fisher.information_matrix(extended, force_covariance)
+        joint = fisher.information_matrix(extended, evaluator.covariance)
     else:
         joint = memory.information(extended, trajectory.omega)
     return ToleranceEffects(tuple(each.group for each in chosen), response, joint, samples)
 
 
-def _bases(trajectory: FourierTrajectory, times: Array) -> tuple[Array, ...]:
+@dataclass(frozen=True)
+class Recorded:
+    """Recorded periods, whose lengths decide the number of harmonics of the motion."""
+
+    samples: float
+    """Of one period."""
+    periods: float
+
+    def visible_harmonics(
+        self, trajectory: FourierTrajectory, jacobian: Array, shifts: Array
+    ) -> int:
+        """Return the number of harmonics up to the highest that tolerances raise above the noise.
+
+        A harmonic is tested with all below it in the fit, as by the estimate.
+
+        Parameters
+        ----------
+        jacobian : (S, 6, 6)
+            Slopes of the lengths to the pose over a period, scaled to unit covariance of the noise.
+        shifts : (6 S, t)
+            Shifts of the lengths by one standard deviation of each tolerance, scaled likewise.
+        """
+        least, count = trajectory.harmonics, len(jacobian)
+        most = min(MOST_HARMONICS, int((min(self.samples, count) - 1) // 4))
+        if most <= least:
+            return least
+        orders = np.arange(1, most + 1)
+        phases = 2 * np.pi * np.multiply.outer(np.arange(count) / count, orders)
+        waves = np.stack([np.sin(phases), np.cos(phases)], axis=2).reshape(count, -1)
+        basis = np.concatenate([np.ones((count, 1)), waves], axis=1)
+        rows = np.einsum("sic,sh->sihc", jacobian, basis).reshape(len(shifts), -1)
+        along = sla.solve_triangular(np.linalg.cholesky(rows.T @ rows), rows.T @ shifts, lower=True)
+        unknowns = 2 * COORDINATES
+        energy = np.sum(along[COORDINATES:].reshape(most, -1) ** 2, axis=1)
+        expected = unknowns + energy * (self.samples * self.periods / count)
+        least_visible = scipy.stats.chi2.isf(HARMONIC_LEVEL / (most - least), unknowns)
+        visible = np.flatnonzero(expected > least_visible)
+        return max(least, int(visible[-1]) + 1 if len(visible) else least)
+
+
+def _bases(trajectory: FourierTrajectory, times: Array, harmonics: int) -> tuple[Array, ...]:
     """Return derivatives 0 … 3 of 1, sin kωt, cos kωt with respect to time, (S, 2 H + 1) each."""
-    orders = np.arange(1, trajectory.sine.shape[1] + 1)
-    phases = PhaseBasis.at(trajectory.omega * times, len(orders))
+    orders = np.arange(1, harmonics + 1)
+    phases = PhaseBasis.at(trajectory.omega * times, harmonics)
     third = -(np.concatenate([[0.0], orders, orders]) ** 2) * phases.first
     derivatives = (phases.value, phases.first, phases.second, third)
     return tuple(trajectory.omega**n * basis for n, basis in enumerate(derivatives))

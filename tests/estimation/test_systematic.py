@@ -1,6 +1,7 @@
 """What is not known exactly: its share of the covariance, and its estimate, against new truths."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,9 +11,17 @@ from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.tolerance_test import tolerance_findings
 from estimation.estimators import covariance_ml_less_gm
 from estimation.identification import estimate_parameters, estimation_result
-from expdesign.experiment.precision import tolerance_effects
+from estimation.twin import Twin
+from estimation.twin.machine import draw_machine
+from expdesign.experiment.judging import noise_evaluator
+from expdesign.experiment.precision import (
+    experiment_information,
+    predicted_errors,
+    tolerance_effects,
+)
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import apply_deviations, toleranced_deviations
+from expdesign.trajectory import TrajectoryFile
 from tests.estimation.cases import ROBOT, measured, run, trajectory
 
 STEP = 0.01
@@ -25,6 +34,7 @@ TOLERANCES = {
     "gravity": "0.5 deg",
     "delay": "1 ms",
 }
+DESIGN = Path(__file__).parents[2] / "benchmarks" / "designs" / "palida.json"
 GIVEN = {"noise": "given", "harmonics": 2, "systematic": "budget"}
 
 
@@ -255,22 +265,20 @@ def test_without_tolerances_everything_is_as_it_was():
         assert not np.any(found.covariance_systematic)
 
 
+def _smooth_evaluator(config):
+    robot = replace(robot_from(config.robot), description=_smooth(config.robot))
+    return replace(noise_evaluator(config), robot=robot)
+
+
 def test_a_design_predicts_the_share_of_an_estimate(chosen):
     config = _run(estimators=["gm"])
     result = estimate_parameters(config, _measured(np.zeros(len(chosen)), robot=SMOOTH), MOTION)
-    noise = ROBOT.description.noise
-    predicted = tolerance_effects(
-        replace(robot_from(config.robot), description=_smooth(config.robot)),
-        MOTION,
-        100,
-        result.priors.names,
-        noise.force_covariance,
-        noise.length_covariance,
-    )
+    lengths = ROBOT.description.noise.length_covariance
+    predicted = tolerance_effects(_smooth_evaluator(config), MOTION, 100, lengths)
     found = np.sqrt(np.diag(result["gm"].covariance_systematic))
     share = np.linalg.norm(predicted.response, axis=1)
     np.testing.assert_allclose(share, found, rtol=5e-3)
-    assert not tolerance_effects(ROBOT, MOTION, 100, ("p1",), np.eye(6), None).sources
+    assert not tolerance_effects(noise_evaluator(run()), MOTION, 100, None).sources
 
 
 @pytest.mark.parametrize(("systematic", "name"), [("auto", "ml"), ("budget", "gm")])
@@ -278,16 +286,34 @@ def test_a_design_predicts_the_total_of_the_estimator(chosen, systematic, name):
     """Noise and tolerances of three periods, estimated or in the budget, within 2 %."""
     config = _run(systematic=systematic, estimators=[name])
     found = estimate_parameters(config, _measured(np.zeros(len(chosen)), robot=SMOOTH), MOTION)
-    robot = replace(robot_from(config.robot), description=_smooth(config.robot))
-    noise = ROBOT.description.noise
-    effects = tolerance_effects(
-        robot, MOTION, 100, found.priors.names, noise.force_covariance, noise.length_covariance
-    )
+    lengths = ROBOT.description.noise.length_covariance
+    effects = tolerance_effects(_smooth_evaluator(config), MOTION, 100, lengths)
     samples = found.recordings[0].experiment.recording.rows
     random = np.linalg.inv(effects.joint[:24, :24]) * effects.samples / samples
     shares = effects.shares(random, samples, estimated=systematic == "auto")
     std = np.sqrt(np.diag(found[name].covariance))
     np.testing.assert_allclose(shares.std, std, rtol=0.02)
+
+
+def test_a_design_predicts_the_harmonics_that_tolerances_add():
+    """Some 16 in place of 5: the budget of the estimate is 1.4 times that of 5."""
+    motion = TrajectoryFile.read(DESIGN).trajectory
+    tolerances = {"base_joints": "0.1 mm", "platform_joints": "0.1 mm", "strut_length": "0.1 mm"}
+    periods = {"periods": 10, "sampling": 250 / motion.period}
+    estimate = {"noise": "given", "systematic": "budget", "estimators": ["gm"]}
+    config = run(estimate, tolerances=tolerances, experiment=periods)
+    evaluator = noise_evaluator(config)
+    predicted = predicted_errors(
+        config, evaluator, motion, *experiment_information(evaluator, motion, config)
+    )
+    drawn = draw_machine(config, np.random.default_rng(1)).configuration
+    found = estimate_parameters(config, Twin.of(drawn, motion, seed=1).measurement(1), motion)
+    assert found.recordings[0].harmonics > 10
+    shares = np.sqrt(np.diag(found["gm"].covariance)) / predicted.std
+    assert np.exp(np.mean(np.log(shares))) == pytest.approx(1, abs=0.06)
+    lengths = config.robot.noise.length_covariance
+    fewer = np.linalg.norm(tolerance_effects(evaluator, motion, 250, lengths).response, axis=1)
+    assert np.exp(np.mean(np.log(fewer / predicted.std_systematic))) < 0.8
 
 
 def test_an_estimated_machine_is_diagnosed_along_the_motion_that_was_estimated(chosen):
