@@ -104,7 +104,8 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
     """Yield a row per design of a robot."""
     name, _, variant = section.partition("_")
     quick = variant == "quick"
-    more = {"tolerances": _TOLERANCES | {"terms": _TERMS}} if variant == "terms" else {}
+    terms = {"tolerances": _TOLERANCES | {"terms": _TERMS}}
+    more: dict[str, Any] = dict(terms) if variant == "terms" else {}
     if name == "motions":
         yield from _motion_rows(repetitions or 40)
         return
