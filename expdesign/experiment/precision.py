@@ -139,7 +139,7 @@ def experiment_tolerance_effects(
     noise, design = configuration.robot.noise, configuration.run.design
     experiment, section = configuration.run.experiment, configuration.run.estimate
     harmonics: int | Recorded | None = section.harmonics
-    if harmonics is None and not estimates_deviations(configuration):
+    if harmonics is None and not section.estimates_tolerances:
         harmonics = Recorded(experiment.sampling * trajectory.period, experiment.periods)
     found = tolerance_effects(
         evaluator,
