@@ -1,8 +1,8 @@
 """Progress reports of a computation, passed to a listener.
 
 As with logging, the code that computes does not know the listener, and `report_progress` costs
-next to nothing without one. A worker process has no listener of its own: its jobs send their
-reports as events, and `forward_progress` passes them on.
+next to nothing without one. The jobs of a worker process send their reports as events, and
+`forward_progress` passes them on.
 """
 
 from __future__ import annotations

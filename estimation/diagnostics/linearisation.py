@@ -270,7 +270,7 @@ def _sign_errors(
 
     A rate has the same error δ at all rows of one reversal. With P = P(rate + δ > 0) the signs of
     two rows then have the covariance 4 (min(P, P') − P P'), a Brownian bridge over P. A delay is a
-    deviation with a column of its own: of its share ρ² in the variance of δ the part that is linear
+    deviation with a separate column: of its share ρ² in the variance of δ the part that is linear
     in the delay, 4 ρ ρ' φ φ' with the normal density φ, is left out. Returned with the precisions
     of their factors in a fit, (s,).
     """

@@ -104,7 +104,7 @@ def whiteness(
 class Normality(ChannelTest):
     """Test of six channels for a normal distribution, and for outliers.
 
-    An outlier affects the contrasts of its own and of all later periods; it counts once, by its
+    An outlier affects the contrasts of its period and of all later ones; it counts once, by its
     instant.
     """
 

@@ -151,7 +151,7 @@ class PerturbedMachine:
 
         With `jumps`, the derivative to a delay includes the jumps of dry friction, averaged over
         the position of the samples: a single sample does not show when a sign changed. A channel
-        with a delay of its own keeps the columns of ξ at the common time.
+        with a separate delay keeps the columns of ξ at the common time.
         """
         delays = self.channel_delays("Q")
         predict = partial(self._forces_at, experiment, motion, values, part, jumps)

@@ -457,7 +457,7 @@ def refuse_missing_task(run: RunDescription, file: Path | None) -> None:
     Raises
     ------
     InputError
-        There is no such file; it names the motion with the most similar name.
+        The file does not exist; the message names the motion with the most similar name.
     """
     interest = run.design.interest
     if not isinstance(interest, TaskSection) or interest.task.file is None:

@@ -377,7 +377,7 @@ class Guide:
 
     Each is a text of paragraphs with blank lines between them; a paragraph with an indent of four
     spaces is a command. ``{axes}``, ``{step}``, ``{file}``, ``{stem}``, ``{start}``,
-    ``{positions}`` (of the start) and ``{beside}`` (the companion files) are filled in.
+    ``{positions}`` (of the start) and ``{companions}`` (further files) are filled in.
     """
 
     before: str
@@ -456,8 +456,8 @@ class TableFormat:
     """None: the controller moves on `interpolation`."""
     trigger: str = ""
     """How the output is switched, in plain words, for `guide`; ``{number}``, ``{on}``, ``{off}``
-    and ``{beside}`` are filled in."""
-    beside: Mapping[str, Callable[[Rows, Settings], list[str]]] = field(default_factory=dict)
+    and ``{companions}`` are filled in."""
+    companions: Mapping[str, Callable[[Rows, Settings], list[str]]] = field(default_factory=dict)
     """Lines of further files by their ending, which stands behind the table's name without its
     own; a file without lines is not written."""
 

@@ -73,14 +73,14 @@ class ExportError(ComputationError):
 class Export:
     """A file that was written and checked; `digest` is its SHA-256 then.
 
-    Its companion files are `beside` it; `note` is for the user, or empty.
+    `companions` are further files of the table; `note` is for the user, or empty.
     """
 
     path: Path
     digest: str
     settings: Settings
     check: ReadBack
-    beside: tuple[Path, ...] = ()
+    companions: tuple[Path, ...] = ()
     note: str = ""
 
 
@@ -176,24 +176,24 @@ def export_table(
         )
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(path.parent)
-    # A folder beside it: some libraries go by the file's name.
+    # A folder in the same place: some libraries go by the file's name.
     with (
         errors_naming(path),
         TemporaryDirectory(prefix=temporary_prefix(), dir=path.parent) as folder,
     ):
-        beside = Path(folder) / file_name(section)
+        draft = Path(folder) / file_name(section)
         report_progress(f"writing {rows.count} rows")
-        (write or settings.form.write)(beside, rows, settings)
-        more = _write_beside(beside, rows, settings)
-        check = read_back(beside, settings)
+        (write or settings.form.write)(draft, rows, settings)
+        more = _write_companions(draft, rows, settings)
+        check = read_back(draft, settings)
         if not check.passed:
             raise ExportError(path.name, check, settings)
-        digest = file_hash(beside)
-        beside.replace(path)
+        digest = file_hash(draft)
+        draft.replace(path)
         places = tuple(path.with_name(f"{path.stem}{ending}") for ending in more)
         for file, final in zip(more.values(), places, strict=True):
             file.replace(final)
-        for ending in settings.form.beside.keys() - more.keys():
+        for ending in settings.form.companions.keys() - more.keys():
             # Of the table that stood here before.
             path.with_name(f"{path.stem}{ending}").unlink(missing_ok=True)
     return Export(path, digest, settings, check, places, note)
@@ -213,10 +213,10 @@ def export_job(
             return error
 
 
-def _write_beside(path: Path, rows: Rows, settings: Settings) -> dict[str, Path]:
+def _write_companions(path: Path, rows: Rows, settings: Settings) -> dict[str, Path]:
     """Write what belongs to a table; return the files by their ending."""
     made = {}
-    for ending, lines in settings.form.beside.items():
+    for ending, lines in settings.form.companions.items():
         if text := lines(rows, settings):
             made[ending] = path.with_name(f"{path.stem}{ending}")
             write_lines(made[ending], text)

@@ -245,7 +245,7 @@ def exported_table(export: Export) -> ExportedTable:
         interpolation=form.interpolation.value,
         read_back=_table_check(check, settings.tolerance),
         scale=settings.section.factor,
-        beside=tuple(path.name for path in export.beside),
+        beside=tuple(path.name for path in export.companions),
         trigger=check.trigger,
     )
 
@@ -257,7 +257,7 @@ def _guide(export: Export) -> str:
     """
     settings, check = export.settings, export.check
     form, guide = settings.form, settings.form.guide
-    beside = ", ".join(path.name for path in export.beside)
+    companions = ", ".join(path.name for path in export.companions)
     begin, end = settings.window if check.controller is None else check.controller.window
     start = [settings.number(value) for value in settings.start]
     window = (
@@ -286,7 +286,7 @@ def _guide(export: Export) -> str:
         positions=", ".join(start),
         file=export.path.name,
         stem=export.path.stem,
-        beside=beside,
+        companions=companions,
         number=settings.section.trigger,
         on=on,
         off=off,

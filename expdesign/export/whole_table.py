@@ -221,7 +221,7 @@ def wrong_columns(settings: Settings, rows: Rows) -> list[str]:
 def wrong_companions(settings: Settings, rows: Rows, path: Path) -> list[str]:
     """Return the files of a table that are missing or differ from those of the export."""
     found = []
-    for ending, expected in settings.form.beside.items():
+    for ending, expected in settings.form.companions.items():
         wanted = expected(rows, settings)
         file = path.with_name(f"{path.stem}{ending}")
         if not wanted:

@@ -289,7 +289,7 @@ class Projection:
 
 @contextmanager
 def _without_stderr() -> Iterator[None]:
-    """Discard what a library writes to the standard error output by itself."""
+    """Discard messages of a library on the standard error output."""
     kept = os.dup(2)
     try:
         with Path(os.devnull).open("wb") as nothing:

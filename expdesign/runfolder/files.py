@@ -202,7 +202,7 @@ def foreign_access(status: os.stat_result, *, above: bool = False) -> str:
     """Return the reason why another user than this one and root may change a file or folder.
 
     The rules are those of ssh for its keys. In a folder `above` the one in question the sticky bit
-    protects what belongs to this user. The reason is empty where nobody else may write.
+    protects what belongs to this user. The reason is empty if no other user may write.
     """
     if status.st_uid not in {os.geteuid(), 0}:
         return f"belongs to the user {status.st_uid}"

@@ -102,7 +102,7 @@ def run_export(work: Workspace) -> Outcome:
         for error in refused[1:]:
             work.progress.warn(f"failed, too: {error}")
         raise refused[0]
-    written = (path for one in made for path in (one.path, *one.beside))
+    written = (path for one in made for path in (one.path, *one.companions))
     return _outcome(motion, made, (*written, *described))
 
 
@@ -180,11 +180,11 @@ def export_one(
         places = target / RECORD, target / README
         with add_to_files(work.folder, places):
             _describe(ExportResult(motion, others | entry), *places)
-        own = (path, *made.beside)
+        own = (path, *made.companions)
         record_added(work.folder, (*own, *places), dict.fromkeys(own, made_from))
     else:
         _describe_beside(path, ExportResult(motion, entry))
-    outcome = _outcome(motion, [made], (path, *made.beside))
+    outcome = _outcome(motion, [made], (path, *made.companions))
     return replace(outcome, view=view_result(stage, outcome.result, work))
 
 

@@ -187,7 +187,7 @@ def report(folder: Place) -> Path:
     Raises
     ------
     InputError
-        It is no run folder, or a file of it does not hold what it should.
+        The folder is not a run folder, or one of its files is damaged.
     """
     page: Path = report_of(Path(folder)).result
     return page

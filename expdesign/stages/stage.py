@@ -381,7 +381,7 @@ class Workspace:
         return repr(list(others.items()))
 
     def input_files(self, need: str) -> list[Path]:
-        """Return the files of an input of a stage, of `Stage.needs`, as far as there are any."""
+        """Return the existing files of an input of a stage, of `Stage.needs`."""
         others = [Path(file) for file in self.configuration.run.design.others]
         designs = [path.absolute() for path in self.sources.designs or self.motion_folders]
         places = others if need == "others" else designs

@@ -358,7 +358,7 @@ def _wait_for_workers(client: Any, address: str) -> None:
 def _submit(client: Any, address: str, function: Callable[..., Any], *arguments: Any) -> Any:
     """Submit a job that is not pure: another study's job with the same arguments is another task.
 
-    A client whose connection has just ended raises an exception of a class of its own.
+    A client whose connection has just ended raises an exception of a special class.
     """
     try:
         return client.submit(function, *arguments, pure=False)

@@ -70,7 +70,7 @@ def findings_block(
 
 
 def undetected_blocks(effects: Sequence[UndetectedEffect], *, screen: bool) -> list[Block]:
-    """Return what is not excluded: the worst undetected effect of every family."""
+    """Return the effects that are not excluded: the worst undetected one of every family."""
     if not effects:
         return []
     worst: dict[str, UndetectedEffect] = {}

@@ -174,7 +174,7 @@ class RunFolder:
 
 
 def _without_claims(block: Block) -> Block | None:
-    """Return a block without its claims; None if it has nothing else."""
+    """Return a block without its claims; None if it consists of claims."""
     if isinstance(block, ReportTable):
         return block.without_claims()
     is_good = isinstance(block, TextBlock) and block.level is Level.GOOD

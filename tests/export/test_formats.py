@@ -111,7 +111,7 @@ def test_rows_are_the_design_at_the_times_as_written(key, case, tmp_path):
     assert 0 <= times[-1] - work.motion.duration + 1e-6 <= longest
     assert len(times) == made.check.rows
     # Nothing else lies beside the file.
-    assert {p.name for p in tmp_path.iterdir()} == {p.name for p in (made.path, *made.beside)}
+    assert {p.name for p in tmp_path.iterdir()} == {p.name for p in (made.path, *made.companions)}
     if key in CHECKED:
         _assert_sound(made.check, key, work)
 

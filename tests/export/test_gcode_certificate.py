@@ -29,7 +29,7 @@ def piece_of(made, folder, change):
     lines = made.path.read_text().splitlines()
     path = folder / made.path.name
     path.write_text("\n".join([*lines[:3], *change(lines[3:-1]), "M2"]) + "\n")
-    for file in made.beside:
+    for file in made.companions:
         (folder / file.name).write_bytes(file.read_bytes())
     return read_table_file(path, made.settings)
 
@@ -78,7 +78,7 @@ def test_a_feed_of_no_whole_number_of_cycles_is_refused(feed, made, tmp_path):
 def test_the_servo_period_of_the_check_is_that_of_the_ini_file(tmp_path):
     section = export_section(format="linuxcnc-gcode", servo_period=1e-3 / 3)
     made = export_table(section, work_of("palida"), tmp_path / "table.ngc")
-    (stated,) = re.findall(r"SERVO_PERIOD = (\d+)", made.beside[1].read_text())
+    (stated,) = re.findall(r"SERVO_PERIOD = (\d+)", made.companions[1].read_text())
     assert made.check.controller.cycle == pytest.approx(1e-9 * int(stated), rel=1e-9)
 
 

@@ -24,10 +24,10 @@ def test_the_reader_of_hal_files_finds_the_joints_of_the_robot(unit, in_ini, met
     work = task()
     asked = export_section(format="linuxcnc-gcode", units=unit)
     made = export_table(asked, work, tmp_path / "table.ngc")
-    assert [p.name for p in made.beside] == ["table.genhexkins.hal", "table.planner.ini"]
+    assert [p.name for p in made.companions] == ["table.genhexkins.hal", "table.planner.ini"]
     ini = tmp_path / "machine.ini"
     ini.write_text(INI.format(unit=in_ini))
-    machine = read_machine("machine", [ini, made.beside[0]])
+    machine = read_machine("machine", [ini, made.companions[0]])
     robot = work.robot.description
     np.testing.assert_allclose(machine.base_joints, robot.base_joints, rtol=0, atol=1e-12)
     np.testing.assert_allclose(machine.platform_joints, robot.platform_joints, rtol=0, atol=1e-12)

@@ -131,8 +131,8 @@ def test_the_output_is_on_in_all_periods(tmp_path):
     made = export_table(section, work(), tmp_path / "t.trj")
     assert made.check.passed
     np.testing.assert_allclose(made.check.trigger, work().motion.window, atol=0.03)
-    events = made.beside[0].read_text()
-    made.beside[0].write_text(events.replace("Start, ", "Start, 1", 1))
+    events = made.companions[0].read_text()
+    made.companions[0].write_text(events.replace("Start, ", "Start, 1", 1))
     assert not read_back(made.path, made.settings).passed
 
 
@@ -231,7 +231,7 @@ def test_a_controller_repeats_the_period(name, tmp_path):
     assert made.check.deviation == whole.check.deviation
     assert made.path.stat().st_size < 0.4 * whole.path.stat().st_size
     # A changed lead-out is seen.
-    for path in (made.path, *(one for one in made.beside if "lead" in one.name)):
+    for path in (made.path, *(one for one in made.companions if "lead" in one.name)):
         before = path.read_text()
         lines = before.splitlines()
         k = max(k for k, line in enumerate(lines) if rows(line))

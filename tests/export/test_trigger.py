@@ -109,7 +109,7 @@ def test_a_table_without_trigger_takes_the_events_of_the_one_before_away(tmp_pat
     )
     assert [file.name for file in tmp_path.iterdir()] == ["table.trj"]
     assert made.check.trigger is None
-    assert made.beside == ()
+    assert made.companions == ()
 
 
 @pytest.mark.parametrize(

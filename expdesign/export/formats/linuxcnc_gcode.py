@@ -513,7 +513,7 @@ FORMAT = TableFormat(
     guide=Guide(
         before=(
             "For a LinuxCNC machine with the kinematics genhexkins. Two files have its settings: "
-            "{beside}. Make a copy of the machine's INI file and HAL files for the experiment. In "
+            "{companions}. Make a copy of the machine's INI file and HAL files for the experiment. In "
             "the HAL file, replace the setp lines of genhexkins: the geometry has to be that of "
             "the robot file. In the INI file, take over the limits of the axes, the servo period "
             "and ARC_BLEND_ENABLE: with others the planner makes another motion of the table, and "
@@ -542,7 +542,7 @@ FORMAT = TableFormat(
     repeats=True,
     controller=ControllerModel(execute_moves, choose_row_times, tolerance, condition),
     fixed_angles=True,
-    beside={ENDING: geometry_lines, PLANNER_ENDING: planner_lines},
+    companions={ENDING: geometry_lines, PLANNER_ENDING: planner_lines},
     trigger=(
         "M62 P{number} and M63 P{number} switch the digital output motion.digital-out-{number:02} "
         "of HAL together with the motion: it is on from {on} s to {off} s after the start. Connect "

@@ -215,7 +215,7 @@ FORMAT = TableFormat(
         ),
     ),
     executed="halrun of LinuxCNC 2.9 ran these commands: every row in its cycle",
-    beside={STREAMER_ENDING: hal_lines, **lead_files(".txt", _lines)},
+    companions={STREAMER_ENDING: hal_lines, **lead_files(".txt", _lines)},
     clock="one row every servo cycle",
     capacity="none: rows are streamed",
     axes={"strut": actuator_names("S")},

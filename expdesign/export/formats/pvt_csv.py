@@ -139,7 +139,7 @@ FORMAT = TableFormat(
     axes={"strut": actuator_names("S")},
     digits=8,
     repeats=True,
-    beside=lead_files(".csv", _lead),
+    companions=lead_files(".csv", _lead),
     guide_values=_points,
     written_times=partial(round_to_clock, ticks=10**_TIME_DIGITS),
 )

@@ -391,10 +391,10 @@ def _guide_values(settings: Settings) -> dict[str, str]:
         }
     return {
         "topic": topic,
-        "load": "The file is one message, too long for an argument of `ros2 topic pub`; {beside} "
+        "load": "The file is one message, too long for an argument of `ros2 topic pub`; {companions} "
         "publishes it. It needs nothing but a sourced ROS 2.\n\n"
-        "    python3 {beside} {file} --check",
-        "run": "python3 {beside} {file}",
+        "    python3 {companions} {file} --check",
+        "run": "python3 {companions} {file}",
     }
 
 
@@ -432,6 +432,6 @@ FORMAT = TableFormat(
     axes={"strut": actuator_names("strut_"), "pose": POSE_AXES},
     digits=8,
     repeats=True,
-    beside={_CLIENT: _client},
+    companions={_CLIENT: _client},
     written_times=partial(round_to_clock, ticks=NANOSECONDS),
 )

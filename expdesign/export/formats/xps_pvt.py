@@ -85,16 +85,16 @@ def _mask(settings: Settings) -> int:
 
 def _read_events(path: Path, settings: Settings) -> list[tuple[int, bool]]:
     """Return the rows after which the output is switched; none without an events file."""
-    beside = path.with_name(f"{path.stem}{_EVENTS}")
-    if settings.section.trigger is None or not beside.is_file():
+    events = path.with_name(f"{path.stem}{_EVENTS}")
+    if settings.section.trigger is None or not events.is_file():
         return []
     mask = _mask(settings)
-    text = "".join(f"{line}\n" for line in lines(beside))
+    text = "".join(f"{line}\n" for line in lines(events))
     found = _EVENT.findall(text)
     values = [(int(bits), int(value)) for _, bits, value in found]
     if _EVENT.sub("", text) or values != [(mask, mask), (mask, 0)]:
         raise TableError(
-            f"{beside.name}: expected one event that switches the output on, and one off"
+            f"{events.name}: expected one event that switches the output on, and one off"
         )
     return [(int(element) - 1, value != "0") for element, _, value in found]
 
@@ -160,9 +160,9 @@ FORMAT = TableFormat(
     written_times=partial(round_to_clock, ticks=10**_TIME_DIGITS),
     trigger=(
         "Output {number} of GPIO1 is on from {on} s to {off} s after the start, switched by two "
-        "events in {beside}. Send its lines to the controller before every execution, with "
+        "events in {companions}. Send its lines to the controller before every execution, with "
         "your group's name for GROUP: an event happens once. Other outputs have other names in it "
         "(GPIO3.DO), with the output's bit as the mask."
     ),
-    beside={_EVENTS: _events},
+    companions={_EVENTS: _events},
 )

@@ -88,7 +88,7 @@ def test_a_table_with_its_geometry_moves_the_struts_as_designed(unit, metres, ge
     asked = export_section(format="linuxcnc-gcode", units=unit, digits=9)
     made = export_table(asked, work, tmp_path / "table.ngc")
     genhexkins.set(["setp genhexkins.spindle-offset 0", "setp genhexkins.screw-lead 0"])
-    genhexkins.set(made.beside[0].read_text().splitlines())
+    genhexkins.set(made.companions[0].read_text().splitlines())
     times, rows, _ = gcode(made.path, None)
     designed = work.robot.inverse_kinematics(work.motion.sample(times).pose)
     lengths = genhexkins.lengths(rows) * metres
