@@ -513,8 +513,8 @@ FORMAT = TableFormat(
     guide=Guide(
         before=(
             "For a LinuxCNC machine with the kinematics genhexkins. Two files have its settings: "
-            "{companions}. Make a copy of the machine's INI file and HAL files for the experiment. In "
-            "the HAL file, replace the setp lines of genhexkins: the geometry has to be that of "
+            "{companions}. Make a copy of the machine's INI file and HAL files for the experiment. "
+            "In the HAL file, replace the setp lines of genhexkins: the geometry has to be that of "
             "the robot file. In the INI file, take over the limits of the axes, the servo period "
             "and ARC_BLEND_ENABLE: with others the planner makes another motion of the table, and "
             "every other move obeys them too. Work offsets, a rotation and a tool offset would "

@@ -391,8 +391,8 @@ def _guide_values(settings: Settings) -> dict[str, str]:
         }
     return {
         "topic": topic,
-        "load": "The file is one message, too long for an argument of `ros2 topic pub`; {companions} "
-        "publishes it. It needs nothing but a sourced ROS 2.\n\n"
+        "load": "The file is one message, too long for an argument of `ros2 topic pub`; "
+        "{companions} publishes it. It needs nothing but a sourced ROS 2.\n\n"
         "    python3 {companions} {file} --check",
         "run": "python3 {companions} {file}",
     }
