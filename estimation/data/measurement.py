@@ -28,7 +28,9 @@ from expdesign.configuration import (
     DataSection,
     InputError,
     Problem,
+    RunConfiguration,
 )
+from expdesign.configuration.run import add_back_emf
 from expdesign.mechanism.hexapod import ACTUATORS
 
 _FEWEST = 3
@@ -69,6 +71,9 @@ class Measurement:
     force_delay: float = 0.0
     """Lag of the channels behind the time stamps, s: a length recorded at t is that at
     t − length_delay."""
+    back_emf: tuple[float, ...] | None = None
+    """(6,), N s/m: the forces are those of the motors' voltages at rest, which exceed the forces in
+    motion by this damping; None: they are the forces themselves."""
     length_sensors: SensorResponse | None = None
     force_sensors: SensorResponse | None = None
     """Filters and delays of single channels; None: they have none."""
@@ -149,6 +154,25 @@ class Measurement:
     def __len__(self) -> int:
         """Return the number of rows T."""
         return len(self.time)
+
+
+def add_motors(
+    configuration: RunConfiguration, recordings: Sequence[Measurement]
+) -> RunConfiguration:
+    """Return the run with the damping of the motors if forces were recorded as voltages.
+
+    Raises
+    ------
+    InputError
+        Only some of the recordings are of voltages.
+    """
+    damping, *others = [each.back_emf for each in recordings]
+    for other, recording in zip(others, recordings[1:], strict=True):
+        if other != damping:
+            message = "forces and voltages cannot be combined in one estimate"
+            file = Path(recording.source) if recording.source else None
+            raise InputError(message, file, allowed="recordings of one kind")
+    return configuration if damping is None else add_back_emf(configuration, damping)
 
 
 _LARGE = 1.5

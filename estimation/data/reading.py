@@ -37,13 +37,14 @@ from expdesign.configuration import (
     ResolvedRobot,
     quote,
 )
-from expdesign.configuration.actuator_units import ActuatorUnits
+from expdesign.configuration.actuator_units import VOLTAGE_KINDS, ActuatorUnits
 from expdesign.configuration.document import refuse_special
-from expdesign.configuration.estimate import CHANNEL_UNITS
+from expdesign.configuration.estimate import CHANNEL_UNITS, SUPPLY
 from expdesign.configuration.quantity import (
     COUNT,
     CURRENT,
     DURATION,
+    DUTY,
     LENGTH,
     Quantity,
     quantity_of_unit,
@@ -132,7 +133,7 @@ def measurement_of(
         # Lengths of the actuators: on a thread they are not the distances of the joints.
         home = machine.inverse_kinematics(machine.home)
     units = section.actuator_units(description)
-    table, notes = convert_to_si(table, section, units, home)
+    table, notes, voltages = convert_to_si(table, section, units, home)
     table = _trim(table, section)
     parameters = len(description.parameter_names)
     if len(table) < parameters:
@@ -156,6 +157,7 @@ def measurement_of(
         period=None if period is None else period.astype(np.int64),
         length_delay=float(np.mean(section.delay.lengths)),
         force_delay=float(np.mean(section.delay.forces)),
+        back_emf=description.drive.back_emf if voltages else None,
         length_sensors=SensorResponse.of(section, "q"),
         force_sensors=SensorResponse.of(section, "Q"),
         jitter=base.jitter,
@@ -189,26 +191,32 @@ def _trim(table: RawTable, section: DataSection) -> RawTable:
 
 def convert_to_si(
     table: RawTable, section: DataSection, units: ActuatorUnits, home: Array | None = None
-) -> tuple[RawTable, tuple[str, ...]]:
-    """Convert a table to the struts' channels in s, m and N; return it with warnings.
+) -> tuple[RawTable, tuple[str, ...], bool]:
+    """Convert a table to the struts' channels in s, m and N.
 
     The unit of a column comes from the file, from `section.units` for the channel or its group, or
-    is SI. Angles, counts, torques and currents become lengths and forces along the struts through
-    `units`. Then a length or force is sign · scale · channel + offset, and q1 of the file is the
-    length of the first strut of `section.order`. `home` contains the lengths at home, (6,), m, for
+    is SI. Angles, counts, torques, currents and voltages become lengths and forces along the struts
+    through `units`. Duty cycles are multiplied by a recorded supply voltage, which is left out.
+    Then a length or force is sign · scale · channel + offset, and q1 of the file is the length of
+    the first strut of `section.order`. `home` contains the lengths at home, (6,), m, for
     ``offset: home``.
+
+    Returns
+    -------
+    RawTable, warnings, bool
+        True if the forces are those of the motors' voltages at rest.
 
     Raises
     ------
     InputError
         A unit in the file is unknown, of another quantity, or contradicts `section.units`; or the
         conversion needs a drive, counts or force constants that are not stated; or counts or force
-        constants are stated that no channel needs.
+        constants are stated that no channel needs; or only some forces are voltages.
     """
     values = dict(table.values)
     problems: list[Problem] = []
     warnings: list[str] = []
-    kinds = set[Quantity | None]()
+    kinds = dict[str, Quantity | None]()
     for channel in (name for name in table.values if name != "period"):
         try:
             factor, kind, found = _factor(channel, channel, table, section, units)
@@ -216,7 +224,7 @@ def convert_to_si(
             problems += error.problems
             continue
         warnings += found
-        kinds.add(kind)
+        kinds[channel] = kind
         if channel == "t" and table.origin:
             if kind is None and (unit := epoch_unit(table.origin)) != "s":
                 factor = DURATION.parse(f"1 {unit}")
@@ -230,9 +238,17 @@ def convert_to_si(
             values[channel] = values[channel] * factor
     if problems:
         raise InputError(problems)
-    _refuse_unused_scales(table, section, kinds)
-    table = replace(table, values=values)
-    return _sort_by_strut(_apply_signs(table, section, home), section), tuple(warnings)
+    _refuse_unused_scales(table, section, kinds.values())
+    supply = values.pop(SUPPLY, None)
+    for channel, kind in kinds.items():
+        if supply is not None and kind is DUTY:
+            values[channel] = values[channel] * supply
+    voltages = {kinds[channel] in VOLTAGE_KINDS for channel in FORCE_CHANNELS}
+    if len(voltages) > 1:
+        message = "some forces are voltages or duty cycles, others not"
+        raise InputError(table.header_problem(message, FORCE_CHANNELS[0], "one kind for all six"))
+    table = _apply_signs(replace(table, values=values), section, home)
+    return _sort_by_strut(table, section), tuple(warnings), voltages == {True}
 
 
 def _refuse_unused_scales(
@@ -248,6 +264,10 @@ def _refuse_unused_scales(
             message = f"data.{key} are given, but no channel is {kind.name}"
             allowed = f"data.units: {unit} if the file holds {kind.name.split()[1]}s"
             raise InputError(table.header_problem(message, channel, f"{allowed}, or no data.{key}"))
+    if SUPPLY in table.values and DUTY not in kinds:
+        message = "a supply voltage is given, but no channel is a duty cycle"
+        allowed = f"data.units: {{Q: '%'}}, or no data.columns: {{{SUPPLY}: …}}"
+        raise InputError(table.header_problem(message, SUPPLY, allowed))
 
 
 def _apply_signs(table: RawTable, section: DataSection, home: Array | None) -> RawTable:
@@ -330,7 +350,7 @@ def _factor(
         unit = given
     if unit is None or (kind := quantity_of_unit(unit)) is None:
         return 1.0, None, warnings
-    if channel == "t":
+    if channel in ("t", SUPPLY):
         return kind.parse(f"1 {unit}"), kind, warnings
     if missing := units.missing(unit):
         raise refused(f"{channel} is {kind.name}, but {missing[0]}", missing[1])

@@ -15,10 +15,10 @@ from constraints.arrays import Array
 from estimation.data.stamps import EXAMPLE
 from expdesign.configuration import InputError, Problem, quote
 from expdesign.configuration.errors import nearest_name
-from expdesign.configuration.estimate import CHANNELS
+from expdesign.configuration.estimate import CHANNELS, SUPPLY
 from expdesign.configuration.schema import MOST_SAMPLES, require_at_most
 
-OPTIONAL = frozenset({"period"})
+OPTIONAL = frozenset({"period", SUPPLY})
 """Channels that a file may lack."""
 _WITH_UNIT = re.compile(r"(.*?\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 _MOST_SHOWN = 30
@@ -116,7 +116,7 @@ def pick_columns(
     found: dict[str, RecordedColumn] = {}
     missing: dict[str, str] = {}
     problems: list[Problem] = []
-    for channel in CHANNELS:
+    for channel in (one for one in CHANNELS if one != SUPPLY or one in names):
         wanted = [names.get(channel, channel)]
         if channel not in names and channel[1:].isdigit():
             wanted.append(f"{channel[0]}(:,{channel[1]})")

@@ -41,9 +41,11 @@ from estimation.measurement_model.prediction import (
 )
 from estimation.processing import NoiseEstimate
 from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.terms.actuator_forces import BACK_EMF
 from expdesign.robot import Robot
 from expdesign.robot.deviation import (
     CHANNEL_DELAYS,
+    MOTOR_EFFECTS,
     Deviation,
     add_jumps,
     apply_deviations,
@@ -179,7 +181,7 @@ class PerturbedMachine:
     ) -> MeasuredForces:
         """Predict force samples that all lag behind by a delay, s."""
         times = experiment.recording.forces.times[part]
-        own = experiment.recording.own_clock
+        own, values = experiment.recording.own_clock, self.parameters(values)
         sampled = self._sample(motion, times - delay, own_clock=own)
         signs = signs_along(self.robot, sampled, experiment.spread_along(motion)[part])
         if not self.chosen:
@@ -201,7 +203,7 @@ class PerturbedMachine:
         return MeasuredForces(
             found.forces * self.gains,
             found.regressors * gains,
-            np.where(read, columns, columns * gains),
+            columns * np.where(read, self._motor_factors[0][:, None], gains),
             found.state_slope * gains,
             sampled,
         )
@@ -298,7 +300,30 @@ class PerturbedMachine:
     @property
     def gains(self) -> Array:
         """(6,), ratio of measured to true forces."""
-        return 1.0 + self._one("force_constant.common") + self._per_actuator("force_constant.each")
+        return (1.0 + self._shares("force_constant")) * self._motor_factors[0]
+
+    @property
+    def _motor_factors(self) -> Array:
+        """(2, 6), factors of the forces of voltages, and of the damping in them."""
+        effects = [
+            np.outer(effect, self._shares(f"motor.{name}"))
+            for name, effect in MOTOR_EFFECTS.items()
+        ]
+        return np.exp(np.sum(effects, axis=0))
+
+    def parameters(self, values: Array) -> Array:
+        """Return the parameters, (m,), with the true damping by the induced voltage."""
+        if not self.robot.description.forces_of_voltages:
+            return values
+        names = self.robot.parameter_names
+        own = [names.index(one.name) for one in BACK_EMF.parameters]
+        changed = values.copy()
+        changed[own] *= self._motor_factors[1]
+        return changed
+
+    def _shares(self, group: str) -> Array:
+        """Return the sums of common and own errors of the actuators, (6,)."""
+        return self._one(f"{group}.common") + self._per_actuator(f"{group}.each")
 
     def _one(self, group: str) -> float:
         found = zip(self.chosen, self.theta, strict=True)

@@ -24,6 +24,7 @@ from estimation.diagnostics.reliability import undetected_std
 from estimation.estimators import (
     ParameterEstimate,
     ParameterPriors,
+    PerturbedMachine,
     SystematicUncertainty,
     covariance_ml_less_gm,
 )
@@ -57,6 +58,7 @@ from expdesign.configuration.tolerances import (
     machine_name,
 )
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.mechanism.terms.actuator_forces import BACK_EMF
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.deviation import (
     apply_deviations,
@@ -300,7 +302,8 @@ def identified_robot(estimation: Estimation, diagnosis: Diagnosis | None) -> str
     The parameters replace the bodies. Estimated joints, gravity and constants replace those of the
     robot, with their standard deviations as tolerances. Tolerances of the measurement stay. A
     constant with `estimate: true` keeps it, with this tolerance as its prior. Terms that the robot
-    lacks are not added, even with estimated parameters: their tolerances stay as well.
+    lacks are not added, even with estimated parameters: their tolerances stay as well. The damping
+    of motors belongs to the recordings.
     """
     robot, best = robot_from(estimation.configuration.robot), estimation.best
     found = best.systematic
@@ -312,12 +315,15 @@ def identified_robot(estimation: Estimation, diagnosis: Diagnosis | None) -> str
     parameters = dict(zip(estimation.priors.names, best.values.tolist(), strict=True))
     if (near := _replacement(estimation)) is not None:
         parameters = near.values
+    damping = {one.name for one in BACK_EMF.parameters}
+    parameters = {name: value for name, value in parameters.items() if name not in damping}
     description = description.model_copy(
         update={
             "name": identified_name(description.name),
             "parameters": parameters,
+            "terms": tuple(one for one in description.terms if one.name != BACK_EMF.name),
             "bodies": None,
-            "identification": _identification(estimation, diagnosis),
+            "identification": _identification(estimation, diagnosis).for_parameters(parameters),
         }
     )
     return robot_yaml(description)
@@ -410,7 +416,7 @@ def _nested_tuples(matrix: Array) -> tuple[tuple[float, ...], ...]:
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedModel:
-    """Parameters with their covariance, to predict with."""
+    """Parameters with their covariance, to predict with, without the damping of the motors."""
 
     path: Path
     """The `estimate.json` they come from, for messages."""
@@ -419,6 +425,30 @@ class IdentifiedModel:
     priors: ParameterPriors
     doubt: str = ""
     """Serious findings of its diagnosis, in words; empty: none."""
+
+    def with_motors(self, data: Measurement, machine: PerturbedMachine) -> IdentifiedModel:
+        """Return the model of a recording's forces: those of voltages have the damping.
+
+        Raises
+        ------
+        InputError
+            The recording contains voltages, and the estimate comes from forces.
+        """
+        if data.back_emf is None:
+            return self
+        names = self.priors.names
+        if BACK_EMF.parameters[0].name not in names:
+            message = "the recording contains voltages, and the estimate comes from forces"
+            raise InputError(message, Path(data.source), allowed="recordings of one kind")
+        values = self.estimate.values.copy()
+        values[[names.index(one.name) for one in BACK_EMF.parameters]] = data.back_emf
+        values = machine.parameters(values)
+        start = np.where(self.priors.free, self.priors.start, values)
+        return replace(
+            self,
+            estimate=replace(self.estimate, values=values),
+            priors=replace(self.priors, start=start),
+        )
 
 
 def identified_model(
@@ -461,6 +491,9 @@ def identified_model(
         if wrong:
             raise InputError(message, file=path, key="--estimate", allowed=allowed)
     entry = result.estimators[key]
+    # The damping of the motors belongs to the recordings.
+    known_damping = {each.name: 0.0 for each in BACK_EMF.parameters if each.name in names}
+    entry = replace(entry, values=entry.values | known_damping)
     fixed: dict[str, float | None] = {name: entry.values[name] for name in result.fixed}
     estimate = ParameterEstimate(
         **uncertainty_fields(entry),

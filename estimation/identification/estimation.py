@@ -13,12 +13,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from constraints.arrays import Array
-from estimation.data.measurement import Measurement
+from estimation.data.measurement import Measurement, add_motors
 from estimation.diagnostics.channels import ChannelCheck
 from estimation.estimators import (
     Experiment,
     ParameterEstimate,
     ParameterPriors,
+    PerturbedMachine,
     add_prior_response,
     cramer_rao_covariance,
     linear_estimate,
@@ -74,6 +75,7 @@ def estimate_parameters(
     if not data:
         raise ValueError("estimate needs at least one recording")
     _refuse_repeated(data)
+    configuration = add_motors(configuration, data)
     section = configuration.run.estimate
     robot = robot_from(configuration.robot)
     priors = parameter_priors(configuration, robot)
@@ -120,6 +122,7 @@ def estimate_parameters(
         bound = _bound(robot, experiments, priors, estimates)
         best = best_of(estimates)
         machine = estimated_machine(robot, best.systematic)
+        estimates, priors = _with_true_damping(machine, estimates, priors)
         if machine.chosen:
             # Diagnoses take the machine as estimated, along the estimated motions.
             robot = machine.robot
@@ -294,6 +297,16 @@ def _with_experiments(
 ) -> tuple[PreparedRecording, ...]:
     pairs = zip(recordings, experiments, strict=True)
     return tuple(replace(recording, experiment=experiment) for recording, experiment in pairs)
+
+
+def _with_true_damping(
+    machine: PerturbedMachine, estimates: dict[str, ParameterEstimate], priors: ParameterPriors
+) -> tuple[dict[str, ParameterEstimate], ParameterPriors]:
+    """Return the best estimate and the priors with the damping of the motors as estimated."""
+    best = best_of(estimates)
+    values = machine.parameters(best.values)
+    start = np.where(priors.free, priors.start, values)
+    return estimates | {best.estimator: replace(best, values=values)}, replace(priors, start=start)
 
 
 def _bound(

@@ -130,6 +130,7 @@ def _predict_motion(
         changed = configuration.with_section("experiment", periods=motion.periods, lost=None)
         data = Twin.of(changed, trajectory).measurement(FIRST_REPETITION + number - 1)
         warnings += broken_limits(robot, trajectory, name)
+    saved = saved.with_motors(data, machine)
     loaded = robot.with_load_at(saved.estimate.values)
     data = apply_calibration(configuration, data, trajectory, machine)
     experiment = prepare_experiment(configuration, loaded, data, trajectory, held_out=True)

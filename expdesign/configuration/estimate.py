@@ -16,12 +16,15 @@ from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 
 LENGTH_CHANNELS = actuator_names("q")
 FORCE_CHANNELS = actuator_names("Q")
-CHANNELS = ("t", *LENGTH_CHANNELS, *FORCE_CHANNELS, "period")
-"""Columns of a recording; `period` is optional."""
+SUPPLY = "U"
+"""Channel of the motors' supply voltage."""
+CHANNELS = ("t", *LENGTH_CHANNELS, *FORCE_CHANNELS, "period", SUPPLY)
+"""Columns of a recording; `period` and the supply are optional."""
 CHANNEL_UNITS: dict[str, tuple[str, tuple[quantity.Quantity, ...]]] = {
     "t": ("a unit of time", (quantity.DURATION,)),
     "q": ("a unit of length, of the motor's angle, or count", LENGTH_KINDS),
-    "Q": ("a unit of force, of the motor's torque, or of current", FORCE_KINDS),
+    "Q": ("a unit of force, of the motor's torque, current or voltage, or duty", FORCE_KINDS),
+    SUPPLY: ("a unit of voltage", (quantity.VOLTAGE,)),
 }
 """Quantities of the channels in a group, with words for messages."""
 _Channel = Annotated[str, schema.one_of(CHANNELS, "channel")]
@@ -98,9 +101,9 @@ class DataSection(schema.Section):
     file: schema.FilledText | None = None
     """File of the recording, relative to the run file; `--data` overrides it."""
     columns: dict[_Channel, schema.FilledText] = Field(default_factory=dict)
-    """Channel (t, q1 …, Q1 …, period) → name in the file. Default: the same names."""
+    """Channel (t, q1 …, Q1 …, period, U) → name in the file. Default: the same names, no U."""
     units: dict[_Units, schema.FilledText] = Field(default_factory=dict)
-    """Channel, or group t, q, Q → unit in the file. Default: SI."""
+    """Channel, or group t, q, Q, U → unit in the file. Default: SI."""
     delimiter: Annotated[str, _ONE_CHARACTER] = ","
     decimal: Literal[".", ","] = "."
     force_constants: (
@@ -160,7 +163,11 @@ class DataSection(schema.Section):
     def actuator_units(self, robot: ResolvedRobot | None = None) -> ActuatorUnits:
         """Return the units of lengths and forces; without a robot its drive is not missing."""
         return ActuatorUnits(
-            robot, self.counts_per_metre, self.counts_per_revolution, self.force_constants
+            robot,
+            self.counts_per_metre,
+            self.counts_per_revolution,
+            self.force_constants,
+            SUPPLY in self.columns,
         )
 
     def channel_order(self, group: str) -> tuple[int, ...]:

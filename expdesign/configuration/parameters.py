@@ -9,12 +9,23 @@ from functools import partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, ValidationInfo, model_serializer
+from pydantic import BeforeValidator, Field, ValidationInfo, model_serializer, model_validator
 from pydantic_core import PydanticCustomError
 
 from expdesign.configuration.errors import nearest_name, quote, refusal
-from expdesign.configuration.quantity import Inertia, Length, NotNegative, Positive, quantity_in
-from expdesign.configuration.schema import Section, check_choice, read_entries
+from expdesign.configuration.quantity import (
+    ForceConstant,
+    Inertia,
+    Length,
+    MotorConstant,
+    NotNegative,
+    Positive,
+    Resistance,
+    Voltage,
+    quantity_in,
+)
+from expdesign.configuration.schema import Section, check_choice, per_strut, read_entries
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Constant, Parameter, Term, parameters_of
 from expdesign.mechanism.terms import (
     DEFAULT,
@@ -80,27 +91,93 @@ class Screw(Gear):
         return self.lead if self.thread == "right" else -self.lead
 
 
+class Motor(Section):
+    """Electric constants of the six motors, one value or six, for recordings of voltages."""
+
+    constant: (
+        Annotated[tuple[Annotated[MotorConstant, Positive], ...], per_strut("motor constants")]
+        | None
+    ) = None
+    """Torque per current, and voltage per angular speed, N m/A = V s."""
+    force_constant: (
+        Annotated[tuple[Annotated[ForceConstant, Positive], ...], per_strut("force constants")]
+        | None
+    ) = None
+    """The same along the strut, N/A = V s/m, instead of `constant`."""
+    resistance: Annotated[tuple[Annotated[Resistance, Positive], ...], per_strut("resistances")]
+    """Between the terminals, with that of the lines, ohm."""
+    supply: Annotated[Voltage, Positive] | None = None
+    """Voltage of the bridges, V, for recordings of duty cycles."""
+
+    @model_validator(mode="after")
+    def _check_constants(self) -> Motor:
+        if (self.constant is None) == (self.force_constant is None):
+            allowed = "constant in N m/A, or force_constant along the strut in N/A"
+            raise refusal("a motor needs one of two constants", allowed, key="constant")
+        return self
+
+
 class Drive(Section):
     """The kind of drive of all struts: a screw, a gear, or a direct drive with neither."""
 
     screw: Screw | None = None
     gear: Gear | None = None
+    motor: Motor | None = None
+    """Electric constants; None: unknown."""
+
+    @model_validator(mode="after")
+    def _check_motor(self) -> Drive:
+        if self.motor is not None and self.motor.constant is not None and self.geared is None:
+            message = "a torque constant needs the lead of a screw or gear"
+            allowed = "screw: {lead: …}, gear: {lead: …}, or force_constant in N/A"
+            raise refusal(message, allowed, key="motor")
+        return self
 
     @property
     def geared(self) -> Gear | None:
         """The screw or gear; None for a direct drive."""
         return self.screw or self.gear
 
+    @property
+    def force_constants(self) -> tuple[float, ...] | None:
+        """Force K along each strut per current of its motor, N/A; None without a motor."""
+        if self.motor is None:
+            return None
+        if self.motor.constant is None or self.geared is None:
+            return self.motor.force_constant
+        return tuple(2 * math.pi / self.geared.lead * one for one in self.motor.constant)
+
+    @property
+    def forces_per_volt(self) -> tuple[float, ...]:
+        """Force along each strut per voltage of its motor at rest, N/V: K/R; nan without one."""
+        if self.motor is None or self.force_constants is None:
+            return (math.nan,) * ACTUATORS
+        pairs = zip(self.force_constants, self.motor.resistance, strict=True)
+        return tuple(constant / resistance for constant, resistance in pairs)
+
+    @property
+    def back_emf(self) -> tuple[float, ...]:
+        """Damping along each strut by the induced voltage, N s/m: K²/R; nan without a motor."""
+        pairs = zip(self.force_constants or self.forces_per_volt, self.forces_per_volt, strict=True)
+        return tuple(constant * per_volt for constant, per_volt in pairs)
+
+    @property
+    def supply(self) -> float:
+        """Supply voltage of the motors, V; nan if it is not stated."""
+        return self.motor.supply if self.motor and self.motor.supply else math.nan
+
     @model_serializer
     def _serialize(self) -> str | dict[str, Any]:
-        if self.screw is not None:
-            return {"screw": self.screw.model_dump()}
-        return _DIRECT if self.gear is None else {"gear": self.gear.model_dump()}
+        parts = {"screw": self.screw, "gear": self.gear, "motor": self.motor}
+        return {key: part.model_dump() for key, part in parts.items() if part} or _DIRECT
 
 
 DIRECT = Drive()
 _DIRECT = "direct"
-_DRIVES = f"{_DIRECT}, {{screw: {{lead: 5 mm, inertia: 6.3e-5}}}} or {{gear: {{lead: …}}}}"
+_DRIVES = (
+    f"{_DIRECT}, {{screw: {{lead: 5 mm, inertia: 6.3e-5}}}} or {{gear: {{lead: …}}}}, each also "
+    "with motor: {constant: 0.05 N m/A, resistance: 1.2 ohm}"
+)
 
 
 def _read_drive(value: object) -> object:
@@ -110,8 +187,9 @@ def _read_drive(value: object) -> object:
         return {}
     if not isinstance(value, Mapping):
         raise refusal(f"{quote(value)} is not a drive", _DRIVES)
-    if len(value) != 1:
-        raise refusal(f"there are {len(value)} kinds of drive where one is needed", _DRIVES)
+    kinds = len(set(value) - {"motor"})
+    if kinds > 1 or not value:
+        raise refusal(f"there are {kinds} kinds of drive where one is needed", _DRIVES)
     if None in value.values():
         raise refusal(f"the {next(iter(value))} has no lead", _DRIVES)
     return value

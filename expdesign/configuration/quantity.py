@@ -61,7 +61,13 @@ _UNITS: tuple[tuple[str, int | str | float | Fraction, str], ...] = (
     ("Ncm", "0.01", "kg m^2 s^-2"),
     ("A ampere", 1, "A"),
     ("mA milliampere", "1e-3", "A"),
+    ("V volt", 1, "kg m^2 s^-3 A^-1"),
+    ("mV millivolt", "1e-3", "kg m^2 s^-3 A^-1"),
+    ("ohm Ohm", 1, "kg m^2 s^-3 A^-2"),
+    ("mohm milliohm", "1e-3", "kg m^2 s^-3 A^-2"),
     ("count inc increment tick", 1, "count"),
+    ("duty", 1, "duty"),
+    ("percent", "0.01", "duty"),
 )
 """Names, usual symbol first; value in the product of base units."""
 
@@ -74,7 +80,8 @@ _FACTORS = re.compile(r"([*/]?)\s*([A-Za-zµ]+|°)(?:(?:\^|\*\*)?(-?[1-9]))?")
 _SHARE = re.compile(rf"\s*({_NUMBER})\s*(%|ppm)?\s*")
 _SHARES = {None: Fraction(1), "%": Fraction(1, 100), "ppm": Fraction(1, 1_000_000)}
 _LONGEST = 120
-_SUPERSCRIPTS = str.maketrans({"²": "2", "³": "3", "·": "*", "⋅": "*", "−": "-", "μ": "µ"})
+_SIGNS = {"²": "2", "³": "3", "·": "*", "⋅": "*", "−": "-", "μ": "µ"}
+_PLAIN = str.maketrans(_SIGNS | {"%": "percent", "Ω": "ohm", "\N{OHM SIGN}": "ohm"})
 
 
 @dataclass(frozen=True)
@@ -196,10 +203,16 @@ CURRENT = Quantity("a current", "A", "2 A")
 COMPLIANCE = Quantity("a compliance", "m/N", "0.05 um/N")
 TORQUE = Quantity("a torque", "N m", "0.4 N m")
 COUNT = Quantity("a count", "count", "4096 counts")
+VOLTAGE = Quantity("a voltage", "V", "24 V")
+DUTY = Quantity("a duty cycle", "duty", "40 %")
+"""Share of the supply voltage, from −1 to 1, that a bridge applies to its motor."""
+MOTOR_CONSTANT = Quantity("a motor constant", "N m/A", "0.05 N m/A")
+RESISTANCE = Quantity("a resistance", "ohm", "1.2 ohm")
 
 _QUANTITIES = (
     *(LENGTH, ANGLE, SPEED, ACCELERATION, JERK, FORCE, FREQUENCY, DURATION, MASS, INERTIA),
     *(FORCE_VARIANCE, LENGTH_VARIANCE, FORCE_CONSTANT, CURRENT, COMPLIANCE, TORQUE, COUNT),
+    *(VOLTAGE, DUTY, MOTOR_CONSTANT, RESISTANCE),
     Quantity("an angular speed", "rad/s", "30 deg/s"),
     Quantity("an angular acceleration", "rad/s^2", "30 deg/s^2"),
     Quantity("a first moment", "kg m", "1.7 kg m"),
@@ -222,6 +235,9 @@ ForceVariance = Annotated[float, FORCE_VARIANCE]
 LengthVariance = Annotated[float, LENGTH_VARIANCE]
 ForceConstant = Annotated[float, FORCE_CONSTANT]
 Compliance = Annotated[float, COMPLIANCE]
+Voltage = Annotated[float, VOLTAGE]
+MotorConstant = Annotated[float, MOTOR_CONSTANT]
+Resistance = Annotated[float, RESISTANCE]
 
 Positive = require(lambda value: value > 0, "{value:g} is not positive", "a value above 0")
 NotNegative = require(lambda value: value >= 0, "{value:g} is negative", "0 or more")
@@ -299,7 +315,7 @@ _Powers = tuple[tuple[str, int], ...]
 
 
 def _match(text: str) -> re.Match[str] | None:
-    return _QUANTITY.fullmatch(text.translate(_SUPERSCRIPTS)) if len(text) <= _LONGEST else None
+    return _QUANTITY.fullmatch(text.translate(_PLAIN)) if len(text) <= _LONGEST else None
 
 
 def _powers(unit: str) -> _Powers:

@@ -148,6 +148,8 @@ class ResolvedRobot:
     """Valid but suspicious properties."""
     rounded: str = ""
     """Explanation if only the unrounded parameters are physically consistent; else empty."""
+    forces_of_voltages: bool = False
+    """Whether the forces are those of the motors' voltages at rest, with the term `back_emf`."""
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

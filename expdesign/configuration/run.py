@@ -38,6 +38,7 @@ from expdesign.configuration.parameters import TermDescription, chosen_terms, in
 from expdesign.configuration.robot import ResolvedRobot, RobotDescription, RobotSource
 from expdesign.configuration.tolerances import RobotTolerances
 from expdesign.mechanism.term import parameters_of
+from expdesign.mechanism.terms.actuator_forces import BACK_EMF
 
 RUN_FORMAT = 1
 """Format number of run files; larger after a change of their meaning."""
@@ -310,6 +311,23 @@ def add_terms(
     )
     run = configuration.run.model_copy(update={"robot": changed.description})
     return replace(configuration, robot=changed, run=run)
+
+
+def add_back_emf(configuration: RunConfiguration, damping: Sequence[float]) -> RunConfiguration:
+    """Return the run for forces that come from voltages: the damping, (6,), N s/m, is known."""
+    values = dict(zip((one.name for one in BACK_EMF.parameters), damping, strict=True))
+    changed = add_terms(configuration, [TermDescription(name=BACK_EMF.name)])
+    parameters = {**changed.robot.parameters, **values}
+    earlier = configuration.robot.description.identification
+    update = {"identification": earlier and earlier.for_parameters(parameters)}
+    robot = replace(
+        changed.robot,
+        description=changed.robot.description.model_copy(update=update),
+        parameters=parameters,
+        forces_of_voltages=True,
+    )
+    fixed = {**changed.run.estimate.fixed, **dict.fromkeys(values)}
+    return replace(changed, robot=robot).with_section("estimate", fixed=fixed)
 
 
 _HEADER = """\

@@ -116,6 +116,35 @@ class Identification(schema.Section):
                 raise refusal(reason, f"{rows} rows of {columns} numbers", key=key)
         return self
 
+    def for_parameters(self, values: Mapping[str, float]) -> Identification:
+        """Return the identification for other parameters with their values, (m').
+
+        Further ones are known exactly, those that are left out must be.
+        """
+        old = {name: place for place, name in enumerate(self.parameters)}
+        places = [old.get(name, -1) for name in values]
+
+        def select(matrix: Matrix, axes: int) -> Matrix:
+            """Return the rows, with two axes also the columns, of the parameters and others."""
+            found = np.array(matrix)
+            for axis in range(axes):
+                others = range(len(old), found.shape[axis])
+                padded = np.pad(found, [(0, int(one == axis)) for one in range(found.ndim)])
+                found = np.take(padded, [*places, *others], axis=axis)
+            return tuple(map(tuple, found.tolist()))
+
+        before = dict(zip(self.parameters, self.unconstrained, strict=False))
+        changes = {
+            "parameters": tuple(values),
+            "unconstrained": tuple({**values, **before}[name] for name in values if before),
+            "covariance_random": select(self.covariance_random, 2),
+            "covariance_systematic": select(self.covariance_systematic, 2),
+            "response": self.response and select(self.response, 1),
+            "covariance_deviations": self.covariance_deviations
+            and select(self.covariance_deviations, 1),
+        }
+        return self.model_copy(update=changes)
+
     @property
     def warnings(self) -> list[str]:
         """Warnings for the use of the robot."""
@@ -177,7 +206,7 @@ _Delays = Annotated[tuple[Annotated[Duration, NotNegative], ...], schema.per_str
 
 
 class ForceConstantTolerance(schema.Section):
-    """Standard deviations of the force constants, as shares."""
+    """Standard deviations of the force constants, or of constants of motors, as shares."""
 
     common: Annotated[Share, NotNegative] | None = None
     """Common to all actuators."""
@@ -185,6 +214,15 @@ class ForceConstantTolerance(schema.Section):
         Annotated[tuple[Annotated[Share, NotNegative], ...], schema.per_strut("shares")] | None
     ) = None
     """Individual part of each actuator."""
+
+
+class MotorTolerance(schema.Section):
+    """Standard deviations of the motors' constants, as shares, for recordings of voltages."""
+
+    constant: ForceConstantTolerance | None = None
+    resistance: ForceConstantTolerance | None = None
+    supply: ForceConstantTolerance | None = None
+    """Of the voltages themselves as well."""
 
 
 class ChannelDelayTolerance(schema.Section):
@@ -206,6 +244,8 @@ class RobotTolerances(schema.Section):
     ) = None
     """(6,), m, zero of each length measurement."""
     force_constant: ForceConstantTolerance | None = None
+    motor: MotorTolerance | None = None
+    """For recordings of voltages, besides `force_constant`, which is then that of these forces."""
     gravity: Annotated[Angle, NotNegative] | None = None
     """rad, of its direction, about each of two axes across it."""
     delay: Annotated[Duration, NotNegative] | None = None

@@ -21,12 +21,14 @@ from expdesign.configuration.tolerances import (
     EACH_PARAMETER,
     ChannelDelayTolerance,
     ForceConstantTolerance,
+    MotorTolerance,
     RobotTolerances,
 )
 from expdesign.evaluation.batch import Graph, kernel
 from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES, actuator_names
 from expdesign.mechanism.term import Friction, Term, kinematic_terms, parameters_of
+from expdesign.mechanism.terms.actuator_forces import BACK_EMF
 from expdesign.robot.robot import Robot
 from expdesign.runfolder import UnboundedNumber, described
 
@@ -75,10 +77,14 @@ class Deviation:
 CHANNEL_DELAYS = {"Q": "channel_delay.forces", "q": "channel_delay.lengths"}
 """Groups of the delays of single channels, of forces and lengths."""
 DELAYS_OF_FORCES = ("delay", CHANNEL_DELAYS["Q"])
+MOTOR_EFFECTS = {"constant": (1, -2), "resistance": (-1, 1), "supply": (1, 0)}
+"""Relative changes of the forces K/R u and of the damping K²/R per relative error of a motor's
+constant, resistance or supply: u and K/R are taken too large, and K²/R too large."""
 _MEASURED = (
     "strut_length",
     "force_constant.common",
     "force_constant.each",
+    *(f"motor.{name}.{part}" for name in MOTOR_EFFECTS for part in ("common", "each")),
     "delay",
     *CHANNEL_DELAYS.values(),
     "clock",
@@ -93,7 +99,9 @@ def deviations(robot: Robot) -> tuple[Deviation, ...]:
     axes across it), the constants of the terms (``<term>_<constant>``), the parameters of lacking
     terms (``<term>_<parameter>``, see `Robot.extended`), ``strut_length_1`` … (m: a length is
     measured too long), ``force_constant`` (a share: all forces are measured too large),
-    ``force_constant_1`` … (one of them is), ``delay`` (s: forces lag behind the lengths),
+    ``force_constant_1`` … (one of them is), for forces of voltages ``motor_constant``,
+    ``motor_constant_1`` … and the same of ``motor_resistance`` and ``motor_supply`` (shares by
+    which they are taken too large), ``delay`` (s: forces lag behind the lengths),
     ``force_delay_1`` … and ``length_delay_1`` … (s: a channel lags behind its stamps), ``clock`` (a
     share: stamps run fast).
     """
@@ -154,6 +162,10 @@ def _entries(robot: Robot, given: RobotTolerances) -> Iterator[tuple[str, str, s
     yield from _numbered_entries("strut_length", "strut_length", "m", given.strut_length)
     yield FORCE_CONSTANT, "force_constant.common", "1", forces.common
     yield from _numbered_entries(FORCE_CONSTANT, "force_constant.each", "1", forces.each)
+    for name in MOTOR_EFFECTS if robot.description.forces_of_voltages else ():
+        shares = getattr(given.motor or MotorTolerance(), name) or ForceConstantTolerance()
+        yield f"motor_{name}", f"motor.{name}.common", "1", shares.common
+        yield from _numbered_entries(f"motor_{name}", f"motor.{name}.each", "1", shares.each)
     yield "delay", "delay", "s", given.delay
     late = given.channel_delay or ChannelDelayTolerance()
     yield from _numbered_entries("force_delay", CHANNEL_DELAYS["Q"], "s", late.forces)
@@ -394,6 +406,7 @@ def deviating_forces(
         np.zeros((len(forces), ACTUATORS, ACTUATORS)),
         forces[:, :, None],
         forces[:, :, None] * np.eye(ACTUATORS),
+        *_motor_columns(robot, forces, regressors, values),
         -rate[:, :, None],
         -rate[:, :, None] * np.eye(ACTUATORS),
         np.zeros((len(forces), ACTUATORS, ACTUATORS)),
@@ -401,6 +414,17 @@ def deviating_forces(
     ]
     columns = np.concatenate(blocks, axis=2)[:, :, _places(robot, chosen)]
     return DeviatingForces(forces, regressors[:, :, :own], by_state, columns)
+
+
+def _motor_columns(robot: Robot, forces: Array, regressors: Array, values: Array) -> list[Array]:
+    """Return the columns of the motors' constants, for forces of voltages, (S, 6, 1 or 6) each."""
+    if not robot.description.forces_of_voltages:
+        return []
+    names = robot.extended.parameter_names
+    own = [names.index(one.name) for one in BACK_EMF.parameters]
+    damping = regressors[:, :, own] @ values[own]
+    changes = [gain * forces + share * damping for gain, share in MOTOR_EFFECTS.values()]
+    return [change[:, :, None] * of for change in changes for of in (1.0, np.eye(ACTUATORS))]
 
 
 def length_deviation_columns(
@@ -419,12 +443,13 @@ def length_deviation_columns(
     rate, by_joints = kernel(state[:, :_STATE], robot.geometry_vector)
     samples, lacking = (len(state), ACTUATORS), parameters_of(_lacking_terms(robot))
     others = TILTS + len(robot.description.constants) + len(lacking)
+    motors = len(MOTOR_EFFECTS) * robot.description.forces_of_voltages
     clock = np.zeros(samples) if own_clock else -times[:, None] * rate
     blocks = [
         by_joints,
         np.zeros((*samples, others)),
         np.broadcast_to(np.eye(ACTUATORS), (*samples, ACTUATORS)),
-        np.zeros((*samples, 1 + ACTUATORS + 1 + ACTUATORS)),
+        np.zeros((*samples, (1 + motors) * (1 + ACTUATORS) + 1 + ACTUATORS)),
         -rate[:, :, None] * np.eye(ACTUATORS),
         clock[:, :, None],
     ]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.linalg import LinAlgError
 
 from estimation import identification
-from estimation.data.measurement import Measurement
+from estimation.data.measurement import Measurement, add_motors
 from estimation.data.reading import measurement_of, read_measurement
 from estimation.data.table import RawTable
 from estimation.diagnostics import noise_analysis
@@ -30,9 +30,11 @@ from estimation.identification.recording import (
 from estimation.identification.result import EstimateFile, EstimationResult
 from estimation.validation.validate import ValidationResult, validate
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
-from expdesign.configuration.run import add_terms
+from expdesign.configuration.run import add_back_emf, add_terms
 from expdesign.configuration.schema import MOST_SAMPLES, require_at_most
 from expdesign.experiment import DesignResult
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.terms.actuator_forces import BACK_EMF
 from expdesign.progress import report_progress, track
 from expdesign.robot import robot_from
 from expdesign.stages.execution import Place
@@ -127,8 +129,9 @@ def check_channels_of(work: Workspace) -> tuple[ChannelCheck, list[str]]:
     """Check the channels of a recording; return also remarks on its time and its motion."""
     configuration = work.configuration
     (file,), (design,) = work.data_files(), work.recorded_designs(1)
+    data = read_measurement(file, configuration.run.data, configuration.robot, plausible=False)
+    configuration = add_motors(configuration, [data])
     robot = robot_from(configuration.robot)
-    data = read_measurement(file, configuration.run.data, robot, plausible=False)
     folded = fold_measurement(configuration, data, design)
     found, recording = check_recording(configuration, robot, folded, design), folded[0]
     remarks = [
@@ -297,6 +300,8 @@ def _identified(work: Workspace) -> tuple[RunConfiguration, IdentifiedModel]:
         found = EstimateFile.read(place)
     added = () if found.selection is None else found.selection.added
     configuration = add_terms(work.configuration, added)
+    if BACK_EMF.parameters[0].name in found.parameters:
+        configuration = add_back_emf(configuration, (0.0,) * ACTUATORS)
     path = place if place.is_file() else place / ESTIMATE_FILE
     return configuration, identified_model(found, path, robot_from(configuration.robot))
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from expdesign.configuration import load_run, resolved_yaml
+from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.terms import DEFAULT
 
@@ -60,7 +60,12 @@ def test_an_inertia_that_is_not_known_is_told(palida):
     assert any("m_drive" in text for text in robot.warnings)
 
 
-@pytest.mark.parametrize("drive", ["direct", SCREW, {"gear": {"lead": "0.2 m"}}])
+MOTOR = {"constant": "0.05 N m/A", "resistance": [1.2] * 6, "supply": "24 V"}
+
+
+@pytest.mark.parametrize(
+    "drive", ["direct", SCREW, {"gear": {"lead": "0.2 m"}}, {**SCREW, "motor": MOTOR}]
+)
 def test_what_is_resolved_is_read_again(palida, drive, tmp_path):
     run = load_run({"name": "n", "robot": {**palida, "drive": drive}})
     path = tmp_path / "run.yaml"
@@ -68,3 +73,28 @@ def test_what_is_resolved_is_read_again(palida, drive, tmp_path):
     again = load_run(path)
     assert again.robot.description == run.robot.description
     assert again.robot.parameters == run.robot.parameters
+
+
+def test_constants_of_a_motor_are_those_along_the_strut(palida):
+    drive = _robot(palida, {**SCREW, "motor": MOTOR}).drive
+    constant = 0.05 * 2 * math.pi / 5e-3
+    assert drive.force_constants == pytest.approx((constant,) * 6, rel=1e-12)
+    assert drive.back_emf == pytest.approx((constant**2 / 1.2,) * 6, rel=1e-12)
+    direct = _robot(palida, {"motor": {"force_constant": constant, "resistance": "1200 mohm"}})
+    assert direct.drive.back_emf == pytest.approx(drive.back_emf, rel=1e-12)
+    assert direct.parameters == _robot(palida, "direct").parameters
+
+
+@pytest.mark.parametrize(
+    ("drive", "message"),
+    [
+        ({"motor": MOTOR}, "a torque constant needs the lead of a screw or gear"),
+        ({**SCREW, "motor": {"resistance": 1}}, "a motor needs one of two constants"),
+        ({**SCREW, "gear": {"lead": 1}, "motor": MOTOR}, "there are 2 kinds of drive"),
+        ({**SCREW, "motor": {**MOTOR, "supply": "24 A"}}, "is a current, not a voltage"),
+    ],
+)
+def test_motors_that_cannot_be_are_refused(palida, drive, message):
+    with pytest.raises(InputError) as caught:
+        _robot(palida, drive)
+    assert message in str(caught.value)

@@ -165,7 +165,7 @@ data: {columns: {q1: 5}} => data.columns.q1 => 5 is not a text
 data: {columns: {q1: x, q2: x}} => data.columns => 'x' is both q1 and q2
 data: {units: {q: kg}} => data.units => 'kg' is not a unit for q
 data: {units: {q: nonsense}} => data.units => 'nonsense' is not a unit for q
-data: {units: {Q: A}} => data.units => no force constants are given
+data: {units: {Q: A}} => data.units.Q => no force constants are given
 data: {units: {q: counts}} => data.units => q is a count, but neither counts_per_metre nor
     counts_per_revolution are given
 data: {units: {q: rev}} => data.units.q => states no lead of the drives

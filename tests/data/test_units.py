@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from estimation.data.reading import read_measurement
 from expdesign.configuration import DataSection, InputError, load_run
-from expdesign.configuration.parameters import Drive, Gear, Screw
+from expdesign.configuration.parameters import Drive, Gear, Motor, Screw
 from expdesign.configuration.quantity import quantity_of_unit
 from expdesign.library import robot_files
 from tests.data.recordings import CHANNELS, write_csv
@@ -126,6 +126,44 @@ def test_units_of_the_motor(
     units = {} if header else {channel: unit}
     machine = replace(palida, drive=Drive(**drive))
     _close(read_measurement(path, DataSection(units=units, **section), machine), rec)
+
+
+@pytest.mark.parametrize(
+    ("unit", "per_newton"),
+    [("V", 1.2), ("mV", 1200), ("%", 1.2 / 0.24), ("duty", 1.2 / 24), ("A", 1)],
+)
+def test_voltages_of_motors(unit, per_newton, tmp_path, rec, palida):
+    """At rest all of the voltage is over the resistance; the speed's share is not in the data."""
+    path, constants = tmp_path / "m.csv", 2 * np.pi / LEAD * np.linspace(0.04, 0.06, 6)
+    motor = Motor(constant=tuple(np.linspace(0.04, 0.06, 6)), resistance=(1.2,) * 6, supply=24)
+    machine = replace(palida, drive=Drive(screw=Screw(lead=LEAD), motor=motor))
+    frame = rec.frame
+    frame[[f"Q{j}" for j in range(1, 7)]] *= per_newton / constants
+    frame.to_csv(path, index=False)
+    found = read_measurement(path, DataSection(units={"Q": unit}), machine)
+    _close(found, rec)
+    if unit == "A":
+        assert found.back_emf is None
+    else:
+        assert found.back_emf == pytest.approx(constants**2 / 1.2, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [
+        ({"units": {"Q": "V"}}, "states no motor of the drives"),
+        ({"units": {"Q1": "duty"}}, "states no supply voltage of the motors"),
+        ({"units": {"Q": "V", "Q2": "N"}}, "some forces are voltages or duty cycles, others not"),
+        ({"units": {"Q": "V"}, "columns": {"U": "battery"}}, "no channel is a duty cycle"),
+    ],
+)
+def test_voltages_without_their_motors_are_refused(section, message, tmp_path, rec, palida):
+    path, motor = tmp_path / "m.csv", Motor(force_constant=(90.0,) * 6, resistance=(1.2,) * 6)
+    rec.frame.assign(battery=24.0).to_csv(path, index=False)
+    machine = palida if "motor of" in message else replace(palida, drive=Drive(motor=motor))
+    with pytest.raises(InputError) as caught:
+        read_measurement(path, DataSection.model_validate(section), machine)
+    assert all(message in problem.message for problem in caught.value.problems)
 
 
 @pytest.mark.parametrize("key", ["force_constants", "counts_per_metre", "counts_per_revolution"])

@@ -35,6 +35,28 @@ motion with the swinging strut is neglected: the strut's angle α about its firs
 """
 DRIVE_INERTIA_ON_A_THREAD = replace(DRIVE_INERTIA, turning=True)
 """The same for screws that the platform turns (`expdesign.mechanism.strut`)."""
+BACK_EMF = term.Term(
+    name="back_emf",
+    place=55,
+    meaning="damping of the drives by the voltage that their motors induce",
+    parameters=term.per_actuator(
+        term.Parameter(
+            "e",
+            "N s/m",
+            "damping by the induced voltage of a motor",
+            term.DAMPING_SCALE,
+            lower=0,
+            default=0.0,
+        )
+    ),
+    columns=lambda instant: term.Columns(along=ca.diag(instant.kinematic["strut_speed"])),
+    viscous=True,
+)
+"""Share of the speed in forces that come from voltages, K²/R q̇ with K in N/A along the strut.
+
+The voltage u at the terminals makes the force K/R u − K²/R q̇. The term is added, with values that
+are known, when forces were recorded as voltages.
+"""
 OFFSET = term.Term(
     name="force_offset",
     place=90,
@@ -121,4 +143,4 @@ SECOND_COGGING = term.Term(
     columns=lambda instant: _cogging(instant, 2),
     beside=COGGING.name,
 )
-TERMS = (DRIVE_INERTIA, OFFSET, CABLE, COGGING, SECOND_COGGING)
+TERMS = (DRIVE_INERTIA, BACK_EMF, OFFSET, CABLE, COGGING, SECOND_COGGING)

@@ -1,0 +1,97 @@
+"""Recordings of voltages and duty cycles: the damping of the motors is known within tolerances."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from estimation.data.reading import read_measurement
+from estimation.identification import estimate_parameters
+from estimation.identification.estimate import identified_robot
+from expdesign.configuration import load_run
+from expdesign.configuration.robot import load_robot_description
+from tests.estimation.cases import ROBOT, measured, trajectory
+
+K, R = 90.0, 2.0
+DAMPING = K**2 / R
+MOTOR = {"force_constant": "90 N/A", "resistance": "2 ohm"}
+
+
+def _run(motor, data, estimators=("gm", "ml"), noise="auto", **changes):
+    palida = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+    palida |= {"drive": {"motor": motor} if motor else "direct", **changes}
+    section = {"estimators": list(estimators), "noise": noise, "harmonics": 2}
+    return load_run({"name": "case", "robot": palida, "data": data, "estimate": section})
+
+
+def _log(folder, supply=None, **noise):
+    """Write duty cycles (or voltages without a supply) of a motion; return file and measurement."""
+    motion = trajectory()
+    data = measured(motion, **noise, length_scale=1e-4)
+    states = motion.sample(data.time)
+    speed = ROBOT.strut_motion(states.pose, states.rate, states.acceleration).length_rate
+    voltage = (data.forces + DAMPING * speed) * R / K
+    table = {"t": data.time}
+    table |= {f"q{j + 1}": data.lengths[:, j] for j in range(6)}
+    share = 1.0 if supply is None else 100 / supply(data.time)
+    table |= {f"Q{j + 1}": voltage[:, j] * share for j in range(6)}
+    if supply is not None:
+        table["battery [mV]"] = 1e3 * supply(data.time)
+    file = folder / "log.csv"
+    pd.DataFrame(table).to_csv(file, index=False, float_format="%.17g")
+    return file, data
+
+
+def _sagging(times):
+    return 48 - 4 * np.sin(3 * times) ** 2
+
+
+def test_a_log_of_duty_cycles_gives_the_estimate_of_its_forces(tmp_path):
+    file, forces = _log(tmp_path, _sagging)
+    run = _run(MOTOR, {"units": {"Q": "%"}, "columns": {"U": "battery"}})
+    voltages = read_measurement(file, run.run.data, run.robot)
+    assert voltages.back_emf == (DAMPING,) * 6
+    found, expected = (
+        estimate_parameters(*each) for each in ((run, voltages), (_run(None, {}), forces))
+    )
+    # Maximum likelihood takes what these forces show of the motion, too.
+    for name, share in ("gm", 0.005), ("ml", 0.05):
+        values = dict(zip(found.priors.names, found[name].values, strict=True))
+        for row in (one for one in expected.rows if one.estimator == name):
+            assert values[row.parameter] == pytest.approx(row.value, abs=share * row.std)
+        assert {values[f"e{j}"] for j in range(1, 7)} == {DAMPING}
+    # The file of the robot is that of the machine without its amplifiers.
+    file.with_name("identified.yaml").write_text(identified_robot(found, None), encoding="utf-8")
+    again = load_robot_description(file.with_name("identified.yaml"))
+    assert again.parameter_names == ROBOT.parameter_names
+    assert again.description.identification.parameters == ROBOT.parameter_names
+
+
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [("constant", None), ("resistance", 3), ("supply", 5)],
+)
+def test_an_error_of_a_motor_changes_the_estimate_by_its_response(tmp_path, name, number):
+    file, _ = _log(tmp_path, force_scale=1e-4)
+    tolerances = {key: {"common": "2 %", "each": "1 %"} for key in ("constant", "resistance")}
+    tolerances["supply"] = tolerances["constant"]
+    error, key = 1e-4, {"constant": "force_constant"}.get(name, name)
+    wrong = 1 + error * (np.ones(6) if number is None else np.eye(6)[number - 1])
+    data, motor = {"units": {"Q": "V"}}, {"force_constant": [K] * 6, "resistance": [R] * 6}
+    late = dict(motor)
+    if name == "supply":
+        scaled = data | {"scale": {"Q": wrong.tolist()}}
+    else:
+        scaled, late[key] = data, (wrong * motor[key]).tolist()
+    stated = {"estimators": ["gm"], "noise": "given", "tolerances": {"motor": tolerances}}
+    run = _run(motor, data, **stated)
+    before, after = (
+        estimate_parameters(each, read_measurement(file, each.run.data, each.robot))
+        for each in (run, _run(late, scaled, **stated))
+    )
+    known, before, after = before.priors.names, before["gm"], after["gm"]
+    names = [one.name for one in before.systematic.deviations]
+    place = names.index(f"motor_{name}" if number is None else f"motor_{name}_{number}")
+    free = [k for k, n in enumerate(known) if not n.startswith("e")]
+    moved, response = after.values - before.values, before.systematic.response[:, place] * error
+    scale = error * np.maximum(np.abs(before.values), 1e-3)
+    np.testing.assert_allclose((moved / scale)[free], (response / scale)[free], rtol=5e-4)
