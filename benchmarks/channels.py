@@ -9,7 +9,7 @@ less noise as at 1 kHz.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.data.reading import measurement_of
 from estimation.data.table import RawTable
+from estimation.identification.periods import leave_out_ramps, window_keys
 from estimation.identification.recording import check_recording, fold_measurement
 from expdesign.configuration import load_run
 from expdesign.configuration.estimate import FORCE_CHANNELS, LENGTH_CHANNELS, DataSection
@@ -44,6 +45,10 @@ _LEAST_RIGHT, _LEAST_SILENT = 0.95, 0.99
 _LENGTH_ERROR = 1e-3
 """Relative to the length."""
 _FORCE_ERROR = 0.05
+_DELAY_ERROR = 0.5
+"""Steps."""
+_WINDOW_ERROR = 0.03
+"""Relative to the period."""
 
 Row = dict[str, Any]
 
@@ -53,16 +58,21 @@ class Recorded:
     """A simulated recording: readings of the lengths from home, m, and forces, N."""
 
     rng: np.random.Generator
-    readings: Array
-    forces_at: Callable[[float], Array]
+    simulate: Callable[[float, NDArray[np.intp]], tuple[Array, Array]]
+    """Delay, s, and steps of rest, lead-in, lead-out and rest → readings and forces, (T, 6)."""
     home: Array
     step: float
-    forces: Array = field(init=False)
     delay: float = 0.0
+    leads: NDArray[np.intp] = field(default_factory=lambda: np.zeros(4, dtype=np.intp))
+    readings: Array = field(init=False)
+    forces: Array = field(init=False)
+    kept: NDArray[np.intp] = field(init=False)
+    """Numbers of the rows that are not lost."""
 
     def __post_init__(self) -> None:
-        """Take the forces without a delay."""
-        self.forces = self.forces_at(0.0)
+        """Simulate the recording with its delay, lead-in and lead-out."""
+        self.readings, self.forces = self.simulate(self.delay, self.leads)
+        self.kept = np.arange(len(self.forces))
 
 
 def _pair(recorded: Recorded) -> NDArray[np.intp]:
@@ -110,11 +120,28 @@ def _unit(recorded: Recorded) -> None:
 
 def _delay(recorded: Recorded) -> None:
     recorded.delay = recorded.rng.integers(1, 11) * recorded.step
-    recorded.forces = recorded.forces_at(recorded.delay)
+    recorded.__post_init__()
 
 
+def _ramps(recorded: Recorded) -> None:
+    """Add rests up to a period, lead-in and lead-out of a third to one period."""
+    shares = recorded.rng.uniform([0, 1 / 3, 1 / 3, 0], 1)
+    recorded.leads = np.rint(shares * _SAMPLES).astype(np.intp)
+    recorded.__post_init__()
+
+
+def _lost_rows(recorded: Recorded) -> None:
+    """Lose one to three rows at ten places."""
+    first = recorded.rng.choice(len(recorded.forces) - 4, 10, replace=False) + 1
+    lost = np.concatenate([np.arange(one, one + recorded.rng.integers(1, 4)) for one in first])
+    recorded.kept = np.delete(recorded.kept, lost)
+
+
+_OF_MOTION = ("delay", "ramps", "lost rows")
 _FAULTS: dict[str, Callable[[Recorded], None]] = {
-    "delay": _delay,  # before the others, which change the delayed forces
+    "delay": _delay,
+    "ramps": _ramps,
+    "lost rows": _lost_rows,
     "sign of a force": _force_sign,
     "sign of a length": _length_sign,
     "two forces swapped": _forces_swapped,
@@ -173,41 +200,46 @@ def _draw(machine: str, names: tuple[str, ...], seed: int, *, with_design: bool)
     robot = robot_from(run.robot)
     design = TrajectoryFile.read(_ROOT / "benchmarks" / "designs" / f"{machine}.json").trajectory
     recorded = _record(robot, design, np.random.default_rng([seed, len(names)]))
+    for name in filter(names.__contains__, _OF_MOTION):
+        _FAULTS[name](recorded)
     true_readings, true_forces = recorded.readings, recorded.forces
-    for name, fault in _FAULTS.items():
-        if name == "delay" and name in names:
-            fault(recorded)
-            true_forces = recorded.forces
-        elif name in names:
-            fault(recorded)
+    for name in names:
+        if name not in _OF_MOTION:
+            _FAULTS[name](recorded)
     section = run.run.data
 
     def read(section: DataSection) -> Measurement:
-        time = np.arange(len(recorded.forces)) * recorded.step
         values = {
-            "t": time,
-            **dict(zip(LENGTH_CHANNELS, recorded.readings.T, strict=True)),
-            **dict(zip(FORCE_CHANNELS, recorded.forces.T, strict=True)),
+            "t": recorded.kept * recorded.step,
+            **dict(zip(LENGTH_CHANNELS, recorded.readings[recorded.kept].T, strict=True)),
+            **dict(zip(FORCE_CHANNELS, recorded.forces[recorded.kept].T, strict=True)),
         }
         return measurement_of(RawTable(Path(machine), values, {}), section, robot, plausible=False)
 
     planned = design if with_design else None
     known = run.with_section("trajectory", frequency=(design.omega / 2 / np.pi,) * 2)
     known = known.with_section("trajectory", harmonics=design.harmonics)
-    folded = fold_measurement(known, read(section), planned)
-    found = check_recording(known, robot, folded, planned)
-    if not names:
-        return "wrong as certain" if found.sure else "silent" if found.faults else "right"
-    if not found.sure:
+    whole = read(section)
+    data = leave_out_ramps(known, whole, planned)
+    found = check_recording(known, robot, fold_measurement(known, data, planned), planned)
+    if data is not whole:
+        found = replace(found, keys=window_keys(data) | found.keys)
+    of_channels = set(names) - {"lost rows", "ramps"}
+    if (found.faults or of_channels) and not found.sure:
         return "silent"
     corrected = load_run(
         {"name": "channels", "robot": _ROBOTS[machine], "data": found.corrected(section)}
     ).run.data
     again = read(corrected)
-    lengths = np.max(np.abs(again.lengths - true_readings - recorded.home) / recorded.home)
-    forces = np.max(np.abs(again.forces - true_forces)) / np.max(np.abs(true_forces))
-    late = abs(again.force_delay - recorded.delay) / recorded.step
-    right = lengths < _LENGTH_ERROR and forces < _FORCE_ERROR and late < 0.5  # noqa: PLR2004
+    rows = np.rint(again.time / recorded.step).astype(int)
+    ends = np.array([rows[0], rows[-1] + 1]) - np.cumsum(recorded.leads)[[1, 1]]
+    errors = {
+        _LENGTH_ERROR: (again.lengths - true_readings[rows] - recorded.home) / recorded.home,
+        _FORCE_ERROR: (again.forces - true_forces[rows]) / np.max(np.abs(true_forces)),
+        _DELAY_ERROR: (again.force_delay - recorded.delay) / recorded.step,
+        _WINDOW_ERROR: (ends - [0, _SAMPLES * _PERIODS]) / _SAMPLES,
+    }
+    right = all(np.max(np.abs(each)) < most for most, each in errors.items())
     return "right" if right else "wrong as certain"
 
 
@@ -216,24 +248,48 @@ def _record(robot: Robot, design: FourierTrajectory, rng: np.random.Generator) -
     spread = rng.uniform(1 - _SPREAD, 1 + _SPREAD, len(robot.parameters))
     parameters = robot.parameters * spread
     step = design.period / _SAMPLES
-    times = np.arange(_SAMPLES * _PERIODS) * step
     less = _SAMPLES / (_AT_1_KHZ * design.period)
     noise = robot.description.noise
     if noise is None or noise.length_covariance is None or noise.force_covariance is None:
         raise ValueError(f"{robot.name} states no noise")
     length_noise, force_noise = (
-        rng.normal(size=(len(times), ACTUATORS)) @ np.linalg.cholesky(less * each).T
+        rng.normal(size=((_PERIODS + 4) * _SAMPLES, ACTUATORS)) @ np.linalg.cholesky(less * each).T
         for each in (noise.length_covariance, noise.force_covariance)
     )
-
-    def forces_at(delay: float) -> Array:
-        state = design.sample(times - delay)
-        forces = robot.actuator_forces(state.pose, state.rate, state.acceleration, parameters)
-        return np.asarray(forces + force_noise)
-
     home = robot.inverse_kinematics(robot.home)
-    readings = robot.inverse_kinematics(design.sample(times).pose) - home + length_noise
-    return Recorded(rng, readings, forces_at, home, step)
+
+    def simulate(delay: float, leads: NDArray[np.intp]) -> tuple[Array, Array]:
+        rows = np.arange(_PERIODS * _SAMPLES + np.sum(leads))
+        state = _motion(robot, design, rows * step - delay, leads * step)
+        late = _motion(robot, design, rows * step, leads * step)
+        forces = robot.actuator_forces(*state, parameters)
+        readings = robot.inverse_kinematics(late[0]) - home
+        return readings + length_noise[rows], np.asarray(forces + force_noise[rows])
+
+    return Recorded(rng, simulate, home, step)
+
+
+def _motion(
+    robot: Robot, design: FourierTrajectory, times: Array, leads: Array
+) -> tuple[Array, Array, Array]:
+    """Return pose, rate and acceleration, faded in and out by polynomials of fifth degree."""
+    periods = design.sample(times - leads[0] - leads[1])
+    away = periods.pose - robot.home
+    if not np.any(leads):
+        return periods.pose, periods.rate, periods.acceleration
+    fade = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
+    end = leads[0] + leads[1] + _PERIODS * design.period
+    into, out = (times - leads[0]) / leads[1], (end + leads[2] - times) / leads[2]
+    (s, ds, dds), (r, dr, ddr) = (
+        [fade.deriv(k)(np.clip(share, 0, 1)) * rate**k for k in range(3)]
+        for share, rate in ((into, 1 / leads[1]), (out, -1 / leads[2]))
+    )
+    size, change, bend = (
+        each[:, None] for each in (s * r, ds * r + s * dr, dds * r + 2 * ds * dr + s * ddr)
+    )
+    pose = robot.home + size * away
+    rate = size * periods.rate + change * away
+    return pose, rate, size * periods.acceleration + 2 * change * periods.rate + bend * away
 
 
 _SINGLE = tuple((name,) for name in _FAULTS)
@@ -242,6 +298,7 @@ SECTIONS: dict[str, tuple[tuple[tuple[str, ...], ...], bool, int]] = {
     "pairs": (tuple(combinations(_FAULTS, 2)), True, 20),
     "clean": (((),), True, 200),
     "no-design": (_SINGLE, False, 20),
+    "no-design-pairs": (tuple(combinations(_FAULTS, 2)), False, 20),
     "no-design-clean": (((),), False, 200),
 }
 """Faults of each section, whether the design is known, and the draws."""

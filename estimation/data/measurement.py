@@ -151,6 +151,15 @@ class Measurement:
             return np.arange(len(self))
         return np.rint((self.time - self.time[0]) / self.step).astype(np.intp)
 
+    def between(self, start: float, end: float) -> Measurement:
+        """Return the rows from start to end, s, without that of the end."""
+        limits = np.searchsorted(self.time, np.array([start, end]) - self.step / 2)
+        rows = slice(*limits.tolist())
+        period = None if self.period is None else self.period[rows]
+        taken = {name: getattr(self, name)[rows] for name in ("time", "lengths", "forces")}
+        lost = self.lost and round((taken["time"][-1] - taken["time"][0]) / self.step) + 1
+        return replace(self, **taken, period=period, lost=max(lost - len(taken["time"]), 0))
+
     def __len__(self) -> int:
         """Return the number of rows T."""
         return len(self.time)

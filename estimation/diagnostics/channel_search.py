@@ -63,8 +63,8 @@ _LEAST = 40.0
 _SPREADS = 3.0
 _DELAY_DIGITS = 0.01
 _ZERO_DIGITS = 0.05
-_LARGEST_ZERO = 0.1
-"""Largest error of a length's zero, relative to the length."""
+_DOUBLED = 8
+"""Errors of a length's zero that are tried, from 0 and the smallest fault on."""
 _ALIKE = 0.1
 _ROUND = 0.03
 _FURTHER = 3
@@ -531,10 +531,9 @@ class ChannelSearch:
             return self.fit(motion, present.delay).excess(present.forces)
 
         # Doubled steps to a bracket: far from the minimum the curve is no parabola.
-        step, largest = self.least_zeros[strut], _LARGEST_ZERO * self.zeros[strut]
-        step = min((step, -step), key=excess)
+        step = min((self.least_zeros[strut], -self.least_zeros[strut]), key=excess)
         offsets, values = [0.0, step], [present.excess, excess(step)]
-        while values[-1] < values[-2] and abs(offsets[-1]) < largest:
+        while values[-1] < values[-2] and len(offsets) < _DOUBLED:
             offsets.append(2 * offsets[-1])
             values.append(excess(offsets[-1]))
         if min(values) > most * present.excess:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 from pathlib import Path
 
@@ -30,7 +30,7 @@ from estimation.estimators.influence import EstimatedDeviation
 from estimation.estimators.prior_estimate import UnloadedMachine
 from estimation.estimators.result import PayloadEstimate, payload_estimate
 from estimation.identification.harmonics import weigh_signs
-from estimation.identification.periods import UnsuitableDataError
+from estimation.identification.periods import UnsuitableDataError, leave_out_ramps
 from estimation.identification.recording import (
     PreparedRecording,
     apply_calibration,
@@ -83,6 +83,7 @@ def estimate_parameters(
     designs = _match_designs(design, len(data))
     # One thread: the products are small, and the order of their sums must not depend on cores.
     with threadpool_limits(limits=1, user_api="blas"):
+        data = tuple(map(partial(leave_out_ramps, configuration), data, designs))
         pairs = tuple(zip(data, designs, strict=True))
         folded = [fold_measurement(configuration, *pair) for pair in pairs]
         channels = tuple(

@@ -18,6 +18,7 @@ from estimation.processing.period import (
     changes_after,
     choose_omega_at_rest,
     find_motion_onset,
+    find_periodic_window,
     is_at_rest,
     omega_from_column,
     omega_from_data,
@@ -48,10 +49,42 @@ _ON_TIME = 1e-9
 """Rounding of a sample time, as a share of a period."""
 
 
-def choose_omega(
+def leave_out_ramps(
     configuration: RunConfiguration, data: Measurement, design: FourierTrajectory | None
+) -> Measurement:
+    """Return the whole periods of a recording between lead-in and lead-out, with a warning.
+
+    A recording without such ramps, or without a period, is returned as it is.
+    """
+    try:
+        omega, _ = choose_omega(configuration, data, design, ramps=True)
+    except UnsuitableDataError:
+        return data
+    window = find_periodic_window(data, omega)
+    if window is None:
+        return data
+    periods = data.between(*window)
+    keys = " and ".join(f"`data.{key}: {value}`" for key, value in window_keys(periods).items())
+    warning = f"rows of lead-in, lead-out or rests are left out: {keys}"
+    return replace(periods, warnings=(*periods.warnings, warning))
+
+
+def window_keys(periods: Measurement) -> dict[str, str]:
+    """Return the keys of `data` that select the rows of a measurement."""
+    window = {"start": periods.time[0], "end": periods.time[-1] + periods.step}
+    return {key: f"{round(float(value), 6):.12g} s" for key, value in window.items()}
+
+
+def choose_omega(
+    configuration: RunConfiguration,
+    data: Measurement,
+    design: FourierTrajectory | None,
+    *,
+    ramps: bool = False,
 ) -> tuple[float, PeriodSource]:
     """Return the base frequency ω, rad/s, and its source.
+
+    With `ramps` it suffices that the data repeat between lead-in and lead-out.
 
     Raises
     ------
@@ -72,7 +105,7 @@ def choose_omega(
         raise _unsuitable(data, str(error)) from error
     if configuration.run.estimate.frequency == "estimated" and source is not PeriodSource.DATA:
         omega = refine_omega(data, omega, _FREQUENCY_REACH)
-    if source is not PeriodSource.DATA:
+    if source is not PeriodSource.DATA and not (ramps and find_periodic_window(data, omega)):
         _refuse_other_period(data, omega, source)
     return float(omega), source
 

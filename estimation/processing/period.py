@@ -6,12 +6,14 @@ from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.optimize import minimize_scalar
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.processing.hum import mains_frequencies
 from estimation.processing.noise import series_basis
+from expdesign.mechanism.hexapod import ACTUATORS
 
 _CLEAR_PEAK = 0.5
 _WHOLE_DRIFT = 0.01
@@ -192,6 +194,62 @@ _LEFT, _AWAY = 0.01, 0.04
 _SUDDEN = 5.0
 """Smallest ratio of the time at rest to the time between both. A motion that begins smoothly, with
 the fifth power of time, has a ratio of 3.2."""
+_RAMP = 0.05
+"""Change over a period, as a share of a strut's stroke, that noise does not explain, in addition to
+`_NOISE` times the median change."""
+_BLOCK = 0.02
+_MEDIANS = 4.0
+"""Mean square of the changes of lengths and forces in a block of a period, in medians of it, that
+belongs to a ramp."""
+_WHOLE = 0.05
+"""Part of a period that may be lacking to whole ones."""
+
+
+def find_periodic_window(data: Measurement, omega: float) -> tuple[float, float] | None:
+    """Return start and end, s, of the whole periods, ω in rad/s, between lead-in and lead-out.
+
+    None if there are no such ramps, or if the recording is too short to show them.
+    """
+    period = 2 * np.pi / omega
+    times, last = data.time, data.time[-1]
+    channels = np.column_stack([data.lengths, data.forces])
+
+    def change(later: float) -> Array:
+        moved = times + later
+        values = [np.interp(moved, times, column) for column in channels.T]
+        inside = (moved >= times[0]) & (moved <= last)
+        return np.where(inside[:, None], np.abs(np.column_stack(values) - channels), np.inf)
+
+    if last - times[0] < 2 * period:
+        return None
+    changes = np.minimum(change(period), change(-period))
+    usual = np.median(changes, axis=0)
+    stroke = np.quantile(data.lengths, 0.99, axis=0) - np.quantile(data.lengths, 0.01, axis=0)
+    block = max(round(_BLOCK * period / data.step), 1)
+    lengths = slice(0, ACTUATORS)
+    far = changes[:, lengths] > np.maximum(_NOISE * usual[lengths], _RAMP * stroke)
+    ramp = median_filter(np.any(far, axis=1), 2 * block + 1, mode="nearest")
+    moving = np.any(np.abs(data.lengths - np.median(data.lengths, axis=0)) > _AWAY * stroke, axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], ramp, [True]]).astype(int)))
+    runs = [run for run in edges.reshape(-1, 2) if np.mean(moving[slice(*run)]) > _AGAIN]
+    if not np.any(ramp) or not runs:
+        return None
+    first, end = max(runs, key=np.ptp).tolist()
+    # The ends of a ramp: small changes, of the forces before the lengths.
+    sizes = np.minimum(changes / np.maximum(usual, np.finfo(float).tiny), _MEDIANS**2) ** 2
+    sizes = uniform_filter1d(np.mean(sizes, axis=1), block, mode="nearest")
+    quiet = sizes[first:end] < _MEDIANS * np.median(sizes[first:end])
+    first, end = first + int(np.argmax(quiet)), end - int(np.argmax(quiet[::-1]))
+    # Whole periods in the middle: near the periods a ramp hardly differs from them.
+    span = float(times[end - 1] - times[first]) + data.step
+    whole = int(span / period + _WHOLE)
+    if not whole:
+        return None
+    start = max(float(times[first]) + (span - whole * period) / 2, float(times[0]))
+    start = float(times[np.searchsorted(times, start - data.step / 2)])
+    return start, start + whole * period
+
+
 _NOISE = 6.0
 """Distance, in standard deviations of a length, that is not a motion."""
 _FEWEST = 10

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from estimation.diagnostics.noise_result import NoiseResult
 from estimation.feedforward.comparison import compare_feedforward
 from estimation.feedforward.result import FeedforwardResult
 from estimation.identification.estimate import IdentifiedModel, identified_model
-from estimation.identification.periods import fold_noise_recording
+from estimation.identification.periods import fold_noise_recording, leave_out_ramps, window_keys
 from estimation.identification.recording import (
     check_recording,
     fold_measurement,
@@ -132,8 +132,11 @@ def check_channels_of(work: Workspace) -> tuple[ChannelCheck, list[str]]:
     data = read_measurement(file, configuration.run.data, configuration.robot, plausible=False)
     configuration = add_motors(configuration, [data])
     robot = robot_from(configuration.robot)
+    recorded, data = data, leave_out_ramps(configuration, data, design)
     folded = fold_measurement(configuration, data, design)
     found, recording = check_recording(configuration, robot, folded, design), folded[0]
+    if data is not recorded:
+        found = replace(found, keys=window_keys(data) | found.keys)
     remarks = [
         f"{recording.periods:.4g} periods of {recording.period:.6g} s, from the "
         f"{recording.source.value}, at {1 / recording.step:.6g} Hz",

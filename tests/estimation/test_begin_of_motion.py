@@ -1,11 +1,11 @@
-"""Rows at rest before the motion: `data.start` is named, not the period."""
+"""Rows before and after the periods: they are left out, or `data.start` is named."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from estimation.identification.periods import UnsuitableDataError, choose_omega
+from estimation.identification.periods import UnsuitableDataError, choose_omega, leave_out_ramps
 from estimation.processing.period import find_motion_onset
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 
@@ -69,3 +69,31 @@ def test_a_period_that_is_refused_names_the_start():
     with pytest.raises(UnsuitableDataError) as caught:
         choose_omega(run(), short, None)
     assert "data.start: 3.5" in caught.value.problems[0].allowed
+
+
+def with_ramps(rest, lead):
+    """Return five periods with a rest, a smooth lead-in and lead-out, of so many rows each."""
+    rows = np.arange(-rest - lead, len(DATA) + lead + rest)
+    share = np.clip(np.minimum(rows + lead, len(DATA) + lead - rows) / lead, 0, 1)
+    fade = (share**3 * (10 - 15 * share + 6 * share**2))[:, None]
+    moved = DATA.lengths[:200].mean(axis=0), DATA.forces[:200].mean(axis=0)
+    lengths, forces = (
+        middle + fade * (values[rows % len(DATA)] - middle)
+        for middle, values in zip(moved, (DATA.lengths, DATA.forces), strict=True)
+    )
+    return replace(DATA, time=np.arange(len(rows)) * STEP, lengths=lengths, forces=forces)
+
+
+@pytest.mark.parametrize(("rest", "lead"), [(0, 120), (90, 70), (400, 180)])
+def test_lead_in_and_lead_out_are_left_out(rest, lead):
+    found = leave_out_ramps(run(), with_ramps(rest, lead), MOTION)
+    assert len(found) == len(DATA)
+    assert found.time[0] == pytest.approx((rest + lead) * STEP, abs=0.05 * 200 * STEP)
+    assert "`data.start: " in found.warnings[-1]
+
+
+def test_periods_alone_are_all_in_use():
+    for part in (slice(None), slice(37, 930)):
+        own = {name: getattr(DATA, name)[part] for name in ("time", "lengths", "forces")}
+        data = replace(DATA, **own)
+        assert leave_out_ramps(run(), data, MOTION) is data
