@@ -72,9 +72,7 @@ def estimate_parameters(
     configuration = load_run(config)
     began = time.perf_counter()
     data = (data,) if isinstance(data, Measurement) else tuple(data)
-    if not data:
-        raise ValueError("estimate needs at least one recording")
-    _refuse_repeated(data)
+    _refuse_none_or_repeated(data)
     configuration = add_motors(configuration, data)
     section = configuration.run.estimate
     robot = robot_from(configuration.robot)
@@ -365,8 +363,10 @@ def refuse_ml_without_fit(
         )
 
 
-def _refuse_repeated(data: Sequence[Measurement]) -> None:
-    """Refuse a recording that is given twice: its noise would count as independent."""
+def _refuse_none_or_repeated(data: Sequence[Measurement]) -> None:
+    """Refuse no recording, or one that is given twice: its noise would count as independent."""
+    if not data:
+        raise ValueError("estimate needs at least one recording")
     for (first, one), (second, other) in combinations(enumerate(data, 1), 2):
         if np.array_equal(one.forces, other.forces) and np.array_equal(one.lengths, other.lengths):
             raise UnsuitableDataError(
