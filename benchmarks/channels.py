@@ -260,8 +260,9 @@ def _record(robot: Robot, design: FourierTrajectory, rng: np.random.Generator) -
 
     def simulate(delay: float, leads: NDArray[np.intp]) -> tuple[Array, Array]:
         rows = np.arange(_PERIODS * _SAMPLES + np.sum(leads))
-        state = _motion(robot, design, rows * step - delay, leads * step)
-        late = _motion(robot, design, rows * step, leads * step)
+        times, durations = np.float64(step) * rows, np.float64(step) * leads
+        state = _motion(robot, design, times - delay, durations)
+        late = _motion(robot, design, times, durations)
         forces = robot.actuator_forces(*state, parameters)
         readings = robot.inverse_kinematics(late[0]) - home
         return readings + length_noise[rows], np.asarray(forces + force_noise[rows])
