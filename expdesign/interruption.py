@@ -7,6 +7,7 @@ discards the work that the first one lets finish.
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
@@ -111,6 +112,20 @@ def raise_interruptions(while_importing: Callable[[], Any]) -> Iterator[None]:
 
 
 @contextmanager
+def clean_up(action: Callable[[], None]) -> Iterator[None]:
+    """Call an action at the end of the context, also if the process ends during an import."""
+    entry = os.getpid(), action
+    _clean_ups.append(entry)
+    try:
+        yield
+    finally:
+        try:
+            action()
+        finally:
+            _clean_ups.remove(entry)
+
+
+@contextmanager
 def without_interruptions() -> Iterator[None]:
     """Ignore interruptions, while the report of one is written."""
     with _handle_signals(lambda _number, _frame: None):
@@ -143,11 +158,17 @@ class _Handler:
 
 
 _while_importing: list[Callable[[], Any]] = []
+_clean_ups: list[tuple[int, Callable[[], None]]] = []
+"""With the process: a copy by `os.fork` cleans nothing up."""
 _raised = threading.Event()
 
 
 def _interrupt(_number: int, frame: FrameType | None) -> None:
     if _while_importing and _is_importing(frame):
+        for process, action in reversed(_clean_ups):
+            with suppress(Exception):
+                if process == os.getpid():
+                    action()
         _while_importing[-1]()
     _raised.set()
     raise KeyboardInterrupt

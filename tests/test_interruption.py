@@ -9,6 +9,7 @@ import time
 import pytest
 
 from expdesign.interruption import ENDING, interruptible, raise_interruptions, without_interruptions
+from expdesign.runfolder.lock import one_writer
 
 OTHERS = [number for number in ENDING if number != signal.SIGINT]
 
@@ -115,11 +116,15 @@ def test_amid_an_import_the_process_is_ended(tmp_path, monkeypatch):
     class EndedError(BaseException):
         pass
 
+    folder, seen = tmp_path / "new" / "run", []
+
     def end():
+        seen.append(folder.parent.exists())
         raise EndedError
 
-    with raise_interruptions(end), pytest.raises(EndedError):
+    with raise_interruptions(end), pytest.raises(EndedError), one_writer(folder, "expdesign run"):
         __import__("that_takes_long")
+    assert seen == [False], "neither a lock nor an empty folder is left"
 
 
 def test_an_interruption_that_cannot_be_raised_is_raised_afterwards():

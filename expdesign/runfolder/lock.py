@@ -19,6 +19,7 @@ from typing import Annotated, ClassVar
 from filelock import FileLock, Timeout
 
 from expdesign.configuration import ComputationError, InputError
+from expdesign.interruption import clean_up
 from expdesign.runfolder.fields import described
 from expdesign.runfolder.files import RUN_FILE
 from expdesign.runfolder.manifest import Manifest, known_hash, text_hash
@@ -101,23 +102,26 @@ def one_writer_to(
 @contextmanager
 def _locked(folder: Path, command: str, suffix: str = "") -> Iterator[None]:
     created = [place for place in (folder, *folder.parents) if not place.exists()]
-    folder.mkdir(parents=True, exist_ok=True)
     file, holder = (folder / f"{LOCK}{suffix}{ending}" for ending in ("", ".json"))
     lock = FileLock(file, timeout=_PATIENCE, poll_interval=_POLL)
-    try:
-        lock.acquire()
-    except Timeout:
-        allowed = "wait until it has ended, or use another folder"
-        raise InputError(_who_writes(holder), folder, allowed=allowed) from None
-    since = datetime.now(UTC).isoformat(timespec="seconds")
-    try:
-        Holder(command, os.getpid(), platform.node(), since).write_as(holder)
-        yield
-    finally:
-        _release(lock, holder, file)
+
+    def release() -> None:
+        if lock.is_locked:
+            _release(lock, holder, file)
         for place in created:
             with suppress(OSError):
                 place.rmdir()
+
+    with clean_up(release):
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            lock.acquire()
+        except Timeout:
+            allowed = "wait until it has ended, or use another folder"
+            raise InputError(_who_writes(holder), folder, allowed=allowed) from None
+        since = datetime.now(UTC).isoformat(timespec="seconds")
+        Holder(command, os.getpid(), platform.node(), since).write_as(holder)
+        yield
 
 
 def _release(lock: FileLock, *files: Path) -> None:
