@@ -315,6 +315,10 @@ class ControlModelFile(JsonFile):
     sign_width: Annotated[
         float, described("m/s", "width of the sign of dry friction; 0: the exact one")
     ]
+    torque_per_force: Annotated[
+        float | None,
+        described("N m/N", "of the motors; null: the robot file states no lead of the drives"),
+    ]
     files: Annotated[dict[str, str], described("", "SHA-256 by name")]
     tests: Annotated[
         tuple[SelfTest, ...], described("", "self-tests that were run here; empty: none")

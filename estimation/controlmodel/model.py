@@ -94,6 +94,12 @@ class ControlModel:
         return vectors_of(self.robot, self.width, _COUNT, _SEED)
 
     @property
+    def torque_per_force(self) -> float | None:
+        """Torque of the motors per force, N m/N; None without a lead of the drives."""
+        gear = self.robot.description.drive.geared
+        return None if gear is None else gear.torque_per_force
+
+    @property
     def largest_force(self) -> float:
         """Limit of the actuators' forces, N; without a limit, the largest force of the vectors."""
         limit = self.robot.limit("actuator_force")

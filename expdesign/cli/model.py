@@ -163,6 +163,7 @@ def _written_model(
         prefix=model.prefix,
         origin=model.origin,
         sign_width=model.width,
+        torque_per_force=model.torque_per_force,
         files={each.name: file_hash(each) for each in dict.fromkeys(files)},
         tests=made.tests,
         untested=made.untested,

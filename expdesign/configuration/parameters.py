@@ -77,7 +77,12 @@ class Gear(Section):
     @property
     def mass(self) -> float:
         """Mass equivalent to the inertia along the strut, kg; zero for an unknown inertia."""
-        return (self.inertia or 0.0) * (2 * math.pi / self.lead) ** 2
+        return (self.inertia or 0.0) / self.torque_per_force**2
+
+    @property
+    def torque_per_force(self) -> float:
+        """Torque of the motor per force along the strut, N m/N, and travel per angle, m/rad."""
+        return self.lead / (2 * math.pi)
 
 
 class Screw(Gear):
@@ -145,7 +150,7 @@ class Drive(Section):
             return None
         if self.motor.constant is None or self.geared is None:
             return self.motor.force_constant
-        return tuple(2 * math.pi / self.geared.lead * one for one in self.motor.constant)
+        return tuple(one / self.geared.torque_per_force for one in self.motor.constant)
 
     @property
     def forces_per_volt(self) -> tuple[float, ...]:

@@ -114,7 +114,7 @@ def _of_the_drives(robot: Robot, names: tuple[str, ...], values: Array) -> _Rows
     gear = robot.description.drive.geared
     if gear is None or DRIVE_MASS not in names:
         return
-    row = np.array([float(name == DRIVE_MASS) for name in names]) * (gear.lead / (2 * np.pi)) ** 2
+    row = np.array([float(name == DRIVE_MASS) for name in names]) * gear.torque_per_force**2
     yield DerivedQuantity("motor_inertia", "motor_inertia", "kg m^2"), float(row @ values), row
 
 

@@ -276,6 +276,23 @@ def _tests_table(models: Mapping[str, ControlModelFile]) -> ReportTable:
     return ReportTable.of("control_models", caption, columns, rows, screen=True)
 
 
+def motor_columns(
+    torque_per_force: float | None, quantities: Mapping[str, str]
+) -> tuple[TableColumn, ...]:
+    """Return columns of forces, by title and attribute, as torques of the motors, N m.
+
+    There are none without a lead of the drives.
+    """
+    return (
+        ()
+        if torque_per_force is None
+        else tuple(
+            TableColumn(f"motor, {title}", "N m", digits=3, of=of, factor=torque_per_force)
+            for title, of in quantities.items()
+        )
+    )
+
+
 def _uncertainty_table(model: ControlModelFile) -> ReportTable:
     columns = (
         TableColumn("actuator", of="actuator"),
@@ -283,6 +300,7 @@ def _uncertainty_table(model: ControlModelFile) -> ReportTable:
         TableColumn("σ, largest", "N", digits=3, of="largest"),
         TableColumn("random share, rms", "N", digits=3, of="rms_random"),
         TableColumn("largest force", "N", of="largest_force"),
+        *motor_columns(model.torque_per_force, {"σ, rms": "rms", "largest": "largest_force"}),
     )
     caption = (
         f"Standard deviation σ of the model's forces along {model.motion}, from the covariance of "

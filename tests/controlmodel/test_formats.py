@@ -46,6 +46,9 @@ def test_the_python_module_gives_the_robots_numbers(model, tmp_path):
     if model.width == 0:
         expected = robot.actuator_forces(pose, rate, acceleration)
         np.testing.assert_allclose(found, expected, atol=1e-9)
+    screw = robot.description.drive.screw
+    torque = None if screw is None else screw.lead / (2 * np.pi)
+    assert getattr(module, "TORQUE_PER_FORCE", None) == torque
     one = module.forces(pose[3], rate[3], acceleration[3])
     assert one.shape == (6,)
     np.testing.assert_allclose(one, found[3], atol=1e-10)
