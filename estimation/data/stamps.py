@@ -23,7 +23,10 @@ EARLIEST = 1e8
 _UNITS = ((1e11, "s"), (1e14, "ms"), (1e17, "us"), (np.inf, "ns"))
 """Units of the time since 1970, with the number that no date of this and the next eon reaches."""
 _LARGEST = 1e25
-_STAMP = re.compile(r"(\d{4}-\d\d-\d\d[T ])?\d\d:\d\d(:\d\d)?([.,]\d+)?\s?(Z|[+-]\d\d:?\d\d)?")
+_STAMP = re.compile(
+    r"(?P<date>\d{4}-\d\d-\d\d[T ])?([01]\d|2[0-3]):[0-5]\d(:[0-5]\d([.,]\d+)?)?"
+    r"\s?(?P<zone>Z|[+-]\d\d:?\d\d)?"
+)
 EXAMPLE = "2026-11-27T10:15:00.123Z"
 
 
@@ -46,7 +49,13 @@ def is_stamp(text: str) -> bool:
     >>> is_stamp("2026-11-27 10:15:00,25+01:00"), is_stamp("27.11.2026 10:15")
     (True, False)
     """
-    return _STAMP.fullmatch(text) is not None
+    return _form(text) is not None
+
+
+def _form(text: str) -> tuple[bool, bool] | None:
+    """Return whether a stamp has a date and a zone, None for another text."""
+    found = _STAMP.fullmatch(text)
+    return None if found is None else (bool(found["date"]), bool(found["zone"]))
 
 
 def count_from_first(values: NDArray[Any]) -> tuple[Array, float]:
@@ -66,18 +75,23 @@ def count_from_first(values: NDArray[Any]) -> tuple[Array, float]:
 class TimeCells:
     """Reader of the texts of a time column that counts from a date, block after block."""
 
-    stamps: bool
-    """True for stamps of ISO 8601, in s; False for numbers, in the file's unit."""
+    form: tuple[bool, bool] | None
+    """Form of stamps of ISO 8601, in s, the same in all cells; None for numbers, in the file's
+    unit."""
     first: Any = None
     """Time of the first cell: integer nanoseconds, or a decimal number."""
 
     @classmethod
     def starting_with(cls, text: str) -> TimeCells | None:
         """Return the reader for a column by its first cell; None for an ordinary number."""
-        if is_stamp(text.strip()):
-            return cls(stamps=True)
-        number = _decimal(text)
-        return cls(stamps=False) if number is not None and number >= EARLIEST else None
+        form, number = _form(text.strip()), _decimal(text)
+        dated = form is not None or (number is not None and number >= EARLIEST)
+        return cls(form) if dated else None
+
+    @property
+    def stamps(self) -> bool:
+        """Whether the cells are stamps of ISO 8601."""
+        return self.form is not None
 
     @property
     def origin(self) -> float:
@@ -95,7 +109,7 @@ class TimeCells:
 
     def _read_stamps(self, cells: Sequence[str]) -> Array:
         pandas = import_module("pandas")  # slow to load
-        texts = [text if is_stamp(text := cell.strip()) else "" for cell in cells]
+        texts = [text if _form(text := cell.strip()) == self.form else "" for cell in cells]
         texts = [f"1970-01-01 {text}" if text[2:3] == ":" else text for text in texts]
         plain = [text.replace(",", ".") for text in texts]
         read = pandas.to_datetime(plain, format="ISO8601", utc=True, errors="coerce")

@@ -323,7 +323,7 @@ def _cell(table: RawTable, channel: str, row: int, decimal: str) -> Problem:
     digits = text.replace(mark, "", 1).lstrip("+-")
     allowed = f"numbers, or data.decimal: '{mark}'" if mark in text and digits.isdigit() else None
     if channel == "t" and allowed is None:
-        allowed = f"numbers, or dates with times of ISO 8601 such as {EXAMPLE}"
+        allowed = f"numbers, or dates with times of ISO 8601 such as {EXAMPLE}, all in one form"
     return table.problem(f"{quote(text)} is not a finite number", channel, row, allowed)
 
 

@@ -115,7 +115,7 @@ def test_stamps_of_another_form_are_one_fault(tmp_path, rec, refused):
     (problem,) = refused(_written(tmp_path / "m.csv", times, rec))
     assert (problem.line, problem.key) == (2, "t")
     assert problem.message == "'27.11.2026 10:15:00.000' is not a finite number"
-    assert "ISO 8601 such as 2026-11-27T10:15:00.123Z" in problem.allowed
+    assert "ISO 8601 such as 2026-11-27T10:15:00.123Z, all in one form" in problem.allowed
 
 
 def test_a_wrong_stamp_among_others(tmp_path, rec, refused):
@@ -124,6 +124,26 @@ def test_a_wrong_stamp_among_others(tmp_path, rec, refused):
     (problem,) = refused(_written(tmp_path / "m.csv", times, rec))
     assert (problem.line, problem.key) == (9, "t")
     assert "2026-13-45" in problem.message
+
+
+ODD = {
+    "fraction of a minute": ("2026-11-27T10:15.5Z", 7),
+    "hour 24": ("2026-11-27T24:00:00Z", 7),
+    "time without date": ("10:15:00Z", 7),
+    "date without zone": ("2026-11-27T10:15:00", 7),
+    "first cell without zone": ("2026-11-27T10:15:00", 0),
+}
+
+
+@pytest.mark.parametrize("case", ODD)
+def test_stamps_of_several_forms(case, tmp_path, rec, refused):
+    """Read as they are they would be minutes, a day or the offset of a zone away."""
+    text, row = ODD[case]
+    times = [_iso(time) for time in NANOSECONDS]
+    times[row] = text
+    problem = refused(_written(tmp_path / "m.csv", times, rec))[0]
+    assert (problem.line, problem.key) == (row + 2 if row else 3, "t")
+    assert "is not a finite number" in problem.message
 
 
 def test_stamps_that_go_back_name_both_lines(tmp_path, rec, refused):
