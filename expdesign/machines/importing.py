@@ -116,6 +116,14 @@ class MachineDescription(Section):
     force_tolerance: (
         Annotated[quantity.Share, quantity.Positive, _plausible("1e-9", "1", "%", 0.5)] | None
     ) = None
+    gravity_tolerance: (
+        Annotated[quantity.Angle, quantity.Positive, _plausible("1e-9 rad", "0.2 rad", "deg", 0.1)]
+        | None
+    ) = None
+    delay_tolerance: (
+        Annotated[quantity.Duration, quantity.Positive, _plausible("1e-9 s", "0.1 s", "ms", 0.1)]
+        | None
+    ) = None
 
 
 def machine_from_answers(
@@ -214,6 +222,8 @@ def _tolerances(one: MachineDescription) -> dict[str, Any]:
         "platform_joints": one.joint_tolerance,
         "strut_length": one.length_tolerance,
         "force_constant": common,
+        "gravity": one.gravity_tolerance,
+        "delay": one.delay_tolerance,
     }
     return {key: value for key, value in found.items() if value is not None}
 

@@ -204,12 +204,11 @@ def _tolerances(tolerances: Mapping[str, Any]) -> str:
     if not tolerances:
         return (
             "# tolerances: {base_joints: 0.3 mm, strut_length: 0.1 mm, force_constant: "
-            "{common: 2 %}}"
+            "{common: 2 %}, gravity: 0.1 deg, delay: 0.1 ms}"
         )
-    # Shares have no unit.
+    units = {"force_constant": "1", "gravity": "rad", "delay": "s"}
     entries = [
-        f"{key}: {format_flow(value, '1' if key == 'force_constant' else 'm')}"
-        for key, value in tolerances.items()
+        f"{key}: {format_flow(value, units.get(key, 'm'))}" for key, value in tolerances.items()
     ]
     return f"tolerances: {{{', '.join(entries)}}}"
 
@@ -290,8 +289,9 @@ QUESTIONS = {
     "friction of 5 % of the weight, and as much viscous friction at full speed.",
     "force_std": "How noisy is the measured force of each strut, or motor current times force "
     "constant? Record some seconds at rest: `expdesign noise` computes these lines from it.",
-    "tolerances": "How exactly are the joints' coordinates, the zeros of the length measurements "
-    "and the force constants (2 to 10 % in data sheets) known? Calibration sheet, data sheet.",
+    "tolerances": "How exactly are the joints' coordinates, the zeros of the length measurements, "
+    "the force constants (2 to 10 % in data sheets), the vertical and the delay of the forces "
+    "known? Calibration sheet, data sheet, spirit level.",
     "length_std": "How noisy is the measured length of each strut? Resolution of the encoder.",
     "strut_length": "Between which lengths may each strut move, from joint to joint? Stroke of the "
     "drive, less the distance to its switches.",

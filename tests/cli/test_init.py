@@ -92,12 +92,14 @@ def test_what_is_told_stands_in_the_files(expdesign, tmp_path):
 
 def test_tolerances_are_those_of_the_robot(expdesign):
     given = ("--joint-tolerance", "0.3 mm", "--length-tolerance", "0.1mm")
+    given += ("--gravity-tolerance", "0.1 deg", "--delay-tolerance", "0.2 ms")
     assert expdesign("init", "mine", *given, "--force-tolerance", "2 %")[0] == 0
     tolerances = load_run("mine-run.yaml").robot.description.tolerances
     np.testing.assert_array_equal(tolerances.base_joints, 3e-4)
     np.testing.assert_array_equal(tolerances.platform_joints, 3e-4)
     assert tolerances.strut_length == (1e-4,) * 6
     assert (tolerances.force_constant.common, tolerances.force_constant.each) == (0.02, None)
+    assert (tolerances.gravity, tolerances.delay) == (pytest.approx(np.radians(0.1)), 2e-4)
     status, _, err = expdesign("init", "other", "--force-tolerance", "2")
     assert (status, "did you mean '2 %'?" in err) == (2, True)
 
