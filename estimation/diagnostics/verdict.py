@@ -32,6 +32,8 @@ from estimation.diagnostics.residuals import ChiSquare, HarmonicLackOfFit
 from estimation.diagnostics.significance import CHI_SQUARE
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.result import ParameterEstimate
+from expdesign.configuration import quantity_text
+from expdesign.mechanism.terms import parameter_unit
 
 _OfNoise = NoiseTests | RecordingTests
 """Types with tests of the noise."""
@@ -202,10 +204,11 @@ def verdict(
             "like this one, not the single parameters"
         )
     if undetected and undetected[0].sigmas >= _RELEVANT:
-        worst = undetected[0]
+        worst, shift = undetected[0], undetected[0].shifts[undetected[0].worst]
         summary += (
-            f"; not excluded: {worst.text}, which would move {worst.worst} by up to "
-            f"{worst.sigmas:.2g} σ"
+            f"; not excluded: {worst.text}, which would be taken for a change of {worst.worst} by "
+            f"{quantity_text(shift, parameter_unit(worst.worst), 2)} "
+            f"({float(f'{worst.sigmas:.2g}'):g} σ)"
         )
     untested = dict.fromkeys(
         f.assumption for f in findings if f.outcome is FindingOutcome.NOT_TESTED

@@ -180,8 +180,8 @@ def consistency_text(found: ConsistentEstimate, *, known: bool) -> str:
     doubt = "the model may lack an effect, or a tolerance or the noise is stated too small"
     if not known:
         doubt += (
-            ". The parameters of the robot file are physically inconsistent as well: so is a "
-            "correct estimate of a twin with these parameters"
+            ". The robot file's parameters are inconsistent as well, and so is a correct estimate "
+            "of them"
         )
     return f"{distance}{chance}: {doubt}"
 

@@ -74,6 +74,8 @@ from expdesign.trajectory import (
 
 _WHOLE = 1e-6
 _LARGE = 100.0
+_NEARLY = 10.0
+"""Standard deviations over the identifiable ones that a hundred times the periods make up for."""
 _UNSEEN = 1e-12
 """Information on inexact quantities, relative to the largest, that is a rounding error."""
 
@@ -272,19 +274,31 @@ def imprecise(robot: Robot, predicted: result.PredictedStd, errors: ErrorShares)
     scales = dict(zip(robot.parameter_names, robot.scales, strict=True))
     found = predicted.total or predicted.experiment.std
     share = {name: std / float(scales[name]) for name, std in found.items()}
-    weak = [f"{n} ({_percent(value)})" for n, value in share.items() if not value <= IDENTIFIABLE]
+    weak = {name: value for name, value in share.items() if not value <= IDENTIFIABLE}
     if not weak:
         return ()
+    stated = ", ".join(f"{name} ({_percent(value)})" for name, value in weak.items())
+    near = [name for name, value in weak.items() if value <= _NEARLY * IDENTIFIABLE]
+    far = [name for name in weak if name not in near]
     limiting = {
         source
-        for value, source in zip(share.values(), errors.largest_source, strict=True)
-        if not value <= IDENTIFIABLE and source != NOISE
+        for name, source in zip(share, errors.largest_source, strict=True)
+        if name in near and source != NOISE
     }
     floor = f" (these do not reduce the share of {listed(sorted(limiting))})" if limiting else ""
+    remedies = []
+    if near:
+        remedies.append(f"measure more periods{f' for {listed(near)}' if far else ''}{floor}")
+    if far:
+        remedies.append(
+            f"no sensible number of periods is enough for {listed(far)}, hardly excited by this "
+            "motion: widen speed, acceleration or workspace"
+        )
     return (
-        f"not identifiable with this experiment: {', '.join(weak)}. In brackets the predicted "
-        f"standard deviation, which is to be below {100 * IDENTIFIABLE:g} % of the value: measure "
-        f"more periods{floor}, or state what is known (`estimate.fixed`, `estimate.prior`)",
+        f"not identifiable with this experiment: {stated}. In brackets the predicted standard "
+        f"deviation, which is to be below {100 * IDENTIFIABLE:g} % of the value: "
+        f"{'; '.join(remedies)}, or state what is known (`estimate.fixed`, "
+        "`estimate.prior`)",
     )
 
 

@@ -92,7 +92,9 @@ def _residual_panels(
         axes.set_ylim(-height, room * height)
         axes.set_xlim(time[0], time[-1])
     drawing.label_figure(
-        figure, "Time (s)", "Measured − predicted force, mean over the periods (N)"
+        figure,
+        "Time (s); dashed: 95 % range of the noise alone",
+        "Measured − predicted force, mean over the periods (N)",
     )
     return panels
 

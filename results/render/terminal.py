@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import floor, isnan, log10
+from typing import Literal
 
 from rich import box
 from rich.console import Console
@@ -18,6 +19,7 @@ from results.views.view import (
     ListingBlock,
     ReportTable,
     StageView,
+    TableColumn,
     TextBlock,
     Value,
     cell_text,
@@ -63,46 +65,68 @@ def print_view(view: StageView, console: Console, place: str = "") -> None:
 def print_table(console: Console, table: ReportTable) -> None:
     """Print a table with its caption, a long one in several blocks of rows if there is room."""
     _print_text(console, Text(f"{table.caption}:", style="italic"))
-    columns = [column for column in table.columns if column.screen and column.kind != "error"]
-    rows = [_cells(table, row) for row in table.rows]
+    shown = [c.screen and (console.width >= _WIDE or not c.wide) for c in table.columns]
+    columns = [c for c, own in zip(table.columns, shown, strict=True) if own and c.kind != "error"]
+    rows = [_cells(table, row, shown) for row in table.rows]
     widths = [
-        max(len(column.heading), *(len(cells[k]) for cells in rows), 0)
+        _longest([column.heading, *(cells[k] for cells in rows)])
         for k, column in enumerate(columns)
     ]
-    room = (console.width + _GAP) // (sum(widths) + _GAP * len(widths))
+    room = (min(console.width, _WIDE) + _GAP) // (sum(widths) + _GAP * len(widths))
     blocks = max(1, min(room, len(rows) // _ROWS_OF_A_BLOCK))
     height = -(-len(rows) // blocks)
     rows += [[""] * len(columns)] * (blocks * height - len(rows))
     rows = [[cell for row in rows[k::height] for cell in row] for k in range(height)]
     columns *= blocks
-    made = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
-    for k, column in enumerate(columns):
-        # In a narrow terminal headings and texts wrap between words, numbers stay whole.
-        whole = [*column.heading.split(), *(cells[k] for cells in rows if column.numeric)]
-        made.add_column(
-            column.heading,
-            justify="right" if column.numeric else "left",
-            overflow="fold",
-            min_width=max(map(len, whole), default=0),
-        )
+    made = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, _GAP - 1, 0, 0))
+    for column, width in zip(columns, _fitted_widths(columns, rows, console.width), strict=True):
+        justify: Literal["left", "right"] = "right" if column.numeric else "left"
+        made.add_column(column.heading, justify=justify, overflow="fold", width=width)
     for cells in rows:
         made.add_row(*cells)
     console.print(made)
 
 
-_GAP = 3
+def _fitted_widths(
+    columns: Sequence[TableColumn], rows: Sequence[Sequence[str]], width: int
+) -> list[int]:
+    """Return the widths of columns in a terminal: numbers and words stay whole.
+
+    Words of texts, other than those of headings, are broken where the terminal is too narrow.
+    """
+    full, least, broken = list[int](), list[int](), list[int]()
+    for k, column in enumerate(columns):
+        cells = [row[k] for row in rows]
+        words, head = " ".join(cells).split(), _longest(column.heading.split())
+        full.append(_longest([column.heading, *cells]))
+        least.append(max(head, _longest(cells if column.numeric else words)))
+        broken.append(least[k] if column.numeric else head)
+    room = width - _GAP * (len(columns) - 1)
+    found = least if sum(least) <= room else broken
+    for k in sorted(range(len(columns)), key=lambda k: full[k] - found[k]):
+        found[k] += min(full[k] - found[k], max(room - sum(found), 0))
+    return found
+
+
+def _longest(texts: Sequence[str]) -> int:
+    return max(map(len, texts), default=0)
+
+
+_GAP = 2
 """Characters between two columns."""
+_WIDE = 100
+"""Characters from which on a terminal is wide; largest width of several blocks."""
 _ROWS_OF_A_BLOCK = 5
 
 
-def _cells(table: ReportTable, row: Sequence[Value]) -> list[str]:
-    """Return the texts of a row, standard deviations joined to the value before."""
+def _cells(table: ReportTable, row: Sequence[Value], shown: Sequence[bool]) -> list[str]:
+    """Return the shown texts of a row, standard deviations joined to the value before."""
     cells: list[str] = []
     before: Value = None
-    for column, value in zip(table.columns, row, strict=True):
-        if column.screen and column.kind == "error":
+    for column, value, own in zip(table.columns, row, shown, strict=True):
+        if own and column.kind == "error":
             cells[-1] = concise(before, value)
-        elif column.screen:
+        elif own:
             text = cell_text(column, value)
             cells.append("" if text == "–" and not column.numeric else text)
             before = value

@@ -77,8 +77,8 @@ def undetected_blocks(effects: Sequence[UndetectedEffect], *, screen: bool) -> l
     for one in effects:  # the largest change first
         worst.setdefault(one.kind, one)
     text = (
-        "Effects up to the sizes in the report would be missed in one of five such recordings: "
-        "state each under `tolerances.terms` of the robot, zero if the machine does not have it."
+        "The tests may miss effects of the sizes in the report: state their terms under "
+        "`tolerances.terms`, zero if the machine has none, or record another motion."
     )
     more = (
         "σ then includes a stated effect. The column std_undetected of estimates.csv contains what "

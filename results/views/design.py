@@ -105,7 +105,7 @@ def limits_table(result: DesignResult) -> ReportTable:
         TableColumn("unit", kind="text", of=lambda check: unit(check).symbol or "–"),
         TableColumn("used", "%", of="used", factor=100),
         TableColumn("left", "%", digits=3, of="proved", factor=-100, proof=True),
-        TableColumn("time", "s", of="time"),
+        TableColumn("time", "s", of="time", wide=True),
     )
     caption = (
         "Worst moment of every limit over the whole period, exact friction model; left: proved "
@@ -231,7 +231,8 @@ def precision_facts(parameters: Sequence[ParameterPrecision]) -> list[Fact]:
     median = readable(np.median(relative), 3)
     note = f"predicted {total}σ below half of the value; median {median} %"
     if zeros := int(np.sum(np.isnan(percents))):
-        note += f"; {zeros} others have the value zero in the robot file"
+        verb = "is" if zeros == 1 else "are"
+        note += f"; {zeros} more {verb} zero in the robot file, which leaves no share of a value"
     known = int(np.sum(relative < 100 * IDENTIFIABLE))
     identifiable = Fact("parameters identifiable", f"{known} of {relative.size}", note)
     return [identifiable, *_tolerance_fact(parameters)]

@@ -88,7 +88,7 @@ def estimates_table(result: EstimationResult, truth: Mapping[str, float] | None)
     columns = [
         TableColumn("parameter", kind="parameter", of="parameter"),
         TableColumn("unit", kind="text", of="unit"),
-        TableColumn("a priori", of="a_priori"),
+        TableColumn("a priori", of="a_priori", wide=True),
         TableColumn("estimate", digits=5, of="value"),
     ]
     uncertainty = ""
@@ -96,7 +96,7 @@ def estimates_table(result: EstimationResult, truth: Mapping[str, float] | None)
         columns.append(TableColumn("σ", kind="error", digits=3, of="std"))
         columns += [replace(column, screen=False) for column in on_page]
         uncertainty = " with their uncertainty"
-    known = " and the truth of the simulated experiment" if truth is not None else ""
+    known = " and the simulated truth" if truth is not None else ""
     caption = f"Parameters of the {NAMES.get(best, best)} estimate{uncertainty}{known}"
     rows = result.by_estimator()[best]
     return ReportTable.of("estimates", caption, columns, rows, screen=True, latex=True)
@@ -239,17 +239,11 @@ def _facts(result: EstimationResult, truth: Mapping[str, float] | None) -> tuple
         return ()
     rows = result.by_estimator()[best]
     relative = [row.rel_std_percent for row in rows if np.isfinite(row.rel_std_percent)]
-    facts = [
-        Fact(
-            "parameters identified",
-            f"{sum(bool(row.identified) for row in rows)} of {len(rows)}",
-            f"σ below half of the a-priori size, {NAMES.get(best, best)}",
-        )
-    ]
+    note = "σ < half of the a-priori size"
     if relative:
-        facts.append(
-            Fact("median σ", f"{readable(np.median(relative), 3)} %", "of the a-priori value")
-        )
+        note += f"; median {readable(np.median(relative), 3)} %"
+    identified = f"{sum(bool(row.identified) for row in rows)} of {len(rows)}"
+    facts = [Fact("parameters identified", identified, note)]
     if truth is not None:
         judged = [row for row in rows if row.std > 0]
         held = sum(row.ci_low <= truth[row.parameter] <= row.ci_high for row in judged)
@@ -268,10 +262,9 @@ def _details(folder: RunFolder, result: EstimateFile) -> tuple[Fact, ...]:
     facts = [
         Fact(
             f"recording {number}" if several else "recording",
-            f"{recording.rows} samples",
+            f"{recording.rows} rows",
             f"{readable(recording.periods, 6)} periods of "
-            f"{readable(2 * np.pi / recording.omega, 6)} s "
-            f"(from the {recording.period_source}); noise {recording.noise.source}; "
+            f"{readable(2 * np.pi / recording.omega, 6)} s by the {recording.period_source}; "
             f"{folder.named(recording.source)}",
         )
         for number, recording in enumerate(result.recordings, start=1)

@@ -41,29 +41,40 @@ def plan_view(folder: RunFolder) -> StageView:
 
 
 def _table(result: PlanResult) -> ReportTable:
+    digits = next((n for n in _DIGITS if _shows_misses(result.goals, n)), _DIGITS[-1])
+
     def column(label: str, of: str) -> TableColumn:
         return TableColumn(
             label,
-            digits=3,
+            digits=digits,
             of=lambda row: handy_unit(row.unit, [row.wanted]).factor * getattr(row, of),
         )
 
     columns = (
         TableColumn("goal", kind="text", of="goal"),
-        TableColumn("decided by", kind="text", of="quantity"),
+        TableColumn("decided by", kind="text", of="quantity", wide=True),
         TableColumn("unit", kind="text", of=lambda row: handy_unit(row.unit, [row.wanted]).symbol),
         column("σ wanted", "wanted"),
         column("σ, run file", "std"),
         column("σ, floor", "floor"),
         TableColumn("periods", of="periods"),
         TableColumn("measuring", kind="text", of=_measuring),
-        TableColumn("largest source", kind="text", of="source"),
+        TableColumn("largest source", kind="text", of=lambda row: row.source.replace(".", ": ")),
     )
     caption = (
         f"Periods of {readable(result.period)} s that reach each goal (standard deviations, "
         f"{result.estimator}); floor: share of the tolerances after {LONGEST_DAYS} days"
     )
     return ReportTable.of("plan", caption, columns, result.goals, screen=True, latex=True)
+
+
+_DIGITS = range(3, 7)
+
+
+def _shows_misses(goals: Sequence[PlannedGoal], digits: int) -> bool:
+    """Return whether the floors of missed goals differ from the wanted values in so many digits."""
+    missed = [one for one in goals if not one.reachable]
+    return all(readable(one.floor, digits) != readable(one.wanted, digits) for one in missed)
 
 
 def _meanings(result: PlanResult) -> Iterator[str]:

@@ -104,6 +104,8 @@ class TableColumn:
         Numbers are shown times this factor, for a handier unit.
     screen : bool
         Whether the terminal shows the column.
+    wide : bool
+        Whether only a wide terminal shows it.
     proof : bool
         Whether it states what is proved, which holds only for unchanged files.
     """
@@ -115,6 +117,7 @@ class TableColumn:
     of: str | Callable[[Any], Value] | Sequence[Value] | NDArray[Any] = ""
     factor: float = 1
     screen: bool = True
+    wide: bool = False
     proof: bool = False
 
     @property

@@ -10,6 +10,7 @@ from expdesign.configuration import load_run
 from expdesign.experiment.precision import precision_in_words
 from expdesign.experiment.setup import plan_search
 from expdesign.information.fisher import SingularInformationError
+from expdesign.information.identifiable import listed
 from expdesign.solver.feasibility import InfeasibleLimitsError, random_start
 from expdesign.solver.search import NoDesignError
 from expdesign.workers import StoppedError
@@ -291,6 +292,10 @@ def test_what_the_limits_cannot_excite_is_named_and_the_rest_is_designed(tiny, c
         weak = result.experiment.std[name] > nominal[name] / 2
         assert (f" {name} (" in warning) == weak, name
     assert " p1 (" in warning
+    # A hundred times the periods reduce a standard deviation to a tenth.
+    far = [n for n in rest if result.experiment.std[n] > 10 * nominal[n] / 2]
+    enough = warning.partition("periods is enough for ")[2].partition(", hardly excited")[0]
+    assert enough == listed(far)
 
 
 @pytest.mark.parametrize("limit", ["actuator_force", "strut_length"])

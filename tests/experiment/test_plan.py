@@ -23,7 +23,7 @@ from expdesign.robot import robot_from
 from expdesign.robot.deviation import apply_deviations, toleranced_deviations
 from results.views.folder import RunFolder
 from results.views.plan import plan_view
-from results.views.view import TextBlock
+from results.views.view import ReportTable, TextBlock, cell_text
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 
 MOTION = trajectory()
@@ -169,6 +169,17 @@ def _shown(plan):
     view = plan_view(RunFolder(Path(), {}, _run({}), results={PlanResult: plan}))
     texts = [block.text for block in view.blocks if isinstance(block, TextBlock)]
     return view.verdict.sentence, " ".join(texts), view.facts
+
+
+def test_a_floor_just_above_a_goal_differs_in_the_shown_digits():
+    plan = plan_measurement(_run({"mass": "1 %"}), MOTION)
+    goal = replace(plan.goals[0], reachable=False, wanted=0.186, floor=0.18614)
+    plan = replace(plan, goals=(goal,))
+    view = plan_view(RunFolder(Path(), {}, _run({}), results={PlanResult: plan}))
+    (table,) = (block for block in view.blocks if isinstance(block, ReportTable))
+    cells = dict(zip(table.columns, table.rows[0], strict=True))
+    shown = {column.title: cell_text(column, value) for column, value in cells.items()}
+    assert (shown["σ wanted"], shown["σ, floor"]) == ("0.186", "0.1861")
 
 
 def test_remarks_on_what_a_goal_means():

@@ -67,7 +67,7 @@ def test_values_with_their_errors(value, std, text):
     assert concise(value, std) == text
 
 
-@pytest.mark.parametrize(("width", "blocks"), [(40, 1), (60, 2), (200, 4)])
+@pytest.mark.parametrize(("width", "blocks"), [(40, 1), (60, 2), (100, 3), (200, 3)])
 def test_a_long_table_uses_the_width(width, blocks):
     columns = (
         TableColumn("parameter", kind="text", of=[f"p{k}" for k in range(1, 24)]),
@@ -77,9 +77,26 @@ def test_a_long_table_uses_the_width(width, blocks):
     print_table(console, ReportTable.of("parameters", "Parameters", columns, screen=True))
     lines = console.file.getvalue().splitlines()
     assert len(lines) == 3 + -(-23 // blocks)
+    assert max(map(len, lines)) <= min(width, 100)
     words = " ".join(lines[3:]).split()
     assert sorted(words[::2], key=lambda word: int(word[1:])) == [f"p{k}" for k in range(1, 24)]
     assert all(float(words[k + 1]) == int(words[k][1:]) + 0.25 for k in range(0, len(words), 2))
+
+
+def test_a_narrow_terminal_leaves_words_whole_and_wide_columns_out():
+    columns = (
+        TableColumn("largest source of error", kind="text", of=["force_constant.common", "noise"]),
+        TableColumn("share of all", "%", of=[41.25, 3.5]),
+        TableColumn("further", "%", of=[7.75, 2.5], wide=True),
+        *[TableColumn("N", of=[123.5, 2.5])] * 4,
+    )
+    texts = {}
+    for width in (60, 120):
+        console = Console(file=io.StringIO(), width=width)
+        print_table(console, ReportTable.of("narrow", "Narrow", columns, screen=True))
+        texts[width] = console.file.getvalue()
+    assert all("force_constant.common" in text for text in texts.values())
+    assert ["7.75" in text for text in texts.values()] == [False, True]
 
 
 @pytest.mark.parametrize("width", [80, 200])
