@@ -36,7 +36,8 @@ from expdesign.configuration.tolerances import IDENTIFIED_ROBOT
 from expdesign.experiment import DesignResult
 from expdesign.experiment.judging import noise_evaluator
 from expdesign.experiment.motions import MotionsResult, design_motions
-from expdesign.experiment.next_motion import compare_with_repetition, next_run
+from expdesign.experiment.next_motion import NextResult, compare_with_repetition, next_run
+from expdesign.experiment.plan import plan_measurement
 from expdesign.experiment.precision import experiment_information, predicted_errors
 from expdesign.experiment.setup import plan_search
 from expdesign.robot import robot_from
@@ -58,7 +59,12 @@ SECTIONS = (
     "interest",
     "interest_quick",
     "motions",
+    "motions_linuxcnc",
+    "motions_rubin",
     "next",
+    "prior",
+    "plan",
+    "plan_linuxcnc",
 )
 """Robots, designs for quantities of interest, several motions of palida, or a second one after an
 estimate; ``quick``: a search of a minute, as are those of the motions; ``terms``: with tolerances
@@ -94,6 +100,12 @@ _DESIGNS = {
 }
 _SAMPLES = 250
 """Of a period."""
+_SLOW = ["0.12 Hz", "0.2 Hz"]
+"""Frequencies of a motion that shows friction and weight."""
+_WISHES = {
+    "palida": {"mass": "0.8 %", "centre": "0.1 mm", "v1": "3 %"},
+    "linuxcnc": {"mass": "0.8 %", "centre": "1 mm", "v1": "10 %"},
+}
 _RATE = 150.0
 """Sampling of the recordings before and after an estimate, Hz."""
 
@@ -107,13 +119,19 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
     terms = {"tolerances": _TOLERANCES | {"terms": _TERMS}}
     more: dict[str, Any] = dict(terms) if variant == "terms" else {}
     if name == "motions":
-        yield from _motion_rows(repetitions or 40)
+        yield from _motion_rows(variant or "palida", repetitions or 40)
         return
     if name == "interest":
         yield from _interest_rows(_QUICK if quick else {})
         return
     if name == "next":
         yield from _next_rows(repetitions or 60)
+        return
+    if name == "prior":
+        yield from _prior_rows(repetitions or 60)
+        return
+    if name == "plan":
+        yield from _plan_rows(variant or "palida", repetitions or 60)
         return
     first = np.nan
     for label, settings in _DESIGNS.items():
@@ -137,12 +155,12 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
         yield row | {"machines": count}
 
 
-def _motion_rows(count: int) -> Iterator[Row]:
+def _motion_rows(robot: str, count: int) -> Iterator[Row]:
     """Yield the errors of one, two and three motions of the same measuring time."""
     first = np.nan
     for motions in (1, 2, 3):
         search = {**_QUICK, "counts": "noise"}
-        run = _run("palida", search, "auto", **_several(motions))
+        run = _run(robot, search, "auto", **_several(motions))
         found: DesignResult | MotionsResult
         if motions == 1:
             found = design(run)
@@ -157,12 +175,13 @@ def _motion_rows(count: int) -> Iterator[Row]:
                 found.measuring_time,
             )
         first = value if motions == 1 else first
-        scales = robot_from(run.robot).scales
+        judged = noise_evaluator(run)
+        scales = judged.robot.scales[judged.columns]
         predicted = np.array([one.std for one in found.parameters]) / scales
         each = motion_runs(run, Path())[0]
         trajectories = [one.trajectory for one in designs]
         share = _several(1, each)
-        achieved = _achieved("palida", trajectories, count, plain=False, **share)["ml estimated"]
+        achieved = _achieved(robot, trajectories, count, plain=False, **share)["ml estimated"]
         yield {
             "motions": motions,
             "measuring (s)": f"{measuring:.1f}",
@@ -179,6 +198,41 @@ def _motion_rows(count: int) -> Iterator[Row]:
 def _several(motions: int, run: RunConfiguration | None = None) -> dict[str, Any]:
     periods = _PERIODS if run is None else run.run.experiment.periods
     return {"trajectory": {"count": motions}, "experiment": {"periods": periods}}
+
+
+def _plan_rows(robot: str, count: int) -> Iterator[Row]:
+    """Yield planned measuring times, and the errors that simulated experiments of them achieve."""
+    search = {**_QUICK, "counts": "total"}
+    motion = design(_run(robot, search, "auto")).trajectory
+    for wish, size in _WISHES[robot].items():
+        goals = {wish: size}
+        (goal, *_) = plan_measurement(_run(robot, search, "auto", goals=goals), motion).goals
+        row: Row = {"wish": f"{goal.quantity} ± {size}"}
+        if not goal.reachable:
+            cause = f"{goal.source} at {goal.tolerance_percent:.0f} % of its size"
+            yield row | {"periods": "never", "in the way": cause}
+            continue
+        more = {"experiment": {"periods": int(goal.periods)}}
+        fewer = _fewer(robot, _SAMPLES / motion.period, {}, **more)
+        nominal = robot_from(fewer.robot)
+        derived = derived_quantities(nominal)
+        names = (*derived.names, *nominal.parameter_names)
+        rows = np.concatenate([derived.jacobian, np.eye(len(nominal.parameters))])
+        row_of = rows[names.index(goal.quantity)]
+        found = [
+            _estimates(fewer, [motion], number, plain=False)["ml estimated"]
+            for number in range(count)
+        ]
+        off = np.array([row_of @ (one.values - nominal.parameters) for one in found])
+        stated = np.array([np.sqrt(row_of @ one.covariance @ row_of) for one in found])
+        yield row | {
+            "periods": int(goal.periods),
+            "minutes": f"{goal.minutes:.2f}",
+            "wanted σ": f"{goal.wanted:.3g}",
+            "stated by estimates / wanted": f"{np.sqrt(np.mean(stated**2)) / goal.wanted:.3f}",
+            "achieved / wanted": f"{np.sqrt(np.mean(off**2)) / goal.wanted:.3f}",
+            "machines": count,
+        }
 
 
 def _interest_rows(search: dict[str, Any]) -> Iterator[Row]:
@@ -206,6 +260,8 @@ def summary(table: pd.DataFrame) -> str:
     if "motions" in table:
         gained = table["D-efficiency gained (%)"].tolist()
         return f"gain of two motions {gained[1]} %, of three {gained[2]} %"
+    if "wish" in table:
+        return f"{sum(table['periods'] != 'never')} of {len(table)} wishes are reached"
     if "recordings" in table:
         again, following = (float(table["achieved (%)"][k]) for k in (1, 2))
         return f"error after the next motion: {following / again:.2f} of that after repeating"
@@ -316,18 +372,55 @@ def _next_rows(count: int) -> Iterator[Row]:
     plan_search(run).problem.compile()
     first = design(run).trajectory
     with TemporaryDirectory() as place:
-        folder = Path(place)
-        found = estimate_parameters(run, Twin.of(run, first, seed=count).measurement(1), first)
-        (folder / IDENTIFIED_ROBOT).write_text(identified_robot(found, None), encoding="utf-8")
-        (folder / RUN_FILE).write_text(resolved_yaml(run), encoding="utf-8")
-        following = next_run([folder])
+        following = next_run([_estimated(run, first, Path(place), count)])
     second = design(following).trajectory
-    predicted = compare_with_repetition(following, second, first)
     cases = {
         "first": ("std_measured", [first]),
         "first, and again": ("std_repeated", [first, first]),
         "first, and next": ("std_next", [first, second]),
     }
+    yield from _rows_after(
+        following, compare_with_repetition(following, second, first), cases, count
+    )
+
+
+def _prior_rows(count: int) -> Iterator[Row]:
+    """Yield the errors after a slow motion, for friction and weight, and after a second one.
+
+    The second motion is designed without or with the first recording as a prior.
+    """
+    slow = _fewer("palida", _RATE, _QUICK, trajectory={"frequency": _SLOW})
+    first = design(slow).trajectory
+    with TemporaryDirectory() as place:
+        folder = _estimated(slow, first, Path(place), count)
+        following = _fewer("palida", _RATE, {**_QUICK, "prior": str(folder)})
+    alone = design(_fewer("palida", _RATE, _QUICK)).trajectory
+    second = design(following).trajectory
+    cases = {
+        "slow": ("std_measured", [first]),
+        "slow, and one designed alone": ("std_repeated", [first, alone]),
+        "slow, and one designed with it": ("std_next", [first, second]),
+    }
+    yield from _rows_after(
+        following, compare_with_repetition(following, second, alone), cases, count
+    )
+
+
+def _estimated(run: RunConfiguration, motion: FourierTrajectory, folder: Path, seed: int) -> Path:
+    """Return a run folder with an estimate from a recording of the nominal machine."""
+    found = estimate_parameters(run, Twin.of(run, motion, seed=seed).measurement(1), motion)
+    (folder / IDENTIFIED_ROBOT).write_text(identified_robot(found, None), encoding="utf-8")
+    (folder / RUN_FILE).write_text(resolved_yaml(run), encoding="utf-8")
+    return folder
+
+
+def _rows_after(
+    run: RunConfiguration,
+    predicted: NextResult,
+    cases: dict[str, tuple[str, list[FourierTrajectory]]],
+    count: int,
+) -> Iterator[Row]:
+    """Yield predicted and achieved errors of recordings of some motions, estimated together."""
     robot = robot_from(run.robot)
     derived = derived_quantities(robot)
     # Draws with exactly the covariance of the tolerances: few draws of one that dominates, such as

@@ -31,6 +31,7 @@ _CONVERGED = 1e-2
 """Newton decrement of the last step, in standard deviations of the whole estimate; the next step
 would be shorter by another factor of a thousand."""
 
+_CORRECTIONS = 4
 _CONTRACTION = 0.8
 _FIRST_DAMPING = 1e-3
 _SMALLEST_DAMPING = 1e-6
@@ -86,19 +87,13 @@ def maximum_likelihood(
     for _ in range(_STEPS):
         iterations += 1
         report_progress(f"maximum likelihood, step {iterations}")
-        trial = problem.equations(move.values, move.motions)
-        trial_cost = problem.cost(trial, move.values)
-        following = problem.step(trial, move.values, move.motions, 0.0)
-        # The derivatives hold the expected signs constant: this solves the score equation, and its
-        # root is close to the minimum of the cost, but not at it. Near the root the cost is no
-        # measure of progress; there, the next step must be much shorter than this one.
-        close = move.decrement <= len(values)
-        shorter = close and following.decrement <= _CONTRACTION**2 * move.decrement
-        if trial_cost <= cost or shorter:
-            values, motions, equations, cost = move.values, move.motions, trial, trial_cost
-            eliminated = following.eliminated
-            move = following
-            if following.decrement < _CONVERGED**2:
+        trial = problem.try_move(move, cost)
+        if trial is not None:
+            values, motions = move.values, trial.motions
+            equations, cost = trial.equations, trial.cost
+            move = trial.following
+            eliminated = move.eliminated
+            if move.decrement < _CONVERGED**2:
                 converged, status = True, "converged"
                 break
             damping = damping / 10 if damping > _SMALLEST_DAMPING else 0.0
@@ -184,6 +179,16 @@ class _Move:
 
 
 @dataclass(frozen=True, eq=False)
+class _Trial:
+    """The end of an accepted step, and the undamped step from there."""
+
+    motions: list[HarmonicMotion]
+    equations: list[NormalEquations]
+    cost: float
+    following: _Move
+
+
+@dataclass(frozen=True, eq=False)
 class _Problem:
     robot: Robot
     experiments: Sequence[Experiment]
@@ -217,6 +222,35 @@ class _Problem:
 
     def cost(self, equations: Sequence[NormalEquations], values: Array) -> float:
         return sum(each.cost for each in equations) + self.priors.equations(values).cost
+
+    def try_move(self, move: _Move, cost: float) -> _Trial | None:
+        """Evaluate the end of a step from a point of this cost; None: it is no improvement.
+
+        The measured lengths are nearly exact, and a step along the tangent of (θ, ξ) leaves the
+        motions that have them: there the motions are corrected with the parameters fixed, as long
+        as that helps.
+        """
+        motions, best = move.motions, np.inf
+        for _ in range(_CORRECTIONS + 1):
+            equations = self.equations(move.values, motions)
+            trial_cost = self.cost(equations, move.values)
+            if not trial_cost < best:
+                return None
+            try:
+                following = self.step(equations, move.values, motions, 0.0)
+            except np.linalg.LinAlgError:  # so far off that nothing determines the motions
+                return None
+            # The derivatives hold the expected signs constant: this solves the score equation, and
+            # its root is close to the minimum of the cost, but not at it. Near the root the cost is
+            # no measure of progress; there, the next step must be much shorter than this one.
+            close = move.decrement <= len(move.values)
+            shorter = close and following.decrement <= _CONTRACTION**2 * move.decrement
+            if trial_cost <= cost or shorter:
+                return _Trial(motions, equations, trial_cost, following)
+            best = trial_cost
+            pairs = zip(motions, following.eliminated, strict=True)
+            motions = [motion.add_step(each.offset) for motion, each in pairs]
+        return None
 
     def step(
         self,
