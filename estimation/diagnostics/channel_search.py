@@ -536,7 +536,7 @@ class ChannelSearch:
         while values[-1] < values[-2] and len(offsets) < _DOUBLED:
             offsets.append(2 * offsets[-1])
             values.append(excess(offsets[-1]))
-        if len(offsets) == 2 or min(values) > most * present.excess:
+        if offsets[-1] == step or min(values) > most * present.excess:
             return present
         found = minimize_scalar(
             excess,
