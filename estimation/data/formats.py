@@ -20,8 +20,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from estimation.data.stamps import count_from_first
-from estimation.data.table import FileContent, RawTable
+from estimation.data.table import FileContent, RawTable, RecordedColumn
 from expdesign.configuration import DataSection, InputError
 
 _LONGEST_REASON = 200
@@ -95,6 +97,11 @@ class FileFormat:
         """Read a file in this process."""
         with self._named_failures(path):
             table = self.read(path, section)
+        if section.sampling is not None and "t" not in table.values:
+            stamps = np.arange(max(map(len, table.values.values()))) / section.sampling
+            column = RecordedColumn("t", unit="s")
+            values, columns = {"t": stamps, **table.values}, {"t": column, **table.columns}
+            table = replace(table, values=values, columns=columns)
         count = len(table.values["t"])
         time = table.column_name("t")
         uneven = [

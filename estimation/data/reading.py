@@ -19,6 +19,7 @@ from estimation.data.formats import FileFormat
 from estimation.data.measurement import Measurement, time_base
 from estimation.data.sensors import SensorResponse
 from estimation.data.stamps import EARLIEST, epoch_unit
+from estimation.data.streams import join_tables
 from estimation.data.table import (
     MOST_PROBLEMS,
     RawTable,
@@ -27,6 +28,7 @@ from estimation.data.table import (
     refuse_cells,
     refuse_empty_rows,
     refuse_periods,
+    trim,
 )
 from expdesign.configuration import (
     FORCE_CHANNELS,
@@ -114,9 +116,24 @@ def read_measurement(
     InputError
         The file cannot be read, or its content cannot be used: every defect with column and row.
     """
-    file = Path(path)
+    file, files = Path(path), section.files
+    if files is None or file != Path(files.lengths):
+        table = format_of(file).load(file, section)
+        return measurement_of(table, section, robot, plausible=plausible)
+    lengths = _timed_table(file, section.of_group("q"))
+    forces = _timed_table(Path(files.forces), section.of_group("Q"))
+    table, remark = join_tables(lengths, forces, section)
+    units = {key: unit for key, unit in section.units.items() if key[0] != "t"}
+    joint = section.model_copy(update={"units": units, "start": None, "end": None})
+    found = measurement_of(table, joint, robot, plausible=plausible)
+    return replace(found, warnings=(remark, *found.warnings))
+
+
+def _timed_table(file: Path, section: DataSection) -> tuple[RawTable, float]:
+    """Return one of two files with its time in s, and the time of its first row since 1970, s."""
     table = format_of(file).load(file, section)
-    return measurement_of(table, section, robot, plausible=plausible)
+    time, begin, _ = seconds_of(table, section)
+    return replace(table, values={**table.values, "t": time}), begin
 
 
 def measurement_of(
@@ -134,7 +151,7 @@ def measurement_of(
         home = machine.inverse_kinematics(machine.home)
     units = section.actuator_units(description)
     table, notes, voltages = convert_to_si(table, section, units, home)
-    table = _trim(table, section)
+    table = trim(table, section)
     parameters = len(description.parameter_names)
     if len(table) < parameters:
         rows = f"{len(table)} row{'' if len(table) == 1 else 's'}"
@@ -167,28 +184,6 @@ def measurement_of(
     )
 
 
-def _trim(table: RawTable, section: DataSection) -> RawTable:
-    """Return the rows from `data.start` to `data.end`; the others are not checked."""
-    time = table.values["t"]
-    finite = time[np.isfinite(time)]
-    if (section.start is None and section.end is None) or len(finite) == 0:
-        return table
-    # A stamp slightly before a limit, due to jitter, counts as the first one after it.
-    slack = section.time_tolerance * float(np.median(np.diff(finite))) if len(finite) > 1 else 0.0
-    first, end = 0, len(table)
-    if section.start is not None:
-        first = int(np.argmax(np.append(time >= section.start - slack, True)))
-    if section.end is not None:
-        end = first + int(np.argmax(np.append(time[first:] >= section.end - slack, True)))
-    if first >= end:
-        late = first == len(table)
-        key, limit = ("start", section.start) if late else ("end", section.end)
-        message = f"no rows {'at or after' if late else 'before'} data.{key}, {limit:g} s"
-        span = f"the file has {finite.min():g} to {finite.max():g} s"
-        raise InputError(table.problem(message, "t", allowed=span))
-    return table.part(first, end)
-
-
 def convert_to_si(
     table: RawTable, section: DataSection, units: ActuatorUnits, home: Array | None = None
 ) -> tuple[RawTable, tuple[str, ...], bool]:
@@ -219,21 +214,15 @@ def convert_to_si(
     kinds = dict[str, Quantity | None]()
     for channel in (name for name in table.values if name != "period"):
         try:
-            factor, kind, found = _factor(channel, channel, table, section, units)
+            if channel == "t":
+                values["t"], _, found = seconds_of(table, section)
+                warnings += found
+                continue
+            factor, kinds[channel], found = _factor(channel, channel, table, section, units)
         except InputError as error:
             problems += error.problems
             continue
         warnings += found
-        kinds[channel] = kind
-        if channel == "t" and table.origin:
-            if kind is None and (unit := epoch_unit(table.origin)) != "s":
-                factor = DURATION.parse(f"1 {unit}")
-                warnings.append(
-                    f"{table.column_name('t')} begins with {table.origin:.0f}: read as {unit} "
-                    f"since 1970; data.units: {{t: {unit}}} states it"
-                )
-            if table.origin * factor < EARLIEST:  # a counter
-                values[channel] = values[channel] + table.origin
         if factor != 1:
             values[channel] = values[channel] * factor
     if problems:
@@ -249,6 +238,28 @@ def convert_to_si(
         raise InputError(table.header_problem(message, FORCE_CHANNELS[0], "one kind for all six"))
     table = _apply_signs(replace(table, values=values), section, home)
     return _sort_by_strut(table, section), tuple(warnings), voltages == {True}
+
+
+def seconds_of(table: RawTable, section: DataSection) -> tuple[Array, float, list[str]]:
+    """Return the time (T,), s, from the first row on if it counts from a date.
+
+    The others are the time of the first row since 1970, s, zero without a date, and warnings.
+
+    Raises
+    ------
+    InputError
+        The unit in the file is unknown, of another quantity, or contradicts `section.units`.
+    """
+    factor, kind, warnings = _factor("t", "t", table, section, ActuatorUnits(None))
+    if table.origin and kind is None and (unit := epoch_unit(table.origin)) != "s":
+        factor = DURATION.parse(f"1 {unit}")
+        warnings.append(
+            f"{table.column_name('t')} begins with {table.origin:.0f}: read as {unit} "
+            f"since 1970; data.units: {{t: {unit}}} states it"
+        )
+    begin = table.origin * factor
+    counter = table.origin if begin < EARLIEST else 0.0
+    return (table.values["t"] + counter) * factor, begin if begin >= EARLIEST else 0.0, warnings
 
 
 def _refuse_unused_scales(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.data.stamps import EXAMPLE
-from expdesign.configuration import InputError, Problem, quote
+from expdesign.configuration import DataSection, InputError, Problem, quote
 from expdesign.configuration.errors import nearest_name
 from expdesign.configuration.estimate import CHANNELS, SUPPLY
 from expdesign.configuration.schema import MOST_SAMPLES, require_at_most
@@ -91,6 +91,7 @@ def pick_columns(
     file: Path,
     line: int | None = None,
     optional: Collection[str] = OPTIONAL,
+    channels: Sequence[str] = CHANNELS,
 ) -> dict[str, RecordedColumn]:
     """Pick the column of every channel.
 
@@ -106,6 +107,8 @@ def pick_columns(
         For messages.
     optional : collection of str
         Channels that may be missing, unless `names` contains them.
+    channels : sequence of str
+        Channels that the file may contain.
 
     Raises
     ------
@@ -116,7 +119,7 @@ def pick_columns(
     found: dict[str, RecordedColumn] = {}
     missing: dict[str, str] = {}
     problems: list[Problem] = []
-    for channel in (one for one in CHANNELS if one != SUPPLY or one in names):
+    for channel in (one for one in channels if one != SUPPLY or one in names):
         wanted = [names.get(channel, channel)]
         if channel not in names and channel[1:].isdigit():
             wanted.append(f"{channel[0]}(:,{channel[1]})")
@@ -269,6 +272,28 @@ class RawTable:
                 if first <= row < end
             },
         )
+
+
+def trim(table: RawTable, section: DataSection) -> RawTable:
+    """Return the rows from `data.start` to `data.end`; the others are not checked."""
+    time = table.values["t"]
+    finite = time[np.isfinite(time)]
+    if (section.start is None and section.end is None) or len(finite) == 0:
+        return table
+    # A stamp slightly before a limit, due to jitter, counts as the first one after it.
+    slack = section.time_tolerance * float(np.median(np.diff(finite))) if len(finite) > 1 else 0.0
+    first, end = 0, len(table)
+    if section.start is not None:
+        first = int(np.argmax(np.append(time >= section.start - slack, True)))
+    if section.end is not None:
+        end = first + int(np.argmax(np.append(time[first:] >= section.end - slack, True)))
+    if first >= end:
+        late = first == len(table)
+        key, limit = ("start", section.start) if late else ("end", section.end)
+        message = f"no rows {'at or after' if late else 'before'} data.{key}, {limit:g} s"
+        span = f"the file has {finite.min():g} to {finite.max():g} s"
+        raise InputError(table.problem(message, "t", allowed=span))
+    return table.part(first, end)
 
 
 def refuse_long(count: int, file: Path) -> None:

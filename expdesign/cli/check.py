@@ -134,7 +134,9 @@ def show_channels(run: str, data: Path, design: Path | None, *, as_json: bool) -
     sources = Sources(data=(data,), designs=() if design is None else (design,))
     work = Workspace(configuration, run_folder(configuration, None), sources=sources)
     found, remarks = check_channels_of(work)
-    section = {"file": "", **found.corrected(configuration.run.data)} | {"file": str(data)}
+    section = found.corrected(configuration.run.data)
+    if configuration.run.data.files is None:
+        section = {"file": "", **section} | {"file": str(data)}
     sure = "certain" if found.sure else "not certain: other channels explain it nearly as well"
     if as_json:
         faults = [{"place": place, "sentence": sentence} for place, sentence in found.faults]

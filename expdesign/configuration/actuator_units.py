@@ -48,8 +48,7 @@ class ActuatorUnits:
     def missing(self, unit: str) -> tuple[str, str] | None:
         """Return the lack of a conversion and its remedy; None for a unit that can be converted."""
         kind, motor = quantity_of_unit(unit), self._drive.motor
-        unknown = self.robot is not None and self.force_constants is None and motor is None
-        if kind is CURRENT and unknown:
+        if kind is CURRENT and self.force_constants is None and motor is None:
             return (
                 "no force constants are given",
                 "force_constants: one value or six, in N/A, or the motor in the robot file's drive",

@@ -443,7 +443,7 @@ def _impossible_control(run: RunDescription, robot: ResolvedRobot) -> Iterator[_
             f"at {spectrum.highest:g} Hz",
             f"{1 / spectrum.highest:g} s or more, or a run without `feedforward:`",
         )
-    if any(run.experiment.compliance) and run.data.file is None:
+    if any(run.experiment.compliance) and run.data.recording is None:
         yield (
             ("experiment", "compliance"),
             "the forward dynamics of feedforward has rigid struts",

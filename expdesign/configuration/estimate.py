@@ -27,17 +27,19 @@ CHANNEL_UNITS: dict[str, tuple[str, tuple[quantity.Quantity, ...]]] = {
     SUPPLY: ("a unit of voltage", (quantity.VOLTAGE,)),
 }
 """Quantities of the channels in a group, with words for messages."""
-_Channel = Annotated[str, schema.one_of(CHANNELS, "channel")]
+_Channel = Annotated[str, schema.one_of((*CHANNELS, "tQ"), "channel")]
 _Units = Annotated[
     str,
     schema.one_of(
-        (*CHANNEL_UNITS, *LENGTH_CHANNELS, *FORCE_CHANNELS), "channel or group of channels"
+        (*CHANNEL_UNITS, "tQ", *LENGTH_CHANNELS, *FORCE_CHANNELS), "channel or group of channels"
     ),
 ]
 _Filtered = Annotated[
     str,
     schema.one_of(("q", "Q", *LENGTH_CHANNELS, *FORCE_CHANNELS), "channel or group of channels"),
 ]
+TIME_OF_FORCES = "tQ"
+"""Channel of the time in the file of the forces, if its name is not that of the lengths."""
 _ONE_CHARACTER = require(
     lambda text: len(text) == 1,
     "{quoted} is not one character",
@@ -95,13 +97,24 @@ class OffsetsByChannel(schema.Section):
     Q: schema.ForceOffsets | None = None
 
 
+class DataFiles(schema.Section):
+    """Two files of one recording, with stamps of one clock and rates of their own."""
+
+    lengths: schema.FilledText
+    forces: schema.FilledText
+
+
 class DataSection(schema.Section):
     """Location and format of a recording."""
 
     file: schema.FilledText | None = None
     """File of the recording, relative to the run file; `--data` overrides it."""
+    files: DataFiles | None = None
+    """Files of lengths and forces in place of one file; `--data` names that of the lengths."""
+    sampling: Annotated[quantity.Frequency, quantity.Positive] | None = None
+    """Sampling frequency of a file without time, Hz."""
     columns: dict[_Channel, schema.FilledText] = Field(default_factory=dict)
-    """Channel (t, q1 …, Q1 …, period, U) → name in the file. Default: the same names, no U."""
+    """Channel (t, q1 …, Q1 …, period, U, tQ) → name in the file. Default: the same names, no U."""
     units: dict[_Units, schema.FilledText] = Field(default_factory=dict)
     """Channel, or group t, q, Q, U → unit in the file. Default: SI."""
     delimiter: Annotated[str, _ONE_CHARACTER] = ","
@@ -134,16 +147,45 @@ class DataSection(schema.Section):
     time_tolerance: Annotated[quantity.Number, Field(gt=0, lt=0.5)] = 0.01
     """Largest deviation from uniform time, as a share of a step."""
 
+    @property
+    def recording(self) -> str | None:
+        """File of the recording, or of its lengths."""
+        return self.file if self.files is None else self.files.lengths
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that a file may contain: all, or those of one group."""
+        return CHANNELS if self.sampling is None else CHANNELS[1:]
+
+    def of_group(self, group: Literal["q", "Q"]) -> DataSection:
+        """Return the section for the file of the lengths, ``q``, or of the forces, ``Q``."""
+
+        def own(given: dict[str, Any]) -> dict[str, Any]:
+            time = given.get(TIME_OF_FORCES, given.get("t")) if group == "Q" else given.get("t")
+            others = {key: value for key, value in given.items() if key[0] != "t"}
+            return others if time is None else {"t": time, **others}
+
+        changes = {"files": None, "columns": own(self.columns), "units": own(self.units)}
+        return DataOfGroup.model_construct(**{**dict(self), **changes, "group": group})
+
     @model_validator(mode="after")
     def _check_combination(self) -> DataSection:
+        if self.file is not None and self.files is not None:
+            raise refusal("file and files are both given", "one of them", key="files")
+        if self.files is None and TIME_OF_FORCES in {**self.columns, **self.units}:
+            raise refusal("tQ is the time in a second file", "data.files", key="files")
         if self.delimiter == self.decimal:
             message = f"'{self.decimal}' is both delimiter and decimal mark"
             raise refusal(message, "two different characters", key="decimal")
         if self.end is not None and self.start is not None and self.end <= self.start:
             message = f"the end, {self.end:g} s, is not after the start, {self.start:g} s"
             raise refusal(message, "data.end later than data.start", key="end")
-        for column in self.columns.values():
-            channels = [channel for channel, name in self.columns.items() if name == column]
+        for own, column in self.columns.items():
+            channels = [
+                channel
+                for channel, name in self.columns.items()
+                if name == column and (self.files is None or own[0] == channel[0])
+            ]
             if len(channels) > 1:
                 message = f"column {quote(column)} is both {' and '.join(channels)}"
                 raise refusal(message, "a column for each channel", key="columns")
@@ -155,7 +197,8 @@ class DataSection(schema.Section):
             kind = quantity.quantity_of_unit(unit)
             if kind is None or kind not in kinds:
                 raise refusal(f"'{unit}' is not a unit for {key}", allowed, key="units")
-            if missing := self.actuator_units().missing(unit):
+            # The robot file may have what other units need.
+            if kind is quantity.COUNT and (missing := self.actuator_units().missing(unit)):
                 message = f"{key} is {kind.name}, but {missing[0]}"
                 raise refusal(message, missing[1], key="units")
         return self
@@ -212,6 +255,18 @@ class DataSection(schema.Section):
         """Forces of the struts at readings of zero, N."""
         found = self.offset.Q if isinstance(self.offset, OffsetsByChannel) else None
         return found or (0.0,) * ACTUATORS
+
+
+class DataOfGroup(DataSection):
+    """Format of a file that has the lengths or the forces alone."""
+
+    group: Literal["q", "Q"]
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that the file may contain."""
+        own = (*LENGTH_CHANNELS, "period") if self.group == "q" else (*FORCE_CHANNELS, SUPPLY)
+        return tuple(channel for channel in super().channels if channel in ("t", *own))
 
 
 SelectionCriterion = Literal["bic", "f", "holdout"]

@@ -262,6 +262,9 @@ def _complete(
         return section.model_copy(update={"prior": priors[name]}) if name in priors else section
 
     def with_absolute_file(section: S) -> S:
+        if (files := getattr(section, "files", None)) is not None:
+            places = {key: str(absolute(file, document.folder)) for key, file in files}
+            return section.model_copy(update={"files": files.model_copy(update=places)})
         if (file := getattr(section, "file", None)) is None:
             return section
         return section.model_copy(update={"file": str(absolute(file, document.folder))})

@@ -203,7 +203,7 @@ def load_measurement(config: ConfigurationLike, file: Place | None = None) -> Me
     """
     configuration = load_run(config)
     section = configuration.run.data
-    place = section.file if file is None else file
+    place = section.recording if file is None else file
     if place is None:
         raise InputError("no recording is given", configuration.file, key="data.file")
     return read_measurement(place, section, configuration.robot)
@@ -233,7 +233,7 @@ def estimate(
         No motion has the measured lengths, or the data do not determine some parameters.
     """
     configuration = load_run(config)
-    given = configuration.run.data.file if data is None else data
+    given = configuration.run.data.recording if data is None else data
     if given is None:
         raise InputError("no recording is given", configuration.file, key="data.file")
     recordings = [

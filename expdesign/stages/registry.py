@@ -131,8 +131,8 @@ class ExperimentStage(SimulationStage):
     def reason_left_out(self, configuration: RunConfiguration) -> str:
         """Return the reason against a simulation: a measured recording, its length, or a sweep."""
         run = configuration.run
-        if run.data.file is not None:
-            return f"the data is measured: {short(Path(run.data.file))}"
+        if run.data.recording is not None:
+            return f"the data is measured: {short(Path(run.data.recording))}"
         return too_long_to_simulate(run) or super().reason_left_out(configuration)
 
 

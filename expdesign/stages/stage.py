@@ -116,7 +116,7 @@ class Stage(ABC):
         run, needs = configuration.run, self.inputs(configuration)
         if not self.in_sweep and run.sweep is not None:
             return "the sweep makes several designs; `expdesign run` of the run.yaml of one does it"
-        simulated = run.data.file is None and "experiment" in run.stages
+        simulated = run.data.recording is None and "experiment" in run.stages
         needed = "recording" in needs or ("estimate" in needs and "estimate" in run.stages)
         reason = too_long_to_simulate(run) if simulated and needed else ""
         return f"there is no recording: {reason}" if reason else ""
@@ -324,7 +324,7 @@ class Workspace:
         """Return the files of the recordings: from the options, the run file or the run folder."""
         if self.sources.data:
             return [path.absolute() for path in self.sources.data]
-        file = self.configuration.run.data.file
+        file = self.configuration.run.data.recording
         if file is not None:
             return [Path(file)]
         simulated = [place / MEASUREMENT_FILE for place in self.motion_folders]
@@ -387,7 +387,8 @@ class Workspace:
         places = others if need == "others" else designs
         files = [path / self.design_file.name if path.is_dir() else path for path in places]
         if need == "recording":
-            files = [*self.data_files(), *files]
+            pair = self.configuration.run.data.files
+            files = [*self.data_files(), *([] if pair is None else [Path(pair.forces)]), *files]
         elif need == "estimate":
             place = self.estimate_place
             files = [place / ESTIMATE_FILE if place.is_dir() else place]

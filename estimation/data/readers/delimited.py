@@ -125,12 +125,15 @@ def read(path: Path, section: DataSection) -> RawTable:
         raise InputError(_too_long(), path, HEADER_LINE) from None
     columns = [header_column(name, position) for position, name in enumerate(names)]
     try:
-        picked = pick_columns(columns, section.columns, path, HEADER_LINE)
+        picked = pick_columns(
+            columns, section.columns, path, HEADER_LINE, channels=section.channels
+        )
     except InputError as error:
         raise _with_delimiter_hint(error, path, header, delimiter) from None
     positions = {channel: columns.index(column) for channel, column in picked.items()}
     row = next(csv.reader(first[:1], delimiter=delimiter), [])
-    clock = TimeCells.starting_with(row[positions["t"]]) if len(row) > positions["t"] else None
+    timed = positions.get("t", len(row)) < len(row)
+    clock = TimeCells.starting_with(row[positions["t"]]) if timed else None
     if clock is not None and clock.stamps:
         picked["t"] = replace(picked["t"], unit="s")
     form = _Form(positions, len(names), delimiter, section.decimal, clock)

@@ -49,7 +49,7 @@ def read_arrays(path: Path, section: DataSection) -> RawTable:
     A Simulink "structure with time" has its signals under their labels too.
     """
     columns, arrays = _arrays(path)
-    picked = pick_columns(columns, section.columns, path)
+    picked = pick_columns(columns, section.columns, path, channels=section.channels)
     _refuse_long(picked, path)
     return RawTable(path, _load_columns(picked, arrays.__getitem__), picked)
 

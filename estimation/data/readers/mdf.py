@@ -47,7 +47,13 @@ def list_channels(path: Path) -> FileContent:
 
 
 def _table(file: Any, path: Path, section: DataSection) -> RawTable:
-    picked = pick_columns(list(_columns(file)), section.columns, path, optional=OPTIONAL | {"t"})
+    picked = pick_columns(
+        list(_columns(file)),
+        section.columns,
+        path,
+        optional=OPTIONAL | {"t"},
+        channels=section.channels,
+    )
     if "t" not in section.columns:
         picked.pop("t", None)
     signals: dict[str, Any] = {}

@@ -55,7 +55,8 @@ def read(path: Path, section: DataSection) -> RawTable:
             raise InputError(
                 f"there are no messages {_MESSAGE} in it", path, allowed="a topic of them"
             )
-        picked = pick_columns(columns, _joint_names(section.columns, columns), path)
+        names = _joint_names(section.columns, columns)
+        picked = pick_columns(columns, names, path, channels=section.channels)
         topic = _one_topic(picked, path)
         refuse_long(sum(connection.msgcount for connection in topics[topic]), path)
         return _table(bag, topics[topic], picked, path)

@@ -1,0 +1,127 @@
+"""Lengths and forces of two files, with stamps and rates of their own, at common times."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_lsq_spline
+
+from constraints.arrays import Array, Mask
+from estimation.data.measurement import time_base
+from estimation.data.table import RawTable, RecordedColumn, refuse_cells, trim
+from expdesign.configuration import DataSection, InputError
+
+_DEGREE = 3
+_FEWEST = 10
+"""Smallest number of rows of each file."""
+_GAP = 1.5
+"""Largest interval between two samples, in steps of the slower file, that is bridged."""
+_SHOWN = 1e-3
+"""Smallest jitter that is reported, in steps."""
+
+
+def join_tables(
+    lengths: tuple[RawTable, float], forces: tuple[RawTable, float], section: DataSection
+) -> tuple[RawTable, str]:
+    """Return one table at the times of the file with the lower rate, and a remark on both.
+
+    The faster file is reduced by `resample`. Tables come with their times in s, and the time since
+    1970 from which these count.
+
+    Raises
+    ------
+    InputError
+        A time is unusable, cells have no numbers, or the files have no time in common.
+    """
+    (table, begin), (other, later) = lengths, forces
+    if (begin > 0) != (later > 0):
+        message = "its stamps have a date, those of the other file have none"
+        raise InputError(message, (table if begin else other).file, allowed="stamps of one clock")
+    times = other.values["t"] + (later - begin)
+    other = replace(other, values={**other.values, "t": times})
+    table, other = (trim(each, section) for each in (table, other))
+    for each in table, other:
+        if len(each) < _FEWEST:
+            problem = each.problem(f"{len(each)} rows", "t", allowed=f"{_FEWEST} rows or more")
+            raise InputError(problem)
+        refuse_cells(each, tuple(each.values), section.decimal)
+    bases = [time_base(each, section) for each in (table, other)]
+    slow = int(bases[1].step > bases[0].step * (1 + 1e-6))
+    base, fast = bases[slow], bases[1 - slow]
+    inside = _supported(base.time, fast.time, _GAP * base.step)
+    if not np.any(inside):
+        spans = [f"{one.time[0]:.6g} to {one.time[-1]:.6g} s" for one in bases]
+        message = f"the files have no time in common: lengths {spans[0]}, forces {spans[1]}"
+        raise InputError(message, other.file, allowed="stamps of one clock")
+    source = (other, table)[slow]
+    channels = [name for name in source.values if name not in ("t", "period")]
+    reduced = resample(
+        fast.time, np.column_stack([source.values[name] for name in channels]), base.time[inside]
+    )
+    rows = np.flatnonzero(inside)
+    values = dict(zip(channels, reduced.T, strict=True))
+    values |= {
+        name: column[rows] for name, column in (table, other)[slow].values.items() if name != "t"
+    }
+    if slow and "period" in table.values:
+        before = np.searchsorted(fast.time, base.time[rows], side="right") - 1
+        values["period"] = table.values["period"][before]
+    order = ["t", *(name for one in (table, other) for name in one.values if name != "t")]
+    values["t"] = base.time[rows]
+    joint = replace(
+        (table, other)[slow],
+        values={name: values[name] for name in order},
+        columns={**other.columns, **table.columns, "t": RecordedColumn("t", unit="s")},
+        rows=np.array([(table, other)[slow].row_number(row) for row in rows.tolist()]),
+        texts={},
+        origin=0.0,
+    )
+    about = [
+        f"{name} at {1 / one.step:.6g} Hz"
+        + (f" with a jitter of {one.jitter:.2g} steps" if one.jitter > _SHOWN else "")
+        for name, one in zip(("lengths", "forces"), bases, strict=True)
+    ]
+    lag = 1e3 * (bases[1].time[0] - bases[0].time[0])
+    reduction = f"; combined at the times of the {('lengths', 'forces')[slow]}"
+    return joint, f"{', '.join(about)}, the first {abs(lag):.4g} ms " + (
+        ("later" if lag >= 0 else "earlier") + reduction
+    )
+
+
+def _supported(at: Array, times: Array, most: float) -> Mask:
+    """Return which times lie between two samples that are not further apart than `most`."""
+    later = np.searchsorted(times, at)
+    later = np.where((later == 0) & np.isclose(at, times[0], rtol=0, atol=1e-9), 1, later)
+    inside = (later > 0) & (later < len(times))
+    ends = np.clip(later, 1, len(times) - 1)
+    return inside & (times[ends] - times[ends - 1] <= most)
+
+
+def resample(times: Array, values: Array, at: Array) -> Array:
+    """Return values (T, c) at other times (S,), which are not denser: (S, c).
+
+    A cubic spline with knots at these times is fitted by least squares: slow components stay, up to
+    a fourth order in frequency over rate; the noise is averaged, and stays nearly white. Between
+    equal times it interpolates.
+
+    Examples
+    --------
+    >>> times = np.linspace(0, 1, 1001)
+    >>> at = np.linspace(0, 1, 101)
+    >>> float(
+    ...     np.max(np.abs(resample(times, np.sin(20 * times)[:, None], at)[:, 0] - np.sin(20 * at)))
+    ... ) < 1e-5
+    True
+    """
+    start = times[0]
+    knots = at[(at >= times[2]) & (at <= times[-3])]
+    # One sample or more between two knots.
+    places: NDArray[np.intp] = np.searchsorted(times, knots)
+    knots = knots[np.unique(places, return_index=True)[1]]
+    ends = (np.full(_DEGREE + 1, 0.0), np.full(_DEGREE + 1, times[-1] - start))
+    spline = make_lsq_spline(
+        times - start, values, np.concatenate([ends[0], knots - start, ends[1]]), k=_DEGREE
+    )
+    return np.asarray(spline(np.clip(at - start, 0.0, times[-1] - start)), np.float64)
