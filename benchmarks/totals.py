@@ -103,8 +103,8 @@ _SAMPLES = 250
 _SLOW = ["0.12 Hz", "0.2 Hz"]
 """Frequencies of a motion that shows friction and weight."""
 _WISHES = {
-    "palida": {"mass": "0.8 %", "centre": "0.1 mm", "v1": "3 %"},
-    "linuxcnc": {"mass": "0.8 %", "centre": "1 mm", "v1": "10 %"},
+    "palida": ("mass=0.6%", "centre=0.05mm", "v1=1%", "mass=0.5%"),
+    "linuxcnc": ("mass=1%", "centre=0.4mm", "v1=1%", "mass=0.5%"),
 }
 _RATE = 150.0
 """Sampling of the recordings before and after an estimate, Hz."""
@@ -204,10 +204,10 @@ def _plan_rows(robot: str, count: int) -> Iterator[Row]:
     """Yield planned measuring times, and the errors that simulated experiments of them achieve."""
     search = {**_QUICK, "counts": "total"}
     motion = design(_run(robot, search, "auto")).trajectory
-    for wish, size in _WISHES[robot].items():
-        goals = {wish: size}
+    for wish in _WISHES[robot]:
+        goals = dict([wish.split("=")])
         (goal, *_) = plan_measurement(_run(robot, search, "auto", goals=goals), motion).goals
-        row: Row = {"wish": f"{goal.quantity} ± {size}"}
+        row: Row = {"wish": wish}
         if not goal.reachable:
             cause = f"{goal.source} at {goal.tolerance_percent:.0f} % of its size"
             yield row | {"periods": "never", "in the way": cause}
