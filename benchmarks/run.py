@@ -49,6 +49,7 @@ NAMES = (
     "physical_consistency",
     "mutants",
     "unknowns",
+    "shots",
     "long_tables",
     "folders",
     "kills",

@@ -37,7 +37,7 @@ from tests.unknowns.simulator import Machine, Motion, deviate, draw_noise, read_
 TITLE = "Effects that the model lacks"
 
 _ROOT = Path(__file__).resolve().parents[1]
-_ROBOTS = {
+ROBOTS = {
     "palida": _ROOT / "expdesign" / "library" / "robots" / "palida.yaml",
     "irregular": _ROOT / "tests" / "unknowns" / "irregular.yaml",
     "mathworks": _ROOT / "expdesign" / "library" / "robots" / "mathworks.yaml",
@@ -218,11 +218,11 @@ def _commit() -> str:
 
 
 def _outcome(recording: Recording, effect: str, size: float, number: int) -> Outcome:
-    truth = _draw_truth(_machine(recording.robot), np.random.default_rng([1, number]))
+    truth = draw_truth(read_machine(recording.robot), np.random.default_rng([1, number]))
     effects = {effect: size} if effect else {}
     data = _record(recording, truth, effects, np.random.default_rng([2, number]))
     began = time.process_time()
-    result = estimate(_run(recording), data, _design(recording.design))
+    result = estimate(_run(recording), data, read_design(recording.design))
     return _judge(result, truth.parameters, time.process_time() - began)
 
 
@@ -252,11 +252,13 @@ def _judge(result: EstimationResult, truth: Mapping[str, float], seconds: float)
 
 
 @cache
-def _machine(robot: str) -> Any:
-    return Machine.read(_ROBOTS[robot])
+def read_machine(robot: str) -> Any:
+    """Return a machine of the simulator, as its robot file states it."""
+    return Machine.read(ROBOTS[robot])
 
 
-def _draw_truth(machine: Any, rng: np.random.Generator) -> Any:
+def draw_truth(machine: Any, rng: np.random.Generator) -> Any:
+    """Return a machine with other parameters."""
     together, *each = 1 + _SPREAD * rng.standard_normal(1 + len(machine.parameters))
     drawn = {
         name: value * _OFF.get(name, 1.0) * (together if _is_rigid(name) else one)
@@ -266,12 +268,14 @@ def _draw_truth(machine: Any, rng: np.random.Generator) -> Any:
 
 
 @cache
-def _design(name: str) -> FourierTrajectory:
+def read_design(name: str) -> FourierTrajectory:
+    """Return the trajectory of a design."""
     return TrajectoryFile.read(_ROOT / "benchmarks" / "designs" / f"{name}.json").trajectory
 
 
 @cache
-def _motion(name: str) -> Any:
+def read_motion(name: str) -> Any:
+    """Return the motion of a design for the simulator."""
     path = _ROOT / "benchmarks" / "designs" / f"{name}.json"
     return Motion.read(json.loads(path.read_text()))
 
@@ -279,12 +283,12 @@ def _motion(name: str) -> Any:
 @cache
 def _run(recording: Recording, systematic: str = "", draw: str = "") -> RunConfiguration:
     """Return the run of a user who knows of no effect, or of tolerances."""
-    sampling = recording.samples / _motion(recording.design).period
+    sampling = recording.samples / read_motion(recording.design).period
     options = {"systematic": systematic} if systematic else {}
     return load_run(
         {
             "name": "unknowns",
-            "robot": str(_ROBOTS[recording.robot]),
+            "robot": str(ROBOTS[recording.robot]),
             "experiment": {"periods": recording.periods, "sampling": sampling},
             "estimate": {"estimators": ["gm", "ml"], **options},
         }
@@ -299,7 +303,7 @@ def _record(
     rng: np.random.Generator,
     sensors: Any = None,
 ) -> Measurement:
-    motion = _motion(recording.design)
+    motion = read_motion(recording.design)
     if recording.tracking:
         motion = motion.with_tracking_error(recording.tracking, (6, 30), rng)
     step = motion.period / recording.samples
@@ -312,7 +316,7 @@ def _record(
         for part in simulate(machine, motion, times, effects, sensors=sensors, rng=rng)
     )
     less = _AT_1_KHZ / step
-    of_forces, of_lengths = read_noise(_ROBOTS[recording.robot])
+    of_forces, of_lengths = read_noise(ROBOTS[recording.robot])
     forces += draw_noise(len(stamps), less * recording.forces**2 * of_forces, rng, recording.memory)
     lengths += draw_noise(len(stamps), less * recording.lengths**2 * of_lengths, rng)
     return Measurement(stamps, lengths, forces)
@@ -369,13 +373,13 @@ class Drawn:
 
 
 def _drawn(recording: Recording, draw: str, systematic: str, number: int) -> Drawn:
-    truth = _draw_truth(_machine(recording.robot), np.random.default_rng([1, number]))
+    truth = draw_truth(read_machine(recording.robot), np.random.default_rng([1, number]))
     rng = np.random.default_rng([2, number])
     machine, sensors, effects = deviate(truth, _tolerances(recording.robot, draw), rng)
     data = _record(recording, machine, effects, rng, sensors)
     began = time.process_time()
     estimation = estimate_parameters(
-        _run(recording, systematic, draw), data, _design(recording.design)
+        _run(recording, systematic, draw), data, read_design(recording.design)
     )
     found = Drawn({}, {}, time.process_time() - began)
     for row in estimation.rows:
@@ -502,7 +506,7 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
         if section == "clean":
             yield from clean_rows(repetitions or 47)
         elif section == "tolerances":
-            for robot in _ROBOTS:
+            for robot in ROBOTS:
                 recording = Recording(robot, robot)
                 draws = [draw for draw in _DRAWS if robot not in _SIZE or draw != _WITH_TERMS]
                 yield from tolerance_rows(recording, draws, _SETTINGS, repetitions or 200)
@@ -522,7 +526,7 @@ def main() -> None:
     parser.add_argument("--sizes", default="", help="in the unit of the effect, comma-separated")
     parser.add_argument("--count", type=int, default=10, help="recordings of each size")
     parser.add_argument("--samples", type=float, default=300, help="of a period")
-    parser.add_argument("--robot", choices=_ROBOTS, default="palida")
+    parser.add_argument("--robot", choices=ROBOTS, default="palida")
     parser.add_argument("--clean", action="store_true", help="recordings without an effect")
     parser.add_argument("--tolerances", action="store_true", help="truths drawn from tolerances")
     parser.add_argument("--draws", default=",".join(_DRAWS), help="sizes of the tolerances")

@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from constraints.arrays import Array, ComplexArray
-from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.motion import MotionSamples, NormalEquations, Rows, whiten_rows
+from estimation.measurement_model import HarmonicMotion, Motion
+from estimation.measurement_model.motion import NormalEquations, Rows, Samples, whiten_rows
 from estimation.measurement_model.prediction import (
     chunks,
     length_columns,
@@ -68,13 +68,26 @@ class NoMotionFoundError(MotionFitError):
 class MotionFit:
     """A motion fitted to measured lengths."""
 
-    motion: HarmonicMotion
+    motion: Motion
     covariance: Array
     """(x, x), of ξ."""
     residuals: Array
     """(S, 6), measured minus fitted lengths, m."""
     wanted: int | None = None
     """Number of harmonics in the lengths, if no motion with as many was found."""
+
+    @property
+    def series(self) -> HarmonicMotion:
+        """The motion as a Fourier series.
+
+        Raises
+        ------
+        ValueError
+            It is a spline.
+        """
+        if not isinstance(self.motion, HarmonicMotion):
+            raise ValueError("a motion without a period has no Fourier series")
+        return self.motion
 
 
 def fit_motion(
@@ -103,6 +116,23 @@ def fit_motion(
         )
     first = start_motion(robot, recording, min(harmonics, 5)) if start is None else start
     motion = HarmonicMotion(first.table, recording.omega, free_frequency).with_harmonics(harmonics)
+    return converge(robot, recording, covariance, motion, noise_filter)
+
+
+def converge(
+    robot: Robot,
+    recording: PeriodicRecording,
+    covariance: Array,
+    motion: Motion,
+    noise_filter: WhiteningFilter | None = None,
+) -> MotionFit:
+    """Fit the unknowns of a motion to the measured lengths, from their present values.
+
+    Raises
+    ------
+    MotionFitError
+        The samples do not determine the motion, or no motion has these lengths.
+    """
     present = length_equations(robot, recording, covariance, motion, noise_filter)
     for _ in range(_STEPS):
         try:
@@ -121,9 +151,8 @@ def fit_motion(
         if decrement < _CONVERGED**2 * len(step):
             break
     else:
-        raise NoMotionFoundError(
-            f"no motion with {harmonics} harmonics was found in {_STEPS} iterations"
-        )
+        kind = f"with {motion.harmonics} harmonics" if motion.harmonics else "along a spline"
+        raise NoMotionFoundError(f"no motion {kind} was found in {_STEPS} iterations")
     return MotionFit(
         motion=motion,
         covariance=np.asarray(np.linalg.inv(present.matrix), dtype=np.float64),
@@ -152,17 +181,17 @@ def start_motion(robot: Robot, recording: PeriodicRecording, harmonics: int) -> 
     return HarmonicMotion(table, recording.omega)
 
 
-def length_residuals(robot: Robot, recording: PeriodicRecording, motion: HarmonicMotion) -> Array:
+def length_residuals(robot: Robot, recording: PeriodicRecording, motion: Motion) -> Array:
     """Return measured minus modelled lengths, (S, 6), m."""
-    basis = PhaseBasis.at(motion.omega * recording.lengths.times, motion.harmonics).value
-    return recording.lengths.values - robot.inverse_kinematics(basis @ motion.table.T)
+    poses = motion.poses(recording.lengths.times)
+    return recording.lengths.values - robot.inverse_kinematics(poses)
 
 
 def length_equations(
     robot: Robot,
     recording: PeriodicRecording,
     covariance: Array,
-    motion: HarmonicMotion,
+    motion: Motion,
     noise_filter: WhiteningFilter | None = None,
 ) -> NormalEquations:
     """Return the normal equations of ξ from the lengths, whose covariance is Δ, (6, 6)."""
@@ -232,7 +261,7 @@ def choose_harmonics(
 
     fit = begun(first)
     for _ in range(_ROUNDS):
-        harmonics = fit.motion.harmonics
+        harmonics = fit.series.harmonics
         if harmonics >= most:
             break
         found = np.flatnonzero(
@@ -242,21 +271,21 @@ def choose_harmonics(
             break
         wanted = harmonics + int(found[-1]) + 1
         try:
-            fit = fitted(wanted, fit.motion)
+            fit = fitted(wanted, fit.series)
         except NoMotionFoundError:
             return replace(fit, wanted=wanted)
     needed = _highest_needed(fit, least, level)
-    return fitted(needed, fit.motion) if needed < fit.motion.harmonics else fit
+    return fitted(needed, fit.series) if needed < fit.series.harmonics else fit
 
 
 def _highest_needed(fit: MotionFit, least: int, level: float) -> int:
     """Return the highest harmonic whose amplitudes exceed their uncertainty."""
-    size = fit.motion.table.size
-    order = np.arange(size).reshape(fit.motion.table.shape)
-    count = fit.motion.harmonics
+    size = fit.series.table.size
+    order = np.arange(size).reshape(fit.series.table.shape)
+    count = fit.series.harmonics
     for harmonic in range(count, least, -1):
         places = np.concatenate([order[:, harmonic], order[:, count + harmonic]])
-        amplitudes = fit.motion.table.ravel()[places]
+        amplitudes = fit.series.table.ravel()[places]
         block = fit.covariance[np.ix_(places, places)]
         statistic = float(amplitudes @ np.linalg.solve(block, amplitudes))
         if scipy.stats.chi2.sf(statistic, len(places)) < level:
@@ -273,7 +302,7 @@ def _p_values(
     noise_filter: WhiteningFilter | None,
 ) -> Array:
     """Return the p-value of each harmonic above the fit's, tested on the fit's residuals."""
-    white, motion = whitening(covariance), fit.motion
+    white, motion = whitening(covariance), fit.series
     rows = np.arange(recording.samples)
     if not recording.averaged:
         # Evenly in phase, so that no harmonic is an alias of another.
@@ -401,7 +430,7 @@ def pointwise_motion(
     return PointwiseMotion(rows[inner], state[inner])
 
 
-def expected_signs(robot: Robot, motion: HarmonicMotion, times: Array, spread: Array) -> Array:
+def expected_signs(robot: Robot, motion: Motion, times: Array, spread: Array) -> Array:
     """Return the expected signs of the terms' rates, (S, s), at times in s.
 
     `spread` is their standard deviation, (S, s), as of `rate_spread`; 0 gives the plain signs.
@@ -409,7 +438,7 @@ def expected_signs(robot: Robot, motion: HarmonicMotion, times: Array, spread: A
     return signs_along(robot, motion.at(times), spread)
 
 
-def signs_along(robot: Robot, sampled: MotionSamples, spread: Array) -> Array:
+def signs_along(robot: Robot, sampled: Samples, spread: Array) -> Array:
     """Return the expected signs along a sampled motion."""
     kernel = sliding_rate_kernel(robot.terms)
     (rates,) = kernel(sampled.state(), robot.geometry_vector)
@@ -423,7 +452,7 @@ _STILL = 5.0
 
 
 def rate_spread(
-    robot: Robot, motion: HarmonicMotion, recording: PeriodicRecording, covariance: Array
+    robot: Robot, motion: Motion, recording: PeriodicRecording, covariance: Array
 ) -> Array:
     """Return the standard deviations of the same rates, (S, s), from Cov(ξ), (x, x).
 
@@ -431,12 +460,12 @@ def rate_spread(
     They are infinite, and the expected signs zero, where no rate differs from zero.
     """
     times, late = recording.forces.times, np.hypot(robot.delay_std, recording.jump_spread)
-    factor = np.asarray(np.linalg.cholesky(covariance + 0.0), dtype=np.float64)
+    factor = motion.factor(covariance)
     parts = []
     for part in chunks(len(times)):
         sampled = motion.at(times[part])
         rates, slope = sliding_kernel(robot.terms)(sampled.state(), robot.geometry_vector)
-        spread = np.linalg.norm(sampled.apply_steps(slope, factor), axis=2)
+        spread = sampled.spread(slope, factor)
         if late:
             change = slope @ sampled.state()[:, COORDINATES:, None]
             spread = np.hypot(spread, late * change[:, :, 0])

@@ -396,7 +396,7 @@ class RecordingInformation:
         system = self._system.select(np.concatenate([self._order[places], self._order[first:]]))
         known = NormalEquations(0.0, system.information, system.gradient) + prior.select(places)
         solved = replace(system, information=known.matrix, gradient=known.gradient).solution
-        harmonics = experiment.motion.harmonics
+        harmonics = experiment.harmonics or 0
         return harmonic_lack_of_fit(experiment, self._part, solved, harmonics, level=level)
 
     def residual_chi_square(self, step: Array) -> tuple[float, int]:

@@ -140,6 +140,11 @@ class Measurement:
         return values if self.period is None else values | {"period": self.period}
 
     @property
+    def has_sensors(self) -> bool:
+        """Whether filters or delays of single channels are stated."""
+        return self.length_sensors is not None or self.force_sensors is not None
+
+    @property
     def gapless(self) -> bool:
         """True if the rows follow each other on a uniform grid."""
         return not self.stamped and not self.lost

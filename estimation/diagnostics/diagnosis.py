@@ -74,8 +74,9 @@ from estimation.estimators.influence import Influence
 from estimation.estimators.prior_estimate import invert_covariance
 from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate
-from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model import Motion, SplineMotion
 from estimation.measurement_model.motion import NormalEquations
+from estimation.processing import PeriodSource
 from expdesign.configuration.tolerances import RobotTolerances
 from expdesign.progress import report_progress, track
 from expdesign.robot import Robot
@@ -156,7 +157,7 @@ class _Case:
     experiment: Experiment
     recoloured: bool
     """Whether its noise is coloured, although the estimate weighted it as white."""
-    motion: HarmonicMotion | None
+    motion: Motion | None
     own_motion: bool
     """Whether the motion was estimated with the parameters."""
     part: Linearisation
@@ -183,11 +184,15 @@ def _linearise_all(
     held_out: bool,
 ) -> list[_Case]:
     """Linearise all experiments at the estimate."""
+    own_motion = estimate.estimator == "ml" and not held_out
+    experiments = [
+        _with_known_spline(robot, each, estimate.motions[i] if own_motion else None)
+        for i, each in enumerate(experiments)
+    ]
     coloured = [with_empirical_colour(experiment) for experiment in experiments]
     free = priors.free & (np.diag(estimate.covariance) > 0) if held_out else priors.free
-    own_motion = estimate.estimator == "ml" and not held_out
     motions = [
-        estimate.motions[i] if own_motion else (None if e.fit is None else e.fit.motion)
+        None if e.fit is None else (estimate.motions[i] if own_motion else e.fit.motion)
         for i, e in enumerate(coloured)
     ]
     parts = [
@@ -233,6 +238,16 @@ def _linearise_all(
         )
         for number, experiment in enumerate(coloured)
     ]
+
+
+def _with_known_spline(
+    robot: Robot, experiment: Experiment, estimated: Motion | None
+) -> Experiment:
+    """Return an experiment without a period along its motion, taken as known; others unchanged."""
+    motion = None if experiment.fit is None else (estimated or experiment.fit.motion)
+    if not isinstance(motion, SplineMotion):
+        return experiment
+    return experiment.with_known_motion(robot, motion)
 
 
 def _diagnose_experiment(
@@ -334,6 +349,8 @@ def _noise_tests(
     """Test the noise, with its effect on the standard deviations of an estimate."""
     recording, noise, part = case.experiment.recording, case.experiment.noise, case.part
     forces, lengths = part.force_rows, part.length_rows
+    if recording.source is PeriodSource.NONE:
+        forces = case.experiment.noise_rows(forces)
     centred = (
         part.cells.deviations(forces),
         None if lengths is None else part.length_cells.deviations(lengths),
@@ -436,7 +453,7 @@ def _harmonic_test(
         case.experiment,
         case.part,
         solved,
-        case.motion.harmonics,
+        case.motion.harmonics or 0,
         level=HARMONIC_LACK_OF_FIT / shares,
     )
 

@@ -314,7 +314,7 @@ def _term(kind: str, noun: str, find: _Finder | None = None, **more: Any) -> tup
 
 
 _OF_MOTION: dict[str, Any] = {
-    "reason_untested": "pointwise kinematics have no motion model for it",
+    "reason_untested": "pointwise kinematics and splines have no motion model for it",
     "scale": 1e3,
 }
 _PLACED: dict[str, Any] = {"phrase": "{noun} ({place})"}

@@ -38,11 +38,11 @@ from estimation.estimators.experiment import (
 )
 from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.kinematics import length_residuals
-from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model import Motion
 from estimation.measurement_model.prediction import (
     chunks,
 )
-from estimation.processing import NoiseEstimate, NoiseModel
+from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import parameters_of
 from expdesign.mechanism.terms import term_definitions
@@ -188,7 +188,7 @@ def linearise(
     experiment: Experiment,
     values: Array,
     free: NDArray[np.bool_],
-    motion: HarmonicMotion | None,
+    motion: Motion | None,
 ) -> Linearisation:
     """Linearise an experiment at parameters and a motion.
 
@@ -196,7 +196,7 @@ def linearise(
     ----------
     values, free : (m,)
         Parameters, SI, and flags of those that were estimated.
-    motion : HarmonicMotion or None
+    motion : Motion or None
         None: the pointwise motion of the experiment.
     """
     recording, times = experiment.recording, experiment.times
@@ -253,7 +253,7 @@ def linearise(
 
 def _cells(experiment: Experiment, times: Array, counts: Array) -> PhaseCells:
     recording = experiment.recording
-    if recording.averaged:
+    if recording.averaged or recording.source is PeriodSource.NONE:
         return PhaseCells.rows(counts)
     return PhaseCells.of(times, counts, recording.period, recording.step)
 
@@ -261,7 +261,7 @@ def _cells(experiment: Experiment, times: Array, counts: Array) -> PhaseCells:
 def _sign_errors(
     robot: Robot,
     experiment: Experiment,
-    motion: HarmonicMotion,
+    motion: Motion,
     cells: PhaseCells,
     state: Array,
     values: Array,
@@ -365,14 +365,14 @@ class CandidateEffects:
 
     robot: Robot
     experiment: Experiment
-    motion: HarmonicMotion | None
+    motion: Motion | None
     """Estimated motion; None: the pointwise motion of the experiment."""
     values: Array
     """(m,), estimated parameters, SI."""
     part: Linearisation
 
     @property
-    def _fitted(self) -> HarmonicMotion:
+    def _fitted(self) -> Motion:
         """The motion, if it is a Fourier series."""
         if self.motion is None:
             raise ValueError("pointwise kinematics have no Fourier series")
@@ -469,7 +469,7 @@ class CandidateEffects:
     def _forces_in_time(self) -> Array:
         return self._forces(self._fitted)
 
-    def _forces(self, motion: HarmonicMotion) -> Array:
+    def _forces(self, motion: Motion) -> Array:
         """Return the predicted forces at the samples along a motion, (T, 6)."""
         signs = self.experiment.signs(self.robot, motion)
         return regressors_along(self.robot, motion, self.experiment.times, signs) @ self.values

@@ -23,7 +23,7 @@ from pydantic import Field
 
 from constraints.arrays import Array
 from estimation.diagnostics.significance import NOISE, ChannelTest, OfEach, below_level, no_numbers
-from estimation.processing import Channels, NoiseModel, PeriodicRecording
+from estimation.processing import Channels, NoiseModel, PeriodicRecording, PeriodSource
 from estimation.processing.noise import NORMAL_MEDIAN
 from estimation.processing.spectrum import WhiteningFilter, contrasts
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -393,6 +393,8 @@ def why_not_compared(recording: PeriodicRecording) -> str:
     if recording.averaged and recording.forces.periods is not None:
         few = len(recording.forces.periods) < _FEWEST
         return "a comparison needs two or more periods" if few else ""
+    if recording.source is PeriodSource.NONE:
+        return "the motion has no period"
     if recording.lost:
         missing = "1 sample is" if recording.lost == 1 else f"{recording.lost} samples are"
         return (

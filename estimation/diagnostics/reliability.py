@@ -177,6 +177,9 @@ def candidate_reliability(
         part.cells.expand(signature.forces),
         part.length_cells.expand(signature.lengths),
     )
+    if not len(lengths):  # a known motion
+        rows = len(influence.experiment.recording.lengths.times)
+        lengths = np.broadcast_to(0.0, (rows, *signature.lengths.shape[1:]))
     shift = influence.response(forces.__getitem__, lengths.__getitem__)[:count]
     counted = np.zeros(signature.count, dtype=bool)
     if tolerated.count:

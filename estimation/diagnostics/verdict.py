@@ -393,9 +393,10 @@ def _motion(tests: RecordingTests, left: str) -> list[Finding]:
     test, white = tests.chi_square.lengths, tests.whiteness.length_residuals
     if test is None or white is None:
         reason = (
-            "pointwise differentiation has no model of the motion; its error is in the regressor"
+            "pointwise differentiation and splines have no model of the motion; its error is in "
+            "the regressor"
         )
-        return [_MOTION.skip(reason, "use `differentiation: fourier`")]
+        return [_MOTION.skip(reason, "use `differentiation: fourier` for a motion that repeats")]
     findings = [_size(_MOTION, test, "length", left)]
     if tests.harmonics_left_out:
         sentence = (

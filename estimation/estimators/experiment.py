@@ -13,13 +13,15 @@ from estimation.kinematics import (
     expected_signs,
     rate_spread,
 )
-from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model import Motion
 from estimation.measurement_model.prediction import held_regressor_kernel
-from estimation.processing import NoiseModel, PeriodicRecording
+from estimation.processing import NoiseEstimate, NoiseModel, PeriodicRecording, PeriodSource
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot import Robot
 from expdesign.robot.deviation import force_jumps
 
+KNOWN = 0.5
+"""Least certainty of a sample whose residual is noise."""
 UNSURE = 1e-3
 """Variance of a friction sign below which its effect on the forces is negligible."""
 
@@ -32,7 +34,7 @@ class RefinedMotion:
     variance of the parameters by more than the bias that they remove.
     """
 
-    motion: HarmonicMotion
+    motion: Motion
     covariance: Array
     """(x, x), covariance of the Fourier coefficients."""
     spread: Array
@@ -56,6 +58,8 @@ class Experiment:
     """The refined motion, if the forces show more harmonics than the lengths; otherwise None."""
     certainty: Array | None = None
     """(S,), noise in the variance of noise and unknown signs of friction; None: 1."""
+    linear_noise: NoiseEstimate | None = None
+    """Noise by which GM weights the forces, with the error of the motion; None: that of them."""
 
     @classmethod
     def from_fit(
@@ -85,6 +89,13 @@ class Experiment:
     ) -> Experiment:
         """Build an experiment from pointwise kinematics."""
         return cls(recording, noise, None, None, regressors_at(robot, motion), motion)
+
+    def with_known_motion(self, robot: Robot, motion: Motion) -> Experiment:
+        """Return the experiment with states and regressors of a motion, taken as known."""
+        times = self.recording.forces.times
+        points = PointwiseMotion(np.arange(len(times)), motion.at(times).state())
+        regressors = self.regressors(robot, motion)
+        return replace(self, fit=None, spread=None, pointwise=points, fitted_regressors=regressors)
 
     def of_robot(self, robot: Robot) -> Experiment:
         """Return the experiment with the regressors A of another robot along the same motion."""
@@ -147,10 +158,10 @@ class Experiment:
         """Number of harmonics that the forces show and that LS and GM leave out."""
         if self.refined_motion is None or self.fit is None:
             return 0
-        return self.refined_motion.motion.harmonics - self.fit.motion.harmonics
+        return (self.refined_motion.motion.harmonics or 0) - self.fit.series.harmonics
 
     @property
-    def motion(self) -> HarmonicMotion:
+    def motion(self) -> Motion:
         """Best known motion: the starting point of ML; none after pointwise differentiation."""
         return self.fitted.motion if self.refined_motion is None else self.refined_motion.motion
 
@@ -173,6 +184,17 @@ class Experiment:
         """(R,) counts as weights of the rows, less where signs of friction are uncertain."""
         return self.counts if self.certainty is None else self.counts * self.certainty
 
+    @property
+    def certainties(self) -> Array:
+        """(S,), the same; 1 where it is None."""
+        forces = self.recording.forces.values
+        return np.ones(len(forces)) if self.certainty is None else self.certainty
+
+    def row_counts(self, weights: NoiseEstimate) -> Array:
+        """Return the weights of the rows, (R,), for this noise; its filter may have its own."""
+        own = weights.filter is not None and weights.filter.lag is not None
+        return self.counts if own else self.effective_counts
+
     def with_sign_variance(self, robot: Robot, values: Array) -> Experiment:
         """Return the experiment with less weight where signs of friction are uncertain.
 
@@ -190,44 +212,55 @@ class Experiment:
         state = self.fit.motion.at(recording.forces.times[rows]).state()
         jumps, _, _ = force_jumps(robot, state, signs[rows], values)
         variance = np.einsum("sij,sj->si", jumps**2, 1 - signs[rows] ** 2)
-        # Rows of one phase in several periods have the same sign.
+        # Rows of one phase in several periods, or of one standstill, have the same sign.
         alike = recording.forces.counts[rows] * (1 if recording.averaged else recording.periods)
+        if recording.source is PeriodSource.NONE:
+            runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+            alike = np.concatenate([np.full(len(run), float(len(run))) for run in runs])
         ratio = np.max(variance / np.diag(noise.covariance), axis=1) * alike
         certainty = np.ones(len(signs))
         certainty[rows] = 1 / (1 + ratio)
         return replace(self, certainty=certainty)
+
+    def noise_rows(self, residuals: Array) -> Array:
+        """Return whitened force residuals, (n, 6), without those of uncertain signs."""
+        noise_filter, known = self.noise.forces.filter, np.ones(len(residuals))
+        if noise_filter is not None:
+            residuals = noise_filter(residuals)
+            known[: noise_filter.lag] = 0.0
+        return residuals[(self.certainties > KNOWN) & (known > 0)]
 
     @property
     def times(self) -> Array:
         """(R,) times of the rows, s."""
         return self.select_rows(self.recording.forces.times)
 
-    def signs(self, robot: Robot, motion: HarmonicMotion) -> Array:
+    def signs(self, robot: Robot, motion: Motion) -> Array:
         """Return the expected friction signs along a motion, (S, s)."""
         times = self.recording.forces.times
         return expected_signs(robot, motion, times, self.spread_along(motion))
 
-    def spread_along(self, motion: HarmonicMotion) -> Array:
+    def spread_along(self, motion: Motion) -> Array:
         """Return the standard deviations of the rates of friction along a motion, (S, s)."""
         if self.spread is None:
             raise ValueError("pointwise kinematics have no spread of their rates")
         refined = self._matching_refined_motion(motion)
         return self.spread if refined is None else refined.spread
 
-    def signs_for_robot(self, robot: Robot, motion: HarmonicMotion) -> Array:
+    def signs_for_robot(self, robot: Robot, motion: Motion) -> Array:
         """Return the expected friction signs for the terms of another robot, (S, s)."""
         refined, recording = self._matching_refined_motion(motion), self.recording
         covariance = self.fitted.covariance if refined is None else refined.covariance
         spread = rate_spread(robot, motion, recording, covariance)
         return expected_signs(robot, motion, recording.forces.times, spread)
 
-    def _matching_refined_motion(self, motion: HarmonicMotion) -> RefinedMotion | None:
+    def _matching_refined_motion(self, motion: Motion) -> RefinedMotion | None:
         """Return the refined motion if this motion has the same harmonics."""
         refined = self.refined_motion
         same = refined is not None and motion.harmonics == refined.motion.harmonics
         return refined if same else None
 
-    def regressors(self, robot: Robot, motion: HarmonicMotion) -> Array:
+    def regressors(self, robot: Robot, motion: Motion) -> Array:
         """Return A at the force samples along a motion, (S, 6, m)."""
         return regressors_along(
             robot, motion, self.recording.forces.times, self.signs(robot, motion)
@@ -240,7 +273,7 @@ def regressors_at(robot: Robot, motion: PointwiseMotion) -> Array:
     return robot.regressor(state[:, 0], state[:, 1], state[:, 2])
 
 
-def regressors_along(robot: Robot, motion: HarmonicMotion, times: Array, signs: Array) -> Array:
+def regressors_along(robot: Robot, motion: Motion, times: Array, signs: Array) -> Array:
     """Return A at the times given, s, (S, 6, m), with the friction signs given, (S, s)."""
     kernel = held_regressor_kernel(robot.terms)
     (regressors,) = kernel(motion.at(times).state(), signs, robot.machine)

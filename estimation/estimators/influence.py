@@ -27,7 +27,7 @@ from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.joint_equations import MeasuredForces, MeasuredLengths, PerturbedMachine
 from estimation.estimators.prior_estimate import PriorEstimate
-from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model import Motion
 from estimation.measurement_model.prediction import chunks
 from estimation.processing.noise import NoiseEstimate
 from expdesign.noise import lines_of
@@ -72,7 +72,7 @@ class Influence:
 
     robot: Robot
     experiment: Experiment
-    motion: HarmonicMotion | None
+    motion: Motion | None
     """Motion at which the regressors were evaluated; None: the pointwise motion."""
     values: Array
     """(m,), estimated parameters, SI."""
@@ -94,7 +94,8 @@ class Influence:
 
     def forces(self) -> Iterator[Part]:
         """Yield K of the forces, part by part; in one part if a filter is applied."""
-        yield from _weighted(self._force_response(), self.experiment.effective_counts, self.weights)
+        counts = self.experiment.row_counts(self.weights)
+        yield from _weighted(self._force_response(), counts, self.weights)
 
     def lengths(self) -> Iterator[Part]:
         """Yield K of the lengths; nothing after pointwise kinematics, where K is unknown."""

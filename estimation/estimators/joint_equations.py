@@ -26,12 +26,12 @@ from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.priors import ParameterPriors
 from estimation.kinematics import signs_along
-from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model import HarmonicMotion, Motion
 from estimation.measurement_model.motion import (
     MotionColumns,
-    MotionSamples,
     NormalEquations,
     Rows,
+    Samples,
 )
 from estimation.measurement_model.prediction import (
     chunks,
@@ -64,7 +64,7 @@ def reduced_information(equations: Sequence[NormalEquations], priors: ParameterP
 def cramer_rao_covariance(
     robot: Robot,
     experiments: Sequence[Experiment],
-    motions: Sequence[HarmonicMotion],
+    motions: Sequence[Motion],
     priors: ParameterPriors,
     values: Array,
 ) -> Array:
@@ -98,7 +98,7 @@ class MeasuredForces:
     """(S, 6, t), ∂(measured forces)/∂θ."""
     slope: Array
     """(S, 6, 18), ∂(measured forces)/∂(λ, λ̇, λ̈)."""
-    sampled: MotionSamples
+    sampled: Samples
 
     def columns(self, free: NDArray[np.bool_]) -> MotionColumns:
         """Return the columns of the free parameters, θ and ξ."""
@@ -143,7 +143,7 @@ class PerturbedMachine:
     def forces(
         self,
         experiment: Experiment,
-        motion: HarmonicMotion,
+        motion: Motion,
         values: Array,
         part: slice,
         *,
@@ -173,7 +173,7 @@ class PerturbedMachine:
     def _forces_at(
         self,
         experiment: Experiment,
-        motion: HarmonicMotion,
+        motion: Motion,
         values: Array,
         part: slice,
         jumps: bool,
@@ -208,9 +208,7 @@ class PerturbedMachine:
             sampled,
         )
 
-    def lengths(
-        self, experiment: Experiment, motion: HarmonicMotion, part: slice
-    ) -> MeasuredLengths:
+    def lengths(self, experiment: Experiment, motion: Motion, part: slice) -> MeasuredLengths:
         """Predict a part of an experiment's length samples at ξ."""
         times = experiment.recording.lengths.times[part]
         own = experiment.recording.own_clock
@@ -232,7 +230,7 @@ class PerturbedMachine:
     def joint_equations(
         self,
         experiment: Experiment,
-        motion: HarmonicMotion,
+        motion: Motion,
         values: Array,
         free: NDArray[np.bool_],
         forces: NormalEquations | None = None,
@@ -258,7 +256,7 @@ class PerturbedMachine:
     def force_equations(
         self,
         experiment: Experiment,
-        motion: HarmonicMotion,
+        motion: Motion,
         values: Array,
         free: NDArray[np.bool_],
         weights: NoiseEstimate,
@@ -274,7 +272,7 @@ class PerturbedMachine:
         weights : NoiseEstimate
             Noise by which the rows are weighted, after its filter.
         """
-        forces, counts = experiment.recording.forces, experiment.effective_counts
+        forces, counts = experiment.recording.forces, experiment.row_counts(weights)
 
         def rows(part: slice) -> Rows:
             found = self.forces(experiment, motion, values, part)
@@ -337,9 +335,9 @@ class PerturbedMachine:
                 result[one.channel] += value
         return result
 
-    def _sample(self, motion: HarmonicMotion, times: Array, *, own_clock: bool) -> MotionSamples:
+    def _sample(self, motion: Motion, times: Array, *, own_clock: bool) -> Samples:
         """Return the motion at the true times that belong to time stamps, s."""
         fast = self._one("clock")
-        if own_clock:
+        if own_clock and isinstance(motion, HarmonicMotion):
             return replace(motion, omega=motion.omega * (1 + fast)).at(times / (1 + fast))
         return motion.at(times * (1 - fast))

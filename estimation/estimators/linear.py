@@ -90,7 +90,7 @@ class _Problem:
     def weights(self) -> list[NoiseEstimate]:
         """The noise of every experiment by which its forces are weighted."""
         if self.estimator == "gm":
-            return [experiment.noise.forces for experiment in self.experiments]
+            return [each.linear_noise or each.noise.forces for each in self.experiments]
 
         def alike(experiment: Experiment) -> NoiseEstimate:
             mean = np.trace(experiment.noise.forces.covariance) / ACTUATORS
@@ -118,7 +118,7 @@ class _Problem:
             rows = (
                 experiment.forces - experiment.fitted_regressors @ start,
                 experiment.fitted_regressors[:, :, free],
-                experiment.effective_counts,
+                experiment.row_counts(weights),
             )
             total = total + NormalEquations.of([rows], weights.covariance, weights.filter)
         values = start.copy()

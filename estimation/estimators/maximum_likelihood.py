@@ -20,7 +20,7 @@ from estimation.estimators.influence import Influence
 from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate
-from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model import Motion
 from estimation.measurement_model.motion import Elimination, NormalEquations
 from expdesign.progress import report_progress
 from expdesign.robot import Robot
@@ -130,14 +130,16 @@ def maximum_likelihood(
 
 
 def _reuse_equations(
-    problem: _Problem, start: ParameterEstimate, motions: Sequence[HarmonicMotion]
+    problem: _Problem, start: ParameterEstimate, motions: Sequence[Motion]
 ) -> Sequence[NormalEquations | None]:
     """Return the forces' equations of Gauss–Markov where it ended at the same motion."""
     if problem.deviations or not start.equations:
         return [None] * len(motions)
     wanted = zip(problem.experiments, motions, strict=True)
     return [
-        each if (used.experiment, used.motion) == at else None
+        each
+        if (used.experiment, used.motion) == at and used.weights is at[0].noise.forces
+        else None
         for each, used, at in zip(start.equations, start.influences, wanted, strict=True)
     ]
 
@@ -145,7 +147,7 @@ def _reuse_equations(
 def _influence(
     problem: _Problem,
     experiment: Experiment,
-    motion: HarmonicMotion,
+    motion: Motion,
     values: Array,
     eliminated: Elimination,
     inverse: Array,
@@ -172,7 +174,7 @@ class _Move:
     """Values after a step, and the square of its length in standard deviations."""
 
     values: Array
-    motions: list[HarmonicMotion]
+    motions: list[Motion]
     decrement: float
     eliminated: list[Elimination]
     """Equations at the start of the step, with the motions eliminated."""
@@ -182,7 +184,7 @@ class _Move:
 class _Trial:
     """The end of an accepted step, and the undamped step from there."""
 
-    motions: list[HarmonicMotion]
+    motions: list[Motion]
     equations: list[NormalEquations]
     cost: float
     following: _Move
@@ -208,7 +210,7 @@ class _Problem:
     def equations(
         self,
         values: Array,
-        motions: Sequence[HarmonicMotion],
+        motions: Sequence[Motion],
         forces: Sequence[NormalEquations | None] = (),
     ) -> list[NormalEquations]:
         """Return the joint equations at values and motions, reusing known ones of the forces."""
@@ -256,7 +258,7 @@ class _Problem:
         self,
         equations: Sequence[NormalEquations],
         values: Array,
-        motions: Sequence[HarmonicMotion],
+        motions: Sequence[Motion],
         damping: float,
     ) -> _Move:
         """Take a (damped) Gauss–Newton step."""

@@ -22,7 +22,7 @@ from estimation.estimators.influence import (
 )
 from estimation.estimators.prior_estimate import UnloadedMachine
 from estimation.estimators.priors import ParameterPriors
-from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model import Motion
 from estimation.measurement_model.motion import NormalEquations
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.robot.deviation import Deviation
@@ -94,7 +94,7 @@ class ParameterEstimate(EstimateUncertainty):
     """(m,), SI, in the order of the robot's parameters, including the fixed ones."""
     influences: tuple[Influence, ...]
     """Influence of every experiment's errors on the free parameters, and on θ if estimated."""
-    motions: tuple[HarmonicMotion, ...]
+    motions: tuple[Motion, ...]
     """Motion of every experiment; estimated anew by ML. Empty for pointwise kinematics."""
     equations: tuple[NormalEquations, ...] = ()
     """Normal equations of (p, ξ) from the forces of every experiment, kept by LS and GM for fitted

@@ -44,6 +44,7 @@ from estimation.identification.result import (
     EstimationResult,
     WeightingNoise,
 )
+from estimation.measurement_model import HarmonicMotion, SplineMotion
 from estimation.uncertainty.consistency import ConsistentEstimate
 from estimation.uncertainty.intervals import ParameterRow
 from expdesign.configuration import ConfigurationLike, InputError
@@ -172,7 +173,8 @@ def _rows(estimation: Estimation, diagnosis: ResidualDiagnosis | None) -> tuple[
 def _recording(prepared: PreparedRecording) -> EstimatedRecording:
     recording, noise = prepared.experiment.recording, prepared.experiment.noise
     fit = prepared.experiment.fit
-    free = fit is not None and fit.motion.free_frequency
+    motion = None if fit is None or isinstance(fit.motion, SplineMotion) else fit.motion
+    free = motion is not None and motion.free_frequency
     return EstimatedRecording(
         source=prepared.source,
         rows=recording.rows,
@@ -181,13 +183,14 @@ def _recording(prepared: PreparedRecording) -> EstimatedRecording:
         samples=recording.samples,
         averaged=recording.averaged,
         periods=float(recording.periods),
-        omega=float(recording.omega if fit is None else fit.motion.omega),
+        omega=float(recording.omega if motion is None else motion.omega),
         omega_std=float(np.sqrt(fit.covariance[-1, -1])) if fit and free else None,
         period_source=recording.source.value,
         jitter=float(prepared.jitter),
         harmonics=prepared.harmonics,
         harmonics_of_forces=prepared.harmonics_of_forces,
         harmonics_of_the_design=prepared.least_harmonics,
+        knot_spacing=fit.motion.spacing if fit and isinstance(fit.motion, SplineMotion) else None,
         noise=WeightingNoise(
             **covariance_fields(noise),
             force_source=noise.forces.source,
@@ -204,6 +207,7 @@ def _estimator(estimation: Estimation, found: ParameterEstimate) -> EstimatorRes
     motions = [
         motion.delay_by(recording.experiment.recording.origin).trajectory
         for motion, recording in zip(found.motions, estimation.recordings, strict=False)
+        if isinstance(motion, HarmonicMotion)
     ]
     return EstimatorResult(
         **uncertainty_fields(found),

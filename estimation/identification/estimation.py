@@ -42,6 +42,8 @@ from estimation.identification.recording import (
     with_residual_noise,
 )
 from estimation.identification.term_selection import Selection
+from estimation.measurement_model import SplineMotion
+from estimation.processing import PeriodSource
 from estimation.uncertainty.consistency import ConsistentEstimate, consistent_estimate
 from estimation.uncertainty.intervals import (
     Combination,
@@ -50,6 +52,7 @@ from estimation.uncertainty.intervals import (
     parameter_rows,
 )
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
+from expdesign.configuration.estimate import EstimateSection, SpectrumOrigin
 from expdesign.configuration.robot import RobotDescription
 from expdesign.configuration.run import add_terms
 from expdesign.progress import report_progress, track
@@ -97,6 +100,7 @@ def estimate_parameters(
                 track("the motion of each recording", pairs), folded, strict=True
             )
         )
+        _refuse_selection(section, data, recordings)
         selection = Selection.of(configuration, robot, [r.experiment for r in recordings])
         if selection is not None and selection.chosen:
             configuration = add_terms(configuration, selection.added)
@@ -106,7 +110,7 @@ def estimate_parameters(
                 replace(r, experiment=weigh_signs(robot, r.experiment.with_terms_of(robot), priors))
                 for r in recordings
             )
-        recordings = _with_residual_noise(robot, recordings, priors)
+        recordings = _with_residual_noise(robot, recordings, priors, section.spectrum)
         robot, experiments = linearise_at_load(robot, [r.experiment for r in recordings], priors)
         recordings = _with_experiments(recordings, experiments)
         report_progress("deviations of the machine")
@@ -128,7 +132,9 @@ def estimate_parameters(
             recordings = tuple(
                 replace(
                     prepare_recording(
-                        configuration.with_section("estimate", harmonics=motion.harmonics),
+                        configuration
+                        if motion.harmonics is None
+                        else configuration.with_section("estimate", harmonics=motion.harmonics),
                         robot,
                         apply_calibration(configuration, measurement, trajectory, machine),
                         trajectory,
@@ -139,7 +145,7 @@ def estimate_parameters(
                     recordings, data, designs, best.motions, strict=True
                 )
             )
-            recordings = _with_residual_noise(robot, recordings, priors)
+            recordings = _with_residual_noise(robot, recordings, priors, section.spectrum)
         elif machine.robot.delay_std:
             robot = machine.robot
             later = [each.with_terms_of(robot) for each in experiments]
@@ -284,11 +290,14 @@ def add_systematic_uncertainty(
 
 
 def _with_residual_noise(
-    robot: Robot, recordings: tuple[PreparedRecording, ...], priors: ParameterPriors
+    robot: Robot,
+    recordings: tuple[PreparedRecording, ...],
+    priors: ParameterPriors,
+    origin: SpectrumOrigin,
 ) -> tuple[PreparedRecording, ...]:
     """Return the recordings with an unknown Σ estimated from Gauss–Markov residuals."""
     experiments = [recording.experiment for recording in recordings]
-    return _with_experiments(recordings, with_residual_noise(robot, experiments, priors))
+    return _with_experiments(recordings, with_residual_noise(robot, experiments, priors, origin))
 
 
 def _with_experiments(
@@ -353,9 +362,9 @@ def refuse_ml_without_fit(
         The estimators of the section, ``"estimate"`` or ``"montecarlo"``, include it.
     """
     differentiation = configuration.run.estimate.differentiation
-    if "ml" in estimators and differentiation != "fourier":
+    if "ml" in estimators and configuration.run.estimate.pointwise:
         raise InputError(
-            "maximum likelihood estimates the motion as a Fourier series, "
+            "maximum likelihood estimates the motion as a Fourier series or a spline, "
             f"'{differentiation}' differentiation gives it none",
             file=configuration.file,
             key=f"{section}.estimators",
@@ -374,6 +383,24 @@ def _refuse_none_or_repeated(data: Sequence[Measurement]) -> None:
                 "information",
                 file=Path(other.source) if other.source else None,
                 allowed="each recording once",
+            )
+
+
+def _refuse_selection(
+    section: EstimateSection,
+    data: Sequence[Measurement],
+    recordings: Sequence[PreparedRecording],
+) -> None:
+    """Refuse a selection of terms with a recording that has no period."""
+    for measurement, recording in zip(data, recordings, strict=True):
+        if section.select is None:
+            return
+        if recording.experiment.recording.source is PeriodSource.NONE:
+            raise UnsuitableDataError(
+                "the selection of terms needs a motion that repeats",
+                file=Path(measurement.source) if measurement.source else None,
+                key="estimate.select",
+                allowed="recordings with a period, or `terms` of the robot without a selection",
             )
 
 
@@ -420,7 +447,16 @@ def _warnings(
         dropped = recording.experiment.recording.dropped
         if dropped:
             found.append(f"{where}{dropped} rows of incomplete periods were left out")
-        noise = recording.experiment.noise
+        noise, single = recording.experiment.noise, None
+        fit = recording.experiment.fit
+        if fit is not None and isinstance(fit.motion, SplineMotion):
+            single = fit.motion
+            found.append(
+                f"{where}without a period the motion is a spline, with knots every "
+                f"{single.spacing:.3g} s, and the noise is that of the residuals. The diagnosis "
+                "searches for causes along that motion; tests of the scatter between periods, of "
+                "geometry, gravity and delays are left out"
+            )
         found += [
             f"{where}too few periods to estimate the noise, and none is given: {source}. Record "
             "three periods or more"
@@ -428,7 +464,7 @@ def _warnings(
                 (noise.forces, "Σ comes from the residuals and includes the model's error"),
                 (noise.lengths, "Δ comes from the residuals of the motion fitted to the lengths"),
             )
-            if own.includes_model_error
+            if own.includes_model_error and single is None
         ]
         found += [where + warning for warning in recording.warnings]
         if recording.harmonics_of_forces != recording.harmonics:

@@ -56,11 +56,11 @@ def refine_motion(
     The experiment's motion was fitted to the lengths; the refined one has more harmonics.
     """
     fit, recording = experiment.fitted, experiment.recording
-    least, most = fit.motion.harmonics, most_harmonics(recording)
+    least, most = fit.series.harmonics, most_harmonics(recording)
     if least >= most:
         return None
     values = _first_estimate(experiment, priors)
-    motion = fit.motion.with_harmonics(most)
+    motion = fit.series.with_harmonics(most)
     noise, exact = experiment.noise, PerturbedMachine.exact(robot)
     forces = exact.force_equations(experiment, motion, values, priors.free, noise.forces)
     lengths = length_equations(

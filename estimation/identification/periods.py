@@ -13,6 +13,7 @@ from estimation.data.measurement import Measurement
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import PeriodicRecording, fold_recording
 from estimation.processing.period import (
+    NotRepeatedError,
     PeriodError,
     PeriodSource,
     changes_after,
@@ -32,6 +33,10 @@ from expdesign.trajectory import FourierTrajectory
 
 class UnsuitableDataError(InputError):
     """The recording cannot be used; another one may be."""
+
+
+class NoPeriodError(UnsuitableDataError):
+    """The lengths do not repeat, and no period is stated."""
 
 
 _FREQUENCY_REACH = 0.02
@@ -54,8 +59,11 @@ def leave_out_ramps(
 ) -> Measurement:
     """Return the whole periods of a recording between lead-in and lead-out, with a warning.
 
-    A recording without such ramps, or without a period, is returned as it is.
+    A recording without such ramps, or without a period, is returned as it is, and all of it for
+    a spline.
     """
+    if configuration.run.estimate.differentiation == "spline":
+        return data
     try:
         omega, _ = choose_omega(configuration, data, design, ramps=True)
     except UnsuitableDataError:
@@ -101,6 +109,8 @@ def choose_omega(
             omega, source = 2 * np.pi * low, PeriodSource.FREQUENCY
         else:
             omega, source = omega_from_data(data), PeriodSource.DATA
+    except NotRepeatedError as error:
+        raise _unsuitable(data, str(error), NoPeriodError) from error
     except PeriodError as error:
         raise _unsuitable(data, str(error)) from error
     if configuration.run.estimate.frequency == "estimated" and source is not PeriodSource.DATA:
@@ -208,7 +218,9 @@ def clock_error(
     return right / known, float(1 / np.sqrt(known))
 
 
-def _unsuitable(data: Measurement, message: str) -> UnsuitableDataError:
+def _unsuitable(
+    data: Measurement, message: str, kind: type[UnsuitableDataError] = UnsuitableDataError
+) -> UnsuitableDataError:
     allowed = (
         "a design (--design), a period column, a fixed trajectory.frequency, or data that repeat"
     )
@@ -216,7 +228,7 @@ def _unsuitable(data: Measurement, message: str) -> UnsuitableDataError:
         message = f"{message}; the struts do not move before {begin:.4g} s"
         allowed = f"data.start: {begin:.4g} s, which leaves the rows at rest out"
     file = Path(data.source) if data.source else None
-    return UnsuitableDataError(message, file=file, allowed=allowed)
+    return kind(message, file=file, allowed=allowed)
 
 
 _TWO = 2 - 1e-9

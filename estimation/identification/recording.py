@@ -29,9 +29,15 @@ from estimation.estimators import (
 )
 from estimation.identification.harmonics import refine_motion, weigh_signs
 from estimation.identification.periods import (
+    NoPeriodError,
     UnsuitableDataError,
     choose_omega,
     period_warning,
+)
+from estimation.identification.single_shot import (
+    estimate_noise,
+    smooth_channels,
+    spline_experiment,
 )
 from estimation.kinematics import (
     MotionFit,
@@ -48,7 +54,9 @@ from estimation.processing import (
     NoiseModel,
     PeriodError,
     PeriodicRecording,
+    PeriodSource,
     fold_recording,
+    single_recording,
 )
 from estimation.processing.noise import ENOUGH_FREEDOM
 from estimation.processing.spectrum import NoiseLines, given_filter
@@ -104,8 +112,14 @@ def prepare_recording(
     """
     section = configuration.run.estimate
     recording, noise = folded or fold_measurement(configuration, data, design)
+    if recording.source is PeriodSource.NONE:
+        experiment = spline_experiment(robot, recording, noise)
+        if not held_out:
+            priors = ParameterPriors.of(robot, section)
+            experiment = estimate_noise(robot, experiment, priors, section.spectrum)
+        return PreparedRecording(data.source, experiment, None, data.jitter)
     free = section.frequency == "estimated"
-    if section.differentiation != "fourier":
+    if section.pointwise:
         motion = pointwise_motion(
             robot, recording, cutoff=_cutoff(configuration, recording, design)
         )
@@ -116,7 +130,7 @@ def prepare_recording(
     warnings = []
     if not free:
         own = noise.lengths.covariance
-        warnings.append(period_warning(robot, data, recording, fit.motion, own))
+        warnings.append(period_warning(robot, data, recording, fit.series, own))
     if fit.wanted is not None:
         warnings.append(
             f"the lengths show {fit.wanted} harmonics, but no motion of the machine described has "
@@ -144,16 +158,28 @@ def fold_measurement(
 ) -> tuple[PeriodicRecording, NoiseModel]:
     """Fold a recording into periods, and choose the noise of its channels.
 
+    A recording without a period remains as it is, if the run's settings do not need one.
+
     Raises
     ------
     InputError
         The recording has no period, or less than one, or a channel is dead.
     """
     section = configuration.run.estimate
-    omega, source = choose_omega(configuration, data, design)
     average, robust = section.frequency != "estimated", section.loss == "huber"
+    optional = section.differentiation == "auto" and average and not robust
+    optional = optional and section.harmonics is None and not data.has_sensors
     try:
-        recording = fold_recording(data, omega, source, average=average, robust=robust)
+        if section.differentiation == "spline":
+            recording = single_recording(data)
+        else:
+            try:
+                omega, source = choose_omega(configuration, data, design)
+                recording = fold_recording(data, omega, source, average=average, robust=robust)
+            except (NoPeriodError, PeriodError):
+                if not optional:
+                    raise
+                recording = single_recording(data)
     except PeriodError as error:
         file = Path(data.source) if data.source else None
         raise UnsuitableDataError(str(error), file) from error
@@ -167,7 +193,9 @@ def check_recording(
     folded: tuple[PeriodicRecording, NoiseModel],
     design: FourierTrajectory | None,
 ) -> ChannelCheck:
-    """Check the channels of a folded recording."""
+    """Check the channels of a folded recording; without a period nothing is found."""
+    if folded[0].source is PeriodSource.NONE:
+        return ChannelCheck((), {}, sure=False, explained=0.0)
     planned = configuration.run.trajectory.harmonics if design is None else design.harmonics
     harmonics = configuration.run.estimate.harmonics or planned
     return check_channels(robot, configuration.run.data, *folded, harmonics, design)
@@ -187,7 +215,7 @@ class PreparedRecording:
 
     @property
     def harmonics(self) -> int | None:
-        """Harmonics of the fitted motion; None after pointwise differentiation."""
+        """Harmonics of the fitted motion; None if it is no Fourier series."""
         fit = self.experiment.fit
         return None if fit is None else fit.motion.harmonics
 
@@ -260,7 +288,7 @@ def _fit_motion(
             found = residual_noise(rest, lengths.counts, len(fit.covariance))
             noise = replace(noise, lengths=lengths.noise_before_sensors(found))
         if remaining:
-            start = fit.motion
+            start = fit.series
     return noise, fit
 
 
@@ -288,7 +316,8 @@ def choose_noise(
     In this order: the scatter between periods, if it has 250 degrees of freedom, (M − 1) N; the
     noise of robot or run; the scatter with fewer degrees of freedom; the residuals about a Fourier
     series, preliminary covariances that the residuals of the fits replace (`residual_noise`).
-    Forces and lengths are treated separately.
+    Forces and lengths are treated separately. A recording without a period shows its noise in the
+    residuals about splines; a stated one counts with ``given`` alone.
 
     Raises
     ------
@@ -299,6 +328,7 @@ def choose_noise(
     """
     section, noise = configuration.run.estimate, configuration.robot.noise
     measured = {"force": recording.forces, "length": recording.lengths}
+    single = recording.source is PeriodSource.NONE
     given = {kind: getattr(noise, f"{kind}_covariance", None) for kind in measured}
     missing = [f"{kind}s" for kind, covariance in given.items() if covariance is None]
     if section.noise == "given" and missing:
@@ -326,8 +356,10 @@ def choose_noise(
         ):
             _refuse_singular(letter, repeated, source)
             return channels.noise(section.spectrum) or repeated
-        if stated is not None:
+        if stated is not None and (not single or section.noise == "given"):
             found = NoiseEstimate(stated, np.inf, "given")
+        elif single:
+            found = smooth_channels(channels.times, channels.values).scatter
         else:
             # Means over periods scatter less than single samples, whose covariance this is.
             seen = replace(channels, values=channels.as_recorded(channels.values))
@@ -481,12 +513,24 @@ def linearise_at_load(
 
 
 def with_residual_noise(
-    robot: Robot, experiments: Sequence[Experiment], priors: ParameterPriors
+    robot: Robot,
+    experiments: Sequence[Experiment],
+    priors: ParameterPriors,
+    origin: SpectrumOrigin = "auto",
 ) -> tuple[Experiment, ...]:
     """Return the experiments with an unknown Σ estimated from Gauss–Markov residuals."""
-    present = list(experiments)
+    present = [
+        estimate_noise(robot, each, priors, origin)
+        if each.recording.source is PeriodSource.NONE
+        else each
+        for each in experiments
+    ]
     used = int(np.count_nonzero(priors.free)) // len(present)
-    unknown = [n for n, e in enumerate(present) if e.noise.forces.includes_model_error]
+    unknown = [
+        n
+        for n, e in enumerate(present)
+        if e.noise.forces.includes_model_error and e.recording.source is not PeriodSource.NONE
+    ]
     for _ in range(_ROUNDS if unknown else 0):
         values = linear_estimate(robot, present, priors, "gm").values
         for number in unknown:

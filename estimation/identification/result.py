@@ -101,8 +101,8 @@ class EstimatedRecording:
         int | None,
         described(
             "1",
-            "of the motion fitted to the lengths, which LS and GM take; null after pointwise "
-            "differentiation",
+            "of the motion fitted to the lengths, which LS and GM take; null if it is no Fourier "
+            "series",
         ),
     ]
     harmonics_of_forces: Annotated[
@@ -112,6 +112,9 @@ class EstimatedRecording:
     harmonics_of_the_design: Annotated[
         int | None, described("1", "fewest that were tried; null when the number was given")
     ]
+    knot_spacing: Annotated[
+        float | None, described("s", "of the spline of a motion without a period; otherwise null")
+    ] = None
     noise: Annotated[WeightingNoise, described("", "noise that the estimators weighted with")]
 
 

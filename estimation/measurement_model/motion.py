@@ -11,16 +11,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 import scipy.linalg as sla
 from numpy.typing import NDArray
 
 from constraints.arrays import Array, ComplexArray
+from estimation.measurement_model.spline import Filter, SplineMotion, SplineSamples
 from expdesign.information.fisher import ScaledInformation, whitening
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.trajectory import FourierTrajectory
+from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +85,14 @@ class HarmonicMotion:
         omega = self.omega + float(step[size]) if self.free_frequency else self.omega
         table = self.table + step[:size].reshape(self.table.shape)
         return replace(self, table=table, omega=omega)
+
+    def poses(self, times: Array) -> Array:
+        """Return λ, (S, 6), at the times given, s."""
+        return PhaseBasis.at(self.omega * times, self.harmonics).value @ self.table.T
+
+    def factor(self, covariance: Array) -> Array:
+        """Return the root of Cov(ξ) that `MotionSamples.spread` takes, (x, x)."""
+        return np.asarray(np.linalg.cholesky(covariance + 0.0), dtype=np.float64)
 
     def at(self, times: Array) -> MotionSamples:
         """Return the motion at the times given, s."""
@@ -154,6 +162,40 @@ class MotionSamples:
             result += self.frequency_column(slope) * steps[table.size]
         return result
 
+    def spread(self, slope: Array, factor: Array) -> Array:
+        """Return the standard deviations of quantities with these slopes, (S, r)."""
+        return np.asarray(np.linalg.norm(self.apply_steps(slope, factor), axis=2))
+
+    def products(self, dense: Array, slope: Array, weights: Array) -> Array:
+        """Return UᵀWU of the columns U: dense ones, (S, 6, u), then those of ξ.
+
+        `slope` are the slopes to the pose and its derivatives, (S, 6, 6 n); `weights` are D with
+        W = DᵀD, (6, 6) or (S, 6, 6).
+        """
+        width, beside = dense.shape[2], [dense]
+        if self.motion.free_frequency:
+            beside.append(self.frequency_column(slope))
+        white = np.matmul(weights, np.concatenate([*beside, slope], axis=2))
+        dense, slope = np.split(white, [white.shape[2] - slope.shape[2]], axis=2)
+        turned = slope.transpose(0, 2, 1)
+        rows = dense.reshape(-1, dense.shape[2])
+        inner, outer = _table_products(np.matmul(turned, slope), self), rows.T @ rows
+        crossed = _sums(np.matmul(turned, dense), self.waves)
+        orders = len(crossed) // COORDINATES
+        by_order = crossed.reshape(orders, COORDINATES, *crossed.shape[1:])
+        carried = np.sum(by_order * self.rates(orders)[:, None, None], axis=0)
+        cross = of_table(carried).transpose(1, 0, 2).reshape(len(outer), len(inner))
+        # Dense columns, the table, ω.
+        size = len(outer) + len(inner)
+        table = slice(width, width + len(inner))
+        others = np.r_[0:width, table.stop : size]
+        result = np.empty((size, size))
+        result[table, table] = inner
+        result[others[:, None], others] = outer
+        result[others, table] = cross
+        result[table, others] = cross.T
+        return result
+
     def frequency_column(self, slope: Array) -> Array:
         """Convert the same slopes to those to ω, (S, r, 1)."""
         # A higher frequency reaches the same phases earlier.
@@ -175,6 +217,10 @@ def of_table(waves: ComplexArray) -> Array:
     return np.concatenate([one, others.imag, others.real], axis=-1)
 
 
+Motion = HarmonicMotion | SplineMotion
+Samples = MotionSamples | SplineSamples
+
+
 @dataclass(frozen=True, eq=False)
 class MotionColumns:
     """Columns U of k + x unknowns, ξ last, at S samples of six channels."""
@@ -183,7 +229,7 @@ class MotionColumns:
     """(S, 6, k), of the other unknowns."""
     slope: Array
     """(S, 6, 6 n), slope to the pose and its n − 1 first derivatives."""
-    sampled: MotionSamples
+    sampled: Samples
     """The motion at the samples."""
 
     def dense(self) -> Array:
@@ -195,35 +241,17 @@ class MotionColumns:
         own = self.others.shape[2]
         return self.others @ steps[:own] + self.sampled.apply_steps(self.slope, steps[own:])
 
-    def products(self, residuals: Array, weights: Array) -> Array:
+    def products(
+        self, residuals: Array, weights: Array, whitening_filter: Filter | None = None
+    ) -> Array:
         """Return (r, U)ᵀ W (r, U), (1 + k + x, 1 + k + x), with residuals r, (S, 6).
 
-        `weights` are D with W = DᵀD, (6, 6) or (S, 6, 6).
+        `weights` are D with W = DᵀD, (6, 6) or (S, 6, 6). Only a spline's columns are filtered.
         """
-        sampled, width = self.sampled, 1 + self.others.shape[2]
-        beside = [residuals[:, :, None], self.others]
-        if sampled.motion.free_frequency:
-            beside.append(sampled.frequency_column(self.slope))
-        white = np.matmul(weights, np.concatenate([*beside, self.slope], axis=2))
-        dense, slope = np.split(white, [white.shape[2] - self.slope.shape[2]], axis=2)
-        turned = slope.transpose(0, 2, 1)
-        rows = dense.reshape(-1, dense.shape[2])
-        inner, outer = _table_products(np.matmul(turned, slope), sampled), rows.T @ rows
-        crossed = _sums(np.matmul(turned, dense), sampled.waves)
-        orders = len(crossed) // COORDINATES
-        by_order = crossed.reshape(orders, COORDINATES, *crossed.shape[1:])
-        carried = np.sum(by_order * sampled.rates(orders)[:, None, None], axis=0)
-        cross = of_table(carried).transpose(1, 0, 2).reshape(len(outer), len(inner))
-        # Residuals and other unknowns, the table, ω.
-        size = len(outer) + len(inner)
-        table = slice(width, width + len(inner))
-        others = np.r_[0:width, table.stop : size]
-        result = np.empty((size, size))
-        result[table, table] = inner
-        result[others[:, None], others] = outer
-        result[others, table] = cross
-        result[table, others] = cross.T
-        return result
+        dense = np.concatenate([residuals[:, :, None], self.others], axis=2)
+        if whitening_filter is None or isinstance(self.sampled, MotionSamples):
+            return self.sampled.products(dense, self.slope, weights)
+        return self.sampled.products(dense, self.slope, weights, whitening_filter)
 
 
 def _table_products(each: Array, sampled: MotionSamples) -> Array:
@@ -265,19 +293,6 @@ Rows = tuple[Array, Array | MotionColumns, Array]
 """Residuals (S, 6), columns (S, 6, u), explicit or not, and counts (S,)."""
 
 
-class Filter(Protocol):
-    """Filters series of one period, (N, 6, …)."""
-
-    def __call__(self, values: Array) -> Array:
-        """Return the filtered series."""
-
-    def adjoint(self, values: Array) -> Array:
-        """Return Fᵀ y for the filter F."""
-
-    def rows(self, values: Array) -> Array:
-        """Return rows, (R, 6, …), with the inner products of the filtered series."""
-
-
 def filter_rows(parts: Iterable[Rows], whitening_filter: Filter) -> Rows:
     """Concatenate and filter parts with equal counts."""
     written = (
@@ -287,6 +302,24 @@ def filter_rows(parts: Iterable[Rows], whitening_filter: Filter) -> Rows:
     residuals, columns, counts = (np.concatenate(each) for each in zip(*written, strict=True))
     rest, rows = whitening_filter.rows(residuals), whitening_filter.rows(columns)
     return rest, rows, np.full(len(rest), counts[0])
+
+
+def _join_rows(parts: Iterable[Rows]) -> Rows:
+    """Concatenate parts of one recording without a period."""
+    residuals, columns, counts = zip(*parts, strict=True)
+    joined = np.concatenate(
+        [each for each in columns if not isinstance(each, MotionColumns)] or [np.zeros(0)]
+    )
+    motion = [each for each in columns if isinstance(each, MotionColumns)]
+    whole: Array | MotionColumns = joined
+    if motion:
+        sampled = motion[0].sampled
+        whole = MotionColumns(
+            np.concatenate([each.others for each in motion]),
+            np.concatenate([each.slope for each in motion]),
+            sampled.motion.at(np.concatenate([each.sampled.times for each in motion])),
+        )
+    return np.concatenate(residuals), whole, np.concatenate(counts)
 
 
 def whiten_rows(values: Array, white: Array, counts: Array) -> Array:
@@ -318,14 +351,19 @@ class NormalEquations:
         """
         white = whitening(covariance)
         products = np.zeros(())
-        if whitening_filter is not None:
+        local = None
+        if whitening_filter is not None and whitening_filter.lag is not None:
+            parts, local = [_join_rows(parts)], whitening_filter
+        elif whitening_filter is not None:
             parts = [filter_rows(parts, whitening_filter)]
         for residuals, columns, counts in parts:
             if isinstance(columns, MotionColumns):
                 weights = white * np.sqrt(counts)[:, None, None]
-                products = products + columns.products(residuals, weights)
+                products = products + columns.products(residuals, weights, local)
                 continue
             both = np.concatenate([residuals[:, :, None], columns], axis=2)
+            if local is not None:
+                both = local(both)
             rows = whiten_rows(both, white, counts).reshape(-1, both.shape[2])
             products = products + rows.T @ rows
         return cls(float(products[0, 0]), products[1:, 1:], products[1:, 0])

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.measurement_model.motion import MotionColumns, MotionSamples
+from estimation.measurement_model.motion import MotionColumns, Samples
 from expdesign.evaluation.batch import Graph, kernel
 from expdesign.mechanism.graph import hexapod_graph
 from expdesign.mechanism.hexapod import COORDINATES
@@ -59,12 +59,12 @@ def sliding_rate_kernel(terms: tuple[Term, ...]) -> Graph:
     return Graph("sliding_rate", [graph.state], [graph.geometry.vector], [graph.sliding])
 
 
-def length_columns(robot: Robot, sampled: MotionSamples) -> tuple[Array, MotionColumns]:
+def length_columns(robot: Robot, sampled: Samples) -> tuple[Array, MotionColumns]:
     """Return strut lengths, (S, 6), m, and the columns of ξ in them."""
     lengths, jacobian = robot.lengths_and_jacobian(sampled.pose())
     return lengths, MotionColumns(jacobian[:, :, :0], jacobian, sampled)
 
 
-def state_with_jerk(sampled: MotionSamples) -> Array:
+def state_with_jerk(sampled: Samples) -> Array:
     """Return λ and its first three derivatives, (S, 24)."""
     return np.concatenate([sampled.state(), sampled.state(first=1)[:, 2 * COORDINATES :]], axis=1)

@@ -2,7 +2,12 @@
 
 from estimation.processing.noise import NoiseEstimate, NoiseModel
 from estimation.processing.period import PeriodError, PeriodSource
-from estimation.processing.periodic_recording import Channels, PeriodicRecording, fold_recording
+from estimation.processing.periodic_recording import (
+    Channels,
+    PeriodicRecording,
+    fold_recording,
+    single_recording,
+)
 
 __all__ = [
     "Channels",
@@ -12,4 +17,5 @@ __all__ = [
     "PeriodSource",
     "PeriodicRecording",
     "fold_recording",
+    "single_recording",
 ]

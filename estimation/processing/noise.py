@@ -69,6 +69,8 @@ class NoiseEstimate:
             return "taken for white"
         weights = "white" if self.filter is None else self.filter.smoothing
         known = "given" if np.isinf(self.lines.freedom) else "seen between the periods"
+        if self.includes_model_error:
+            known = "seen in the residuals"
         return f"{known}; weights: {weights}"
 
     def as_weighted_with(self) -> NoiseEstimate:

@@ -35,12 +35,18 @@ class PeriodSource(Enum):
     COLUMN = "period column"
     FREQUENCY = "trajectory.frequency"
     DATA = "data"
+    NONE = "no period"
+    """The recording is one motion that does not repeat."""
     REST = "rest"
     """The machine does not move: the parts of the recording are arbitrary."""
 
 
 class PeriodError(ValueError):
     """No period that fits the recording could be found."""
+
+
+class NotRepeatedError(PeriodError):
+    """The machine moves, but not periodically."""
 
 
 def omega_from_column(data: Measurement) -> float:
@@ -99,7 +105,7 @@ def omega_from_data(data: Measurement) -> float:
     after = usable[below[0] :]
     best = float(np.max(after, initial=-1.0))
     if best < _CLEAR_PEAK:
-        raise PeriodError(
+        raise NotRepeatedError(
             "the lengths do not repeat within the recording: no period was found in it"
         )
     # The first peak that is nearly as high as the highest: later ones are multiples.

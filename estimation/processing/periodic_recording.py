@@ -42,8 +42,15 @@ from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.noise import lines_of, series_of
 
 _REPEATED = 2
+_MOST_SAMPLES = 20_000
+"""Of a motion without a period."""
 _MOST_LOST = 0.1
 """Largest share of missing samples, or of lost weight, for a spectrum of the noise."""
+
+_SENSORS = (
+    "filters, and delays of single channels, are taken back for whole periods of the motion that "
+    "are a whole number of samples, without a phase that is always missing"
+)
 
 _Collected = tuple[Array, Array, NoiseEstimate | None, Array | None, Array | None]
 """Values, counts, scatter, periods and repeats of `Channels`."""
@@ -321,10 +328,7 @@ def fold_recording(
     sensors = data.force_sensors, data.length_sensors
     if any(sensors):
         if whole is None or not average or min(len(forces.values), len(lengths.values)) < whole:
-            raise PeriodError(
-                "filters, and delays of single channels, are taken back for whole periods of the "
-                "motion that are a whole number of samples, without a phase that is always missing"
-            )
+            raise PeriodError(_SENSORS)
         forces, lengths = (
             each.before_sensors(one, data.step)
             for each, one in zip((forces, lengths), sensors, strict=True)
@@ -351,6 +355,44 @@ def fold_recording(
         robust=robust,
         lost=int(places[rows - 1]) + 1 - rows if data.lost else 0,
         origin=origin,
+    )
+
+
+def single_recording(data: Measurement) -> PeriodicRecording:
+    """Return all samples of a motion without a period, which counts as one of its duration.
+
+    Neighbours are averaged if there are very many samples; their means are the samples then.
+
+    Raises
+    ------
+    PeriodError
+        Filters or delays of single channels are stated.
+    """
+    if data.has_sensors:
+        raise PeriodError(_SENSORS)
+    width = -(-len(data) // _MOST_SAMPLES)
+    rows = len(data) // width * width
+
+    def average(values: Array) -> Array:
+        return values[:rows].reshape(-1, width, *values.shape[1:]).mean(axis=1)
+
+    times = average(data.time)
+    forces, lengths = (
+        Channels(times - delay, average(values), np.ones(len(times)), None, None)
+        for delay, values in ((data.force_delay, data.forces), (data.length_delay, data.lengths))
+    )
+    return PeriodicRecording(
+        omega=float(2 * np.pi / (data.time[-1] - data.time[0] + data.step)),
+        source=PeriodSource.NONE,
+        forces=forces,
+        lengths=lengths,
+        periods=1.0,
+        rows=rows,
+        dropped=len(data) - rows,
+        step=width * data.step,
+        stamped=data.stamped,
+        averaged=False,
+        lost=int(data.places[-1] - data.places[0]) + 1 - len(data) if data.lost else 0,
     )
 
 

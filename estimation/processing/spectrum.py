@@ -353,6 +353,11 @@ class WhiteningFilter:
     size: Array | None = None
     """(N, 6), size of the noise by which series are divided first; None: it is constant."""
 
+    @property
+    def lag(self) -> int | None:
+        """Samples before a sample that its filtered value depends on; None: all of a period."""
+        return None
+
     def __call__(self, values: Array) -> Array:
         """Return series, (N, 6, …), scaled and filtered."""
         return self._through(self.scale(values))
@@ -375,6 +380,10 @@ class WhiteningFilter:
         lines = _apply_gain(self.gain, lines_of(self.scale(values)))
         lines *= np.sqrt(multiplicity(self.samples)).reshape(-1, *(1,) * (lines.ndim - 1))
         return np.concatenate([lines.real, lines.imag])
+
+    def block(self, values: Array, rows: slice, before: int) -> Array:
+        """Return rows of the filtered series, (n, 6, …), from a whole period."""
+        return self(values)[rows.start - before : rows.stop]
 
     def reach(self, std: Array) -> int:
         """Return the reach of a jump's effect, in samples: a quarter of the period at most.

@@ -345,16 +345,16 @@ def _impossible_estimates(run: RunDescription, robot: ResolvedRobot) -> Iterator
                 "budget or none; or ml among estimate.estimators",
             )
     for filtered in run.data.filtered_keys:
-        settings = estimate.differentiation, estimate.frequency, estimate.loss
-        if settings != ("fourier", "known", "squared"):
+        periodic = estimate.differentiation in ("auto", "fourier")
+        if not periodic or (estimate.frequency, estimate.loss) != ("known", "squared"):
             yield (
                 ("data", filtered),
                 "filters, and delays of single channels, are taken back from the plain means over "
                 "whole periods of a known frequency",
-                "estimate.differentiation: fourier, frequency: known and loss: squared",
+                "estimate.differentiation: auto or fourier, frequency: known and loss: squared",
             )
     named = ", ".join(robot.estimated_constants)
-    if named and estimate.differentiation != "fourier":
+    if named and estimate.pointwise:
         yield (
             ("estimate", "differentiation"),
             f"the robot {robot.name} has {named} estimated, which requires a motion with Fourier "
@@ -386,7 +386,7 @@ def _impossible_selections(run: RunDescription, robot: ResolvedRobot) -> Iterato
                 f"{partner} among the robot's terms, or listed before {candidate.name}",
             )
         estimated = any(constant.estimate for constant in candidate.constants.values())
-        if estimated and run.estimate.differentiation != "fourier":
+        if estimated and run.estimate.pointwise:
             yield (
                 (*key, place),
                 f"a constant of '{candidate.name}' is estimated, which requires a motion with "

@@ -344,8 +344,9 @@ class EstimateSection(schema.Section):
     """Settings of the estimation."""
 
     estimators: Estimators = ("ls", "gm", "ml")
-    differentiation: Literal["fourier", "central", "butterworth"] = "fourier"
-    """Method for rates and accelerations from measured lengths."""
+    differentiation: Literal["auto", "fourier", "spline", "central", "butterworth"] = "auto"
+    """Method for rates and accelerations from measured lengths; ``auto``: ``spline`` for a motion
+    without a period, otherwise ``fourier``."""
     harmonics: Annotated[
         int | None, *schema.word_for_none("auto", schema.whole(1, _LARGEST_HARMONICS))
     ] = None
@@ -418,6 +419,24 @@ class EstimateSection(schema.Section):
             message = "fixed and the prior of a whole machine are both given"
             raise refusal(message, "prior or fixed", key="fixed")
         return self
+
+    @model_validator(mode="after")
+    def _check_spline(self) -> EstimateSection:
+        for key, periodic in {
+            "harmonics": self.harmonics is not None,
+            "frequency": self.frequency == "estimated",
+            "loss": self.loss == "huber",
+            "select": self.select is not None,
+        }.items():
+            if self.differentiation == "spline" and periodic:
+                message = f"{key} is for motions with a period, and differentiation is spline"
+                raise refusal(message, f"no {key}, or differentiation: fourier", key=key)
+        return self
+
+    @property
+    def pointwise(self) -> bool:
+        """Whether rates and accelerations are differences between neighbouring samples."""
+        return self.differentiation in ("central", "butterworth")
 
     @property
     def named_priors(self) -> Mapping[str, Prior]:

@@ -28,6 +28,7 @@ from estimation.identification.recording import (
     prepare_recording,
 )
 from estimation.identification.result import EstimateFile, EstimationResult
+from estimation.processing import PeriodSource
 from estimation.validation.validate import ValidationResult, validate
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.configuration.run import add_back_emf, add_terms
@@ -137,9 +138,12 @@ def check_channels_of(work: Workspace) -> tuple[ChannelCheck, list[str]]:
     found, recording = check_recording(configuration, robot, folded, design), folded[0]
     if data is not recorded:
         found = replace(found, keys=window_keys(data) | found.keys)
+    motion = f"{recording.periods:.4g} periods of {recording.period:.6g} s, from the "
+    motion += recording.source.value
+    if recording.source is PeriodSource.NONE:
+        motion = f"{recording.period:.6g} s of a motion without a period, channels not checked"
     remarks = [
-        f"{recording.periods:.4g} periods of {recording.period:.6g} s, from the "
-        f"{recording.source.value}, at {1 / recording.step:.6g} Hz",
+        f"{motion}, at {1 / recording.step:.6g} Hz",
         *data.warnings,
     ]
     if recording.motion_onset is not None:

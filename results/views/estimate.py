@@ -9,7 +9,7 @@ from pathlib import PurePath
 import numpy as np
 
 from estimation.diagnostics.finding import Status
-from estimation.identification.result import EstimateFile, EstimationResult
+from estimation.identification.result import EstimatedRecording, EstimateFile, EstimationResult
 from estimation.twin.truth import Truth
 from estimation.uncertainty.intervals import Differences, with_error
 from results.figures.noise import NOISE_FIGURES
@@ -263,9 +263,7 @@ def _details(folder: RunFolder, result: EstimateFile) -> tuple[Fact, ...]:
         Fact(
             f"recording {number}" if several else "recording",
             f"{recording.rows} rows",
-            f"{readable(recording.periods, 6)} periods of "
-            f"{readable(2 * np.pi / recording.omega, 6)} s by the {recording.period_source}; "
-            f"{folder.named(recording.source)}",
+            f"{_duration(recording)}; {folder.named(recording.source)}",
         )
         for number, recording in enumerate(result.recordings, start=1)
     ]
@@ -275,3 +273,14 @@ def _details(folder: RunFolder, result: EstimateFile) -> tuple[Fact, ...]:
         alone = f"{first.harmonics} in the lengths alone" if together > first.harmonics else ""
         facts.append(Fact("harmonics of the motion", str(together), alone))
     return tuple(facts)
+
+
+def _duration(recording: EstimatedRecording) -> str:
+    """Return the periods of a recording, or the duration of a motion without a period."""
+    period = readable(2 * np.pi / recording.omega, 6)
+    if recording.knot_spacing is not None:
+        knots = readable(recording.knot_spacing, 3)
+        return f"a motion of {period} s without a period, a spline with knots every {knots} s"
+    return (
+        f"{readable(recording.periods, 6)} periods of {period} s by the {recording.period_source}"
+    )

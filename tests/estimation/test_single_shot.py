@@ -1,0 +1,156 @@
+"""Recordings without a period: splines, noise from residuals, weights of uncertain samples."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import scipy.linalg as sla
+from scipy import fft
+
+from estimation.estimators import ParameterPriors
+from estimation.identification import (
+    estimate,
+    estimate_parameters,
+    prepare_experiment,
+    run_estimators,
+)
+from estimation.identification.periods import UnsuitableDataError
+from estimation.measurement_model.motion import MotionColumns, NormalEquations
+from estimation.measurement_model.spline import SplineMotion
+from estimation.processing.autoregression import autoregressive_noise
+from expdesign.configuration import InputError
+from tests.estimation.cases import ROBOT, measured, run, trajectory
+
+MOTION = trajectory(samples=320, harmonics=3)
+
+
+def passes(seed=0, periods=1.3, **options):
+    """Return a recording of a motion that ends before it repeats."""
+    return measured(MOTION, seed, periods=periods, **options)
+
+
+@cache
+def estimated():
+    return estimate(run({"estimators": ["gm", "ml"]}), passes())
+
+
+@pytest.mark.slow
+def test_a_motion_that_does_not_repeat_is_estimated_along_a_spline():
+    data = passes(force_scale=1e-6, length_scale=1e-6)
+    experiment = prepare_experiment(run(), ROBOT, data, None)
+    priors = ParameterPriors.of(ROBOT, run().run.estimate)
+    found = run_estimators(ROBOT, [experiment], priors, ("gm", "ml"))
+    for name in ("gm", "ml"):
+        relative = np.abs(found[name].values / ROBOT.parameters - 1)
+        assert np.all(relative[1:] < 1e-5), name
+        assert np.all(np.abs(found[name].values - ROBOT.parameters) < 4 * found[name].std), name
+
+
+def test_its_result_says_so():
+    result = estimated()
+    assert any("without a period the motion is a spline" in each for each in result.warnings)
+    (recording,) = result.recordings
+    assert (recording.period_source, recording.harmonics) == ("no period", None)
+    assert 0.01 < recording.knot_spacing < 0.3
+    assert recording.noise.force_source == "residuals"
+    assert result.estimators["ml"].motions == ()
+    sigma = np.sqrt(np.diag(ROBOT.description.noise.force_covariance))
+    assert np.all(np.abs(np.sqrt(np.diag(recording.noise.force_covariance)) / sigma - 1) < 0.2)
+
+
+def test_causes_are_searched_along_the_motion_and_periods_are_not_needed():
+    verdict = estimated().diagnostics.verdict
+    assert verdict.status == "accepted"
+    outcomes = {each.assumption: each.outcome for each in verdict.findings}
+    assert outcomes["no unmodelled inertia of the drives"] == "holds"
+    assert outcomes["all periods are alike"] == "not tested"
+
+
+@pytest.mark.parametrize(
+    ("settings", "key"),
+    [({"harmonics": 5}, "harmonics"), ({"frequency": "estimated"}, "frequency")],
+)
+def test_settings_of_periods_are_refused_with_splines(settings, key):
+    with pytest.raises(InputError, match=f"{key} is for motions with a period"):
+        run({"differentiation": "spline", **settings})
+
+
+def test_a_fourier_series_that_is_asked_for_needs_a_period():
+    with pytest.raises(UnsuitableDataError, match="do not repeat"):
+        estimate_parameters(run({"differentiation": "fourier"}), passes())
+
+
+def test_samples_at_rest_do_not_show_friction():
+    """Before the motion the machine rests, and friction holds with an unknown force."""
+    data = passes(periods=1.0)
+    still = 300
+    rng = np.random.default_rng(7)
+    noise = ROBOT.description.noise
+    first = data.lengths[:1] + rng.multivariate_normal(np.zeros(6), noise.length_covariance, still)
+    held = data.forces[:1] + 30.0 + 5.0 * rng.standard_normal((still, 6))
+    rest = type(data)(
+        np.arange(still + len(data)) * data.step,
+        np.concatenate([first, data.lengths]),
+        np.concatenate([held, data.forces]),
+    )
+    experiment = prepare_experiment(
+        run({"differentiation": "spline", "noise": "given"}), ROBOT, rest, None
+    )
+    assert np.sum(experiment.certainties[50 : still - 50]) < 3
+    assert np.mean(experiment.certainties[still + 50 :]) > 0.8
+
+
+def simulate(count, coefficient, rng):
+    noise = rng.standard_normal((count + 200, 6))
+    for t in range(1, len(noise)):
+        noise[t] += coefficient * noise[t - 1]
+    return noise[200:]
+
+
+def test_residuals_that_a_fit_shortened_show_the_noise():
+    """A fit of 40 columns of low frequency takes a third of the noise's long memory."""
+    rng, count, coefficient = np.random.default_rng(3), 1500, 0.9
+    columns = fft.idct(np.eye(count)[:, :40], axis=0, norm="ortho")
+    ratios = []
+    for _ in range(6):
+        noise = simulate(count, coefficient, rng)
+        taken = columns @ (columns.T @ noise)
+        found = autoregressive_noise(noise - taken, taken[:, :, None], np.ones(count))
+        ratios.append(np.mean(np.diag(found.lines.matrices[0].real)) * (1 - coefficient) ** 2)
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.12)
+
+
+def test_filtered_equations_are_those_of_the_whole_matrices():
+    rng, count = np.random.default_rng(1), 400
+    times = np.arange(count) * 0.01
+    motion = SplineMotion.over(times, 21)
+    certainty = np.ones(count)
+    certainty[100:110] = 0.2
+    noise = autoregressive_noise(
+        simulate(count, 0.8, rng), np.zeros((count, 6, 0)), certainty, "estimated"
+    )
+    rest, others = rng.standard_normal((count, 6)), rng.standard_normal((count, 6, 3))
+    slope = rng.standard_normal((count, 6, 18))
+    halves = [slice(0, 150), slice(150, count)]
+    parts = [
+        (rest[h], MotionColumns(others[h], slope[h], motion.at(times[h])), np.ones(count)[h])
+        for h in halves
+    ]
+    found = NormalEquations.of(parts, noise.covariance, noise.filter)
+    whole = np.concatenate([others, motion.at(times).chain(slope)], axis=2)
+    # The filter as a matrix, column by column.
+    unit = np.eye(6 * count).reshape(count, 6, -1)
+    operation = noise.filter(unit).reshape(6 * count, -1)
+    weights = np.kron(np.eye(count), np.linalg.inv(noise.covariance))
+    weight = operation.T @ weights @ operation
+    flat, residual = whole.reshape(6 * count, -1), rest.ravel()
+    np.testing.assert_allclose(found.matrix, flat.T @ weight @ flat, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(found.gradient, flat.T @ weight @ residual, rtol=1e-9, atol=1e-6)
+    adjoint = noise.filter.adjoint(unit).reshape(6 * count, -1)
+    np.testing.assert_allclose(adjoint, operation.T, atol=1e-12)
+    # Away from uncertain samples it whitens noise of its spectrum.
+    row = noise.lines.matrices[:, 0, 0].real
+    covariance = sla.toeplitz(np.fft.irfft(row, count))
+    first = operation.reshape(count, 6, count, 6)[200:300, 0, :, 0]
+    white = first @ covariance @ first.T
+    assert np.max(np.abs(white - np.diag(np.diag(white)))) < 1e-6 * white[0, 0]
