@@ -77,6 +77,48 @@ def test_legs_of_a_urdf_model_meet_the_platform(way, tmp_path):
         np.testing.assert_allclose(machine.platform_joints, bench.PLATFORM, atol=1e-9)
 
 
+def _fixed_link(parent, child, content=""):
+    return (
+        f'<link name="{child}">{content}</link><joint name="to-{child}" type="fixed">'
+        f'<parent link="{parent}"/><child link="{child}"/><origin xyz="0.03 0 0.05"/></joint>'
+    )
+
+
+@pytest.mark.parametrize("way", bench.URDF)
+def test_frames_and_tools_that_are_fixed_to_links_change_no_geometry(way, tmp_path):
+    """A sensor on one leg is no platform, and a tool on the plate moves no TCP."""
+    content, mass = bench.urdf(way), '<inertial><mass value="0.7"/></inertial>'
+    parts = _fixed_link("upper2", "sensor") + _fixed_link("tip3", "encoder")
+    if way != "open":
+        parts += _fixed_link("plate", "tool", mass)
+    plain = read(tmp_path, content, ".urdf")
+    machine = read(tmp_path, content.replace("</robot>", f"{parts}</robot>"), ".urdf")
+    for name in ("base_joints", "platform_joints", "home", "alpha_axes", "limits"):
+        assert getattr(machine, name) == getattr(plain, name), name
+    if way != "open":
+        assert machine.moved_mass == pytest.approx(bench.PLATE + 0.7)
+
+
+def test_a_plate_that_is_fixed_to_the_last_joint_of_one_leg_is_the_platform(tmp_path):
+    """Each leg ends in the hinges of its ball joint, which the tip carries."""
+    hinges = ""
+    for j in range(6):
+        for parent, letter, axis in ((f"tip{j}", "x", "1 0 0"), (f"x{j}", "y", "0 1 0")):
+            hinges += (
+                _fixed_link(parent, f"{letter}{j}")
+                .replace("0.03 0 0.05", "0 0 0")
+                .replace('type="fixed">', f'type="continuous"><axis xyz="{axis}"/>')
+            )
+    plate = _fixed_link("y2", "plate", '<inertial><mass value="9"/></inertial>')
+    content = bench.urdf("open").replace("</robot>", f"{hinges}{plate}</robot>")
+    machine = read(tmp_path, content, ".urdf")
+    assert machine.moved_mass == 9
+    heads = machine.home[:3] + Rotation.from_euler("XYZ", machine.home[3:]).apply(
+        machine.platform_joints
+    )
+    np.testing.assert_allclose(heads, bench.HEADS, atol=1e-9)
+
+
 def test_parallel_legs_with_open_ends_give_the_base_and_the_strokes_only(tmp_path):
     upright = re.sub(r' rpy="[^"]*"', "", bench.urdf("open"))
     machine = read(tmp_path, upright, ".urdf")

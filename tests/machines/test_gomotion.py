@@ -47,9 +47,27 @@ def test_joints_home_and_limits(tmp_path):
     assert asked(machine) == {"limits.rotation"}
 
 
-@pytest.mark.parametrize("limits", ["-1000 1000", "1000 1000"])
+@pytest.mark.parametrize("limits", ["-1000 1000", "1000 1000", "100 100000"])
 def test_a_placeholder_is_no_limit(limits, tmp_path):
-    assert "strut_length" not in read(tmp_path, ini(limits=limits)).limits
+    machine = read(tmp_path, ini(limits=limits))
+    assert "strut_length" not in machine.limits
+    assert "limits.strut_length" in asked(machine)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "limit", "left"),
+    [
+        ("MIN_LIMIT = 55 ; cm\n", "", "strut_length", None),
+        ("-10 -12 60 -10", "-1000 -12 60 -10", "position", {"y": (-0.12, 0.12), "z": (0.6, 0.8)}),
+        ("MAX_VEL = 20", "MAX_VEL = 1e9", "strut_speed", None),
+        ("MAX_ACC = 103", "MAX_ACC = 1e9", "strut_acceleration", None),
+        ("MAX_ACC = 103\n", "", "strut_acceleration", None),
+    ],
+)
+def test_what_limits_nothing_is_a_question(old, new, limit, left, tmp_path):
+    machine = read(tmp_path, ini().replace(old, new, 1))
+    assert machine.limits.get(limit) == left
+    assert f"limits.{limit}" in asked(machine)
 
 
 @pytest.mark.parametrize(
@@ -60,6 +78,7 @@ def test_a_placeholder_is_no_limit(limits, tmp_path):
         ("= 100.0", "= -1", "are not positive"),
         ("[SERVO_3]", "[SERVO_7]", "PK_PARAMETERS is missing"),
         ("2 -1 3", "2 -1", "5 numbers"),
+        ("MAX_VEL = 20", "MAX_VEL = 0", r"hexapod.ini:15: .SERVO_1.MAX_VEL"),
         ("2 -1 3", "2 -1 three", "is no number"),
     ],
 )

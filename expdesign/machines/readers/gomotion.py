@@ -16,7 +16,13 @@ from constraints.arrays import Array
 from expdesign.configuration.document import read_text
 from expdesign.configuration.errors import InputError
 from expdesign.machines.machine import MachineDraft, MachineFormat, Question, rows
-from expdesign.machines.readers.linuxcnc import LARGEST, IniFile, one_or_all, read_ini
+from expdesign.machines.readers.linuxcnc import (
+    LARGEST,
+    IniFile,
+    read_ini,
+    real_end,
+    strut_limits,
+)
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.strut import ANGLES, FIXED_AXES
 
@@ -37,25 +43,30 @@ def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
         message = "its units per metre and per radian are not positive"
         raise InputError(message, files[0], key=f"[{_SECTION}]", allowed="as 100 for centimetres")
     joints = np.array([_numbers(ini, servo, "PK_PARAMETERS", 6) for servo in _SERVOS]) / metre
-    questions, limits = list[Question](), dict[str, object]()
-    lengths = np.array([_pair(ini, servo) for servo in _SERVOS]) / metre
-    # Placeholders such as ±1000, and equal ends, limit nothing.
-    if np.all((lengths[:, 0] >= 0) & (lengths[:, 0] < lengths[:, 1])):
-        limits["strut_length"] = one_or_all(rows(lengths))
-    for key, limit in _LIMITS.items():
-        if all(ini.entry(servo, key) is not None for servo in _SERVOS):
-            values = [_numbers(ini, servo, key, 1)[0] / metre for servo in _SERVOS]
-            limits[limit] = one_or_all(values)
     home = None
     if ini.entry("TRAJ", "HOME") is not None:
         pose = _numbers(ini, "TRAJ", "HOME", 6)
         angles = Rotation.from_euler(FIXED_AXES, pose[3:] / radian).as_euler(ANGLES) + 0.0
         home = (*rows(pose[None, :3] / metre)[0], *angles.tolist())
+    size = float(np.max(np.linalg.norm([*joints.reshape(-1, 3), (home or joints[0])[:3]], axis=1)))
+    limits, questions = strut_limits(ini, _SERVOS, _LIMITS, lambda v: float(v / metre), size)
     if all(ini.entry("TRAJ", key) is not None for key in ("MIN_LIMIT", "MAX_LIMIT")):
         low, high = (_numbers(ini, "TRAJ", key, 6) for key in ("MIN_LIMIT", "MAX_LIMIT"))
-        ranges = dict(zip("xyz", np.transpose([low, high])[:3] / metre, strict=True))
-        position = {letter: tuple(pair.tolist()) for letter, pair in ranges.items()}
-        limits["position"] = {key: pair for key, pair in position.items() if pair[0] < pair[1]}
+        ends = np.transpose([low, high])[:3] / metre
+        position = {
+            letter: tuple(pair)
+            for letter, pair in zip("xyz", ends.tolist(), strict=True)
+            if pair[0] < pair[1] and None not in [real_end(end, size) for end in pair]
+        }
+        if position:
+            limits["position"] = position
+        if len(position) < len(ends):
+            left_out = " and ".join(letter for letter in "xyz" if letter not in position)
+            text = (
+                f"[TRAJ]MIN_LIMIT and MAX_LIMIT of {left_out} are placeholders such as ±1000, "
+                "which limit nothing. How far may the platform go?"
+            )
+            questions.append(Question("limits.position", text))
         text = (
             "The file limits roll, pitch and yaw about fixed axes; phi, theta, psi have another "
             "order. Which rotations may the platform make?"
@@ -85,12 +96,6 @@ def _numbers(ini: IniFile, section: str, key: str, count: int) -> Array:
     if len(words) != count:
         raise entry.refusal(f"{len(words)} numbers", f"{count} numbers")
     return np.array([entry.number(word) for word in words])
-
-
-def _pair(ini: IniFile, servo: str) -> list[float]:
-    """Return the range of a strut; an empty one without it."""
-    found = [ini.entry(servo, key) for key in ("MIN_LIMIT", "MAX_LIMIT")]
-    return [0.0 if entry is None else entry.number() for entry in found]
 
 
 def _claims(path: Path) -> bool:

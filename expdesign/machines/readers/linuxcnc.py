@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from expdesign.configuration.document import read_text
 from expdesign.configuration.errors import InputError, quote
 from expdesign.configuration.geometry import geometry_at
 from expdesign.configuration.parameters import Drive, Screw
+from expdesign.configuration.plausibility import FASTEST
 from expdesign.machines import genhexkins
 from expdesign.machines.machine import (
     MachineDraft,
@@ -48,6 +49,10 @@ _SMALLER = 50.0
 """A platform or base that is smaller by this factor is doubted."""
 _FAR = 5.0
 """A limit that is beyond so many times the machine's size limits nothing."""
+_JOINTS = [f"JOINT_{j}" for j in range(ACTUATORS)]
+_RATES = {"MAX_VELOCITY": "strut_speed", "MAX_ACCELERATION": "strut_acceleration"}
+_HIGHEST = {"strut_speed": (FASTEST, "m/s"), "strut_acceleration": (1e4, "m/s^2")}
+"""A higher limit is a placeholder."""
 _HOMED = 1e-3
 """Relative difference of a joint's HOME from the length at the home pose that is rounding."""
 
@@ -104,6 +109,9 @@ def _hal_files(ini: IniFile, given: Sequence[Path]) -> tuple[list[Path], list[Qu
     return paths, questions
 
 
+Metres = Callable[[float], float]
+
+
 class _Hexapod:
     """Machine by the INI and HAL files together."""
 
@@ -122,8 +130,8 @@ class _Hexapod:
         if home is not None:
             size = max(size, float(np.linalg.norm(home[:3])))
             self._compare_homes(base, platform, home)
-        limits: dict[str, object] = {}
-        self._add_strut_limits(limits, size)
+        limits, unknown = strut_limits(self.ini, _JOINTS, _RATES, self._metres, size)
+        self.questions += unknown
         self._add_position(limits, size)
         drive, axes, turning = self._drive(base, platform, home)
         names = ", ".join(path.name for path in files)
@@ -359,45 +367,16 @@ class _Hexapod:
                 f"{lengths[j] * 1e3:.6g} mm. Which of the two is right?",
             )
 
-    def _of_joints(self, key: str) -> list[Entry | None]:
-        return [self.ini.entry(f"JOINT_{j}", key) for j in range(ACTUATORS)]
+    def _metres(self, value: float) -> float:
+        return value * self.unit
 
-    def _add_strut_limits(self, limits: dict[str, object], size: float) -> None:
-        pairs = [self._range(f"JOINT_{j}", size, lowest=0.0) for j in range(ACTUATORS)]
-        real = [pair for pair in pairs if None not in pair]
-        if len(real) == ACTUATORS:
-            limits["strut_length"] = one_or_all([tuple(v for v in pair) for pair in real])
-        else:
-            ends = [value for pair in pairs for value in pair if value is not None]
-            found = f"; it has {', '.join(f'{v * 1e3:g} mm' for v in sorted(set(ends)))}"
-            self.ask(
-                "limits.strut_length",
-                "MIN_LIMIT and MAX_LIMIT of the joints are missing or placeholders such as ±1000, "
-                f"which limit nothing{found if ends else ''}. What are the shortest and the "
-                "longest length between the joints?",
-            )
-        for key, limit in (
-            ("MAX_VELOCITY", "strut_speed"),
-            ("MAX_ACCELERATION", "strut_acceleration"),
-        ):
-            entries = self._of_joints(key)
-            values = []
-            for entry in entries:
-                if entry is None:
-                    continue
-                value = entry.number()
-                if value <= 0:
-                    raise entry.refusal(f"{value:g} is no limit", "more than zero")
-                values.append(value * self.unit)
-            if len(values) == ACTUATORS:
-                limits[limit] = one_or_all(values)
-            else:
-                self.ask(f"limits.{limit}", f"{key} is not set for every joint.")
+    def _of_joints(self, key: str) -> list[Entry | None]:
+        return [self.ini.entry(joint, key) for joint in _JOINTS]
 
     def _add_position(self, limits: dict[str, object], size: float) -> None:
         position = {}
         for letter in "XYZ":
-            low, high = self._range(f"AXIS_{letter}", size)
+            low, high = _range(self.ini, f"AXIS_{letter}", self._metres, size)
             if low is not None and high is not None:
                 position[letter.lower()] = (low, high)
         if position:
@@ -420,22 +399,78 @@ class _Hexapod:
                 "psi. Which rotations may the platform make?",
             )
 
-    def _range(
-        self, section: str, size: float, lowest: float = -math.inf
-    ) -> tuple[float | None, float | None]:
-        """Return the ends of a range in m; None for one that is missing or a placeholder."""
-        entries = [self.ini.entry(section, key) for key in _RANGE]
-        low, high = (None if e is None else e.number() * self.unit for e in entries)
-        if low is not None and high is not None:
-            if low >= high and entries[0] is not None:
-                raise entries[0].refusal("MIN_LIMIT is not below MAX_LIMIT", "a range")
-            if lowest == 0.0 and low == -high:
-                return None, None
-        if low is not None and (low <= lowest or abs(low) > _FAR * size):
-            low = None
-        if high is not None and abs(high) > _FAR * size:
-            high = None
-        return low, high
+
+def strut_limits(
+    ini: IniFile, sections: Sequence[str], rates: Mapping[str, str], metres: Metres, size: float
+) -> tuple[dict[str, object], list[Question]]:
+    """Return the limits of the struts, and questions about those that limit nothing.
+
+    Parameters
+    ----------
+    ini : IniFile
+    sections : sequence of str
+        Those of the six struts.
+    rates : mapping
+        Key of a largest speed or acceleration → limit of the robot file.
+    metres : callable
+        Converts a length of the file to m.
+    size : float
+        Size of the machine, m.
+    """
+    limits, questions = dict[str, object](), list[Question]()
+    pairs = [_range(ini, section, metres, size, lowest=0.0) for section in sections]
+    real = [pair for pair in pairs if None not in pair]
+    if len(real) == ACTUATORS:
+        limits["strut_length"] = one_or_all([tuple(v for v in pair) for pair in real])
+    else:
+        ends = [value for pair in pairs for value in pair if value is not None]
+        found = f"; it has {', '.join(f'{v * 1e3:g} mm' for v in sorted(set(ends)))}"
+        text = (
+            "MIN_LIMIT and MAX_LIMIT of the joints are missing or placeholders such as ±1000, "
+            f"which limit nothing{found if ends else ''}. What are the shortest and the "
+            "longest length between the joints?"
+        )
+        questions.append(Question("limits.strut_length", text))
+    for key, limit in rates.items():
+        values = []
+        for entry in (ini.entry(section, key) for section in sections):
+            if entry is None:
+                continue
+            value = entry.number()
+            if value <= 0:
+                raise entry.refusal(f"{value:g} is no limit", "more than zero")
+            values.append(metres(value))
+        if len(values) < ACTUATORS:
+            text = f"{key} is not set for every joint."
+            questions.append(Question(f"limits.{limit}", text))
+        elif max(values) > _HIGHEST[limit][0]:
+            text = (
+                f"{key} is a placeholder, {max(values):.4g} {_HIGHEST[limit][1]}, which limits "
+                "nothing. What is the largest value of a strut?"
+            )
+            questions.append(Question(f"limits.{limit}", text))
+        else:
+            limits[limit] = one_or_all(values)
+    return limits, questions
+
+
+def _range(
+    ini: IniFile, section: str, metres: Metres, size: float, lowest: float = -math.inf
+) -> tuple[float | None, float | None]:
+    """Return the ends of a range in m; None for one that is missing or a placeholder."""
+    entries = [ini.entry(section, key) for key in _RANGE]
+    low, high = (None if e is None else metres(e.number()) for e in entries)
+    if lowest == 0.0 and low is not None and high is not None and low == -high:
+        return None, None
+    low, high = real_end(low, size, lowest), real_end(high, size)
+    if low is not None and high is not None and low >= high and entries[0] is not None:
+        raise entries[0].refusal("MIN_LIMIT is not below MAX_LIMIT", "a range")
+    return low, high
+
+
+def real_end(value: float | None, size: float, lowest: float = -math.inf) -> float | None:
+    """Return the end of a range, m; None for one that is far beyond the size of the machine."""
+    return None if value is None or value <= lowest or abs(value) > _FAR * size else value
 
 
 def one_or_all(values: Sequence[object]) -> object:

@@ -100,7 +100,7 @@ class _Frames:
             if not name or name in (*self.elements, _WORLD_NAME):
                 raise element.refusal("its name is missing or taken", "names that differ")
             self.elements[name] = element
-        self._model = _pose(model)[0]
+        self._model = read_pose(model)[0]
         self._known = {_MODEL: self._model, _WORLD_NAME: WORLD}
         self._open: set[str] = set()
 
@@ -117,7 +117,7 @@ class _Frames:
                 raise InputError(message)
             raise at.refusal(message, "a link, joint or frame of the model")
         self._open.add(name)
-        pose, relative = _pose(element)
+        pose, relative = read_pose(element)
         if not relative:
             relative = _MODEL
             if element.tag == "joint":
@@ -148,7 +148,7 @@ class _Frames:
         return self.place(frame, joint).rotation @ vector / length
 
 
-def _pose(element: Element) -> tuple[Placement, str]:
+def read_pose(element: Element) -> tuple[Placement, str]:
     """Return the pose of an element, and the name of the frame that it is relative to."""
     pose = element.first("pose")
     if pose is None:
@@ -244,7 +244,7 @@ def _rigid(link: Element, place: Placement) -> RigidBody | None:
             return None
         value = 0.0 if given is None else float(inertia.numbers(given.text, f"<{tag}>", 1)[0])
         moments.append(value)
-    within = place.then(_pose(inertial)[0])
+    within = place.then(read_pose(inertial)[0])
     body = RigidBody.of(mass, np.zeros(3), inertia_of(moments))
     return body.placed(within.rotation, within.origin)
 

@@ -28,6 +28,7 @@ from expdesign.machines.mechanism_graph import (
     Placement,
     read_xml,
 )
+from expdesign.machines.readers.sdf import read_pose
 from expdesign.mechanism.bodies import ENTRIES, RigidBody, inertia_of
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.strut import FIXED_AXES
@@ -46,6 +47,8 @@ _AXES = {"revolute": 1, "continuous": 1, "prismatic": 1, "universal": 2}
 """Number of axes; the other types have none."""
 _DEEPEST = 100
 """Largest number of links in a chain."""
+_LIGHT = 0.1
+"""Largest mass of a frame without a body, as a share of the heaviest link that it is fixed to."""
 _PARALLEL = 1e-3
 """Largest sine of the angle between legs that are parallel."""
 
@@ -124,12 +127,13 @@ class _Tree:
             place = place.then(_pose(carrier, carrier.first("origin")))
         return place
 
-    def _joint(self, element: Element) -> Joint:
+    def _joint(self, element: Element, frame: Placement = WORLD) -> Joint:
+        """Return a joint whose frame is given in that of its child."""
         title = element.attributes.get("type", "").strip()
         if title not in _KINDS:
             raise element.refusal(f"the type {quote(title)} is not read", ", ".join(_KINDS))
         ends = self._link(element, "parent"), self._link(element, "child")
-        place = self.links[ends[1]].place
+        place = self.links[ends[1]].place.then(frame)
         axes = [_axis(element, tag) for tag in ("axis", "axis2")[: _AXES.get(title, 0)]]
         world = np.array(axes).reshape(-1, 3) @ place.rotation.T
         point = place.origin
@@ -167,12 +171,7 @@ class _Tree:
             yield Joint(kind, bodies, (points[0], points[1]), np.zeros((0, 3)), element)
         for extension in self.root.all("gazebo"):
             for element in extension.all("joint"):
-                joint, pose = self._joint(element), element.first("pose")
-                offset = np.zeros(3)
-                if pose is not None and pose.text.strip():
-                    offset = element.numbers(pose.text, "<pose>", 6)[:3]
-                point = self.links[joint.bodies[1]].place.point(offset)
-                yield replace(joint, points=(point, point))
+                yield self._joint(element, read_pose(element)[0])
 
     def close_legs(self, slides: list[Joint]) -> tuple[list[Link], list[Joint]]:
         """Return the links with the platform, and joints between it and the legs' open ends.
@@ -180,33 +179,79 @@ class _Tree:
         The platform is the link that one leg carries and the others do not, or the one that floats;
         without either it is a new link amid the ends.
         """
-        paths = [self._path(slide.bodies[1]) for slide in slides]
+        chains = [_most_moving(self._chains(slide.bodies[1])) for slide in slides]
+        most = min(_count_moving(each[0]) for each in chains)
+        depth = min(len(each[-1]) for each in chains if _count_moving(each[0]) == most)
+        carried = [
+            [one[-1].bodies[1] for one in each if self._reaches_platform(one, most, depth)]
+            for each in chains
+        ]
         floating = [joint.bodies[1] for joint in self.joints if joint.kind == "free"]
-        shortest = min(len(path) for path in paths)
-        longer = [path for path in paths if len(path) > shortest]
-        ends = [[slide, *path][-1].bodies[1] for slide, path in zip(slides, paths, strict=True)]
+        carriers = [j for j, links in enumerate(carried) if links]
         links, platform = list(self.links), len(self.links)
-        if len(longer) == 1:
-            platform = longer[0][-1].bodies[1]
+        if len(carriers) == 1:
+            platform = self._main_link(carried[carriers[0]])
         elif floating and self.base is not None:
             platform = floating[0]
-        else:
+        closed, ends = [], list[int]()
+        for j, slide in enumerate(slides):
+            if [j] == carriers:
+                continue
+            # A frame that is fixed to one leg only, as that of a sensor, is no end.
+            tips = [chain for chain in chains[j] if len(chain) == depth] or chains[j][:1]
+            path = min(tips, key=lambda chain: self._distance(slide, chain))
+            end = path[-1].bodies[1] if path else slide.bodies[1]
+            point, none = links[end].place.origin, np.zeros((0, 3))
+            kind: Kind = "fixed" if _turns_fully(path) else "rotation"
+            closed.append(Joint(kind, (end, platform), (point, point), none, slide.source))
+            ends.append(end)
+        if platform == len(links):
             middle = np.mean([links[end].place.origin for end in ends], axis=0)
             links.append(Link("the open ends of the legs", Placement(np.eye(3), middle)))
-        closed = []
-        for slide, path, end in zip(slides, paths, ends, strict=True):
-            if end != platform:
-                point, none = links[end].place.origin, np.zeros((0, 3))
-                turning = np.concatenate([joint.axes for joint in path] or [none])
-                full = np.linalg.matrix_rank(turning, tol=_PARALLEL) > 1 if len(turning) else False
-                kind: Kind = "fixed" if full else "rotation"
-                closed.append(Joint(kind, (end, platform), (point, point), none, slide.source))
         return links, closed
 
-    def _path(self, number: int) -> list[Joint]:
-        """Return the longest chain of joints that a link carries."""
+    def _chains(self, number: int) -> list[list[Joint]]:
+        """Return all chains of joints that a link carries, the empty one included."""
         carried = [joint for joint in self.joints if joint.bodies[0] == number]
-        return max(([one, *self._path(one.bodies[1])] for one in carried), key=len, default=[])
+        return [[]] + [[one, *chain] for one in carried for chain in self._chains(one.bodies[1])]
+
+    def _reaches_platform(self, chain: list[Joint], most: int, depth: int) -> bool:
+        """Return whether a leg's chain of joints goes on where those of the others end.
+
+        A body that is fixed there belongs to the platform if the leg turns at this end.
+        """
+        if _count_moving(chain) > most:
+            return True
+        further = len(chain) > depth and self.links[chain[-1].bodies[1]].mass != 0
+        return further and _turns_fully(chain)
+
+    def _main_link(self, fixed: list[int]) -> int:
+        """Return the first of links that are fixed together which is more than an empty frame."""
+        masses = [self.links[link].mass for link in fixed]
+        least = _LIGHT * max((mass for mass in masses if mass is not None), default=0.0)
+        real = [link for link, m in zip(fixed, masses, strict=True) if m is None or m > least]
+        return [*real, fixed[-1]][0]
+
+    def _distance(self, slide: Joint, chain: list[Joint]) -> float:
+        """Return the distance of a chain's last link from the axis of a slide, m."""
+        end = self.links[chain[-1].bodies[1] if chain else slide.bodies[1]].place.origin
+        return float(np.linalg.norm(np.cross(end - slide.points[0], slide.axes[0])))
+
+
+def _count_moving(chain: list[Joint]) -> int:
+    return sum(joint.kind != "fixed" for joint in chain)
+
+
+def _turns_fully(chain: list[Joint]) -> bool:
+    """Return whether a chain of joints turns about more than one direction."""
+    axes = np.concatenate([joint.axes for joint in chain] or [np.zeros((0, 3))])
+    return len(axes) > 0 and bool(np.linalg.matrix_rank(axes, tol=_PARALLEL) > 1)
+
+
+def _most_moving(chains: list[list[Joint]]) -> list[list[Joint]]:
+    """Return the chains with the most joints that move, the shortest first."""
+    most = max(map(_count_moving, chains))
+    return sorted((chain for chain in chains if _count_moving(chain) == most), key=len)
 
 
 def _pose(element: Element, origin: Element | None) -> Placement:
