@@ -12,7 +12,7 @@ import numpy as np
 
 from estimation.data.measurement import find_gaps, fit_grid
 from estimation.data.reading import LengthRange, format_of
-from estimation.data.stamps import epoch_unit
+from estimation.data.stamps import epoch_unit, median_step
 from estimation.data.table import FileContent, RawTable, RecordedColumn
 from expdesign.configuration import (
     FORCE_CHANNELS,
@@ -22,9 +22,15 @@ from expdesign.configuration import (
     ResolvedRobot,
     quote,
 )
-from expdesign.configuration.actuator_units import FORCE_KINDS, LENGTH_KINDS, ActuatorUnits
+from expdesign.configuration.actuator_units import (
+    FORCE_KINDS,
+    LENGTH_KINDS,
+    VOLTAGE_KINDS,
+    ActuatorUnits,
+)
 from expdesign.configuration.quantity import (
     ANGLE,
+    CURRENT,
     DURATION,
     TORQUE,
     Quantity,
@@ -278,13 +284,12 @@ def _check_time(table: RawTable, guess: DataGuess, units: dict[str, str]) -> Non
         guess.questions.append("the time is no number, or does not increase, in some rows")
         return
     if unit is None and table.columns["t"].unit is None:
-        step = float(np.median(steps))
-        unit = (
-            epoch_unit(table.origin) if table.origin else next(u for end, u in _SLOW if step < end)
-        )
+        step = median_step(time)
+        dated = epoch_unit(table.origin, step) if table.origin else None
+        unit = dated or next(u for end, u in _SLOW if step < end)
         if unit != "s":
             units["t"] = unit
-        if unit != "s" and not table.origin:
+        if unit != "s" and dated is None:
             guess.questions.append(f"units: {{t: {unit}}}: guessed from steps of {step:g}")
     seconds = time * DURATION.parse(f"1 {unit or 's'}")
     grid = fit_grid(seconds, find_gaps(seconds))
@@ -299,6 +304,10 @@ def _check_time(table: RawTable, guess: DataGuess, units: dict[str, str]) -> Non
 
 _UNITS = ("m", "mm", "cm", "in", "µm", "rev", "rad", "deg")
 """Units of lengths that are tried, the most likely first."""
+_ENDS = (0.05, 0.95)
+"""Quantiles of the lengths that must be possible in a unit."""
+_MOVES = 0.02
+"""Largest motion, as a share of the stroke, that does not confirm a unit."""
 
 
 def _check_lengths(
@@ -307,6 +316,7 @@ def _check_lengths(
     """Add the unit of the lengths, and their zero, with which they fit the robot."""
     values = np.array([table.values[channel] for channel in LENGTH_CHANNELS])
     middle = np.nanmedian(values, axis=1)
+    ends = np.nanquantile(values, _ENDS, axis=1)
     stated = units.get("q") or table.columns[LENGTH_CHANNELS[0]].unit
     shown = " ".join(f"{one:.4g}" for one in middle)
     if robot is None:
@@ -322,8 +332,8 @@ def _check_lengths(
         for unit in ((stated,) if stated else _UNITS)
         if not conversion.missing(unit)
     }
-    absolute = [unit for unit, scale in scales.items() if np.all(allowed.fits(middle * scale))]
-    from_home = [u for u, scale in scales.items() if np.all(allowed.fits(home + middle * scale))]
+    absolute = [unit for unit, scale in scales.items() if np.all(allowed.fits(ends * scale))]
+    from_home = [u for u, scale in scales.items() if np.all(allowed.fits(home + ends * scale))]
     if absolute:
         unit = absolute[0]
     elif from_home:
@@ -337,11 +347,24 @@ def _check_lengths(
             "from home on: state what each axis reads there, or its unit"
         )
         return
-    if stated is None and unit != "m":
+    if stated is not None:
+        return
+    if unit != "m":
         units["q"] = unit
-        others = [one for one in (absolute or from_home) if one != unit]
+    others = [one for one in (absolute or from_home) if one != unit]
+    moves = np.ptp(ends, axis=0) * scales[unit] > _MOVES * (allowed.upper - allowed.lower)
+    if unit != "m" or (others and not np.any(moves)):
         also = f", as {', '.join(others)} would" if others else ""
         guess.questions.append(f"units: {{q: {unit}}}: not stated, fits the robot{also}")
+
+
+_NEEDS: dict[Quantity | None, str] = {
+    ANGLE: "the robot file has to state the lead",
+    TORQUE: "the robot file has to state the lead",
+    CURRENT: "force_constants: one value or six, in N/A, or the motor in the robot file's drive",
+    **dict.fromkeys(VOLTAGE_KINDS, "the robot file has to state the motor of the drive"),
+}
+"""Conversions that need the robot, which is not given."""
 
 
 def _check_scales(guess: DataGuess, units: dict[str, str], robot: ResolvedRobot | None) -> None:
@@ -350,5 +373,5 @@ def _check_scales(guess: DataGuess, units: dict[str, str], robot: ResolvedRobot 
         unit = units.get(group, "")
         if unit and (missing := ActuatorUnits(robot).missing(unit)):
             guess.questions.append(f"{group} in {unit}: {missing[1]}")
-        elif robot is None and quantity_of_unit(unit) in (ANGLE, TORQUE):
-            guess.questions.append(f"{group} in {unit}: the robot file has to state the lead")
+        elif robot is None and (needed := _NEEDS.get(quantity_of_unit(unit))):
+            guess.questions.append(f"{group} in {unit}: {needed}")

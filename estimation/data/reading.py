@@ -18,7 +18,7 @@ from estimation.data import readers
 from estimation.data.formats import FileFormat
 from estimation.data.measurement import Measurement, time_base
 from estimation.data.sensors import SensorResponse
-from estimation.data.stamps import EARLIEST, epoch_unit
+from estimation.data.stamps import EARLIEST, epoch_unit, median_step
 from estimation.data.streams import join_tables
 from estimation.data.table import (
     MOST_PROBLEMS,
@@ -248,10 +248,11 @@ def seconds_of(table: RawTable, section: DataSection) -> tuple[Array, float, lis
     Raises
     ------
     InputError
-        The unit in the file is unknown, of another quantity, or contradicts `section.units`.
+        The unit in the file is unknown, of another quantity, or contradicts `section.units`; or no
+        unit of a time since 1970 fits both its first value and its step.
     """
     factor, kind, warnings = _factor("t", "t", table, section, ActuatorUnits(None))
-    if table.origin and kind is None and (unit := epoch_unit(table.origin)) != "s":
+    if kind is None and (unit := _epoch_unit(table)) != "s":
         factor = DURATION.parse(f"1 {unit}")
         warnings.append(
             f"{table.column_name('t')} begins with {table.origin:.0f}: read as {unit} "
@@ -260,6 +261,20 @@ def seconds_of(table: RawTable, section: DataSection) -> tuple[Array, float, lis
     begin = table.origin * factor
     counter = table.origin if begin < EARLIEST else 0.0
     return (table.values["t"] + counter) * factor, begin if begin >= EARLIEST else 0.0, warnings
+
+
+def _epoch_unit(table: RawTable) -> str:
+    """Return the unit of the time by its first value and its step; refuse other counters."""
+    if not table.origin:
+        return "s"
+    step = median_step(table.values["t"])
+    if unit := epoch_unit(table.origin, step):
+        return unit
+    message = (
+        f"times from {table.origin:g} on in steps of {step:g} are neither s, ms, us nor ns since "
+        "1970: a counter of an unknown unit"
+    )
+    raise InputError(table.header_problem(message, "t", "data.units: {t: us}, or its other unit"))
 
 
 def _refuse_unused_scales(

@@ -22,6 +22,9 @@ EARLIEST = 1e8
 """First time, in the file's unit and in s, from which on a column counts from a date: 1973."""
 _UNITS = ((1e11, "s"), (1e14, "ms"), (1e17, "us"), (np.inf, "ns"))
 """Units of the time since 1970, with the number that no date of this and the next eon reaches."""
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_SLOWEST = 0.5
+"""s. No machine is sampled once in half a second."""
 _LARGEST = 1e25
 _STAMP = re.compile(
     r"(?P<date>\d{4}-\d\d-\d\d[T ])?([01]\d|2[0-3]):[0-5]\d(:[0-5]\d([.,]\d+)?)?"
@@ -30,15 +33,22 @@ _STAMP = re.compile(
 EXAMPLE = "2026-11-27T10:15:00.123Z"
 
 
-def epoch_unit(first: float) -> str:
-    """Return the unit of a number since 1970.
+def epoch_unit(first: float, step: float) -> str | None:
+    """Return the unit of times since 1970 by the first one and their step; None if none fits both.
 
     Examples
     --------
-    >>> epoch_unit(1764212345.5), epoch_unit(1764212345123)
-    ('s', 'ms')
+    >>> epoch_unit(1764212345.5, 0.001), epoch_unit(1764212345123, 1), epoch_unit(2.5e9, 1000)
+    ('s', 'ms', None)
     """
-    return next(unit for end, unit in _UNITS if first < end)
+    unit = next(unit for end, unit in _UNITS if first < end)
+    return unit if step * _SECONDS[unit] < _SLOWEST else None
+
+
+def median_step(times: Array) -> float:
+    """Return the median step of the finite times; 0 without two of them."""
+    steps = np.diff(times[np.isfinite(times)])
+    return float(np.median(steps)) if len(steps) else 0.0
 
 
 def is_stamp(text: str) -> bool:

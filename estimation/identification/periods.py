@@ -50,6 +50,8 @@ _FEWEST_MARKED = 3
 _MOST = 0.9
 _REPEATS = 0.5
 """Largest difference between a sample and the one a period later, as a share of the motion."""
+_COARSEST = 0.5
+"""Largest step of the samples, as a share of the period."""
 _ON_TIME = 1e-9
 """Rounding of a sample time, as a share of a period."""
 
@@ -113,6 +115,14 @@ def choose_omega(
         raise _unsuitable(data, str(error), NoPeriodError) from error
     except PeriodError as error:
         raise _unsuitable(data, str(error)) from error
+    period = 2 * np.pi / omega
+    if data.step > _COARSEST * period:
+        message = (
+            f"samples every {data.step:.4g} s are too far apart for the {source.value}'s period of "
+            f"{period:.6g} s: the time has another unit"
+        )
+        file = Path(data.source) if data.source else None
+        raise UnsuitableDataError(message, file, allowed="data.units: {t: …}, its unit in the file")
     if configuration.run.estimate.frequency == "estimated" and source is not PeriodSource.DATA:
         omega = refine_omega(data, omega, _FREQUENCY_REACH)
     if source is not PeriodSource.DATA and not (ramps and find_periodic_window(data, omega)):

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from asammdf import MDF, Signal
 from scipy.io import savemat
 
 from estimation.data.guess import guess_data
 from estimation.data.reading import read_measurement
-from expdesign.configuration import DataSection
+from expdesign.configuration import DataSection, InputError
 from expdesign.configuration.parameters import Drive, Screw
 from tests.data.recordings import write_bag_folder, write_hdf5, write_mdf
 
@@ -148,6 +149,34 @@ def test_stamps_that_jitter_and_steps_of_milliseconds(tmp_path, rec):
     assert "guessed from steps of" in guess.questions[0]
 
 
+@pytest.mark.parametrize(("begin", "step", "unit"), [(2.5e9, 1e3, "us"), (3e11, 1e6, "ns")])
+def test_a_counter_is_no_date(begin, step, unit, tmp_path, rec, palida):
+    """Its first value may be that of a date, its steps are not."""
+    frame = rec.frame
+    frame["t"] = (begin + step * np.arange(60)).astype(np.int64)
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    guess = guess_data(tmp_path / "log.csv")
+    assert guess.section["units"] == {"t": unit}
+    assert f"units: {{t: {unit}}}: guessed from steps of {step:g}" in guess.questions
+    assert guess.facts[0].startswith("60 rows, 1000 Hz")
+    with pytest.raises(InputError, match="a counter of an unknown unit") as caught:
+        read_measurement(tmp_path / "log.csv", DataSection(), palida)
+    assert "data.units: {t: us}" in caught.value.problems[0].allowed
+
+
+@pytest.mark.parametrize(("amplitude", "unit"), [(40.0, "mm"), (0.04, "m"), (0.0, "m")])
+def test_the_unit_of_lengths_from_home_follows_from_their_motion(
+    amplitude, unit, tmp_path, rec, palida
+):
+    rec.q = 1e-3 + amplitude * np.sin(0.3 * np.arange(60)[:, None] + np.arange(6))
+    rec.frame.to_csv(tmp_path / "log.csv", index=False)
+    guess = guess_data(tmp_path / "log.csv", palida)
+    assert guess.section["offset"] == "home"
+    assert guess.section.get("units", {}).get("q", "m") == unit
+    asked = [text for text in guess.questions if text.startswith(f"units: {{q: {unit}}}")]
+    assert len(asked) == (amplitude != 0.04), "a motion confirms m"
+
+
 def _write_structs(path, rec):
     savemat(path, {"log": {"time": rec.t, "pos": rec.q, "force": rec.Q, "cmd": 2 * rec.q}})
 
@@ -174,3 +203,17 @@ def test_other_files(name, write, tmp_path, rec, palida):
     assert guess.questions == ["units: {Q: …}: not stated, N is assumed"]
     assert np.array_equal(found.lengths, rec.q)
     assert np.array_equal(found.forces, rec.Q)
+
+
+@pytest.mark.usefixtures("forked")
+@pytest.mark.parametrize(("unit", "question"), [("kN", ""), ("N m", "the lead")])
+def test_units_that_an_mdf_file_states(unit, question, tmp_path, rec):
+    units = {"q": "m", "Q": unit}
+    with MDF(version="4.10") as file:
+        channels = [(name, values) for name, values in rec.columns.items() if name != "t"]
+        file.append([Signal(v, rec.t, name=name, unit=units[name[0]]) for name, v in channels])
+        file.save(tmp_path / "log.mf4")
+    guess = guess_data(tmp_path / "log.mf4")
+    assert guess.section["units"]["Q"] == unit
+    assert len(guess.questions) == bool(question)
+    assert all(question in text for text in guess.questions)

@@ -183,6 +183,9 @@ def test_a_machine_that_rests_for_most_of_its_period_is_not_refused():
     assert (omega, source) == (MOTION.omega, PeriodSource.DESIGN)
     with pytest.raises(InputError, match="do not repeat with the design's period"):
         choose_omega(run(), still, trajectory(170))
+    slow = replace(still, time=1e3 * still.time, step=1e3 * still.step)
+    with pytest.raises(InputError, match="every 5 s are too far apart for the design's period"):
+        choose_omega(run(), slow, MOTION)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -61,10 +60,7 @@ def _table(file: Any, path: Path, section: DataSection) -> RawTable:
         group, index = column.place
         refuse_long(int(file.groups[group].channel_group.cycles_nr), path)
         signals[channel] = file.get(group=group, index=index, ignore_invalidation_bits=True)
-    columns = {
-        channel: replace(column, unit=str(signals[channel].unit).strip() or None)
-        for channel, column in picked.items()
-    }
+    columns = dict(picked)
     _refuse_other_times(signals, columns, path)
     values: dict[str, Array] = {}
     texts: dict[tuple[str, int], str] = {}
@@ -91,7 +87,8 @@ def _columns(file: Any) -> Iterator[RecordedColumn]:
     for name, places in file.channels_db.items():
         for group, index in dict.fromkeys(places):
             text = name if len(places) == 1 else f"{group}/{name}"
-            yield RecordedColumn(text, (group, index), name=name)
+            unit = str(file.get_channel_unit(group=group, index=index)).strip() or None
+            yield RecordedColumn(text, (group, index), name=name, unit=unit)
 
 
 def _refuse_other_times(
