@@ -1,18 +1,21 @@
-"""A limit: what is bounded, and the bounds that one robot or one run asks for."""
+"""Limits: their definitions, the catalogue of these, and the bounds of one robot or one run."""
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from types import MappingProxyType
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from constraints.arrays import Array, Mask
+from constraints.plugins import declarations
 
 Quantities = Mapping[str, ca.SX]
 """Named symbolic quantities of one instant; the mechanism says what it offers and their shapes."""
@@ -266,3 +269,35 @@ class Limit:
 def _finite(transform: Callable[[Array], Array], bound: Array, absent: float) -> Array:
     given = np.isfinite(bound)
     return np.where(given, transform(np.where(given, bound, 1.0)), absent)
+
+
+@cache
+def limit_definitions() -> Mapping[str, LimitDefinition]:
+    """Return every limit by its YAML key, in alphabetical order.
+
+    A new limit is one file in ``constraints/limits`` or one module of a plug-in.
+    """
+    found: dict[str, LimitDefinition] = {}
+    for definition in declarations(LimitDefinition, "constraints.limits"):
+        if definition.key in found:
+            raise ValueError(f"the limit '{definition.key}' is declared twice")
+        found[definition.key] = definition
+    return MappingProxyType(dict(sorted(found.items())))
+
+
+def _by_key(key: str) -> LimitDefinition:
+    return limit_definitions()[key]
+
+
+def _reduce(definition: LimitDefinition) -> str | tuple[Any, ...]:
+    if limit_definitions().get(definition.key) is definition:
+        return _by_key, (definition.key,)
+    stated = definition.key, definition.title, definition.unit, definition.kind
+    if plain_limit(*stated) is definition:
+        return plain_limit, stated
+    return definition.__reduce_ex__(2)
+
+
+# A worker process has the same files: a definition goes there by its name, since the functions
+# that it holds may be lambdas.
+copyreg.pickle(LimitDefinition, _reduce)

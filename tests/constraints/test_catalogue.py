@@ -99,7 +99,7 @@ def test_a_file_may_declare_several(add_file):
 
 
 def test_constraints_know_no_other_package():
-    for name in ("constraints", "constraints.catalogue", "constraints.definition"):
+    for name in ("constraints", "constraints.definition"):
         module = importlib.import_module(name)
         for value in vars(module).values():
             owner = getattr(value, "__module__", None) or ""
