@@ -364,7 +364,7 @@ def _fewer(
 
 
 def _next_rows(count: int) -> Iterator[Row]:
-    """Yield the errors after one recording, and after a second one of the same or the next motion."""
+    """Yield the errors after one recording, and after a second one, the same or the next motion."""
     run = _fewer("palida", _RATE, _QUICK)
     plan_search(run).problem.compile()
     first = design(run).trajectory
