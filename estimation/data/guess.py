@@ -51,8 +51,35 @@ class DataGuess:
     """Values that the file does not determine, with advice."""
 
 
-def guess_data(path: Path, robot: ResolvedRobot | None = None) -> DataGuess:
-    """Guess the section `data` for a recording.
+def guess_files(
+    lengths: Path, forces: Path | None = None, robot: ResolvedRobot | None = None
+) -> DataGuess:
+    """Guess the section `data` for a recording in one file, or in two; as `guess_data`."""
+    if forces is None:
+        return guess_data(lengths, robot)
+    one, two = guess_data(lengths, robot, "q"), guess_data(forces, robot, "Q")
+    section: dict[str, Any] = {}
+    for key in dict.fromkeys((*one.section, *two.section)):
+        own, other = one.section.get(key), two.section.get(key)
+        if key not in ("columns", "units"):
+            section[key] = other if own is None else own
+            if own != other and key not in ("time", "offset"):
+                one.questions.append(f"{key}: {own} in {lengths.name}, {other} in {forces.name}")
+            continue
+        merged = {**(own or {}), **{k: value for k, value in (other or {}).items() if k != "t"}}
+        if (own or {}).get("t", "t") != (other or {}).get("t", "t"):
+            merged["tQ"] = (other or {}).get("t", "t" if key == "columns" else "s")
+        section[key] = merged
+    facts = [
+        f"{file.name}: {one}"
+        for file, found in ((lengths, one), (forces, two))
+        for one in found.facts
+    ]
+    return DataGuess(section, facts, list(dict.fromkeys((*one.questions, *two.questions))))
+
+
+def guess_data(path: Path, robot: ResolvedRobot | None = None, groups: str = "qQ") -> DataGuess:
+    """Guess the section `data` for a recording, or for a file with some groups of its channels.
 
     Names and units of the columns decide: six columns that differ by a number are the channels of a
     group. The robot's lengths decide on a unit of the lengths that the file does not state, and on
@@ -67,22 +94,32 @@ def guess_data(path: Path, robot: ResolvedRobot | None = None) -> DataGuess:
     content = file_format.columns_of(path)
     guess = DataGuess(dict(content.settings), [], list(content.questions))
     units: dict[str, str] = {}
-    chosen = _choose_columns(content, guess, units)
+    chosen = _choose_columns(content, guess, units, groups)
     timed = "t" in chosen or content.has_time
     names = {channel: column.text for channel, column in chosen.items()}
     guess.section["columns"] = {channel: name for channel, name in names.items() if name != channel}
-    if set(chosen) >= _NEEDED and timed and not content.questions:
-        keys = ("columns", "delimiter", "decimal")
-        section = {key: guess.section[key] for key in keys if key in guess.section}
+    needed = {f"{group}{j}" for group in groups for j in range(1, ACTUATORS + 1)}
+    if set(chosen) >= needed and timed:
+        keys = ("columns", "delimiter", "decimal", "header")
+        section = DataSection.model_validate(
+            {key: guess.section[key] for key in keys if key in guess.section}
+        )
         try:
-            table = file_format.load(path, DataSection.model_validate(section))
+            table = file_format.load(path, section if groups == "qQ" else section.of_group(groups))
         except InputError as error:
             guess.questions.extend(str(replace(one, file=None)) for one in error.problems)
         else:
             _check_time(table, guess, units)
-            _check_lengths(table, guess, units, robot)
+            if "q" in groups:
+                _check_lengths(table, guess, units, robot)
+    force = chosen.get(FORCE_CHANNELS[0])
+    if force is not None and "Q" not in units and _DUTY.search(force.name):
+        units["Q"] = "duty"
+        guess.questions.append(
+            "units: {Q: duty}: guessed from the name, −1 to 1; '%', or scale: {Q: …} for PWM steps"
+        )
     _check_scales(guess, units, robot)
-    if "Q1" in chosen and "Q" not in units and chosen["Q1"].unit is None:
+    if force is not None and "Q" not in units and force.unit is None:
         guess.questions.append("units: {Q: …}: not stated, N is assumed")
     guess.section["units"] = {key: units[key] for key in ("t", "q", "Q") if key in units}
     for key in ("columns", "units"):
@@ -91,12 +128,11 @@ def guess_data(path: Path, robot: ResolvedRobot | None = None) -> DataGuess:
     return guess
 
 
-_NEEDED = {*LENGTH_CHANNELS, *FORCE_CHANNELS}
 _MOST_LISTED = 40
 
 
 def _choose_columns(
-    content: FileContent, guess: DataGuess, units: dict[str, str]
+    content: FileContent, guess: DataGuess, units: dict[str, str], groups: str
 ) -> dict[str, RecordedColumn]:
     """Return the column of every channel that is found; add units and questions."""
     families, chosen = _families(content.columns), dict[str, RecordedColumn]()
@@ -105,8 +141,12 @@ def _choose_columns(
         ("q", LENGTH_CHANNELS, "strut lengths"),
         ("Q", FORCE_CHANNELS, "actuator forces"),
     ):
+        if group not in groups:
+            continue
         ranked = sorted(families, key=lambda family: -family.score(group))
-        if not ranked or (best := ranked[0]).score(group) == 0:
+        # The only one of a file that has no other channels needs no name.
+        alone = len(groups) == len(ranked) == 1
+        if not ranked or ((best := ranked[0]).score(group) == 0 and not alone):
             guess.questions.append(
                 f"no six columns are the {what}: state columns: {{{group}1: …}}, out of {listed}"
             )
@@ -128,15 +168,15 @@ def _choose_columns(
     if not times:
         if not content.has_time:
             guess.questions.append(
-                f"no column is the time: state columns: {{t: …}}, out of {listed}"
+                f"no column is the time: state columns: {{t: …}}, out of {listed}, or sampling: …"
             )
         return chosen
     time, *others = times
     if others:
         names = ", ".join(column.label for column in others)
         guess.questions.append(
-            f"the time is {time.label}; {names} too? Lengths and forces of different times do not "
-            "fit: resample one of them, or state a constant lag as delay: {forces: …}"
+            f"the time is {time.label}; {names} too? Lengths and forces of different times are "
+            "files: {lengths: FILE, forces: FILE}, with columns: {t: …, tQ: …}, also of one file"
         )
     if unit := _unit_in(time, (DURATION,)):
         units["t"] = unit
@@ -148,6 +188,7 @@ def _choose_columns(
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-zäöü]+|[^\W\d_]+")
 _COMPOUND = re.compile(r"(ist|soll|act|cmd|ref)(\w{2,})")
 _NUMBER = re.compile(r"\d+")
+_DUTY = re.compile(r"pwm|duty", re.IGNORECASE)
 _LETTER = re.compile(r"(?:.*[./_])?([qQ])(?:\(:,#\)|#)")
 """Names of the channels themselves, also in structs and as columns of matrices."""
 
@@ -161,13 +202,14 @@ _LENGTH_WORDS = _word_set(
     "laenge hub stroke joint axis motor counts"
 )
 _FORCE_WORDS = _word_set(
-    "f force kraft torque trq tau tq moment drehmoment effort current cur curr i iq strom tension"
+    "f force kraft torque trq tau tq moment drehmoment effort current cur curr i iq strom tension "
+    "voltage volt volts pwm duty"
 )
-_CURRENT_WORDS = _word_set("i iq current cur curr strom")
+_ELECTRIC_WORDS = _word_set("i iq current cur curr strom voltage volt volts pwm duty")
 _OTHER_WORDS = _word_set(
     "v vel velocity speed geschwindigkeit qd dq qdd ddq acc accel acceleration beschleunigung jerk "
-    "temp temperature temperatur voltage volt volts status state err error follow lag model pwm "
-    "duty enable limit time stamp"
+    "temp temperature temperatur status state err error follow lag model "
+    "enable limit time stamp"
 )
 _COMMAND_WORDS = _word_set(
     "cmd command commanded ref reference des desired soll set setpoint target demand nominal"
@@ -220,8 +262,8 @@ class _Family:
         if self.words & _OTHER_WORDS or (kind not in kinds if kind else not named):
             return 0.0
         score = 4.0 * (kind is not None) + named + 0.5 * bool(self.words & _MEASURED_WORDS)
-        # Commands, and the currents of torques that are there as well, are the second choice.
-        second = (self.words & _COMMAND_WORDS) or (group == "Q" and self.words & _CURRENT_WORDS)
+        # Commands, and the currents or voltages of torques in the file, are the second choice.
+        second = (self.words & _COMMAND_WORDS) or (group == "Q" and self.words & _ELECTRIC_WORDS)
         return score - 0.75 * bool(second)
 
 

@@ -78,7 +78,7 @@ class FileContent:
     """Columns of a file, and the keys of `data` that follow from its text."""
 
     columns: Sequence[RecordedColumn]
-    settings: Mapping[str, str] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
     questions: Sequence[str] = ()
     """What prevents reading it, with advice."""
     has_time: bool = False
@@ -223,6 +223,8 @@ class RawTable:
     """(T,), numbers of the rows if they are not consecutive."""
     texts: Mapping[tuple[str, int], str] = field(default_factory=dict)
     """(channel, row from zero) → text of a cell without a finite number."""
+    header_line: int = HEADER_LINE
+    """Line of the names in a text."""
     origin: float = 0.0
     """First time of a column that counts from a date, in the file's unit: it is subtracted."""
 
@@ -254,7 +256,7 @@ class RawTable:
 
     def header_problem(self, message: str, channel: str, allowed: str | None = None) -> Problem:
         """Describe a defect in the header of a column."""
-        line = HEADER_LINE if self.row_noun == "line" else None
+        line = self.header_line if self.row_noun == "line" else None
         return Problem(message, self.file, line, self.column_name(channel), allowed)
 
     def part(self, first: int, end: int) -> RawTable:

@@ -190,9 +190,11 @@ def _answer(key: str, *, needed: bool) -> Any:
         return value
 
 
-def write_data_section(file: Path, run: str | None, out: Path | None, *, as_json: bool) -> None:
+def write_data_section(
+    file: Path, forces: Path | None, run: str | None, out: Path | None, *, as_json: bool
+) -> None:
     """Print the guessed section `data` for a recording, or write it to a new file."""
-    from estimation.data.guess import guess_data  # no other command here reads recordings
+    from estimation.data.guess import guess_files  # no other command here reads recordings
 
     if out is not None:
         refuse_unwritable(out.absolute().parent)
@@ -203,8 +205,12 @@ def write_data_section(file: Path, run: str | None, out: Path | None, *, as_json
         configuration = load_run(run)
         robot = configuration.robot
         folder = folder if configuration.file is None else configuration.file.absolute().parent
-    guess = guess_data(file, robot)
-    section = {"file": os.path.relpath(file.absolute(), folder), **guess.section}
+    guess = guess_files(file, forces, robot)
+    place = os.path.relpath(file.absolute(), folder)
+    section = {"file": place, **guess.section}
+    if forces is not None:
+        pair = {"lengths": place, "forces": os.path.relpath(forces.absolute(), folder)}
+        section = {"files": pair, **guess.section}
     if as_json:
         found = {"data": section, "facts": guess.facts, "questions": guess.questions}
         write_json({"status": 0, **found})

@@ -58,6 +58,9 @@ def init(
 
 def init_data(
     file: Annotated[Path, argument("FILE", "A recording, or the folder of a rosbag2 recording.")],
+    forces: Annotated[
+        Path | None, argument("[FORCES]", "The forces, if they are in a file of their own.")
+    ] = None,
     run: Annotated[
         str | None,
         option("--run", "RUN.yaml", "The run: its robot decides on units and zeros not stated."),
@@ -74,7 +77,7 @@ def init_data(
     """
     from expdesign.cli.init import write_data_section
 
-    write_data_section(file, run, out, as_json=as_json)
+    write_data_section(file, forces, run, out, as_json=as_json)
 
 
 MachineOption = Annotated[

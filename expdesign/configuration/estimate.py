@@ -97,6 +97,22 @@ class OffsetsByChannel(schema.Section):
     Q: schema.ForceOffsets | None = None
 
 
+class Header(schema.Section):
+    """Lines of a text file around the names of its columns."""
+
+    before: Annotated[int, schema.whole(0, 1000)] = 0
+    """Lines before that of the names."""
+    names: Annotated[tuple[str, ...], schema.at_least(2, "names")] | None = None
+    """Names of the columns in their order, for a file without them."""
+    after: Annotated[int, schema.whole(0, 1000)] = 0
+    """Lines between the names and the numbers, such as units."""
+
+    @property
+    def lines(self) -> int:
+        """Number of lines before the numbers."""
+        return self.before + (self.names is None) + self.after
+
+
 class DataFiles(schema.Section):
     """Two files of one recording, with stamps of one clock and rates of their own."""
 
@@ -117,6 +133,7 @@ class DataSection(schema.Section):
     """Channel (t, q1 …, Q1 …, period, U, tQ) → name in the file. Default: the same names, no U."""
     units: dict[_Units, schema.FilledText] = Field(default_factory=dict)
     """Channel, or group t, q, Q, U → unit in the file. Default: SI."""
+    header: Header = Header()
     delimiter: Annotated[str, _ONE_CHARACTER] = ","
     decimal: Literal[".", ","] = "."
     force_constants: (

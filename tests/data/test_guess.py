@@ -90,7 +90,7 @@ def test_lengths_without_a_unit_get_the_one_that_fits_the_robot(
 QUESTIONS = {
     # A hexapod of a laboratory: lengths in cm, and the duty of the motors for their forces.
     "time_ms,len1_cm,len2_cm,len3_cm,len4_cm,len5_cm,len6_cm,pwm1,pwm2,pwm3,pwm4,pwm5,pwm6": (
-        "no six columns are the actuator forces: state columns: {Q1: …}, out of time_ms, len1_cm",
+        "units: {Q: duty}: guessed from the name, −1 to 1",
     ),
     "t,q1,q2,q3,q4,q5,q6,tau1,tau2,tau3,tau4,tau5,tau6,F1,F2,F3,F4,F5,F6": (
         "actuator forces: 'tau#', or 'F#'?",
@@ -98,7 +98,7 @@ QUESTIONS = {
     "t,q1,q2,q3,q4,q5,q6,q7,tau1,tau2,tau3,tau4,tau5,tau6,tau7": ("'q#': the first six of 7",),
     # A cable robot: two streams in one file, each with its own stamps.
     "stamp_len,len1,len2,len3,len4,len5,len6,stamp_tau,tau1,tau2,tau3,tau4,tau5,tau6": (
-        "the time is stamp_len; stamp_tau too? Lengths and forces of different times do not fit",
+        "the time is stamp_len; stamp_tau too? Lengths and forces of different times are files: {",
     ),
     "a,b": ("no six columns are the strut lengths", "no column is the time"),
     "t,q1 [U],q2 [U],q3 [U],q4 [U],q5 [U],q6 [U],I1 [A],I2 [A],I3 [A],I4 [A],I5 [A],I6 [A]": (
@@ -125,18 +125,22 @@ def test_what_the_file_does_not_determine_is_a_question(header, tmp_path):
 @pytest.mark.parametrize(
     ("before", "after", "wanted"),
     [
-        ("Recorder 5\n\n", "", "the names are in line 3: delete the lines before it"),
-        ("", "[ms]\t" + 6 * "[mm]\t" + 5 * "[N]\t" + "[N]\n", "line 2 has units instead of"),
+        ("Recorder 5\n\n", "", {"before": 2}),
+        ("", "[ms]\t" + 6 * "[mm]\t" + 5 * "[N]\t" + "[N]\n", {"after": 1}),
+        ("No. 7\n", "[ms]\t" + 6 * "[mm]\t" + 6 * "[N]\t" + "\n", None),
     ],
 )
-def test_lines_that_have_to_go(before, after, wanted, tmp_path, rec):
+def test_lines_around_the_names(before, after, wanted, tmp_path, rec, palida):
     path = tmp_path / "log.tsv"
     header, rows = rec.frame.to_csv(index=False, sep="\t").split("\n", 1)
     path.write_text(f"{before}{header}\n{after}{rows}")
     guess = guess_data(path)
-    assert wanted in guess.questions[0]
+    assert guess.section["header"] == (wanted or {"before": 1, "after": 1})
     if after:
         assert guess.section["units"] == {"t": "ms", "q": "mm", "Q": "N"}
+    else:
+        found = read_measurement(path, DataSection.model_validate(guess.section), palida)
+        assert np.array_equal(found.lengths, rec.q)
 
 
 def test_stamps_that_jitter_and_steps_of_milliseconds(tmp_path, rec):

@@ -8,9 +8,10 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,6 @@ from constraints.arrays import Array
 from estimation.data.formats import FileFormat
 from estimation.data.stamps import TimeCells, is_stamp
 from estimation.data.table import (
-    HEADER_LINE,
     MOST_PROBLEMS,
     FileContent,
     RawTable,
@@ -29,7 +29,14 @@ from estimation.data.table import (
     refuse,
     refuse_long,
 )
-from expdesign.configuration import DataSection, InputError, Problem
+from expdesign.configuration import (
+    FORCE_CHANNELS,
+    LENGTH_CHANNELS,
+    DataSection,
+    InputError,
+    Problem,
+)
+from expdesign.configuration.estimate import Header
 from expdesign.configuration.quantity import quantity_of_unit
 
 BLOCK = 4 * 1024 * 1024
@@ -105,7 +112,7 @@ _OTHER_DELIMITERS = {";": "';'", "\t": "'\\t'", ",": "','", "|": "'|'"}
 
 
 def read(path: Path, section: DataSection) -> RawTable:
-    """Read a text file whose first line names the columns.
+    """Read a text file with a line of names, or names by the section.
 
     Raises
     ------
@@ -113,30 +120,30 @@ def read(path: Path, section: DataSection) -> RawTable:
         It is not text, columns are missing, or lines have more or fewer columns than the header.
         Cells without a number become NaN; their text is in the table.
     """
-    blocks = line_blocks(path)
-    header, *first = next(blocks, [""])
-    if not header.strip():
-        message = "the first line names no columns" if first else "the file is empty"
-        raise InputError(message, path, HEADER_LINE)
-    delimiter = _delimiter(path, section, header)
+    about, blocks = section.header, line_blocks(path)
+    lines, number = next(blocks, []), about.before + 1
+    line, first = "".join(lines[about.before : number]), lines[about.lines :]
+    if about.names is None and not line.strip():
+        which = f"line {number}" if about.before else "the first line"
+        message = f"{which} names no columns" if first else "the file is empty"
+        raise InputError(message, path, number)
+    delimiter = _delimiter(path, section, line)
     try:
-        names = next(csv.reader([header], delimiter=delimiter))
+        names = about.names or next(csv.reader([line], delimiter=delimiter))
     except csv.Error:
-        raise InputError(_too_long(), path, HEADER_LINE) from None
+        raise InputError(_too_long(), path, number) from None
     columns = [header_column(name, position) for position, name in enumerate(names)]
     try:
-        picked = pick_columns(
-            columns, section.columns, path, HEADER_LINE, channels=section.channels
-        )
+        picked = pick_columns(columns, section.columns, path, number, channels=section.channels)
     except InputError as error:
-        raise _with_delimiter_hint(error, path, header, delimiter) from None
+        raise _with_delimiter_hint(error, path, line, delimiter, number) from None
     positions = {channel: columns.index(column) for channel, column in picked.items()}
     row = next(csv.reader(first[:1], delimiter=delimiter), [])
     timed = positions.get("t", len(row)) < len(row)
     clock = TimeCells.starting_with(row[positions["t"]]) if timed else None
     if clock is not None and clock.stamps:
         picked["t"] = replace(picked["t"], unit="s")
-    form = _Form(positions, len(names), delimiter, section.decimal, clock)
+    form = _Form(positions, len(names), delimiter, section.decimal, about, clock)
     return _gather_rows(path, picked, form, chain([first], blocks))
 
 
@@ -149,6 +156,7 @@ class _Form:
     """Number of columns."""
     delimiter: str
     decimal: str
+    header: Header = field(default_factory=Header)
     clock: TimeCells | None = None
     """Reader of the time if it counts from a date."""
 
@@ -166,7 +174,7 @@ def _gather_rows(
     numbers: list[NDArray[np.int64]] = []
     texts: dict[tuple[str, int], str] = {}
     ragged, count = list[Problem](), 0
-    line, rows, follow = HEADER_LINE + 1, 0, True
+    line, rows, follow = form.header.lines + 1, 0, True
     for lines in blocks:
         values = _read_numbers(lines, form)
         begins, used = np.arange(line, line + len(lines)), len(lines)
@@ -186,9 +194,10 @@ def _gather_rows(
         {channel: np.concatenate([np.empty(0), *found]) for channel, found in parts.items()},
         picked,
         "line",
-        HEADER_LINE + 1,
+        form.header.lines + 1,
         None if follow else np.concatenate(numbers),
         texts,
+        form.header.before + 1,
         0.0 if form.clock is None else form.clock.origin,
     )
 
@@ -203,7 +212,9 @@ def _delimiter(path: Path, section: DataSection, header: str) -> str:
     return section.delimiter
 
 
-def _with_delimiter_hint(error: InputError, path: Path, header: str, delimiter: str) -> InputError:
+def _with_delimiter_hint(
+    error: InputError, path: Path, header: str, delimiter: str, line: int
+) -> InputError:
     if delimiter in header:
         return error
     other = next((shown for mark, shown in _OTHER_DELIMITERS.items() if mark in header), None)
@@ -212,7 +223,7 @@ def _with_delimiter_hint(error: InputError, path: Path, header: str, delimiter: 
     return InputError(
         f"the header has no delimiter '{delimiter}'",
         path,
-        HEADER_LINE,
+        line,
         allowed=f"data.delimiter: the one of the file, perhaps {other}",
     )
 
@@ -236,27 +247,31 @@ def list_columns(path: Path) -> FileContent:
     rows = found[delimiter]
     width = len(rows[-1]) if rows else 0
     first = next((n for n, row in enumerate(rows) if _is_data(row, width)), len(rows))
-    questions, header, units = list[str](), first - 1, list[str]()
+    header, units, stated = first - 1, list[str](), dict[str, Any]()
     if first == len(rows) or width < 2:  # noqa: PLR2004 - time and a value
         return FileContent((), questions=("no table of numbers is in the file",))
-    if first == 0:
-        return FileContent((), questions=("the first line has no names: add a line with them",))
     if header > 0 and len(rows[header - 1]) == width and _are_units(rows[header]):
         units, header = rows[header], header - 1
-        questions.append(f"line {first} has units instead of numbers: delete it")
+        stated["after"] = 1
+    names, questions = rows[header], list[str]()
+    if first == 0 or len(names) != width:
+        usual = ["t", *LENGTH_CHANNELS, *FORCE_CHANNELS]
+        names = usual if width == len(usual) else [f"column {k}" for k in range(1, width + 1)]
+        stated, header = {"names": names}, first
+        questions.append(f"header: {{names: …}}: the file has none for its {width} columns")
     if header > 0:
-        questions.append(f"the names are in line {header + 1}: delete the lines before it")
+        stated["before"] = header
     cells = [cell for row in rows[first:] for cell in row if _is_number(cell)]
     comma = any("," in cell and not is_stamp(cell.strip()) for cell in cells)
-    columns = [header_column(name, place) for place, name in enumerate(rows[header])]
+    columns = [header_column(name, place) for place, name in enumerate(names)]
     columns = [
         replace(column, name=column.name, unit=column.unit or unit.strip("[]() ") or None)
         for column, unit in zip(columns, units or [""] * len(columns), strict=False)
     ]
     settings = {"delimiter": delimiter, "decimal": "," if comma else "."}
     defaults = {"delimiter": "\t" if path.suffix.lower() == ".tsv" else ",", "decimal": "."}
-    stated = {key: value for key, value in settings.items() if value != defaults[key]}
-    return FileContent(columns, stated, questions)
+    found = {key: value for key, value in settings.items() if value != defaults[key]}
+    return FileContent(columns, {"header": stated, **found} if stated else found, questions)
 
 
 def _is_number(cell: str) -> bool:
