@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -78,7 +78,9 @@ def guess_files(
     return DataGuess(section, facts, list(dict.fromkeys((*one.questions, *two.questions))))
 
 
-def guess_data(path: Path, robot: ResolvedRobot | None = None, groups: str = "qQ") -> DataGuess:
+def guess_data(
+    path: Path, robot: ResolvedRobot | None = None, groups: Literal["q", "Q", "qQ"] = "qQ"
+) -> DataGuess:
     """Guess the section `data` for a recording, or for a file with some groups of its channels.
 
     Names and units of the columns decide: six columns that differ by a number are the channels of a

@@ -270,8 +270,8 @@ def list_columns(path: Path) -> FileContent:
     ]
     settings = {"delimiter": delimiter, "decimal": "," if comma else "."}
     defaults = {"delimiter": "\t" if path.suffix.lower() == ".tsv" else ",", "decimal": "."}
-    found = {key: value for key, value in settings.items() if value != defaults[key]}
-    return FileContent(columns, {"header": stated, **found} if stated else found, questions)
+    changed = {key: value for key, value in settings.items() if value != defaults[key]}
+    return FileContent(columns, {"header": stated, **changed} if stated else changed, questions)
 
 
 def _is_number(cell: str) -> bool:
