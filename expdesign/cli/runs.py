@@ -105,7 +105,7 @@ def design_next(
         inputs = Sources(designs=tuple(executed or places)[-1:])
         terminal = Terminal(quiet=as_json)
         counted = [identification_of(one).run for one in configuration.run.design.priors]
-        terminal.note(f"earlier recordings that count: of {listed(counted)}")
+        terminal.note(f"earlier recordings that count: those of {listed(counted)}")
         work = Workspace(configuration, folder, terminal, inputs, resume, stages=reported_stages())
         work.design()  # refused before the search if there is none
         work.warn(configuration.warnings_before(FIRST))

@@ -73,7 +73,6 @@ from expdesign.trajectory import (
 )
 
 _WHOLE = 1e-6
-_LARGE = 100.0
 _NEARLY = 10.0
 """Standard deviations over the identifiable ones that a hundred times the periods make up for."""
 _UNSEEN = 1e-12
@@ -202,15 +201,15 @@ def precision_in_words(configuration: RunConfiguration, trajectory: FourierTraje
         if not any(f"{one.quantity}_".startswith(f"{name}_") for name in wanted):
             continue
         if np.isfinite(one.rel_std_percent):
-            size = f"{one.rel_std_percent:.2g} %"
+            size = _percent(one.rel_std_percent / 100)
         elif one.unit == "m":
             size = f"{1000 * one.std:.2g} mm"
         else:
             size = f"{one.std:.2g} {one.unit}"
         shown.append(f"{one.quantity} ± {size}")
-    shown += [f"{name} ± {100 * shares[name]:.2g} %" for name in shares if name in wanted]
+    shown += [f"{name} ± {_percent(shares[name])}" for name in shares if name in wanted]
     worst = max(shares, key=shares.__getitem__)
-    shown.append(f"the worst, {worst}, ± {100 * shares[worst]:.2g} %")
+    shown.append(f"the worst, {worst}, ± {_percent(shares[worst])}")
     measured = run.experiment.periods * trajectory.period
     return f"{', '.join(dict.fromkeys(shown))} in {measured:.3g} s of measuring"
 
@@ -549,4 +548,4 @@ def whole(value: float) -> int | None:
 def _percent(share: float) -> str:
     if not np.isfinite(share):
         return "without bound"
-    return f"{100 * share:.2g} %" if share > _LARGE else f"{100 * share:.0f} %"
+    return f"{float(f'{100 * share:.2g}'):g} %"  # 190 %, not 1.9e+02 %

@@ -100,7 +100,8 @@ def test_the_precision_of_a_motion_in_words(tiny_result):
     std, scales = tiny_result.predicted_std.experiment.std, tiny_result.robot.scales
     shares = dict(zip(std, np.array(list(std.values())) / scales, strict=True))
     worst = max(shares, key=shares.get)
-    expected = f"the worst, {worst}, ± {100 * shares[worst]:.2g} % in "
+    largest = float(f"{100 * shares[worst]:.2g}")
+    expected = f"the worst, {worst}, ± {largest:g} % in "
     words = precision_in_words(run, tiny_result.trajectory)
     assert words.startswith(f"mass ± {mass.rel_std_percent:.2g} %, {expected}")
     goals = replace(run, run=run.run.model_copy(update={"goals": {"p10": "1 kg"}}))
