@@ -175,7 +175,7 @@ class Effort(NamedTuple):
 
 EFFORTS = {
     "quick": Effort(starts=8, hops=0),
-    "normal": Effort(starts=24, hops=40),
+    "normal": Effort(starts=24, hops=80),
     "thorough": Effort(starts=384, hops=800),
 }
 """Sizes of searches by the values of `design.effort`."""
@@ -194,7 +194,8 @@ class DesignSection(Section):
     search: Literal["restarts", "hopping"] = "hopping"
     """Random starts only, or followed by hops from the best motions."""
     hops: Annotated[int, whole(0, _MOST_SOLVES)] = EFFORTS["normal"].hops
-    """Largest number of hops; without effect on restarts."""
+    """Largest number of hops; without effect on restarts. Those of the normal effort end when they
+    are expected to gain too little."""
     start: Literal["periodic", "rest"] = "periodic"
     """``rest``: rate and acceleration of the series are zero at t = 0."""
     scaling: Scaling = "si"
@@ -295,6 +296,11 @@ class DesignSection(Section):
         if self.prior is None:
             return ()
         return self.prior if isinstance(self.prior, tuple) else (self.prior,)
+
+    @property
+    def weighs_gain(self) -> bool:
+        """Whether hops end when they are expected to gain too little; stated ones are all made."""
+        return self.effort == "normal" and self.hops == EFFORTS["normal"].hops
 
     @property
     def is_change(self) -> bool:

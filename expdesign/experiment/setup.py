@@ -62,6 +62,7 @@ def plan_search(
         evaluator=evaluator,
         starts=run.design.starts,
         hops=run.design.hops if run.design.search == "hopping" else 0,
+        weighs_gain=run.design.weighs_gain,
         seed=run.design.seed,
         widths=run.design.smoothing or smoothing_widths(configuration.robot),
         iterations=run.design.max_iterations,

@@ -82,7 +82,9 @@ class SearchPlan:
     evaluator: Evaluator
     starts: int
     hops: int
-    """Number of hops after the random starts."""
+    """Largest number of hops after the random starts."""
+    weighs_gain: bool
+    """Whether hops end when they are expected to gain too little."""
     seed: int
     widths: tuple[float, ...]
     """Smoothing of dry friction, m/s, decreasing."""

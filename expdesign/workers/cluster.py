@@ -6,13 +6,12 @@ get jobs again; a cluster without workers for a minute, or without its scheduler
 
 from __future__ import annotations
 
-import itertools
 import logging
 import pickle
 import queue
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import closing, contextmanager, suppress
@@ -140,22 +139,22 @@ class JobRunner:
         after_stop: bool = False,
         then: Callable[[Any], Job | None] = lambda _result: None,
     ) -> Iterator[Any]:
-        """Yield the results of jobs in their order; of fewer after a request to stop.
+        """Yield the results of jobs in the order of every lane; of fewer after a request to stop.
 
         Parameters
         ----------
         after_stop : bool
             Whether jobs begin even after a request to stop.
         then : callable, optional
-            Gets every result, in their order, and may return a further job.
+            Gets every result, in the order of a lane, and may return a further job.
         """
-        numbers = itertools.count()
+        begun = Counter[int]()
 
         def timed_job(job: Job) -> Job:
             known = job if self._journal is None else self._journal.recall(job)
-            return replace(
-                job, function=_run_timed, arguments=(next(numbers), known, self._keep_event)
-            )
+            place = job.lane, begun[job.lane]
+            begun[job.lane] += 1
+            return replace(job, function=_run_timed, arguments=(place, known, self._keep_event))
 
         def follow(done: _Done) -> Job | None:
             self.cpu_seconds += done.seconds
@@ -187,9 +186,9 @@ class JobRunner:
     ) -> Iterator[_Done]:
         if monitor.stop_requested() and not after_stop:
             return
-        found: dict[int, _Done] = {}
-        waiting, following = deque(jobs), 0
-        ended = set[int]()
+        found: dict[tuple[int, int], _Done] = {}
+        waiting, following = deque(jobs), Counter[int]()
+        ended = set[tuple[int, int]]()
 
         def is_stopped() -> bool:
             return monitor.stop_requested() and not after_stop
@@ -198,24 +197,25 @@ class JobRunner:
             # Closing cancels the cluster's jobs, whatever happens here.
             with closing(cluster_jobs(scheduler, self._build, waiting, is_stopped)) as results:
                 for done in results:
-                    found[done.number] = done
-                    ended.add(done.number)
+                    found[done.place] = done
+                    ended.add(done.place)
                     self._keep(done)
                     for event in done.events:  # monitors on the cluster are silent
                         monitor.report(event)
-                    while following in found:
-                        job = then(found[following])
+                    lane, _ = done.place
+                    while (lane, following[lane]) in found:
+                        job = then(found[lane, following[lane]])
                         if job is not None:
                             waiting.append(job)
-                        yield found.pop(following)
-                        following += 1
+                        yield found.pop((lane, following[lane]))
+                        following[lane] += 1
         except ClusterError as error:
             self.lost = error
             if after_stop:
                 left = [job for job in jobs if job.arguments[0] not in ended]
                 stopping = Monitor(lambda: True, monitor.report)
                 here = run_jobs(self._build, left, self._workers, stopping, after_stop=True)
-                found |= {done.number: done for done in here}
+                found |= {done.place: done for done in here}
         for _, done in sorted(found.items()):  # after a stop: jobs before them were cancelled
             then(done)
             yield done
@@ -224,7 +224,8 @@ class JobRunner:
 class _Done(NamedTuple):
     """Result of a job, its processor time, s, and the events that were kept."""
 
-    number: int
+    place: tuple[int, int]
+    """Lane, and place in it."""
     name: str
     result: Any
     stopped: bool
@@ -234,7 +235,11 @@ class _Done(NamedTuple):
 
 
 def _run_timed(
-    built: Any, monitor: Monitor, number: int, job: Job, keep_event: Callable[[Any], bool]
+    built: Any,
+    monitor: Monitor,
+    place: tuple[int, int],
+    job: Job,
+    keep_event: Callable[[Any], bool],
 ) -> _Done:
     began, kept = time.process_time(), list[Any]()
 
@@ -245,7 +250,7 @@ def _run_timed(
 
     result = job.function(built, Monitor(monitor.stop_requested, report), *job.arguments)
     stopped, seconds = monitor.stop_requested(), time.process_time() - began
-    return _Done(number, job.name, result, stopped, seconds, tuple(kept))
+    return _Done(place, job.name, result, stopped, seconds, tuple(kept))
 
 
 def cluster_jobs(

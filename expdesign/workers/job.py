@@ -53,6 +53,8 @@ class Job:
     """Name under which a journal keeps the result; empty: it is not kept."""
     recalled: Callable[[Any, Monitor, Any], None] | None = None
     """Picklable; reports the result, with what was built, when it comes from a journal."""
+    lane: int = 0
+    """Results of jobs of one lane have the order of the jobs; lanes do not wait for each other."""
 
     def run(self, recipe: bytes, monitor: Monitor) -> Any:
         """Run it with one BLAS thread; the pickled recipe builds its first argument, once."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import itertools
 import os
 import pickle
 import queue
@@ -14,7 +13,7 @@ import sys
 import threading
 import time
 import warnings
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from multiprocessing.connection import Connection, Pipe
 from multiprocessing.reduction import send_handle
@@ -43,7 +42,7 @@ def run_jobs(
     after_stop: bool = False,
     then: Callable[[Any], Job | None] | None = None,
 ) -> Iterator[Any]:
-    """Run jobs in up to `workers` processes; yield their results in the jobs' order.
+    """Run jobs in up to `workers` processes; yield their results in the jobs' order, lane by lane.
 
     Processes have one BLAS thread each. They stay for the next jobs, with the objects that they
     have built, and they end with this process.
@@ -60,8 +59,8 @@ def run_jobs(
         Whether jobs begin even after a request to stop, such as those that save results.
         Otherwise fewer results are yielded.
     then : callable, optional
-        Gets every result, in the jobs' order, before it is yielded, in the thread of the caller.
-        A job that it returns is added at the end, unless a stop was requested.
+        Gets every result, in the order of the jobs of a lane, before it is yielded, in the thread
+        of the caller. A job that it returns is added at the end, unless a stop was requested.
 
     Raises
     ------
@@ -110,22 +109,24 @@ class _Team:
         then: Callable[[Any], Job | None] | None,
     ) -> None:
         self._recipe, self._monitor, self._after_stop = recipe, monitor, after_stop
-        self._waiting, self._numbers = deque(jobs), itertools.count()
+        self._waiting, self._begun = deque(jobs), Counter[int]()
         self._then, self._open = then, len(jobs) if then else 0
         """Number of jobs that may still be followed by another one."""
         self._stopping = False
-        self._busy: dict[WorkerProcess, int] = {}
+        self._busy: dict[WorkerProcess, tuple[int, int]] = {}
+        """Lane and place in it of the job of each busy worker."""
         self._free: list[WorkerProcess] = []
         self._answers: queue.Queue[tuple[WorkerProcess, Answer] | None] = queue.Queue()
         """None: there may be another job."""
-        self._outcomes: queue.Queue[tuple[int, Any] | BaseException | None] = queue.Queue()
+        self._outcomes: queue.Queue[tuple[tuple[int, int], Any] | BaseException | None]
+        self._outcomes = queue.Queue()
         self.abandoned = threading.Event()
         """Set when the caller has closed the iterator: busy workers are then ended."""
 
     def outcomes(self) -> Iterator[Any]:
-        """Yield the results in the jobs' order; raise the exception of a job."""
-        arrived: dict[int, Any] = {}
-        following = 0
+        """Yield the results in the jobs' order of every lane; raise the exception of a job."""
+        arrived: dict[tuple[int, int], Any] = {}
+        following = Counter[int]()
         while True:
             try:
                 outcome = self._outcomes.get(timeout=_POLL)
@@ -135,11 +136,11 @@ class _Team:
                 return
             if isinstance(outcome, BaseException):
                 raise outcome
-            number, result = outcome
-            arrived[number] = result
-            while following in arrived:
-                result = arrived.pop(following)
-                following += 1
+            (lane, place), result = outcome
+            arrived[lane, place] = result
+            while (lane, following[lane]) in arrived:
+                result = arrived.pop((lane, following[lane]))
+                following[lane] += 1
                 self._follow(result)
                 yield result
 
@@ -181,7 +182,8 @@ class _Team:
             if not worker.is_fit:  # idle for too long
                 worker.end()
                 (worker,) = take_workers(1, self._answers, self._recipe)
-            self._busy[worker] = next(self._numbers)
+            self._busy[worker] = job.lane, self._begun[job.lane]
+            self._begun[job.lane] += 1
             worker.begin(self._recipe, job, stopping=self._stopping)
         return bool(self._busy) or (self._open > 0 and (self._after_stop or not self._stopping))
 
@@ -203,13 +205,13 @@ class _Team:
         if kind == EVENT:
             self._monitor.report(content)
             return
-        number = self._busy.pop(worker)
+        place = self._busy.pop(worker)
         worker.idle_since = time.monotonic()
         self._free.append(worker)
         if kind == ERROR:
             content.add_note(f"In a worker process:\n{''.join(more)}")
             raise content
-        self._outcomes.put((number, content))
+        self._outcomes.put((place, content))
 
 
 Answer = bytes | None

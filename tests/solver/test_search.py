@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import math
 import pickle
 import time
 from types import SimpleNamespace
@@ -217,7 +218,7 @@ class Hops:
 def hopping(run, module, scripted, reached, monkeypatch):
     """Return what searches with three starts that reached 3, 4, 5 and hops that reach given."""
 
-    def searched(objectives, hops, **changes):
+    def searched(objectives, hops, *, weighs_gain=False, **changes):
         stand_in = Hops(reached, objectives)
         scripted(
             lambda _, index: reached(index, float(index), "random", status="", merit=-np.inf),
@@ -226,7 +227,7 @@ def hopping(run, module, scripted, reached, monkeypatch):
         )
         for name, value in changes.items():
             monkeypatch.setattr(module, name, value)
-        return run(starts=3, hops=hops), stand_in
+        return run(starts=3, hops=hops, weighs_gain=weighs_gain), stand_in
 
     return searched
 
@@ -280,9 +281,9 @@ def test_hops_end_when_none_finds_anything_better(hopping):
     assert result.best.index == 5
 
 
-@pytest.mark.parametrize(("best", "said"), [(4, False), (12, True)])
+@pytest.mark.parametrize(("best", "said"), [(4, False), (204, True)])
 def test_a_chance_is_stated_only_of_the_last_group_and_if_the_best_is_of_it(hopping, best, said):
-    """Each start is a group, and four hops that fail are its end: 4 to 7, 8 to 11, 12 to 15."""
+    """Each start is a group, and four hops that fail are its end: 4 to 7, 104 on, 204 on."""
     result, _ = hopping({best: 0.5}, 300, GROUP=1, PATIENCE=4, TOGETHER=1)
     assert result.best.index == best
     assert ("chance" in result.ended) == said
@@ -337,16 +338,50 @@ def test_every_start_is_in_one_group_and_groups_are_about_as_large(starts):
     assert len(found) == -(-starts // GROUP)
 
 
-def test_every_group_has_its_share_of_the_hops_and_what_others_leave(hopping):
+def test_every_group_has_its_share_of_the_hops(hopping):
     """Three groups of one start each; hops set out from motions of their own group alone."""
     _, hops = hopping({}, 7, GROUP=1, TOGETHER=2)
     assert [origin for _, origin in hops.origins] == [1, 1, 2, 2, 3, 3, 3]
     assert [number for number, _ in hops.origins] == list(range(4, 11))
-    # The first gets no more after two that came to nothing: the third has what both leave.
-    result, hops = hopping({9: 4.5}, 9, GROUP=1, TOGETHER=1, PATIENCE=2)
-    assert [origin for _, origin in hops.origins] == [1, 1, 2, 2, 3, 3, 9, 9]
+    # The first gets no more after two that came to nothing; the others have no more for that.
+    result, hops = hopping({10: 4.5}, 9, GROUP=1, TOGETHER=1, PATIENCE=2)
+    assert hops.origins == [(4, 1), (5, 1), (7, 2), (8, 2), (10, 3), (11, 10), (12, 10)]
     assert result.best.index == 1
-    assert len(result.starts) == 3 + 8
+    assert len(result.starts) == 3 + 7
+
+
+def test_groups_are_the_same_side_by_side(run, module, scripted, reached, monkeypatch):
+    """With more workers groups do not wait for each other; their motions are the same."""
+
+    def hop(start, reference):
+        return reached(start.index, reference[-1].objective - (start.index % 3 == 0) * 0.1)
+
+    def searched(busy):
+        monkeypatch.setattr(module, "BUSY", busy)
+        result = run(starts=3, hops=9)
+        return [(start.index, start.phases[-1].objective) for start in result.starts]
+
+    scripted(
+        lambda _, index: reached(index, float(index), "random", status="", merit=-np.inf),
+        lambda start: reached(start.index, 2.0 + start.index, "random"),
+        hop,
+    )
+    monkeypatch.setattr(module, "GROUP", 1)
+    assert searched(1.0) == searched(0.25)
+
+
+def test_hops_end_when_they_are_expected_to_gain_too_little(hopping):
+    """The scale of records is that of other searches, with a weight, and of the own gains."""
+    result, hops = hopping({}, 500, weighs_gain=True)
+    expected = [0.009 * 8 / (math.log1p(k) + 8) * math.log1p(8 / (1 + k)) for k in range(99)]
+    (enough,) = (k for k in range(1, 99) if expected[k] < 0.0015 <= expected[k - 1])
+    # There are three motions, and so as many at once.
+    assert len(hops.origins) == enough + 2
+    assert f"after {enough + 2} hops: 8 more are expected to gain less than 0.15 %" in result.ended
+    # Who gains more goes on for longer; stated hops are all made, but for a long standstill.
+    _, others = hopping({9: 2.97}, 500, weighs_gain=True)
+    assert enough + 2 < len(others.origins) < 80
+    assert len(hopping({}, 60)[1].origins) == 60
 
 
 def test_a_hop_knows_its_origin_and_is_given_up(plan, one_start):
