@@ -1,8 +1,8 @@
 """Searches of PaLiDA on 1 to 64 workers: their schedule with measured times of the jobs.
 
-The search runs once in this process, where every job is timed. Its decisions and the same results
-then follow the clock of a simulated machine with any number of cores; on the cores of this one the
-search runs again, to compare.
+The search runs once in this process, where the processor time of every job is taken. Its decisions
+and the same results then follow the clock of a simulated machine with any number of cores; on the
+cores of this one the search runs again, to compare.
 """
 
 from __future__ import annotations
@@ -109,9 +109,9 @@ class _TimingRunner(JobRunner):
         waiting = deque(jobs)
         while waiting:
             job = waiting.popleft()
-            began = time.perf_counter()
+            before = self.cpu_seconds
             (result,) = super().run([job], monitor, after_stop=after_stop)
-            self._timed[_key(job)] = result, time.perf_counter() - began
+            self._timed[_key(job)] = result, self.cpu_seconds - before
             following = then(result)
             if following is not None:
                 waiting.append(following)

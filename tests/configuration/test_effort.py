@@ -15,11 +15,19 @@ def size(configuration):
 
 
 def test_starts_and_hops_follow_the_effort_and_stated_ones_have_precedence():
-    assert size(run()) == ("normal", 24, 40)
+    assert size(run()) == ("normal", 24, 80)
     assert size(run(design={"effort": "quick"})) == ("quick", 8, 0)
     assert size(run(design={"effort": "thorough"})) == ("thorough", 384, 800)
     assert size(run(design={"effort": "thorough", "starts": 5})) == ("thorough", 5, 800)
     assert size(run(design={"hops": 7})) == ("normal", 24, 7)
+
+
+def test_only_the_hops_of_the_normal_effort_end_by_their_expected_gain():
+    """Also of the resolved run file, which states them."""
+    for design, weighs in (({}, True), ({"hops": 100}, False), ({"effort": "thorough"}, False)):
+        first = run(design=design)
+        again = load_run(yaml.safe_load(resolved_yaml(first)))
+        assert first.run.design.weighs_gain == again.run.design.weighs_gain == weighs
 
 
 def test_an_effort_of_the_command_line_replaces_stated_starts_and_hops():

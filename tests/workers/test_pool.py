@@ -107,6 +107,21 @@ def test_jobs_follow_from_results_in_the_order_of_the_jobs(workers):
     assert [index for index, *_ in results] == seen == [0, 1, 2, 3, 10, 12, 20, 22, 30, 32]
 
 
+def test_a_lane_does_not_wait_for_another():
+    """The first lane's only job takes the time of all of the second, which keeps its order."""
+    jobs = [
+        Job(sleeper, (0, 0.5)),
+        *(Job(sleeper, (k, 0.2 - 0.1 * k), lane=1) for k in (1, 2)),
+    ]
+
+    def then(result):
+        return Job(sleeper, (result[0] + 2, 0.0), lane=1) if 0 < result[0] < 3 else None
+
+    results = [index for index, *_ in run_jobs(build, jobs, 3, Recorder(), then=then)]
+    assert [index for index in results if index] == [1, 2, 3, 4]
+    assert results[-1] == 0
+
+
 def briefly_idle(built, monitor, index, seconds):
     """Leave the worker so that it ends by itself after a second without a job."""
     job.IDLE_SECONDS = 1.0
