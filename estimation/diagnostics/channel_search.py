@@ -386,6 +386,15 @@ class ChannelSearch:
         """Return the part of an unexplained share that is not noise."""
         return max(excess - _SPREADS * self.spread, 0.0)
 
+    def explained_variation(self, candidate: Candidate) -> tuple[float, float]:
+        """Return the shares of the forces' variation that are explained, and that are noise."""
+        wiring = candidate.forces
+        forces = wiring.apply(self.forces)
+        variation = float(np.sum((forces - np.mean(forces, axis=0)) ** 2))
+        noise = float(self._variances[wiring.channels] @ wiring.gains**2)
+        left = candidate.excess * float(np.sum(forces**2)) + noise
+        return float(np.clip(1 - left / variation, 0, 1)), min(noise / variation, 1.0)
+
     def search(self, design: FourierTrajectory | None) -> Candidate:
         """Return the wiring that explains most, found by single changes.
 

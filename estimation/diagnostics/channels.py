@@ -34,6 +34,8 @@ _TOLERATED = 4.0
 """Standard deviations of a tolerance that are no fault of a channel."""
 _EXPLAINED = 0.75
 """Share of the forces beyond the noise that other channels must explain."""
+_LITTLE, _LEAST_EXPLAINED = 0.5, 0.05
+"""Smallest share of the forces' variation that their channels explain, without and with noise."""
 _LEFT = 0.02
 """Largest unexplained share of the forces with channels that are certain."""
 _CLEAR = 4.0
@@ -70,6 +72,13 @@ class ChannelCheck:
     """Whether no other channels explain the recording nearly as well."""
     explained: float
     """Share of the forces beyond the noise that the other channels explain."""
+    as_given: float | None = None
+    """Share of the variation of the forces that the channels of the section explain; None: they
+    were not checked."""
+    noise: float = 0.0
+    """Share of the variation of the forces that is noise."""
+    unexplained: bool = False
+    """Whether neither the channels of the section nor others explain the forces."""
 
     def corrected(self, section: DataSection) -> dict[str, Any]:
         """Return the keys of the section that is right, without defaults, as in a run file."""
@@ -119,11 +128,13 @@ def check_channels(
     noise: NoiseModel,
     harmonics: int,
     design: FourierTrajectory | None = None,
+    *,
+    has_units: bool = False,
 ) -> ChannelCheck:
     """Search for channels that explain a recording much better than those of the section.
 
     All parameters are free, the geometry is the nominal one. With the executed design, its lengths
-    determine the channels of the lengths.
+    determine the channels of the lengths. If the file has their units, another unit is a scale.
     """
     home = robot.inverse_kinematics(robot.home)
     zeros = home if section.length_offsets == "home" else np.array(section.length_offsets)
@@ -142,17 +153,22 @@ def check_channels(
     explained = gain / (gain + left) if gain > search.least_decrease else 0.0
     if from_home:  # lengths from zero explain nothing: no pose has them
         explained = 1 - left
+    as_given, noise_share = search.explained_variation(given)
+    most = max(as_given, search.explained_variation(found)[0])
+    none = most < max(_LITTLE * (1 - noise_share), _LEAST_EXPLAINED)
     late_error = search.delay_error(found) if found.delay else 0.0
     faults = tuple(_faults(found, late_error))
-    if not (faults or from_home) or explained < _EXPLAINED:
-        return ChannelCheck((), {}, sure=False, explained=explained)
     margin = found.next_best - found.excess
     sure = left < _LEFT and margin > max(_CLEAR * left, search.least_decrease)
-    keys = dict(_changed_keys(section, found, zeros))
+    nothing = explained < _EXPLAINED or (none and not sure)
+    if nothing or not (faults or from_home):
+        return ChannelCheck((), {}, False, explained, as_given, noise_share, none)
+    has_units = has_units or not section.units.keys().isdisjoint({"q", *LENGTH_CHANNELS})
+    keys = dict(_changed_keys(section, found, zeros, has_units))
     if from_home:
         faults = ("q", "the lengths are measured from home"), *faults
         keys = {"offset": "home"} | keys
-    return ChannelCheck(faults, keys, sure, explained)
+    return ChannelCheck(faults, keys, sure, explained, as_given, noise_share)
 
 
 def channel_findings(checks: Sequence[ChannelCheck]) -> tuple[Finding, ...]:
@@ -197,8 +213,9 @@ def _faults(found: Candidate, late_error: float) -> Iterator[tuple[str, str]]:
         if unit:
             yield "q", f"the lengths are in another unit: {unit} if they are stated in m"
         for number in [] if unit else _numbers(np.abs(one.gains) != 1):
-            factor = 1 / abs(one.gains[number - 1])
-            yield f"{key}{number}", f"{key}{number} is read {factor:.3g} times too large"
+            gain = abs(one.gains[number - 1])
+            size = f"{1 / gain:.3g} times too large" if gain < 1 else f"{gain:.3g} times too small"
+            yield f"{key}{number}", f"{key}{number} is read {size}"
     errors = found.lengths.offsets
     for number in _numbers(errors != 0):
         yield (
@@ -232,7 +249,7 @@ def _in_other_order(numbers: list[int]) -> str:
 
 
 def _changed_keys(
-    section: DataSection, found: Candidate, zeros: Array
+    section: DataSection, found: Candidate, zeros: Array, has_units: bool
 ) -> Iterator[tuple[str, Any]]:
     """Yield the keys of `data` that change, with their new values as in a run file."""
     groups = {"q": found.lengths, "Q": found.forces}
@@ -246,7 +263,7 @@ def _changed_keys(
         scales[key] = _rounded(np.abs(one.gains) * own_scale)
     usual = [1] * ACTUATORS
     unit = _unit(np.abs(found.lengths.gains))
-    if unit and not section.units.keys() & {"q", *LENGTH_CHANNELS}:
+    if unit and not has_units:
         scales["q"] = list(section.channel_scales("q"))
         yield "units", section.units | {"q": unit}
     for name, values, given, default in (

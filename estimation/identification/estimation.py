@@ -88,8 +88,8 @@ def estimate_parameters(
         pairs = tuple(zip(data, designs, strict=True))
         folded = [fold_measurement(configuration, *pair) for pair in pairs]
         channels = tuple(
-            check_recording(configuration, robot, parts, trajectory)
-            for parts, trajectory in zip(folded, designs, strict=True)
+            check_recording(configuration, robot, parts, plan, has_units=measurement.has_units)
+            for parts, (measurement, plan) in zip(folded, pairs, strict=True)
         )
         if refuse_channels:
             for check, measurement in zip(channels, data, strict=True):

@@ -192,13 +192,19 @@ def check_recording(
     robot: Robot,
     folded: tuple[PeriodicRecording, NoiseModel],
     design: FourierTrajectory | None,
+    *,
+    has_units: bool = False,
 ) -> ChannelCheck:
-    """Check the channels of a folded recording; without a period nothing is found."""
+    """Check the channels of a folded recording; without a period nothing is found.
+
+    `has_units` says whether the recording's file has the units of the lengths.
+    """
     if folded[0].source is PeriodSource.NONE:
         return ChannelCheck((), {}, sure=False, explained=0.0)
     planned = configuration.run.trajectory.harmonics if design is None else design.harmonics
     harmonics = configuration.run.estimate.harmonics or planned
-    return check_channels(robot, configuration.run.data, *folded, harmonics, design)
+    section = configuration.run.data
+    return check_channels(robot, section, *folded, harmonics, design, has_units=has_units)
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,7 +39,7 @@ from expdesign.robot.deviation import estimated_constants
 from expdesign.stages.execution import run_folder
 from expdesign.stages.registry import missing_design, named_stages, performed_stages
 from expdesign.stages.run import refuse_unfit
-from expdesign.stages.stage import Sources, Workspace
+from expdesign.stages.stage import Sources, StageFailed, Workspace
 from results.notation import range_text
 
 
@@ -133,23 +133,39 @@ def show_channels(run: str, data: Path, design: Path | None, *, as_json: bool) -
     refuse_unfit(configuration)
     sources = Sources(data=(data,), designs=() if design is None else (design,))
     work = Workspace(configuration, run_folder(configuration, None), sources=sources)
-    found, remarks = check_channels_of(work)
+    found, remarks, failure = check_channels_of(work)
     section = found.corrected(configuration.run.data)
     if configuration.run.data.files is None:
         section = {"file": "", **section} | {"file": str(data)}
     sure = "certain" if found.sure else "not certain: other channels explain it nearly as well"
+    given = f"{100 * (found.as_given or 0.0):.3g} % of the variation of the forces"
+    doubt = (
+        f"no channels explain the forces: those of the section explain {given}, and noise is "
+        f"{100 * found.noise:.3g} %. Do forces and lengths have the same time, and are the design "
+        "and the robot file those of the recording?"
+    )
+    doubts = [doubt] if found.unexplained and not failure else []
     if as_json:
         faults = [{"place": place, "sentence": sentence} for place, sentence in found.faults]
-        channels = {"faults": faults, "sure": found.sure, "explained": found.explained}
-        write_json({"status": 0, "data": section, "channels": channels, "warnings": remarks})
+        shares = {key: getattr(found, key) for key in ("explained", "as_given", "noise")}
+        channels = {"faults": faults, "sure": found.sure, **shares}
+        result = {"data": section, "channels": channels, "warnings": remarks + doubts}
+        if failure:
+            raise StageFailed(failure, result)
+        write_json({"status": 0, **result})
         return
     typer.echo("".join(yaml_lines("data", section, 0)), nl=False)
     for remark in remarks:
         note(remark)
-    for _, sentence in found.faults:
-        warn(f"{sentence} ({sure})")
-    if not found.faults:
-        note("the channels are those of the struts: no other ones explain the forces better")
+    for warning in [*(f"{sentence} ({sure})" for _, sentence in found.faults), *doubts]:
+        warn(warning)
+    if failure:
+        raise StageFailed(failure)
+    if not (found.faults or doubts or found.as_given is None):
+        note(
+            f"the channels are those of the struts: they explain {given}, and noise is "
+            f"{100 * found.noise:.3g} %; no other ones explain the forces better"
+        )
 
 
 def _constants_in_words(robot: Robot) -> list[str]:

@@ -335,7 +335,8 @@ class ForwardKinematicsError(ArithmeticError):
         shown = ", ".join(str(k) for k in samples[:5]) + (" …" if len(samples) > 5 else "")  # noqa: PLR2004
         super().__init__(
             f"forward kinematics did not converge for sample(s) {shown}: the strut lengths are "
-            f"missed by up to {residual:.3g} m; are they out of reach or in another unit?"
+            f"missed by up to {residual:.3g} m; are they out of reach, or in another "
+            "order, sign or unit?"
         )
 
 

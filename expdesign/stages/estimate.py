@@ -28,6 +28,7 @@ from estimation.identification.recording import (
     prepare_recording,
 )
 from estimation.identification.result import EstimateFile, EstimationResult
+from estimation.kinematics import MotionFitError
 from estimation.processing import PeriodSource
 from estimation.validation.validate import ValidationResult, validate
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
@@ -126,8 +127,14 @@ def run_estimate(work: Workspace) -> Outcome:
     )
 
 
-def check_channels_of(work: Workspace) -> tuple[ChannelCheck, list[str]]:
-    """Check the channels of a recording; return also remarks on its time and its motion."""
+def check_channels_of(work: Workspace) -> tuple[ChannelCheck, list[str], str]:
+    """Check the channels of a recording.
+
+    Returns
+    -------
+    ChannelCheck, list of str, str
+        With remarks on the time and the motion, and the reason if no motion has the lengths.
+    """
     configuration = work.configuration
     (file,), (design,) = work.data_files(), work.recorded_designs(1)
     data = read_measurement(file, configuration.run.data, configuration.robot, plausible=False)
@@ -135,7 +142,8 @@ def check_channels_of(work: Workspace) -> tuple[ChannelCheck, list[str]]:
     robot = robot_from(configuration.robot)
     recorded, data = data, leave_out_ramps(configuration, data, design)
     folded = fold_measurement(configuration, data, design)
-    found, recording = check_recording(configuration, robot, folded, design), folded[0]
+    found = check_recording(configuration, robot, folded, design, has_units=data.has_units)
+    recording = folded[0]
     if data is not recorded:
         found = replace(found, keys=window_keys(data) | found.keys)
     motion = f"{recording.periods:.4g} periods of {recording.period:.6g} s, from the "
@@ -148,9 +156,18 @@ def check_channels_of(work: Workspace) -> tuple[ChannelCheck, list[str]]:
     ]
     if recording.motion_onset is not None:
         remarks.append(f"the struts do not move before {recording.motion_onset:.4g} s: data.start")
-    if not found.faults:
-        remarks += prepare_recording(configuration, robot, data, design, folded=folded).warnings
-    return found, remarks
+    if found.faults:
+        return found, remarks, ""
+    try:
+        prepared = prepare_recording(configuration, robot, data, design, folded=folded)
+    except MotionFitError as error:
+        if design is None:
+            remarks.append(
+                "order, sign, unit or zero of the lengths may be wrong: --design DIR determines "
+                "order and sign from the motion of the design"
+            )
+        return found, remarks, str(error)
+    return found, [*remarks, *prepared.warnings], ""
 
 
 def _summary(result: EstimationResult) -> dict[str, Any]:

@@ -5,6 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from estimation.kinematics import MotionFitError
 from tests.estimation.cases import STEP, measured, trajectory
 
 MOTION = trajectory()
@@ -243,3 +244,55 @@ def test_wrong_channels_are_refused_with_the_section_that_is_right(command, fold
     (folder / "run.yaml").write_text(f"name: lab\nrobot: palida\ndata: {data}\n")
     checked = json.loads(command("check", *given[:-2]).output)
     assert checked["channels"]["faults"] == []
+
+
+LENGTHS, FORCES = ([f"{letter}{j}" for j in range(1, 7)] for letter in "qQ")
+
+
+def permuted(table):
+    """Return the forces in a random order of time: only their means are those of the machine."""
+    shuffled = np.random.default_rng(0).permutation(table[FORCES].to_numpy())
+    return table.assign(**dict(zip(FORCES, shuffled.T, strict=True)))
+
+
+def test_forces_that_no_channels_explain(command, folder):
+    write(folder / "wrong.csv", change=permuted)
+    for name, unexplained in (("recording.csv", False), ("wrong.csv", True)):
+        given = (folder / "run.yaml", "--data", folder / name, "--design", folder)
+        found = json.loads(command("check", *given, "--json").output)
+        assert found["channels"]["faults"] == []
+        assert (found["channels"]["as_given"] < 0.1) == unexplained
+        said = command("check", *given).error
+        assert ("no channels explain the forces" in said) == unexplained
+        assert ("the channels are those of the struts" in said) != unexplained
+
+
+def test_another_unit_than_that_of_the_file_is_a_scale(command, folder):
+    def change(table):
+        return table.assign(**(1e3 * table[LENGTHS])).rename(
+            columns={name: f"{name} [m]" for name in LENGTHS}
+        )
+
+    write(folder / "wrong.csv", change=change)
+    given = (folder / "run.yaml", "--data", folder / "wrong.csv", "--design", folder, "--json")
+    data = json.loads(command("check", *given).output)["data"]
+    assert data == {"file": str(folder / "wrong.csv"), "scale": {"q": 0.001}}
+    text = json.dumps({"name": "lab", "robot": "palida", "data": data})
+    (folder / "run.yaml").write_text(text)
+    assert json.loads(command("check", *given).output)["channels"]["faults"] == []
+
+
+def test_lengths_that_no_pose_has_refer_to_the_design(command, folder, monkeypatch):
+    def no_pose(*_arguments, **_options):
+        raise MotionFitError("no pose has the measured lengths")
+
+    monkeypatch.setattr("expdesign.stages.estimate.prepare_recording", no_pose)
+    given = ("check", folder / "run.yaml", "--data", folder / "recording.csv")
+    found = command(*given)
+    assert found.status == 1
+    assert str(folder / "recording.csv") in found.output
+    for text in ("5 periods of 1 s", "--design DIR determines order and sign", "no pose has"):
+        assert text in found.error
+    found = json.loads(command(*given, "--json").output)
+    assert found["data"] == {"file": str(folder / "recording.csv")}
+    assert found["message"] == "no pose has the measured lengths"

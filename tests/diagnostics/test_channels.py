@@ -156,6 +156,15 @@ def test_lengths_that_are_counted_from_home(unit, sign):
     assert found.keys == {"offset": "home"} | signs | units
 
 
+@pytest.mark.parametrize(
+    ("factor", "sentence"),
+    [(2.0, "Q3 is read 2 times too large"), (0.5, "Q3 is read 2 times too small")],
+)
+def test_a_scale_is_stated_from_one_on(factor, sentence):
+    (finding,) = checked(counted_otherwise(recording(1, QUIET), sign=[1, 1, factor, 1, 1, 1]))
+    assert finding.sentence.startswith(sentence)
+
+
 def test_a_period_of_ten_samples_has_no_delay_to_try():
     data = recording(1, 0.2)
     every = slice(None, None, 20)
