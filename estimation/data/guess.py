@@ -64,7 +64,7 @@ def guess_files(
         if key not in ("columns", "units"):
             section[key] = other if own is None else own
             if own != other and key not in ("time", "offset"):
-                one.questions.append(f"{key}: {own} in {lengths.name}, {other} in {forces.name}")
+                one.questions.append(f"{key}: not the same in both files: save one like the other")
             continue
         merged = {**(own or {}), **{k: value for k, value in (other or {}).items() if k != "t"}}
         if (own or {}).get("t", "t") != (other or {}).get("t", "t"):
