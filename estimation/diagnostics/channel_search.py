@@ -39,6 +39,13 @@ _LARGEST_STEP = 0.3
 """Largest step of a pose, in units of the characteristic length."""
 _STRUTS = np.arange(ACTUATORS)
 _ORDERS = np.array(list(permutations(range(ACTUATORS))))
+_ROUND_THE_BASE = [
+    (first + turn * _STRUTS) % ACTUATORS
+    for first in range(ACTUATORS)
+    for turn in (1, -1)
+    if (first, turn) != (0, 1)
+]
+"""Orders that count the struts from another one, or backwards."""
 _SIGNS = np.array([(1, *signs) for signs in product((1, -1), repeat=ACTUATORS - 1)])
 _FACTORS = (2.0, 0.5)
 UNITS = {1.0: "m", 1e-3: "mm", 1e-2: "cm", 0.0254: "in", 1e-6: "µm"}
@@ -63,8 +70,8 @@ _LEAST = 40.0
 _SPREADS = 3.0
 _DELAY_DIGITS = 0.01
 _ZERO_DIGITS = 0.05
-_DOUBLED = 8
-"""Errors of a length's zero that are tried, from 0 and the smallest fault on."""
+_ZEROS = np.array([-16, -8, -4, -2, -1, 0, 1, 2, 4, 8, 16])
+"""Errors of a length's zero that are tried, in smallest faults."""
 _ALIKE = 0.1
 _ROUND = 0.03
 _FURTHER = 3
@@ -433,6 +440,26 @@ class ChannelSearch:
             if found.excess > _MOSTLY * best.excess or not self._is_no_imitation(best, found):
                 break
             best = replace(found, next_best=min(found.next_best, other.excess))
+        return self._simplest(best)
+
+    def _simplest(self, found: Candidate) -> Candidate:
+        """Return the wiring with the fewest channels in another order among equal ones.
+
+        A symmetric machine is the same with its struts counted from another one, or backwards.
+        """
+
+        def count_moved(one: Candidate) -> int:
+            orders = one.lengths.channels, one.forces.channels
+            return sum(int(np.count_nonzero(order != _STRUTS)) for order in orders)
+
+        best = found
+        for order in _ROUND_THE_BASE:
+            lengths, forces = found.lengths.reorder(order), found.forces.reorder(order)
+            other = replace(found, lengths=lengths, forces=forces)
+            if count_moved(other) < count_moved(best):
+                excess = self.fit(self.motion(lengths), found.delay).excess(forces)
+                if not self._is_better(found.excess, excess):
+                    best = replace(other, excess=excess)
         return best
 
     def _without_small_zeros(self, found: Candidate) -> Candidate:
@@ -539,22 +566,21 @@ class ChannelSearch:
             motion = self.motion(present.lengths.shift(strut, offset))
             return self.fit(motion, present.delay).excess(present.forces)
 
-        # Doubled steps to a bracket: far from the minimum the curve is no parabola.
-        step = min((self.least_zeros[strut], -self.least_zeros[strut]), key=excess)
-        offsets, values = [0.0, step], [present.excess, excess(step)]
-        while values[-1] < values[-2] and len(offsets) < _DOUBLED:
-            offsets.append(2 * offsets[-1])
-            values.append(excess(offsets[-1]))
-        if offsets[-1] == step or min(values) > most * present.excess:
+        # On both sides: the curve is no parabola far from the minimum, and may mislead near zero.
+        step = self.least_zeros[strut]
+        offsets = step * _ZEROS
+        values = np.array([excess(offset) if offset else present.excess for offset in offsets])
+        best = int(np.argmin(values[1:-1])) + 1
+        if offsets[best] == 0 or values[best] > most * present.excess:
             return present
         found = minimize_scalar(
             excess,
-            bounds=sorted((offsets[-3], offsets[-1])),
+            bounds=(offsets[best - 1], offsets[best + 1]),
             method="bounded",
-            options={"xatol": _ZERO_DIGITS * abs(step)},
+            options={"xatol": _ZERO_DIGITS * step},
         )
         offset = float(found.x)
-        if abs(offset) < abs(step):
+        if abs(offset) < step:
             return present
         return replace(
             present, lengths=present.lengths.shift(strut, offset), excess=float(found.fun)
@@ -621,10 +647,7 @@ def _length_orders() -> Iterator[NDArray[np.intp]]:
         order = _STRUTS.copy()
         order[[i, j]] = j, i
         yield order
-    for first in range(ACTUATORS):
-        if first:
-            yield (_STRUTS + first) % ACTUATORS
-        yield (first - _STRUTS) % ACTUATORS
+    yield from _ROUND_THE_BASE
 
 
 def _thin_rows(channels: Channels, most: int) -> tuple[Array, Array, Array]:
