@@ -10,6 +10,7 @@ of an estimate, adds a share of the same relative size to the covariance; it is 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -469,11 +470,14 @@ def apply_calibration(
         return data
     delays = {group: machine.channel_delays(group) for group in CHANNEL_DELAYS}
     if any(map(np.any, delays.values())):
-        omega, _ = choose_omega(configuration, data, design)
+        period = None
+        if configuration.run.estimate.differentiation != "spline":
+            with suppress(NoPeriodError):
+                period = 2 * np.pi / choose_omega(configuration, data, design)[0]
         data = replace(
             data,
-            forces=_without_delays(data, data.forces, delays["Q"], 2 * np.pi / omega),
-            lengths=_without_delays(data, data.lengths, delays["q"], 2 * np.pi / omega),
+            forces=_without_delays(data, data.forces, delays["Q"], period),
+            lengths=_without_delays(data, data.lengths, delays["q"], period),
         )
     return replace(
         data,
@@ -483,18 +487,24 @@ def apply_calibration(
     )
 
 
-def _without_delays(data: Measurement, values: Array, delays: Array, period: float) -> Array:
+def _without_delays(data: Measurement, values: Array, delays: Array, period: float | None) -> Array:
     """Return channels, (T, 6), before their delays, (6,), s.
 
-    The periods at the ends continue the recording beyond them.
+    The periods at the ends continue the recording beyond them; without a period its ends do.
     """
     times, slack = data.time, 0.5 * data.step
-    first = times < times[0] + period - slack
-    last = times > times[-1] - period + slack
-    knots = np.concatenate([times[first] - period, times, times[last] + period])
-    continued = np.concatenate([values[first], values, values[last]])
-    columns = zip(continued.T, delays, strict=True)
-    return np.column_stack([CubicSpline(knots, own)(times + delay) for own, delay in columns])
+    knots = times
+    if period is not None:
+        first = times < times[0] + period - slack
+        last = times > times[-1] - period + slack
+        knots = np.concatenate([times[first] - period, times, times[last] + period])
+        values = np.concatenate([values[first], values, values[last]])
+    columns = zip(values.T, delays, strict=True)
+    moved = (
+        CubicSpline(knots, own)(np.clip(times + delay, knots[0], knots[-1]))
+        for own, delay in columns
+    )
+    return np.column_stack(list(moved))
 
 
 def linearise_at_load(

@@ -169,6 +169,10 @@ def test_estimated_delays_are_removed_up_to_the_ends_of_a_recording(periods: flo
     found = apply_calibration(run(), data, motion, machine)
     for values in (found.forces, found.lengths):
         assert np.max(np.abs(values - signals(np.zeros(6)))) < 1e-4
+    single = run({"differentiation": "spline", "estimators": ["gm"]})
+    found = apply_calibration(single, data, None, machine)
+    for values in (found.forces, found.lengths):
+        assert np.max(np.abs(values - signals(np.zeros(6)))[20:-20]) < 1e-4
 
 
 @pytest.mark.parametrize(
