@@ -14,6 +14,7 @@ from expdesign.configuration.parameters import Drive, Gear
 from expdesign.export.definition import LENGTH_UNITS, Interpolation
 from expdesign.export.exporting import ExportError, export_table, file_name
 from expdesign.export.formats import table_formats
+from expdesign.export.result import exported_table
 from expdesign.export.row_times import SHARE, STEPS
 from expdesign.export.table_file import certify_file, read_table_file
 from expdesign.export.whole_table import wrong_columns
@@ -215,6 +216,30 @@ def test_a_csv_is_read_with_the_options_that_wrote_it(options, units, tmp_path):
     table = read_table_file(made.path, made.settings)
     assert certify_file(table).faults == ()
     assert wrong_columns(made.settings, table.executed.rows) == []
+
+
+def test_all_columns_of_a_csv_have_the_order_of_its_axes(tmp_path):
+    order, sign = [2, 1, 3, 4, 5, 6], [1, 1, -1, 1, 1, 1]
+    tables = []
+    for name, axes in (("plain", {}), ("axes", {"order": order, "sign": sign})):
+        made = export_table(
+            export_section(format="csv", **UNIFORM, **axes), task(), tmp_path / f"{name}.csv"
+        )
+        guide = " ".join(exported_table(made).guide.split())
+        assert ("positive extends" in guide) == (name == "plain")
+        assert ("belong to the struts 2, 1, 3, 4, 5, 6; q, dq" in guide) == (name == "axes")
+        tables.append(np.genfromtxt(made.path, delimiter=",", names=True))
+        assert (
+            wrong_columns(made.settings, read_table_file(made.path, made.settings).executed.rows)
+            == []
+        )
+    plain, ordered = tables
+    units = {"q": "m", "dq": "ms", "ddq": "ms2", "Q": "N", "alpha": "rad", "beta": "rad"}
+    for kind, unit in units.items():
+        for axis, strut in enumerate(order, start=1):
+            factor = sign[strut - 1] if kind not in ("alpha", "beta") else 1
+            wanted = factor * plain[f"{kind}{strut}_{unit}"]
+            np.testing.assert_array_equal(ordered[f"{kind}{axis}_{unit}"], wanted)
 
 
 def test_a_table_of_motors_needs_their_lead(tmp_path):

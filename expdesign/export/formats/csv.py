@@ -30,6 +30,8 @@ _KINDS = tuple(dict.fromkeys(column.name.rstrip("123456") for column in COLUMNS)
 """Names of the columns without the numbers of struts."""
 _ALWAYS = ("t", "q")
 _DERIVATIVES = ("q", "dq", "ddq")
+_ANGLES = ("alpha", "beta")
+"""Columns of struts that have the axes' order, but neither unit nor sign."""
 
 
 class CsvOptions(ExportSection):
@@ -87,6 +89,10 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
             ("Q", _force_axes(settings).rows(part.times, forces).position),
         ):
             values |= zip(actuator_names(prefix), six.T, strict=True)
+        for prefix in _ANGLES:
+            struts = [values[name] for name in actuator_names(prefix)]
+            ordered = (struts[strut] for strut in settings.axes.source)
+            values |= zip(actuator_names(prefix), ordered, strict=True)
         for row in np.column_stack([values[name] for name in names]):
             yield ",".join(map(repr, row.tolist()))
 
@@ -103,17 +109,36 @@ def _read(path: Path, settings: Settings) -> Rows:
 
     six = {
         kind: np.stack([record[name] for name in actuator_names(kind)], axis=1)
-        for kind in (*_DERIVATIVES, "Q")
+        for kind in (*_DERIVATIVES, *_ANGLES, "Q")
         if f"{kind}1" in record
     }
     struts = {kind: axes.derivatives(values) for kind, values in six.items()}
     struts["q"] = axes.coordinates(six["q"])
+    for kind in _ANGLES:
+        if kind in six:
+            struts[kind] = six[kind][:, np.argsort(axes.source)]
     if "Q" in six:
         struts["Q"] = _force_axes(settings).derivatives(six["Q"])
     for kind, values in struts.items():
         record |= zip(actuator_names(kind), values.T, strict=True)
     rows = found.rows(six["q"], six.get("dq"), six.get("ddq"))
     return replace(rows, columns={"t": found.times} | record).checked()
+
+
+def _guide_values(settings: Settings) -> dict[str, str]:
+    """Return the meaning of numbers, signs and zeros of struts, in words."""
+    section, axes = settings.section, settings.axes
+    text, reversed_axes = "", np.flatnonzero(axes.factor < 0) + 1
+    if not len(reversed_axes):
+        text += " (positive extends)"
+    if section.order is not None:
+        text += f"; all columns 1…6 belong to the struts {', '.join(map(str, axes.source + 1))}"
+    if len(reversed_axes):
+        text += f"; q, dq, ddq and Q of {', '.join(map(str, reversed_axes))} are positive "
+        text += "when the strut retracts, those of the others when it extends"
+    if section.offset is not None:
+        text += "; q counts from the zeros of the axes"
+    return {"axes_of_struts": text}
 
 
 FORMAT = TableFormat(
@@ -133,8 +158,7 @@ FORMAT = TableFormat(
             "One row every {step}, comma-separated, the unit in every column's name, all digits. "
             "t, pose (x y z phi theta psi), its first (d…) and second (dd…) derivatives, strut "
             "lengths q1…q6 with theirs, cardan angles, expected actuator forces Q1…Q6 at the "
-            "nominal parameters (positive extends), of the axes where the export states their "
-            "unit, order, sign or zero.\n\n"
+            "nominal parameters{axes_of_struts}.\n\n"
             "    python3 -c \"import pandas; print(pandas.read_csv('{file}').describe())\""
         ),
         run="Move the struts slowly to the first row, then begin with t = 0.",
@@ -143,6 +167,7 @@ FORMAT = TableFormat(
     clock="none: all digits of a double",
     capacity="that of your program",
     executed="pandas reads it; a model of the lines",
+    guide_values=_guide_values,
     digits=None,
     units="m",
     angles="rad",
