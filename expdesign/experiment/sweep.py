@@ -28,6 +28,8 @@ FOLDER = "designs"
 
 _VALUE, _GOAL = "value_", "goal_"
 
+_INCOMPARABLE = ("design.parameters", "design.known", "design.prior", "design.others")
+"""Paths that change the judged parameters, or the recordings that the precision is for."""
 FAILED, NOT_BEGUN, INTERRUPTED, BROKEN = "failed", "not begun", "interrupted", "limits broken"
 """Statuses of a row without a complete design."""
 
@@ -267,9 +269,14 @@ class SweepResult(StageResult):
         return several or tuple(self.grid)
 
     @property
+    def comparable(self) -> bool:
+        """Whether the precision of all designs is that of the same parameters and recordings."""
+        return not any(len(self.grid.get(path, ())) > 1 for path in _INCOMPARABLE)
+
+    @property
     def most_precise(self) -> SweptDesign | None:
-        """The design with the smallest `precision`; None where there is none that is complete."""
-        complete = [one for one in self.designs if one.complete]
+        """The complete design with the smallest `precision`; None if there is none to compare."""
+        complete = [one for one in self.designs if one.complete and self.comparable]
         known = [one for one in complete if np.isfinite(one.precision)]
         return min(known, key=lambda one: one.precision, default=None)
 

@@ -168,8 +168,9 @@ _PRECISIONS = {
     "sweep",
     "Precision of the designs against their cost: predicted standard deviation of the "
     "experiment over the nominal value, over the time of measuring and over the processor time of "
-    "the search. Hollow: not every limit is proved to be kept. A line joins the designs that no "
-    "other one beats in both. Numbers are those of the table.",
+    "the search. Hollow: not every limit is proved to be kept. A line joins the complete designs "
+    "that no other one beats in both, if all judge the same parameters with the same prior. "
+    "Numbers are those of the table.",
     height=5.2,
 )
 def sweep_figure(figure: Figure, result: SweepResult) -> None:
@@ -203,7 +204,8 @@ def _draw(axes: Axes, result: SweepResult, cost: str, precision: str, looks: _Lo
         colour = looks.colours[k]
         face = colour if result.designs[k].certified else "white"
         axes.plot(*points[k], "o", color=colour, markerfacecolor=face, markersize=4.5, zorder=4)
-    best = _unbeaten(points, shown)
+    complete = [k for k in shown if result.comparable and result.designs[k].complete]
+    best = _unbeaten(points, complete)
     axes.plot(*points[best].T, color=drawing.GREY, linewidth=0.8, zorder=1.5)
     for way, each in zip("xy", points[shown].T, strict=True):
         low, high = float(np.min(each)), float(np.max(each))
@@ -328,7 +330,7 @@ def plan_figure(figure: Figure, result: PlanResult) -> None:
         handles += axes.plot(points[:, 0], points[:, 1] / goal.wanted, color=colour, label=label)
         if goal.floor > 0:
             axes.axhline(goal.floor / goal.wanted, color=colour, linestyle="--", linewidth=0.8)
-        if goal.reachable:
+        if goal.reachable and goal.minutes > 0:
             std = np.exp(np.interp(np.log(goal.minutes), *np.log(points).T))
             axes.plot(goal.minutes, std / goal.wanted, "o", color=colour, markersize=4)
     axes.axhline(1.0, color=drawing.MUTED, linewidth=1.2, zorder=3)

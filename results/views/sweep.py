@@ -114,6 +114,11 @@ def _verdict(result: SweepResult) -> StageVerdict:
         if one.wrong
     ]
     sentence += f" over {', '.join(result.grid)}."
+    if not result.comparable:
+        sentence += (
+            " The designs differ in their parameters, priors or other motions: none is the most "
+            "precise."
+        )
     if wrong:
         sentence += f" Failed: {'; '.join(wrong)}."
     if result.interrupted:
@@ -129,10 +134,12 @@ _LONGER = 1.05
 
 def _facts(result: SweepResult) -> tuple[Fact, ...]:
     best = result.most_precise
-    if best is None:
-        return ()
-    label = dict(zip(result.designs, result.labels, strict=True))[best]
     spent = sum(one.cpu_seconds for one in result.designs if one.made)
+    note = f"processor time of {len(result.designs)} designs"
+    searches = Fact("searches", duration(spent), note)
+    if best is None:
+        return () if result.comparable else (searches,)
+    label = dict(zip(result.designs, result.labels, strict=True))[best]
     value = f"{readable(best.precision, 3)} %"
     times = [one.measuring_time for one in result.designs if one.complete]
     equal = np.isfinite(best.equal_time_rel_std_percent)
@@ -143,7 +150,4 @@ def _facts(result: SweepResult) -> tuple[Fact, ...]:
             f". Designs measure for {readable(min(times), 3)} to {readable(max(times), 3)} s: more "
             "time alone makes σ smaller"
         )
-    return (
-        Fact("most precise design", value, note),
-        Fact("searches", duration(spent), f"processor time of {len(result.designs)} designs"),
-    )
+    return Fact("most precise design", value, note), searches

@@ -1,6 +1,8 @@
 """The figure of a sweep: every design where its numbers say, named without hiding another."""
 
+from dataclasses import replace
 from itertools import combinations, pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,9 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from expdesign.configuration import load_run
-from expdesign.experiment.sweep import SweptDesign, sweep_result
+from expdesign.experiment.sweep import SweepResult, SweptDesign, sweep_result
 from results.figures.drawing import PALETTE, house_style
 from results.figures.studies import _unbeaten, sweep_figure
+from results.views.folder import RunFolder
+from results.views.sweep import sweep_view
+
+_RUN = load_run({"name": "n", "robot": "palida"})
 
 NUMBERS = ("median_rel_std_percent", "worst_rel_std_percent", "measuring_time", "cpu_seconds")
 
@@ -44,8 +50,12 @@ def drawn(record):
     return figure
 
 
+def is_marker(line):
+    return line.get_marker() == "o"
+
+
 def markers(axes):
-    return [line for line in axes.lines if line.get_marker() == "o"]
+    return [line for line in axes.lines if is_marker(line)]
 
 
 def test_every_design_stands_where_its_numbers_say(record_of):
@@ -77,6 +87,34 @@ def test_names_hide_no_other(record_of, seed):
         assert len(boxes) == 20
         assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
         assert all(frame.overlaps(box) for box in boxes)
+
+
+def _lines(record):
+    """Return the numbers of points of the lines in the four panels."""
+    axes = drawn(record).axes
+    return [len(line.get_xdata()) for each in axes for line in each.lines if not is_marker(line)]
+
+
+def test_a_line_joins_complete_designs_that_judge_the_same(record_of):
+    seeds = record_of({"design.seed": [0, 1]})
+    better, worse = sorted(seeds.designs, key=lambda one: one.precision)
+    cheaper = {"measuring_time": 1e-6, "cpu_seconds": 1e-6, "worst_rel_std_percent": 1e-6}
+    better = type(better)(**vars(better) | cheaper | {"status": "limits broken"})
+    broken = replace(seeds, designs=(better, worse))
+    assert _lines(broken) == [1] * 4
+    assert broken.most_precise is worse
+    assert "design" in _sentence(broken)
+    known = record_of({"design.known": [["p1"], ["p1", "p2"]], "design.seed": [0]})
+    assert known.most_precise is None
+    assert "none is the most precise" in _sentence(known)
+    assert _lines(known) == [0] * 4
+    assert record_of({"design.known": [["p1"]], "design.seed": [0, 1]}).most_precise is not None
+
+
+def _sentence(record):
+    view = sweep_view(RunFolder(Path(), {}, _RUN, results={SweepResult: record}))
+    assert ("most precise design" in [one.name for one in view.facts]) == record.comparable
+    return view.verdict.sentence
 
 
 def test_a_sweep_without_any_design(record_of):
