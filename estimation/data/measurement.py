@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -86,6 +87,11 @@ class Measurement:
     source: str = ""
     warnings: tuple[str, ...] = ()
     """Remarks from reading it, for the user."""
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 of lengths and forces: that of the recording, not of its file."""
+        return sha256(self.lengths.tobytes() + self.forces.tobytes()).hexdigest()
 
     def __post_init__(self) -> None:
         """Refuse inconsistent shapes; determine a missing step from the stamps."""

@@ -134,7 +134,8 @@ def estimation_result(
         parameters=priors.names,
         fixed=tuple(np.array(priors.names)[~priors.free].tolist()),
         best=estimation.best.estimator,
-        recordings=tuple(_recording(recording) for recording in estimation.recordings),
+        recordings=tuple(map(_recording, estimation.recordings, estimation.fingerprints)),
+        prior_recordings=estimation.prior_recordings,
         estimators={
             name: _estimator(estimation, found) for name, found in estimation.estimates.items()
         },
@@ -170,13 +171,14 @@ def _rows(estimation: Estimation, diagnosis: ResidualDiagnosis | None) -> tuple[
     )
 
 
-def _recording(prepared: PreparedRecording) -> EstimatedRecording:
+def _recording(prepared: PreparedRecording, fingerprint: str) -> EstimatedRecording:
     recording, noise = prepared.experiment.recording, prepared.experiment.noise
     fit = prepared.experiment.fit
     motion = None if fit is None or isinstance(fit.motion, SplineMotion) else fit.motion
     free = motion is not None and motion.free_frequency
     return EstimatedRecording(
         source=prepared.source,
+        fingerprint=fingerprint,
         rows=recording.rows,
         dropped_rows=recording.dropped,
         lost_samples=recording.lost,
@@ -363,6 +365,7 @@ def _identification(estimation: Estimation, diagnosis: Diagnosis | None) -> Iden
         estimator=best.estimator,
         verdict="not judged" if verdict is None else verdict.status.value,
         summary="" if verdict is None else verdict.summary,
+        recordings=(*estimation.fingerprints, *estimation.prior_recordings),
         parameters=estimation.priors.names,
         constants=tuple(constants),
         unconstrained=() if _replacement(estimation) is None else tuple(best.values.tolist()),

@@ -55,6 +55,7 @@ from expdesign.configuration import ConfigurationLike, InputError, RunConfigurat
 from expdesign.configuration.estimate import EstimateSection, SpectrumOrigin
 from expdesign.configuration.robot import RobotDescription
 from expdesign.configuration.run import add_terms
+from expdesign.configuration.tolerances import Identification
 from expdesign.progress import report_progress, track
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.deviation import Deviation, toleranced_deviations
@@ -75,7 +76,7 @@ def estimate_parameters(
     configuration = load_run(config)
     began = time.perf_counter()
     data = (data,) if isinstance(data, Measurement) else tuple(data)
-    _refuse_none_or_repeated(data)
+    _refuse_none_or_repeated(data, prior_identification(configuration))
     configuration = add_motors(configuration, data)
     section = configuration.run.estimate
     robot = robot_from(configuration.robot)
@@ -172,6 +173,7 @@ def estimate_parameters(
         bound=bound,
         selection=selection,
         channels=channels,
+        fingerprints=tuple(measurement.fingerprint for measurement in data),
         seconds=time.perf_counter() - began,
         warnings=(
             *configuration.warnings,
@@ -211,6 +213,14 @@ class Estimation:
     """The choice of further terms; None: none was tried."""
     channels: tuple[ChannelCheck, ...] = ()
     """The check of the channels of each recording."""
+    fingerprints: tuple[str, ...] = ()
+    """Fingerprint of each recording."""
+
+    @property
+    def prior_recordings(self) -> tuple[str, ...]:
+        """Fingerprints of the recordings in the prior estimate."""
+        prior = prior_identification(self.configuration)
+        return () if prior is None else prior.recordings
 
     @property
     def best(self) -> ParameterEstimate:
@@ -372,10 +382,27 @@ def refuse_ml_without_fit(
         )
 
 
-def _refuse_none_or_repeated(data: Sequence[Measurement]) -> None:
+def prior_identification(configuration: RunConfiguration) -> Identification | None:
+    """Return the earlier estimate that is the prior of a run's estimate; None without one."""
+    section = configuration.run.estimate
+    if isinstance(section.prior, RobotDescription):
+        return section.prior.identification
+    identified = configuration.robot.description.identification
+    return identified if section.prior_from == "robot" else None
+
+
+def _refuse_none_or_repeated(data: Sequence[Measurement], prior: Identification | None) -> None:
     """Refuse no recording, or one that is given twice: its noise would count as independent."""
     if not data:
         raise ValueError("estimate needs at least one recording")
+    for number, one in enumerate(data, 1):
+        if prior is not None and one.fingerprint in prior.recordings:
+            raise UnsuitableDataError(
+                f"recording {number} is in the prior, the estimate of the run {prior.run}: it "
+                "would count twice",
+                file=Path(one.source) if one.source else None,
+                allowed="recordings that the prior does not contain, or no prior",
+            )
     for (first, one), (second, other) in combinations(enumerate(data, 1), 2):
         if np.array_equal(one.forces, other.forces) and np.array_equal(one.lengths, other.lengths):
             raise UnsuitableDataError(

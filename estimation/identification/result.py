@@ -83,6 +83,7 @@ class EstimatedRecording:
     """One recording of an estimate."""
 
     source: Annotated[str, described("", "its file")]
+    fingerprint: Annotated[str, described("", "SHA-256 of its lengths and forces")] = ""
     rows: Annotated[int, described("1", "rows that were used")]
     dropped_rows: Annotated[int, described("1", "rows of incomplete periods that were not")]
     lost_samples: Annotated[
@@ -159,6 +160,9 @@ class EstimateFile(RunFile):
     recordings: Annotated[
         tuple[EstimatedRecording, ...], described("", "recordings of the estimate")
     ]
+    prior_recordings: Annotated[
+        tuple[str, ...], described("", "fingerprints of the recordings in the prior estimate")
+    ] = ()
     estimators: Annotated[dict[str, EstimatorResult], described("", "results by estimator")]
     cramer_rao_covariance: Annotated[
         Numbers | None, described("SI", "the bound with noise in forces and lengths, m × m")

@@ -214,8 +214,7 @@ class _Reading:
         for source in design.priors:
             with collect(self.problems):
                 machine = prior_machine(source, key, robot, self.document, corrected=corrected)
-                if machine in machines:
-                    message = "the same estimate is given twice: it would count twice"
+                if message := _repetition(machine, machines):
                     raise InputError(self.document.problem(key, message, "estimates of other data"))
                 machines.append(machine)
         if machines:
@@ -227,6 +226,23 @@ class _Reading:
                 found["estimate"] = machine
                 self.problems.extend(payload_problems(machine, robot, key, self.document))
         return found
+
+
+def _repetition(machine: RobotDescription, others: list[RobotDescription]) -> str:
+    """Return the reason why a prior counts twice with other ones, in words; empty if it does not.
+
+    An estimate contains the recordings of its prior.
+    """
+    if machine in others:
+        return "the same estimate is given twice: it would count twice"
+    own = identification_of(machine)
+    for other in map(identification_of, others):
+        if not set(own.recordings).isdisjoint(other.recordings):
+            return (
+                f"the estimates of the runs {other.run} and {own.run} contain the same recording, "
+                "themselves or in their priors: it would count twice"
+            )
+    return ""
 
 
 _NOISE_USERS = ("design", "experiment", "montecarlo")

@@ -77,6 +77,8 @@ class Identification(schema.Section):
     verdict: Literal["accepted", "doubtful", "not judged"]
     summary: str = ""
     """The verdict in words."""
+    recordings: tuple[str, ...] = ()
+    """SHA-256 of lengths and forces of each recording in the estimate and in its prior."""
     parameters: Annotated[tuple[str, ...], schema.at_least(1, "parameters")]
     """Order of rows and columns."""
     constants: tuple[str, ...] = ()

@@ -236,12 +236,12 @@ def inexact_deviations(configuration: RunConfiguration, robot: Robot) -> tuple[D
     The tolerances of an identified robot contain what its recordings showed. As a prior these add
     their information, and the tolerances are those that its identification states.
     """
-    stated = {
-        one.name: one.tolerance
-        for machine in configuration.run.design.priors
-        for one in reversed(identification_of(machine).deviations)
-        if not configuration.run.design.is_change
-    }
+    design, stated = configuration.run.design, dict[str, float]()
+    for machine in () if design.is_change else design.priors:
+        own = reversed(identification_of(machine).deviations)
+        for name, tolerance in {one.name: one.tolerance for one in own}.items():
+            # A later estimate may begin with the tolerances that an earlier one left.
+            stated[name] = max(tolerance, stated.get(name, 0.0))
     return tuple(
         replace(one, tolerance=stated.get(one.name, one.tolerance))
         for one in toleranced_deviations(robot)

@@ -16,6 +16,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration, load_run
+from expdesign.configuration.consistency import identification_of
 from expdesign.configuration.robot import RobotSource
 from expdesign.configuration.run import RunDescription
 from expdesign.experiment.judging import noise_evaluator
@@ -142,8 +143,12 @@ def next_run(folders: Sequence[Path]) -> RunConfiguration:
 
     found = following(*(str(each.absolute()) for each in folders))
     priors = list(found.run.design.priors)
+    counted = {name for one in priors for name in identification_of(one).recordings}
     for each, own in runs.items():
-        priors += [one for one in _earlier_priors(own.run, each) if one not in priors]
+        for one in _earlier_priors(own.run, each):
+            recordings = identification_of(one).recordings
+            if one not in priors and not (recordings and counted.issuperset(recordings)):
+                priors.append(one)
     return found if len(priors) == len(folders) else following(*priors)
 
 
@@ -152,9 +157,8 @@ def _earlier_priors(run: RunDescription, folder: Path) -> list[RobotSource]:
 
     An estimate from recordings of several designs contains the earlier ones.
     """
-    if run.design.is_change or len(executed_designs(folder)) > 1:
-        return []
-    return [one for one in run.design.priors if one != run.estimate.prior]
+    several = len(executed_designs(folder)) > 1
+    return [] if run.design.is_change or several else list(run.design.priors)
 
 
 def executed_designs(folder: Path) -> list[Path]:

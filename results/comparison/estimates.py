@@ -151,6 +151,11 @@ def not_independent(one: ComparedEstimate, other: ComparedEstimate) -> str:
             "Both come from the same data, so that their errors are not independent and the sum "
             "of their covariances is not that of the difference."
         )
+    if _lineage(one) & _lineage(other):
+        return (
+            "They have recordings in common by their priors, so that their errors are not "
+            "independent and the sum of their covariances is not that of the difference."
+        )
     if one.folder.has("experiment") and other.folder.has("experiment"):
         first, second = (each.folder.result(Truth).seeds for each in (one, other))
         if first.repetitions == second.repetitions:
@@ -163,13 +168,19 @@ def not_independent(one: ComparedEstimate, other: ComparedEstimate) -> str:
 
 def _recordings(each: ComparedEstimate) -> set[str]:
     """Return hashes of the recordings of an estimate; their names where the files are missing."""
-    found = set()
+    found = {one.fingerprint for one in each.result.recordings if one.fingerprint}
     for recording in each.result.recordings:
         source = Path(recording.source)
         own = each.folder.path / source.name
         file = source if source.is_file() else own
         found.add(file_hash(file) if file.is_file() else str(source))
     return found
+
+
+def _lineage(each: ComparedEstimate) -> set[str]:
+    """Return the fingerprints of the recordings of an estimate and of its prior."""
+    own = {one.fingerprint for one in each.result.recordings if one.fingerprint}
+    return own.union(each.result.prior_recordings)
 
 
 def _sentence(title: str, test: Differences) -> str:
