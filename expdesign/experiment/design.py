@@ -152,12 +152,13 @@ def design_result(configuration: RunConfiguration, found: FoundMotion) -> result
     report_progress("the precision of the design")
     plan, evaluator, trajectory = found.plan, found.noise, found.search.trajectory
     samples = configuration.run.trajectory.samples
-    information = evaluator.information(trajectory, samples)
+    one_period = evaluator.whole_information(trajectory, samples)
+    information = evaluator.judged(one_period, samples)
     whole_information, total = experiment_information(evaluator, trajectory, configuration)
     periods = configuration.run.experiment.periods
     errors = predicted_errors(configuration, evaluator, trajectory, whole_information, total)
     predicted = result.PredictedStd(
-        per_period=precision(evaluator, information, samples, 1),
+        per_period=precision(evaluator, evaluator.judged(one_period), samples, 1),
         experiment=precision(evaluator, whole_information, total, periods),
         **tolerance_std(evaluator.names, errors),
     )

@@ -70,7 +70,12 @@ class PlannedGoal:
         ),
     ]
     reachable: Annotated[bool, described("", f"{LONGEST_DAYS} days of measuring reach it")]
-    periods: Annotated[OpenNumber, described("1", "periods that reach it; empty if none does")]
+    periods: Annotated[
+        OpenNumber,
+        described(
+            "1", "periods that reach it; 0: earlier recordings are sufficient; empty if none does"
+        ),
+    ]
     minutes: Annotated[OpenNumber, described("min", "measuring time of these periods")]
     source: Annotated[
         str,
@@ -188,8 +193,7 @@ def minutes_to_goals(
     prediction = Prediction.of(configuration, evaluator, trajectory)
     found = dict[str, float]()
     for wish in _wishes(configuration.run.goals, prediction, configuration.file):
-        reachable = wish.excess(prediction.errors(prediction.longest()))[0] <= 1
-        periods = _fewest_periods(wish, prediction) if reachable else np.nan
+        periods = prediction.fewest_periods(lambda errors, wish=wish: wish.excess(errors)[0])
         found[wish.name] = periods * trajectory.period / 60
     return found
 
@@ -325,6 +329,31 @@ class Prediction(_Quantities):
         """Return the number of periods of the longest planned measuring time."""
         return max(1, int(LONGEST_DAYS * _DAY / self.period))
 
+    def fewest_periods(self, excess: Callable[[ErrorShares], float]) -> float:
+        """Return the smallest sufficient number of periods; NaN if the longest time is not enough.
+
+        The errors fall with it. It is 0 if earlier recordings are sufficient.
+
+        Parameters
+        ----------
+        excess : callable
+            Ratio of a predicted to a wanted standard deviation, at most 1 if sufficient.
+        """
+        if excess(self.errors(self.longest())) > 1:
+            return np.nan
+        if self.effects.earlier is not None and excess(self.errors(0)) <= 1:
+            return 0.0
+        low, high = 0, 1
+        while excess(self.errors(high)) > 1:
+            low, high = high, 2 * high
+        while high - low > 1:
+            middle = (low + high) // 2
+            if excess(self.errors(middle)) > 1:
+                low = middle
+            else:
+                high = middle
+        return float(high)
+
     def noise(self) -> ErrorShares:
         """Return the errors with exact tolerances after the longest planned measuring time."""
         random = self.rows @ self.random(self.longest()) @ self.rows.T
@@ -408,14 +437,10 @@ class _Wish:
 
 
 def _planned(wish: _Wish, prediction: Prediction) -> PlannedGoal:
-    errors = prediction.errors(prediction.longest())
-    excess, place = wish.excess(errors)
-    reachable = excess <= 1
-    periods, alone, together = np.nan, np.nan, np.nan
-    if reachable:
-        periods = float(_fewest_periods(wish, prediction))
-        errors = prediction.errors(periods)
-        place = wish.excess(errors)[1]
+    periods = prediction.fewest_periods(lambda errors: wish.excess(errors)[0])
+    reachable, alone, together = bool(np.isfinite(periods)), np.nan, np.nan
+    errors = prediction.errors(periods if reachable else prediction.longest())
+    place = wish.excess(errors)[1]
     source = errors.largest_source[place]
     if not reachable and wish.excess(prediction.noise())[0] > 1:
         source = NOISE
@@ -439,20 +464,6 @@ def _planned(wish: _Wish, prediction: Prediction) -> PlannedGoal:
         tolerance_percent=alone,
         all_tolerances_percent=together,
     )
-
-
-def _fewest_periods(wish: _Wish, prediction: Prediction) -> int:
-    """Return the smallest sufficient number of periods; the errors fall with it."""
-    low, high = 0, 1
-    while wish.excess(prediction.errors(high))[0] > 1:
-        low, high = high, 2 * high
-    while high - low > 1:
-        middle = (low + high) // 2
-        if wish.excess(prediction.errors(middle))[0] > 1:
-            low = middle
-        else:
-            high = middle
-    return high
 
 
 def _largest_factor(wish: _Wish, prediction: Prediction, sources: tuple[str, ...]) -> float:

@@ -82,7 +82,7 @@ _UNSEEN = 1e-12
 def experiment_information(
     evaluator: Evaluator, trajectory: FourierTrajectory, configuration: RunConfiguration
 ) -> tuple[Array, int]:
-    """Return F of the whole experiment, (k, k), and its number of samples."""
+    """Return F of the whole experiment with all of the prior, (k, k), and its samples."""
     experiment = configuration.run.experiment
     per_period = trajectory.period * experiment.sampling
     total = int(np.ceil(experiment.periods * per_period * (1 - 1e-12)))
@@ -96,9 +96,7 @@ def experiment_information(
     else:
         motion = trajectory.sample(np.arange(total) / experiment.sampling)
         information = evaluator.of_regressors(evaluator.robot.regressor(*motion), trajectory.omega)
-    # The whole prior counts, whatever the measuring time.
-    counted = total if evaluator.marginal is None else evaluator.marginal.samples
-    return evaluator.judged(information, counted), total
+    return evaluator.judged(information), total
 
 
 def precision(

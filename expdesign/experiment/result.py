@@ -82,7 +82,8 @@ class ParameterPrecision:
     unit: Annotated[str, described("", "SI unit of nominal value and standard deviations")]
     nominal: Annotated[OpenNumber, described("see unit", "nominal value")]
     std_per_period: Annotated[
-        OpenNumber, described("see unit", "predicted standard deviation, one period")
+        OpenNumber,
+        described("see unit", "predicted standard deviation, one period, with a whole prior"),
     ]
     std_experiment: Annotated[
         OpenNumber, described("see unit", "predicted standard deviation, whole experiment")

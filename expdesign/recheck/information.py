@@ -72,14 +72,16 @@ class Evaluator:
             return self.memory.information(columns, omega)
         return fisher.information_matrix(columns, self.covariance)
 
-    def judged(self, information: Array, samples: float) -> Array:
+    def judged(self, information: Array, samples: float | None = None) -> Array:
         """Return the information on the judged quantities, (k, k), from F over so many samples.
 
-        Priors count in proportion to the samples of their experiment.
+        Priors count in proportion to the samples of their experiment, or entirely without a number
+        of samples.
         """
         if self.marginal is None:
             return information
-        return self.marginal.information(information, samples)
+        count = self.marginal.samples if samples is None else samples
+        return self.marginal.information(information, count)
 
     @property
     def columns(self) -> NDArray[np.intp]:

@@ -3,20 +3,26 @@
 The information F of a motion depends on joints, first cardan axes, gravity, the model and the noise
 of the forces. Machines that differ in one of them differ in det F for the same design, so that only
 designs for the same machine have an efficiency. Values of the parameters, limits, home and names do
-not distinguish machines.
+not distinguish machines. Earlier recordings (`design.prior`) add information that is not the
+motion's, and a motion may have been designed together with others (`design.others`): designs that
+differ in these have no efficiency either.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from constraints.arrays import Array, Mask
 from expdesign.configuration import ResolvedRobot
+from expdesign.configuration.design import DesignSection
 from expdesign.experiment import DesignResult
+from expdesign.experiment.judging import noise_evaluator
+from expdesign.experiment.plan import Prediction
+from expdesign.experiment.precision import experiment_information, predicted_errors
 from expdesign.experiment.sensitivity import limit_sensitivity
 from expdesign.information.criteria import criteria
 from expdesign.information.fisher import SingularInformationError, log_det, parameter_covariance
@@ -116,6 +122,11 @@ class ComparedDesign:
         return self.result.parameter_names
 
     @property
+    def section(self) -> DesignSection:
+        """Settings of the design."""
+        return self.result.configuration.run.design
+
+    @property
     def robot(self) -> ResolvedRobot:
         """Robot of the design."""
         return self.result.configuration.robot
@@ -141,20 +152,57 @@ class ComparedDesign:
 
         The random share is that of the design's own experiment, which `tables/parameters.csv`
         states, by the square root of the samples; that of the tolerances does not depend on them.
+        A prior is the same for any number of samples.
         """
+        if self.section.prior is not None:
+            return np.asarray(self._std_with_prior(samples) / self._sizes, dtype=np.float64)
         own = self.result.predicted_std.experiment.samples
         random, systematic = self._shares
         std = np.hypot(random * np.sqrt(own / samples), systematic)
         return np.asarray(std / self._sizes, dtype=np.float64)
 
     def periods(self, precision: float, sampling: float) -> Array:
-        """Return the periods that each parameter needs for a relative σ, (m,); inf: no number."""
+        """Return the periods that each parameter needs for a relative σ, (m,); inf: no number.
+
+        With a prior they are further periods, NaN for the change since a prior.
+        """
+        if self.section.is_change:
+            return np.full(len(self.names), np.nan)
+        if self.section.prior is not None:
+            return self._further_periods(precision, sampling)
         own = self.result.predicted_std.experiment.samples
         random, systematic = self._shares
         one = random * np.sqrt(own / (self.result.trajectory.period * sampling)) / self._sizes
         left = precision**2 - (systematic / self._sizes) ** 2
         found = np.ceil(one**2 / np.where(left > 0, left, np.nan) - 1e-9)
         return np.where(left <= 0, np.inf, np.maximum(found, 1.0))
+
+    def _std_with_prior(self, samples: float) -> Array:
+        """Return the standard deviations of a prior and so many samples, (m,), SI."""
+        configuration, motion = self.result.configuration, self.result.trajectory
+        experiment = configuration.run.experiment
+        periods = samples / (motion.period * experiment.sampling)
+        experiment = experiment.model_copy(update={"periods": periods})
+        run = configuration.run.model_copy(update={"experiment": experiment})
+        configuration = replace(configuration, run=run)
+        evaluator = noise_evaluator(configuration)
+        information, total = experiment_information(evaluator, motion, configuration)
+        return predicted_errors(configuration, evaluator, motion, information, total).std
+
+    def _further_periods(self, precision: float, sampling: float) -> Array:
+        configuration, first = self.result.configuration, -len(self.names)
+        evaluator = noise_evaluator(configuration)
+        prediction = Prediction.of(configuration, evaluator, self.result.trajectory)
+        found = np.full(len(self.names), np.nan)
+        for place, size in enumerate(self._sizes.tolist()):
+            if np.isfinite(size):
+                own = prediction.fewest_periods(
+                    lambda errors, at=first + place, wanted=precision * size: (
+                        float(errors.std[at]) / wanted
+                    )
+                )
+                found[place] = own if np.isfinite(own) else np.inf
+        return np.ceil(found * configuration.run.experiment.sampling / sampling - 1e-9)
 
     @property
     def _sizes(self) -> Array:
@@ -211,16 +259,29 @@ class DesignComparison:
     @property
     def information(self) -> str:
         """Symbol of the compared information: F, or S of designs with a prior."""
-        sections = [design.result.configuration.run.design for design in self.designs]
-        symbols = sorted({one.information for one in sections})
+        symbols = sorted({design.section.information for design in self.designs})
         return symbols[0] if len(symbols) == 1 else f"({' or '.join(symbols)})"
 
     @cached_property
-    def machines(self) -> tuple[tuple[ComparedDesign, ...], ...]:
-        """The designs by machine, in their order."""
+    def machine_count(self) -> int:
+        """Number of different machines."""
+        found: list[ResolvedRobot] = []
+        for design in self.designs:
+            if all(_robot_differences(one, design.robot) for one in found):
+                found.append(design.robot)
+        return len(found)
+
+    @cached_property
+    def groups(self) -> tuple[tuple[ComparedDesign, ...], ...]:
+        """The designs by machine, prior and other motions, in their order."""
         found: list[list[ComparedDesign]] = []
         for design in self.designs:
-            same = (one for one in found if not _robot_differences(one[0].robot, design.robot))
+            same = (
+                one
+                for one in found
+                if not _robot_differences(one[0].robot, design.robot)
+                and not _recording_differences(one[0], design)
+            )
             if (known := next(same, None)) is None:
                 found.append([design])
             else:
@@ -229,14 +290,14 @@ class DesignComparison:
 
     @cached_property
     def efficiencies(self) -> dict[str, float | None]:
-        """D-efficiency of each design relative to the best of its machine.
+        """D-efficiency of each design relative to the best of its group.
 
-        None where F is singular, for a changed design, and for the only other one of a machine
+        None where F is singular, for a changed design, and for the only other one of a group
         among several designs.
         """
         count = len(self.designs[0].names)
         found: dict[str, float | None] = {}
-        for designs in self.machines:
+        for designs in self.groups:
             values = {
                 design.label: None if design.changed else design.log_det(self.samples)
                 for design in designs
@@ -281,6 +342,11 @@ def _differences(comparison: DesignComparison) -> list[str]:
                 f"other {', '.join(reasons)}. Their information differs by the machine and "
                 "not only by the design: no efficiency is stated between them."
             )
+        elif reasons := _recording_differences(first, design):
+            found.append(
+                f"{design.label} differs from {first.label} in {' and '.join(reasons)}: no "
+                "efficiency is stated between them."
+            )
         elif names:
             found.append(
                 f"{design.label} was designed for a robot of another name than "
@@ -291,6 +357,33 @@ def _differences(comparison: DesignComparison) -> list[str]:
                 f"{design.label} has other nominal values than {first.label}: its precision "
                 "is relative to its own."
             )
+    for design in comparison.designs:
+        if design.section.prior is not None:
+            found.append(
+                f"The information and the precision of {design.label} include its prior "
+                "(design.prior), however long the experiment is; its periods are further ones."
+            )
+        if design.section.others:
+            found.append(
+                f"{design.label} was designed together with other motions (design.others): its "
+                "numbers are those of its own motion."
+            )
+    return found
+
+
+def _recording_differences(one: ComparedDesign, other: ComparedDesign) -> list[str]:
+    """Return the differences in the further recordings of two designs, in words."""
+    found = list[str]()
+    weights = []
+    for run in (design.result.configuration.run for design in (one, other)):
+        samples = run.experiment.periods * run.experiment.sampling
+        weights.append(samples / run.trajectory.frequency[1])
+    if one.section.priors != other.section.priors:
+        found.append("its earlier recordings (design.prior)")
+    elif one.section.priors and weights[0] != weights[1]:
+        found.append("its measuring time, and so in the weight of design.prior")
+    if one.section.others or other.section.others:
+        found.append("the other motions of its experiment (design.others)")
     return found
 
 
@@ -327,10 +420,10 @@ def _same(first: Array | None, second: Array | None) -> bool:
 
 def _efficiencies_in_words(comparison: DesignComparison) -> tuple[str, list[Fact]]:
     """Return the design with the most information and the others' efficiencies, by machine."""
-    every, several = comparison.efficiencies, len(comparison.machines) > 1
+    every, several = comparison.efficiencies, len(comparison.groups) > 1
     log_det = criteria()["d"].named(comparison.information)
     text, facts = "", []
-    for designs in comparison.machines:
+    for designs in comparison.groups:
         shares = {
             design.label: share for design in designs if (share := every[design.label]) is not None
         }
@@ -345,10 +438,15 @@ def _efficiencies_in_words(comparison: DesignComparison) -> tuple[str, list[Fact
         among = f" of {' and '.join(shares)}" if several else ""
         text += f" {best} has the largest {log_det}{among}{f'; {others}' if others else ''}."
         facts.append(Fact(f"largest {log_det}", best, f"for {comparison.samples} samples"))
-    if several:
+    if comparison.machine_count > 1:
         text += (
-            f" They are for {len(comparison.machines)} different robots ({_COUNTED}), between "
+            f" They are for {comparison.machine_count} different robots ({_COUNTED}), between "
             "which there is no efficiency; precision is relative to each one's own nominal values."
+        )
+    elif several:
+        text += (
+            " They differ in their priors or in further motions, and between those that do there "
+            "is no efficiency."
         )
     return text, facts
 
@@ -372,11 +470,13 @@ def _criteria_table(comparison: DesignComparison) -> ReportTable:
         ]
     whose = "the nominal values" if comparison.same_nominal else "each one's own nominal values"
     best = "the best"
-    if len(comparison.machines) > 1:
+    if comparison.machine_count > 1:
         best += (
             f" of the same robot ({_COUNTED}), empty where no other design is of it: the "
             "information of different robots differs by the machine and not only by the design"
         )
+    elif len(comparison.groups) > 1:
+        best += " with the same prior and no other motions, empty where there is no such design"
     caption = (
         f"Criteria of every design for {samples} samples, in SI units and in units of "
         f"{whose}; D-efficiency relative to {best}"
@@ -420,6 +520,8 @@ def _precision_table(comparison: DesignComparison) -> ReportTable:
         f"states for its own experiment, in percent of {comparison.whose}, and the periods that "
         f"each design needs for {100 * comparison.precision:g} %"
     )
+    if any(design.section.prior is not None for design in designs):
+        caption += "; a prior counts entirely, and periods are further ones"
     return ReportTable.of("compared_parameters", caption, columns, screen=True)
 
 

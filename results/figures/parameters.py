@@ -38,7 +38,8 @@ def _precision_seen(result: DesignResult) -> str:
 @drawing.figure_definition(
     "precision",
     "Predicted standard deviation of every parameter relative to its nominal value, over "
-    "one period of the design (noise alone) and over the whole experiment (with tolerances).",
+    "one period of the design (noise alone) and over the whole experiment (with tolerances), both "
+    "with all of a prior.",
     height=3.3,
     seen=_precision_seen,
 )
@@ -96,7 +97,8 @@ _SPREAD = 0.5
 @drawing.figure_definition(
     "estimates",
     "Deviation of every estimate from the a-priori value, in units of the best estimator's "
-    "standard deviation, with 95 % intervals. The a-priori values do not enter the estimates.",
+    "standard deviation, with 95 % intervals. The a-priori values enter the estimates only where "
+    "the run states a prior or holds parameters fixed.",
     height=3.4,
 )
 def estimates_figure(figure: Figure, result: EstimationResult) -> None:
@@ -204,8 +206,8 @@ def draw_series(axes: Axes, result: ParameterSeries) -> None:
 
 @drawing.figure_definition(
     "compared_precision",
-    "Predicted standard deviation of every parameter relative to its nominal value, for "
-    "the same measuring time and sampling rate.",
+    "Predicted standard deviation of every parameter relative to its nominal value, for the same "
+    "measuring time and sampling rate, with all of the prior of a design that has one.",
     height=2.9,
 )
 def compared_precision_figure(figure: Figure, result: ParameterSeries) -> None:

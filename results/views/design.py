@@ -127,7 +127,9 @@ def limits_table(result: DesignResult) -> ReportTable:
 
 def parameters_table(result: DesignResult | MotionsResult) -> ReportTable:
     """Return nominal parameters with their predicted standard deviations."""
-    shared = result.predicted_std.systematic
+    shared, prior = result.predicted_std.systematic, ""
+    if isinstance(result, DesignResult) and result.configuration.run.design.prior is not None:
+        prior = "; both with all of design.prior"
     columns = (
         TableColumn("parameter", kind="parameter", of="name"),
         TableColumn("unit", kind="text", of="unit"),
@@ -142,7 +144,7 @@ def parameters_table(result: DesignResult | MotionsResult) -> ReportTable:
     caption = (
         f"Nominal parameters and predicted standard deviations σ: over {result.samples} "
         f"samples of one period, and over {readable(experiment.periods)} periods with "
-        f"{experiment.samples} samples; percent of the nominal value"
+        f"{experiment.samples} samples{prior}; percent of the nominal value"
         f"{_TOLERANCES if shared else ''}"
     )
     return ReportTable.of("parameters", caption, columns, result.parameters, latex=True)

@@ -90,6 +90,8 @@ def _meanings(result: PlanResult) -> Iterator[str]:
 
 
 def _measuring(goal: PlannedGoal) -> str:
+    if goal.periods == 0:
+        return "reached before"
     return duration(60 * goal.minutes) if goal.reachable else "–"
 
 
@@ -109,6 +111,9 @@ def _obstacle(goal: PlannedGoal) -> str:
 
 
 def _verdict(result: PlanResult) -> StageVerdict:
+    if result.periods == 0:
+        sentence = "The earlier recordings are sufficient for every goal: nothing to measure."
+        return StageVerdict("Plan", Level.GOOD, "reached", sentence, "plan")
     if result.reachable:
         sentence = (
             f"{readable(result.periods, 6)} {'period' if result.periods == 1 else 'periods'}, "

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from estimation.identification import estimate_parameters
 from estimation.identification.estimate import identified_robot
+from estimation.identification.periods import UnsuitableDataError
 from expdesign.cli.app import app
 from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.experiment.judging import earlier_recordings, noise_evaluator
@@ -123,9 +124,24 @@ def test_plan_counts_the_earlier_recordings(systematic, prior):
     # Five periods were measured before.
     assert later.periods == pytest.approx(first.periods - 5, abs=1)
 
+    # They are sufficient for a goal above their own standard deviation.
+    for share, reached in ((1.001, True), (0.999, False)):
+        config = _run(systematic, prior=prior)
+        (goal,) = plan_measurement(replace_goals(config, share * _measured_std(prior)), FIRST).goals
+        assert (goal.periods == 0) == reached
+        assert goal.reachable
 
-def replace_goals(config):
-    return replace(config, run=config.run.model_copy(update={"goals": {"v1": "20 %"}}))
+
+def _measured_std(prior):
+    """Return the standard deviation of v1 in an estimate with its tolerances, N s/m."""
+    known = load_robot(prior).description.description.identification
+    total = np.array(known.covariance_random) + np.array(known.covariance_systematic)
+    place = known.parameters.index("v1")
+    return float(np.sqrt(total[place, place]))
+
+
+def replace_goals(config, goal="20 %"):
+    return replace(config, run=config.run.model_copy(update={"goals": {"v1": goal}}))
 
 
 def test_several_priors_add(systematic, prior, tmp_path):
@@ -143,6 +159,34 @@ def test_several_priors_add(systematic, prior, tmp_path):
     assert load_run(file).run.design == config.run.design
     with pytest.raises(InputError, match="count twice"):
         _run(systematic, prior=[prior, prior])
+
+
+def test_an_estimate_with_a_prior_contains_its_recordings(systematic, prior, tmp_path):
+    """It counts with neither the prior nor its recordings, and tolerances do not count twice."""
+    section = {"noise": "given", "harmonics": 2, "prior_from": "robot"}
+    section |= {"estimators": ["gm"], "systematic": "none"}
+    data = measured(SECOND, 2)
+    found = estimate_parameters(run(section, robot=prior), data, SECOND)
+    after, apart = tmp_path / "after.yaml", tmp_path / "apart.yaml"
+    after.write_text(identified_robot(found, None), encoding="utf-8")
+    known = load_robot(after).description.description.identification
+    assert known.recordings == (data.fingerprint, measured(FIRST, 1).fingerprint)
+    for priors in ([prior, str(after)], [str(after), prior]):
+        with pytest.raises(InputError, match="contain the same recording"):
+            _run(systematic, prior=priors, robot=prior, tolerances=None)
+    with pytest.raises(UnsuitableDataError, match="recording 2 is in the prior"):
+        estimate_parameters(run(section, robot=prior), [data, measured(FIRST, 1)], [SECOND, FIRST])
+    # Its own estimate begins with the tolerances that the first one left.
+    own = _run(systematic, robot=prior, tolerances=None)
+    apart.write_text(identified_robot(estimate_parameters(own, data, SECOND), None))
+    first, second = (
+        _predicted(_run(systematic, prior=priors, robot=prior, tolerances=None), SECOND).std
+        for priors in ([prior, str(apart)], [str(apart), prior])
+    )
+    np.testing.assert_allclose(first, second, rtol=1e-9)
+    three = [measured(FIRST, 1), data, measured(SECOND, 3)]
+    joint = estimate_parameters(_run(systematic), three, [FIRST, SECOND, SECOND]).best
+    np.testing.assert_allclose(first, np.sqrt(np.diag(joint.covariance)), rtol=0.03)
 
 
 def test_refusals(prior):
@@ -173,7 +217,9 @@ def test_next_run_counts_the_priors_of_the_last_one(systematic, prior, folder, t
     """Once, although they are named again, and not if the estimate contains their recordings."""
     place = tmp_path / "second"
     place.mkdir()
+    known = load_robot(prior).description.description.identification
     text = Path(prior).read_text(encoding="utf-8").replace("run: case", "run: second")
+    text = text.replace(known.recordings[0], "of the second run")
     (place / "identified-robot.yaml").write_text(text, encoding="utf-8")
     text = resolved_yaml(_run(systematic, prior=[str(folder)]))
     (place / "run.yaml").write_text(text, encoding="utf-8")

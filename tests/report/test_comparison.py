@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from expdesign.configuration import InputError
+from expdesign.configuration import InputError, load_run
+from expdesign.experiment import DesignResult
+from expdesign.experiment.judging import noise_evaluator
+from expdesign.experiment.plan import Prediction
 from expdesign.runfolder.manifest import Manifest, entry, file_hash
 from expdesign.stages.registry import reported_stages
 from results.comparison.comparison import write_comparison
@@ -73,6 +76,15 @@ def change_robot(folder, edit):
     yaml = YAML(typ="safe")
     run = yaml.load(file.read_text(encoding="utf-8"))
     edit(run["robot"])
+    with file.open("w", encoding="utf-8") as stream:
+        yaml.dump(run, stream)
+
+
+def change_design(folder, **settings):
+    file = folder / "run.yaml"
+    yaml = YAML(typ="safe")
+    run = yaml.load(file.read_text(encoding="utf-8"))
+    run.setdefault("design", {}).update(settings)
     with file.open("w", encoding="utf-8") as stream:
         yaml.dump(run, stream)
 
@@ -262,6 +274,42 @@ def test_limits_home_and_names_make_no_other_robot(folder, twin, tmp_path):
     assert "different robots" not in text
 
 
+def test_a_prior_is_no_information_of_a_motion(folder, twin, tmp_path):
+    double_information(twin)
+    prior = shutil.copy(folder / "identified-robot.yaml", tmp_path / "prior.yaml")
+    change_design(twin, prior=str(prior))
+    text = compare([folder, twin], tmp_path / "out")
+    found = rows(tmp_path / "out" / "tables" / "criteria.csv")
+    assert [row["D-efficiency [%]"] for row in found] == ["", ""]
+    assert "other differs from tiny in its earlier recordings (design.prior)" in text
+    assert "has the largest" not in text
+    design = DesignResult.read(twin)
+    configuration = load_run(twin / "run.yaml")
+    prediction = Prediction.of(configuration, noise_evaluator(configuration), design.trajectory)
+    samples = design.experiment.samples
+    rate = configuration.run.experiment.sampling * design.trajectory.period
+    count = len(design.parameter_names)
+
+    def shares(periods):
+        return prediction.errors(periods).std[-count:] / np.abs(design.robot.parameters)
+
+    for k, row in enumerate(rows(tmp_path / "out" / "tables" / "compared_parameters.csv")):
+        assert float(row["σ, other [%]"]) == pytest.approx(100 * shares(samples / rate)[k])
+        needed = float(row["periods, other"])
+        assert shares(needed)[k] <= 0.05
+        assert needed == 0 or shares(needed - 1)[k] > 0.05
+    # With the same prior they are compared with it.
+    change_design(folder, prior=str(prior))
+    text = compare([folder, twin], tmp_path / "both")
+    found = rows(tmp_path / "both" / "tables" / "criteria.csv")
+    assert float(found[0]["D-efficiency [%]"]) == pytest.approx(50)
+    assert "other has the largest log det S" in text
+    change_design(folder, others=[str(twin)])
+    text = compare([folder, twin], tmp_path / "motions")
+    assert "(design.others)" in text
+    assert "has the largest" not in text
+
+
 def test_other_parameters_are_not_compared(folder, twin, tmp_path):
     design = twin / "design.json"
     change(design, lambda document: document["parameters"].pop())
@@ -293,6 +341,7 @@ def test_estimates_of_the_same_noise_are_not_tested(folder, twin, tmp_path):
 def _measured_by_itself(place):
     def edit(document):
         document["recordings"][0]["source"] = str(place / "measurement.csv")
+        document["recordings"][0]["fingerprint"] = "other"
 
     return edit
 
@@ -303,6 +352,17 @@ def independent(twin):
     change(twin / "truth.json", lambda document: document["seeds"].update(repetitions=99))
     change(twin / "estimate.json", _measured_by_itself(twin))
     return twin
+
+
+def test_an_estimate_and_its_prior_are_not_independent(folder, independent, tmp_path):
+    first = json.loads((folder / "estimate.json").read_text(encoding="utf-8"))
+    (fingerprint,) = (one["fingerprint"] for one in first["recordings"])
+    change(
+        independent / "estimate.json",
+        lambda document: document.update(prior_recordings=[fingerprint]),
+    )
+    assert "in common by their priors" in compare([folder, independent], tmp_path / "out")
+    assert not list((tmp_path / "out" / "tables").glob("difference_*"))
 
 
 def test_a_difference_is_found(folder, independent, tmp_path):
