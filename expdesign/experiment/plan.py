@@ -193,7 +193,7 @@ def minutes_to_goals(
     prediction = Prediction.of(configuration, evaluator, trajectory)
     found = dict[str, float]()
     for wish in _wishes(configuration.run.goals, prediction, configuration.file):
-        periods = prediction.fewest_periods(lambda errors, wish=wish: wish.excess(errors)[0])
+        periods = prediction.fewest_periods(wish.ratio)
         found[wish.name] = periods * trajectory.period / 60
     return found
 
@@ -429,6 +429,10 @@ class _Wish:
             found[place] = limit
         return cls(name, found)
 
+    def ratio(self, errors: ErrorShares) -> float:
+        """Return the largest ratio of predicted to wanted standard deviation."""
+        return self.excess(errors)[0]
+
     def excess(self, errors: ErrorShares) -> tuple[float, int]:
         """Return the largest ratio of predicted to wanted standard deviation, and its place."""
         ratios = {place: float(errors.std[place]) / limit for place, limit in self.wanted.items()}
@@ -437,7 +441,7 @@ class _Wish:
 
 
 def _planned(wish: _Wish, prediction: Prediction) -> PlannedGoal:
-    periods = prediction.fewest_periods(lambda errors: wish.excess(errors)[0])
+    periods = prediction.fewest_periods(wish.ratio)
     reachable, alone, together = bool(np.isfinite(periods)), np.nan, np.nan
     errors = prediction.errors(periods if reachable else prediction.longest())
     place = wish.excess(errors)[1]

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from expdesign.information.criteria import criteria
 from expdesign.information.fisher import SingularInformationError, log_det, parameter_covariance
 from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.progress import track
+from expdesign.robot.derived import ErrorShares
 from results.figures.parameters import ParameterSeries, compared_precision_figure
 from results.notation import count_text, duration, percent
 from results.views.design import EXPLAINED, costliest_fact, gains_table
@@ -196,11 +197,8 @@ class ComparedDesign:
         found = np.full(len(self.names), np.nan)
         for place, size in enumerate(self._sizes.tolist()):
             if np.isfinite(size):
-                own = prediction.fewest_periods(
-                    lambda errors, at=first + place, wanted=precision * size: (
-                        float(errors.std[at]) / wanted
-                    )
-                )
+                ratio = partial(_ratio, place=first + place, wanted=precision * size)
+                own = prediction.fewest_periods(ratio)
                 found[place] = own if np.isfinite(own) else np.inf
         return np.ceil(found * configuration.run.experiment.sampling / sampling - 1e-9)
 
@@ -216,6 +214,10 @@ class ComparedDesign:
             return std, np.zeros(len(std))
         fixed = np.array([shares[name] for name in self.names])
         return np.sqrt(np.maximum(std**2 - fixed**2, 0.0)), fixed
+
+
+def _ratio(errors: ErrorShares, place: int, wanted: float) -> float:
+    return float(errors.std[place]) / wanted
 
 
 @dataclass(frozen=True, eq=False)
