@@ -318,6 +318,7 @@ def _diagnose_experiment(
             part,
             tolerated[0],
             case.influence,
+            known=experiment.pointwise,
             stated=(robot.description.tolerances or RobotTolerances()).stated_terms,
         ),
     )

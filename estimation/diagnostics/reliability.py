@@ -51,6 +51,7 @@ from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.search import RIVAL_LEVEL
 from estimation.diagnostics.significance import Strut, are_possible, log_tail, noncentrality
 from estimation.estimators.influence import Influence
+from estimation.kinematics import PointwiseMotion
 from estimation.measurement_model.motion import root_of_pseudo_inverse
 from expdesign.runfolder import described
 
@@ -154,6 +155,7 @@ def candidate_reliability(
     tolerated: Signature,
     influence: Influence,
     *,
+    known: PointwiseMotion | None = None,
     stated: Collection[str] = (),
 ) -> tuple[CandidateReliability, ...]:
     """Return the reliability of all candidates in one recording.
@@ -166,6 +168,8 @@ def candidate_reliability(
         The recording without the deviations `tolerated`, which the tests regard as unknown.
     influence : Influence
         Of the recording's errors on the estimate.
+    known : PointwiseMotion, optional
+        The motion, taken as known, if there is no model of it.
     stated : collection of str
         Terms whose size is stated as a tolerance, of zero if the machine has none: left out.
     """
@@ -177,9 +181,11 @@ def candidate_reliability(
         part.cells.expand(signature.forces),
         part.length_cells.expand(signature.lengths),
     )
-    if not len(lengths):  # a known motion
-        rows = len(influence.experiment.recording.lengths.times)
-        lengths = np.broadcast_to(0.0, (rows, *signature.lengths.shape[1:]))
+    if known is not None:  # a known motion
+        samples = (len(influence.experiment.recording.forces.times), *forces.shape[1:])
+        lengths, some = np.broadcast_to(0.0, samples), forces
+        forces = np.zeros(samples)
+        forces[known.rows] = some
     shift = influence.response(forces.__getitem__, lengths.__getitem__)[:count]
     counted = np.zeros(signature.count, dtype=bool)
     if tolerated.count:

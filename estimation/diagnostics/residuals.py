@@ -26,7 +26,7 @@ import numpy as np
 import scipy
 from pydantic import Field, model_serializer
 
-from constraints.arrays import Array
+from constraints.arrays import Array, Mask
 from estimation.diagnostics.joint_system import ConditionalScores, SolvedSystem
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.residual_covariance import ResidualCovariance
@@ -41,7 +41,7 @@ from estimation.diagnostics.significance import (
     trace_as_f,
 )
 from estimation.estimators.experiment import Experiment
-from estimation.processing import NoiseEstimate
+from estimation.processing import NoiseEstimate, PeriodSource
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import Column, Numbers, OpenNumber, described, sized, strutwise
 
@@ -344,9 +344,17 @@ class ForceResiduals:
 def force_residuals(experiment: Experiment, part: Linearisation) -> ForceResiduals:
     """Collect the force residuals of one linearised experiment."""
     order = np.argsort(part.times)
+    order = order[_shown_rows(experiment, len(order))[order]]
     return ForceResiduals(
         part.times[order], part.forces[order], _force_std(experiment, part)[order]
     )
+
+
+def _shown_rows(experiment: Experiment, rows: int) -> Mask:
+    """Return the rows that the model predicts, (R,); without a period, those of certain signs."""
+    if experiment.recording.source is PeriodSource.NONE:
+        return experiment.known_rows
+    return np.ones(rows, dtype=bool)
 
 
 def _force_std(experiment: Experiment, part: Linearisation) -> Array:
@@ -380,6 +388,8 @@ def variance_comparison(experiment: Experiment, part: Linearisation) -> Variance
     else:
         # If samples were lost, rows are means: a single sample has more noise.
         averaged = float(np.mean(1 - 1 / np.maximum(experiment.counts, 1.0)))
+        if experiment.recording.source is PeriodSource.NONE:
+            single = single[experiment.known_rows]
     return VarianceComparison(np.mean(single**2, axis=0) + averaged * noise, noise.copy())
 
 
@@ -396,12 +406,13 @@ class BinRow:
 
 def dependence(experiment: Experiment, part: Linearisation) -> Iterator[BinRow]:
     """Yield the mean residuals in bins of every strut's length, speed, acceleration and load."""
+    shown = _shown_rows(experiment, len(part.forces))
     weights = 1 / _force_std(experiment, part) ** 2
     for name, values in _states(experiment, part).items():
         if name == "time":
             continue
         for j, (over, forces, weight) in enumerate(
-            zip(values.T, part.forces.T, weights.T, strict=True), start=1
+            zip(values[shown].T, part.forces[shown].T, weights[shown].T, strict=True), start=1
         ):
             for row in _bin_means(over, forces, weight).tolist():
                 yield BinRow(j, name, *row)

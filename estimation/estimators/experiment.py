@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from constraints.arrays import Array
+from constraints.arrays import Array, Mask
 from estimation.kinematics import (
     MotionFit,
     PointwiseMotion,
@@ -91,11 +91,21 @@ class Experiment:
         return cls(recording, noise, None, None, regressors_at(robot, motion), motion)
 
     def with_known_motion(self, robot: Robot, motion: Motion) -> Experiment:
-        """Return the experiment with states and regressors of a motion, taken as known."""
-        times = self.recording.forces.times
-        points = PointwiseMotion(np.arange(len(times)), motion.at(times).state())
-        regressors = self.regressors(robot, motion)
-        return replace(self, fit=None, spread=None, pointwise=points, fitted_regressors=regressors)
+        """Return the experiment with states and regressors of a motion, taken as known.
+
+        Samples with uncertain signs are left out, unless a filter weights them.
+        """
+        times, known = self.recording.forces.times, np.ones(len(self.certainties), dtype=bool)
+        if self.noise.forces.filter is None:
+            known = self.certainties > KNOWN
+        rows = np.flatnonzero(known)
+        return replace(
+            self,
+            fit=None,
+            spread=None,
+            pointwise=PointwiseMotion(rows, motion.at(times).state()[rows]),
+            fitted_regressors=self.regressors(robot, motion)[rows],
+        )
 
     def of_robot(self, robot: Robot) -> Experiment:
         """Return the experiment with the regressors A of another robot along the same motion."""
@@ -182,7 +192,9 @@ class Experiment:
     @property
     def effective_counts(self) -> Array:
         """(R,) counts as weights of the rows, less where signs of friction are uncertain."""
-        return self.counts if self.certainty is None else self.counts * self.certainty
+        if self.certainty is None:
+            return self.counts
+        return self.counts * self.select_rows(self.certainty)
 
     @property
     def certainties(self) -> Array:
@@ -224,11 +236,16 @@ class Experiment:
 
     def noise_rows(self, residuals: Array) -> Array:
         """Return whitened force residuals, (n, 6), without those of uncertain signs."""
-        noise_filter, known = self.noise.forces.filter, np.ones(len(residuals))
+        noise_filter, known = self.noise.forces.filter, self.known_rows
         if noise_filter is not None:
             residuals = noise_filter(residuals)
-            known[: noise_filter.lag] = 0.0
-        return residuals[(self.certainties > KNOWN) & (known > 0)]
+            known[: noise_filter.lag] = False
+        return residuals[known]
+
+    @property
+    def known_rows(self) -> Mask:
+        """(R,), rows whose residuals are noise: those without uncertain signs."""
+        return self.select_rows(self.certainties) > KNOWN
 
     @property
     def times(self) -> Array:
