@@ -40,7 +40,7 @@ from expdesign.experiment.next_motion import NextResult, compare_with_repetition
 from expdesign.experiment.plan import plan_measurement
 from expdesign.experiment.precision import experiment_information, predicted_errors
 from expdesign.experiment.setup import plan_search
-from expdesign.robot import robot_from
+from expdesign.robot import Robot, robot_from
 from expdesign.robot.derived import derived_quantities
 from expdesign.robot.deviation import toleranced_deviations
 from expdesign.runfolder.files import RUN_FILE
@@ -106,6 +106,7 @@ _WISHES = {
     "palida": ("mass=0.6%", "centre=0.05mm", "v1=1%", "mass=0.5%"),
     "linuxcnc": ("mass=1%", "centre=0.4mm", "v1=1%", "mass=0.5%"),
 }
+_PLANNED = ("periods", "minutes", "wanted σ", "stated by estimates / wanted", "achieved / wanted")
 _RATE = 150.0
 """Sampling of the recordings before and after an estimate, Hz."""
 
@@ -210,7 +211,7 @@ def _plan_rows(robot: str, count: int) -> Iterator[Row]:
         row: Row = {"wish": wish}
         if not goal.reachable:
             cause = f"{goal.source} at {goal.tolerance_percent:.0f} % of its size"
-            yield row | {"periods": "never", "in the way": cause}
+            yield row | dict.fromkeys(_PLANNED, "") | {"periods": "never", "in the way": cause}
             continue
         more = {"experiment": {"periods": int(goal.periods)}}
         fewer = _fewer(robot, _SAMPLES / motion.period, {}, **more)
@@ -220,18 +221,18 @@ def _plan_rows(robot: str, count: int) -> Iterator[Row]:
         rows = np.concatenate([derived.jacobian, np.eye(len(nominal.parameters))])
         row_of = rows[names.index(goal.quantity)]
         found = [
-            _estimates(fewer, [motion], number, plain=False)["ml estimated"]
-            for number in range(count)
+            _estimates(fewer, [motion], number, plain=False, draws=draws)["ml estimated"]
+            for number, draws in enumerate(_exact_draws(nominal, count))
         ]
         off = np.array([row_of @ (one.values - nominal.parameters) for one in found])
         stated = np.array([np.sqrt(row_of @ one.covariance @ row_of) for one in found])
         yield row | {
-            "periods": int(goal.periods),
+            "periods": str(int(goal.periods)),
             "minutes": f"{goal.minutes:.2f}",
             "wanted σ": f"{goal.wanted:.3g}",
             "stated by estimates / wanted": f"{np.sqrt(np.mean(stated**2)) / goal.wanted:.3f}",
             "achieved / wanted": f"{np.sqrt(np.mean(off**2)) / goal.wanted:.3f}",
-            "machines": count,
+            "in the way": "",
         }
 
 
@@ -425,10 +426,7 @@ def _rows_after(
     """Yield predicted and achieved errors of recordings of some motions, estimated together."""
     robot = robot_from(run.robot)
     derived = derived_quantities(robot)
-    # Draws with exactly the covariance of the tolerances: few draws of one that dominates, such as
-    # the force constant, would be too large or too small for all rows.
-    drawn = np.random.default_rng(0).standard_normal((count, len(toleranced_deviations(robot))))
-    draws = np.linalg.qr(drawn)[0] * np.sqrt(count)
+    draws = _exact_draws(robot, count)
     for label, (key, motions) in cases.items():
         errors, own = list[Array](), list[Array]()
         for number in range(count):
@@ -451,6 +449,16 @@ def _rows_after(
             "centre z, achieved (µm)": f"{1e6 * whole[centre]:.1f}",
             "machines": count,
         }
+
+
+def _exact_draws(robot: Robot, count: int) -> Array:
+    """Return draws, (count, t), with exactly the covariance of the tolerances.
+
+    Few draws of one that dominates, such as the force constant, would be too large or too small.
+    """
+    drawn = np.random.default_rng(0).standard_normal((count, len(toleranced_deviations(robot))))
+    draws: Array = np.linalg.qr(drawn)[0] * np.sqrt(count)
+    return draws
 
 
 def _estimates(
