@@ -365,7 +365,7 @@ def expected_gain(gained: float, hops: int, more: int) -> float:
     Examples
     --------
     >>> [round(100 * expected_gain(0.02, hops, 8), 2) for hops in (16, 32, 64)]
-    [0.33, 0.17, 0.08]
+    [0.33, 0.17, 0.09]
     """
     scale = (gained + WEIGHT * SCALE) / (math.log1p(hops) + WEIGHT)
     return scale * math.log1p(more / (1 + hops))
