@@ -378,6 +378,8 @@ class PointwiseMotion:
 
     rows: NDArray[np.intp]
     state: Array
+    motion: Motion | None = None
+    """To which the states belong, if it is taken as known."""
 
 
 def pointwise_motion(

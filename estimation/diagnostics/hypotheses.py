@@ -255,7 +255,7 @@ def _deviations(
 def _delay(effects: CandidateEffects) -> Candidates:
     """Return the delay of all forces, by its secants."""
     step = effects.experiment.recording.step
-    seconds = tuple(steps * step for steps in _DELAYS) if effects.motion is not None else ()
+    seconds = tuple(steps * step for steps in _DELAYS) if effects.shows_delay else ()
     return Candidates(
         labels=(_ALL,) * len(seconds),
         columns=Signature.concatenate([Signature.none(effects.part), *map(effects.delay, seconds)]),

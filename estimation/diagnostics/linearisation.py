@@ -378,6 +378,12 @@ class CandidateEffects:
             raise ValueError("pointwise kinematics have no Fourier series")
         return self.motion
 
+    @property
+    def shows_delay(self) -> bool:
+        """Whether a delay has columns; one that was estimated along a known motion has none."""
+        known = self.experiment.pointwise
+        return known is None or (known.motion is not None and not self.robot.delay_std)
+
     def gains(self, power: int = 1) -> Signature:
         """Return the columns of six gains, N: predicted force of one actuator each.
 
@@ -454,7 +460,17 @@ class CandidateEffects:
 
         It is a secant, not a derivative, so that jumps of dry friction are delayed as well.
         """
-        change = (self._forces(self._fitted.delay_by(seconds)) - self._forces_in_time) / seconds
+        known = self.experiment.pointwise
+        if known is None:
+            change = self._forces(self._fitted.delay_by(seconds)) - self._forces_in_time
+        elif known.motion is None:
+            raise ValueError("differences between neighbours are no motion that is delayed")
+        else:
+            times = self.experiment.recording.forces.times[known.rows]
+            late = replace(known, state=known.motion.delay_by(seconds).at(times).state())
+            change = regressors_at(self.robot, late) - regressors_at(self.robot, known)
+            change = change @ self.values
+        change = change / seconds
         return self.of_forces(self.part.cells.mean(change)[:, :, None])
 
     def length_lags(self) -> Signature:

@@ -103,7 +103,7 @@ class Experiment:
             self,
             fit=None,
             spread=None,
-            pointwise=PointwiseMotion(rows, motion.at(times).state()[rows]),
+            pointwise=PointwiseMotion(rows, motion.at(times).state()[rows], motion),
             fitted_regressors=self.regressors(robot, motion)[rows],
         )
 

@@ -1,5 +1,6 @@
 """Recordings without a period: splines, noise from residuals, weights of uncertain samples."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -19,7 +20,7 @@ from estimation.measurement_model.motion import MotionColumns, NormalEquations
 from estimation.measurement_model.spline import SplineMotion
 from estimation.processing.autoregression import autoregressive_noise
 from expdesign.configuration import InputError
-from tests.estimation.cases import ROBOT, measured, run, trajectory
+from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 
 MOTION = trajectory(samples=320, harmonics=3)
 
@@ -64,6 +65,24 @@ def test_causes_are_searched_along_the_motion_and_periods_are_not_needed():
     outcomes = {each.assumption: each.outcome for each in verdict.findings}
     assert outcomes["no unmodelled inertia of the drives"] == "holds"
     assert outcomes["all periods are alike"] == "not tested"
+
+
+def test_a_delay_is_found_without_a_period():
+    data, steps = passes(), 2
+    late = replace(
+        data,
+        time=data.time[steps:],
+        lengths=data.lengths[steps:],
+        forces=data.forces[:-steps],
+    )
+    found = estimate(run({"estimators": ["gm"]}), late)
+    verdict = found.diagnostics.verdict
+    assert verdict.status == "doubtful"
+    assert "lag behind the lengths" in verdict.causes[0].contradiction
+    delay = found.diagnostics.recordings[0].tests.delay
+    assert delay.delay == pytest.approx(steps * STEP, abs=4 * delay.std)
+    outcomes = {each.assumption: each.outcome for each in estimated().diagnostics.verdict.findings}
+    assert outcomes["forces and lengths are sampled at the same time"] == "holds"
 
 
 @pytest.mark.parametrize(
