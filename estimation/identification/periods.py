@@ -237,6 +237,7 @@ def _unsuitable(
     if (begin := find_motion_onset(data)) is not None:
         message = f"{message}; the struts do not move before {begin:.4g} s"
         allowed = f"data.start: {begin:.4g} s, which leaves the rows at rest out"
+    allowed = f"{allowed}; or estimate.differentiation: spline, for a motion without a period"
     file = Path(data.source) if data.source else None
     return kind(message, file=file, allowed=allowed)
 
