@@ -68,9 +68,9 @@ def _count_identified(found: Excitable) -> str:
     """Return the number of parameters that motions within the limits can identify."""
     count, every = len(found.base.base), len(found.base.names)
     if count == every:
-        return f"Motions within the limits identify all {every} parameters."
+        return f"Without noise, motions within the limits identify all {every} parameters."
     combined = [found.base.text(name) for name in found.base.combined]
-    text = f"Motions within the limits identify {count} of {every} parameters"
+    text = f"Without noise, motions within the limits identify {count} of {every} parameters"
     return f"{text}, together with others: {', '.join(combined)}." if combined else f"{text}."
 
 

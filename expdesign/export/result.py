@@ -304,8 +304,8 @@ def _slow(settings: Settings) -> str:
         return "This is the table for the first run: run it before the others."
     return (
         "Run a scaled table first, with a hand on the emergency stop: the same motion smaller and "
-        f"slower, from `expdesign export --format {settings.section.format} --scale 0.3`, in the "
-        "same steps as this one."
+        f"slower, from the command of this table (`expdesign export` with format "
+        f"{settings.section.format}, its units and offsets) and `--scale 0.3`, in the same steps."
     )
 
 
