@@ -204,7 +204,7 @@ def _tolerances(tolerances: Mapping[str, Any]) -> str:
     if not tolerances:
         return (
             "# tolerances: {base_joints: 0.3 mm, strut_length: 0.1 mm, force_constant: "
-            "{common: 2 %}, gravity: 0.1 deg, delay: 0.1 ms}"
+            "{common: 2 %},\n#   gravity: 0.1 deg, delay: 0.1 ms}"
         )
     units = {"force_constant": "1", "gravity": "rad", "delay": "s"}
     entries = [
