@@ -86,8 +86,6 @@ _CLEAR_WORK = 10.0
 _LEAST_SHARE = 0.2
 """Share of the unexplained forces that one of several faults must explain."""
 _ROUNDS = 4
-_LEAST_SIGNAL = 0.01
-"""Smallest share of a channel's energy that is not its noise."""
 _OTHER_GAIN = 1.3
 """Ratio of two force constants that is no tolerance of one."""
 
@@ -204,10 +202,9 @@ class ForceFit:
         """Return the order and gains that explain most, and the unexplained share of the next.
 
         The gains of an order are an eigenvector: they maximise the explained share of the scaled
-        forces without their noise. Those near the median are taken as equal.
+        forces. Those near the median are taken as equal.
         """
-        signal = np.maximum(self.energies - self._variances, _LEAST_SIGNAL * self.energies)
-        norms = np.sqrt(np.maximum(signal, _TINY))[_ORDERS]
+        norms = np.sqrt(np.maximum(self.energies, _TINY))[_ORDERS]
         shares = self._products / (norms[:, :, None] * norms[:, None])
         values, vectors = np.linalg.eigh(shares)
         best = int(np.argmax(values[:, -1]))
@@ -216,8 +213,9 @@ class ForceFit:
         far = np.abs(np.log(sizes)) > np.log(_OTHER_GAIN)
         gains = np.sign(gains) * np.where(far, _round_factor(sizes), 1.0)
         others = max(float(np.max(np.delete(values[:, -1], best))), float(values[best, -2]))
+        noise = float(np.sum(self._variances) / np.sum(self.energies))
         found = replace(Wiring.as_measured(), channels=_ORDERS[best], gains=gains)
-        return found, 1 - others
+        return found, 1 - others - noise
 
 
 class ChannelSearch:
