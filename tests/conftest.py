@@ -19,8 +19,8 @@ from expdesign.configuration.robot import load_robot_description
 from tests.tiny_run import tiny_run
 
 # How long an example takes is not what is tested; continuous integration draws the same ones.
-settings.register_profile("local", deadline=None, max_examples=30)
-settings.register_profile("ci", deadline=None, max_examples=30, derandomize=True)
+settings.register_profile("local", deadline=None, max_examples=50)
+settings.register_profile("ci", deadline=None, max_examples=50, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 
@@ -133,7 +133,7 @@ def consistency_draws():
     """Draw less for the consistency of estimates; modules of tests about it override this."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(consistency, "DRAWS", 19)
-        patch.setattr(consistency, "MOST_DRAWS", 19)
+        patch.setattr(consistency, "MOST_DRAWS", 39)
         yield
 
 

@@ -9,7 +9,7 @@ from estimation.diagnostics.linearisation import PhaseCells
 from estimation.diagnostics.residuals import lack_of_fit
 
 KINDS = ("ls", "gm", "ml", "held out")
-DRAWS = 150
+DRAWS = 250
 
 
 def test_shares_are_the_trace_of_the_hat_matrix(twin):

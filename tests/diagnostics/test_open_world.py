@@ -22,7 +22,7 @@ def _low_harmonics(twin, drawn):
 def test_size_of_the_statistic_in_noise(twin, kind):
     """After any estimator χ² and its p have their distribution."""
     rng = np.random.default_rng(1)
-    tests = [_low_harmonics(twin, twin.draw(rng, kind)) for _ in range(60)]
+    tests = [_low_harmonics(twin, twin.draw(rng, kind)) for _ in range(100)]
     p_values = np.exp([test.log_p for test in tests])
     assert stats.kstest(p_values, "uniform").pvalue > 1e-3
     ratio = np.mean([test.statistic / test.freedom for test in tests])

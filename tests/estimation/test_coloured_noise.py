@@ -389,7 +389,7 @@ def test_intervals_cover_where_samples_are_missing_or_count_less(disturbance, lo
         experiment={"periods": 8, "sampling": 1 / STEP, "seed": 5, **disturbance},
     )
     twin, hits, truth = Twin.of(config, MOTION), [], np.array(ROBOT.parameters)
-    for repetition in range(1, 21):
+    for repetition in range(1, 41):
         case = identification.prepare_experiment(
             config, ROBOT, twin.measurement(repetition), MOTION
         )
@@ -430,7 +430,7 @@ def test_where_filtered_periods_begin_and_end_are_no_outliers(memory):
     """A filter goes round the period, and noise with memory does not join its own beginning."""
     case, rng = experiment(memory=memory), np.random.default_rng(4)
     found = []
-    for _ in range(10):
+    for _ in range(20):
         periods = coloured(rng, SIGMA, 10, 200, memory)
         seen = replace(scatter(periods), lines=NoiseLines.of(periods))
         seen = replace(seen, filter=estimated_filter(seen.lines, seen.covariance))

@@ -107,7 +107,7 @@ def _drawn(folder, seed):
 def test_a_machine_is_drawn_with_constants_geometry_and_gains(written):
     """Its forces scatter by the whole of the joint covariance, by difference quotients."""
     motion, off = MOTION.sample(np.linspace(0, MOTION.period, 7)[:-1]), []
-    for seed in range(40):
+    for seed in range(60):
         saved, machine, found = _drawn(written[1], seed)
         gains = found.gains[0] - machine.gains
         one, known = found.model, saved.estimate.values

@@ -74,13 +74,13 @@ def test_harmonics_are_chosen_from_the_data():
     table.table[0, 6] = 0.3e-3  # sine of the sixth harmonic in x
     disturbed = table.trajectory
     right = 0
-    for seed in range(10):
+    for seed in range(20):
         plain = choose_harmonics(ROBOT, record_of(base, seed), DELTA, 2)
         right += plain.motion.harmonics == 2
         found = choose_harmonics(ROBOT, record_of(disturbed, seed), DELTA, 2)
         assert found.motion.harmonics == 6
     # One in a thousand is found by chance.
-    assert right == 10
+    assert right >= 19
 
 
 def test_more_harmonics_than_samples_are_refused():

@@ -68,7 +68,7 @@ PLANNED = ("linuxcnc-gcode",)
 @pytest.mark.parametrize("name", [n for n in table_formats() if n not in PLANNED])
 def test_every_guide_has_the_same_headings(name, tmp_path):
     counts = {"counts_per_metre": 1e8} if name == "galil-contour" else {}
-    made = exported(tmp_path, name, scale=0.5, segment=12e-3, **counts)
+    made = exported(tmp_path, name, scale=0.5, **counts)
     assert [*sections(made)] == HEADINGS
     assert all(sections(made).values())
     text = readme(ExportResult(exported_motion(work(2)), {made.path.name: exported_table(made)}))

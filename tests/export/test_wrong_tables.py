@@ -20,7 +20,7 @@ def no_process_of_its_own(monkeypatch):
     monkeypatch.setattr("expdesign.export.table_file._refuse_crashing", lambda *_: None)
 
 
-@pytest.mark.parametrize("count", [9, pytest.param(18, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [10, pytest.param(30, marks=pytest.mark.slow)])
 def test_no_wrong_table_is_called_proved(count, exported):
     missed, wrong, proved = missed_tables(exported, count)
     assert not missed, f"{len(missed)} of {wrong} wrong tables; {proved} of {count} are proved"
@@ -41,4 +41,4 @@ def test_absurd_times_are_refused(form, time, exported, tmp_path):
 
 
 def test_harmless_changes_are_accepted(exported):
-    assert refused_tables(exported, 9) == []
+    assert refused_tables(exported, 18) == []

@@ -171,7 +171,7 @@ def refuses_or_shows(folder):
     return False
 
 
-@pytest.mark.parametrize("examples", [10, pytest.param(30, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("examples", [10, pytest.param(60, marks=pytest.mark.slow)])
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_any_value_is_shown_or_refused(examples, folder):
     files = [path for path in folder.rglob("*") if path.suffix in {".json", ".csv"}]

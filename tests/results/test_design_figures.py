@@ -83,7 +83,7 @@ def test_files_are_complete(run):
 @pytest.mark.parametrize("key", sorted(KEYS))
 def test_nothing_is_cut_off_in_the_file(run, key, tmp_path):
     chosen = [d for d in DESIGN_FIGURES if d.key == key]
-    (path,) = save_figures(chosen, DesignResult.read(run.folder), tmp_path, formats=["png"])
+    path, _ = save_figures(chosen, DesignResult.read(run.folder), tmp_path)
     picture = mpl.image.imread(path)[..., :3]
     for edge in (picture[:3], picture[-3:], picture[:, :3], picture[:, -3:]):
         assert np.all(edge == 1.0)
