@@ -151,15 +151,16 @@ class ComparedDesign:
     def relative_std(self, samples: float) -> Array:
         """Return the standard deviations relative to the own nominal values, (m,); NaN for none.
 
-        The random share is that of the design's own experiment, which `tables/parameters.csv`
-        states, by the square root of the samples; that of the tolerances does not depend on them.
-        A prior is the same for any number of samples.
+        Noise alone falls with the square root of the samples from the design's own experiment,
+        which `tables/parameters.csv` states. A prior is the same for any number of samples.
         """
-        if self.section.prior is not None:
-            return np.asarray(self._std_with_prior(samples) / self._sizes, dtype=np.float64)
-        own = self.result.predicted_std.experiment.samples
-        random, systematic = self._shares
-        std = np.hypot(random * np.sqrt(own / samples), systematic)
+        if self.section.is_change:
+            std = self._std_of_change(samples)
+        elif (prediction := self._prediction) is not None:
+            std = prediction.errors(samples / prediction.samples).std[-len(self.names) :]
+        else:
+            own = np.array([parameter.std for parameter in self.result.parameters])
+            std = own * np.sqrt(self.result.predicted_std.experiment.samples / samples)
         return np.asarray(std / self._sizes, dtype=np.float64)
 
     def periods(self, precision: float, sampling: float) -> Array:
@@ -169,17 +170,28 @@ class ComparedDesign:
         """
         if self.section.is_change:
             return np.full(len(self.names), np.nan)
-        if self.section.prior is not None:
-            return self._further_periods(precision, sampling)
-        own = self.result.predicted_std.experiment.samples
-        random, systematic = self._shares
-        one = random * np.sqrt(own / (self.result.trajectory.period * sampling)) / self._sizes
-        left = precision**2 - (systematic / self._sizes) ** 2
-        found = np.ceil(one**2 / np.where(left > 0, left, np.nan) - 1e-9)
-        return np.where(left <= 0, np.inf, np.maximum(found, 1.0))
+        if (prediction := self._prediction) is None:
+            one = self.relative_std(self.result.trajectory.period * sampling)
+            return np.maximum(np.ceil((one / precision) ** 2 - 1e-9), 1.0)
+        found, first = np.full(len(self.names), np.nan), -len(self.names)
+        for place, size in enumerate(self._sizes.tolist()):
+            if np.isfinite(size):
+                ratio = partial(_ratio, place=first + place, wanted=precision * size)
+                own = prediction.fewest_periods(ratio)
+                found[place] = own if np.isfinite(own) else np.inf
+        own_sampling = self.result.configuration.run.experiment.sampling
+        return np.ceil(found * own_sampling / sampling - 1e-9)
 
-    def _std_with_prior(self, samples: float) -> Array:
-        """Return the standard deviations of a prior and so many samples, (m,), SI."""
+    @cached_property
+    def _prediction(self) -> Prediction | None:
+        """Errors for any number of periods; None for those that noise alone makes."""
+        if not self.result.systematic and self.section.prior is None:
+            return None
+        configuration = self.result.configuration
+        return Prediction.of(configuration, noise_evaluator(configuration), self.result.trajectory)
+
+    def _std_of_change(self, samples: float) -> Array:
+        """Return the standard deviations of the change since a prior, (m,), SI."""
         configuration, motion = self.result.configuration, self.result.trajectory
         experiment = configuration.run.experiment
         periods = samples / (motion.period * experiment.sampling)
@@ -190,30 +202,9 @@ class ComparedDesign:
         information, total = experiment_information(evaluator, motion, configuration)
         return predicted_errors(configuration, evaluator, motion, information, total).std
 
-    def _further_periods(self, precision: float, sampling: float) -> Array:
-        configuration, first = self.result.configuration, -len(self.names)
-        evaluator = noise_evaluator(configuration)
-        prediction = Prediction.of(configuration, evaluator, self.result.trajectory)
-        found = np.full(len(self.names), np.nan)
-        for place, size in enumerate(self._sizes.tolist()):
-            if np.isfinite(size):
-                ratio = partial(_ratio, place=first + place, wanted=precision * size)
-                own = prediction.fewest_periods(ratio)
-                found[place] = own if np.isfinite(own) else np.inf
-        return np.ceil(found * configuration.run.experiment.sampling / sampling - 1e-9)
-
     @property
     def _sizes(self) -> Array:
         return np.where(self.nominal == 0, np.nan, np.abs(self.nominal))
-
-    @property
-    def _shares(self) -> tuple[Array, Array]:
-        """Standard deviations due to noise and to tolerances in the own experiment, (m,), SI."""
-        std = np.array([parameter.std for parameter in self.result.parameters])
-        if not (shares := self.result.systematic):
-            return std, np.zeros(len(std))
-        fixed = np.array([shares[name] for name in self.names])
-        return np.sqrt(np.maximum(std**2 - fixed**2, 0.0)), fixed
 
 
 def _ratio(errors: ErrorShares, place: int, wanted: float) -> float:
@@ -518,9 +509,9 @@ def _precision_table(comparison: DesignComparison) -> ReportTable:
     columns += [TableColumn(f"periods, {label}", of=n) for label, n in comparison.periods.items()]
     caption = (
         f"Predicted standard deviations for {comparison.experiment_samples} samples at "
-        f"{comparison.sampling:g} Hz whatever the period, scaled by √samples from what each design "
-        f"states for its own experiment, in percent of {comparison.whose}, and the periods that "
-        f"each design needs for {100 * comparison.precision:g} %"
+        f"{comparison.sampling:g} Hz whatever the period, in percent of "
+        f"{comparison.whose}, and the periods that each design needs for "
+        f"{100 * comparison.precision:g} %, as by `expdesign plan`"
     )
     if any(design.section.prior is not None for design in designs):
         caption += "; a prior counts entirely, and periods are further ones"

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from expdesign.experiment.plan import (
 from expdesign.experiment.sweep import SweptDesign, sweep_result
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import apply_deviations, toleranced_deviations
+from results.comparison.designs import ComparedDesign
 from results.views.folder import RunFolder
 from results.views.plan import plan_view
 from results.views.view import ReportTable, TextBlock, cell_text
@@ -114,6 +116,26 @@ def test_experiments_of_the_planned_length_reach_the_goals(systematic):
         assert mass.std == pytest.approx(goal.wanted, rel=0.1)
         ratios.append((mass.value - 16.307) / goal.wanted)
     assert np.sqrt(np.mean(np.square(ratios))) == pytest.approx(1.0, abs=3 / np.sqrt(2 * 40))
+
+
+@pytest.mark.parametrize("systematic", ["auto", "budget"])
+def test_a_comparison_states_the_periods_of_the_plan(systematic):
+    wanted = dict.fromkeys(("p1", "p6", "r2", "v1"), "5 %")
+    configuration = _run(wanted, TOLERANCES, systematic=systematic)
+    goals = plan_measurement(configuration, MOTION).goals
+    names = ROBOT.parameter_names
+    design = SimpleNamespace(
+        configuration=configuration,
+        trajectory=MOTION,
+        parameter_names=names,
+        parameters=[SimpleNamespace(nominal=value) for value in ROBOT.parameters],
+        systematic=dict.fromkeys(names, 1.0),
+    )
+    periods = ComparedDesign("a", design).periods(0.05, 1 / STEP)
+    found = [periods[names.index(goal.goal)] for goal in goals]
+    stated = [goal.periods if goal.reachable else np.inf for goal in goals]
+    assert found == stated
+    assert len(set(found)) > 2
 
 
 def test_a_goal_of_years_is_not_reached_for_its_noise():
