@@ -94,7 +94,7 @@ def design_next(
     from expdesign.experiment.next_motion import executed_designs, next_run
 
     places = [folder.absolute() for folder in folders]
-    configuration = next_run(places).with_search(effort, seed)
+    configuration = next_run(places, design).with_search(effort, seed)
     folder = run_folder(configuration, out)
     if folder in places:
         message = "the new motion would replace one that was measured"

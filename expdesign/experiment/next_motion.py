@@ -97,11 +97,18 @@ def _mean(ratios: Sequence[float]) -> float:
     return float(np.exp(np.mean(np.log(ratios))))
 
 
-def next_run(folders: Sequence[Path]) -> RunConfiguration:
+def next_run(folders: Sequence[Path], design: Path | None = None) -> RunConfiguration:
     """Return the run of the last folder, for the motion after the estimates of all folders.
 
-    Its recordings are new; everything else is that of the folder's `run.yaml`. The priors of the
-    folders' own designs count as well, unless an estimate contains their recordings.
+    Its recordings are new, `trajectory` is that of the executed design's run, and everything else
+    that of the folder's `run.yaml`. The priors of the folders' own designs count as well, unless an
+    estimate contains their recordings.
+
+    Parameters
+    ----------
+    folders : sequence of Path
+    design : Path, optional
+        Folder or file of the executed design; by default that of the last folder's estimate.
 
     Raises
     ------
@@ -124,19 +131,21 @@ def next_run(folders: Sequence[Path]) -> RunConfiguration:
     if refused:
         allowed = "the run folder of one design for a machine that has not changed"
         raise InputError(f"{refused}: there is no next motion", folder, key="DIR", allowed=allowed)
-    design, known = run.design, run.design.known
-    if design.named_parameters is not None:
+    section, known = run.design, run.design.known
+    if section.named_parameters is not None:
         names = robot_from(configuration.robot).parameter_names
-        known = tuple(name for name in names if name not in design.named_parameters)
-    parameters = None if design.named_parameters is not None else design.parameters
+        known = tuple(name for name in names if name not in section.named_parameters)
+    parameters = None if section.named_parameters is not None else section.parameters
     changes = {"parameters": parameters, "known": known, "others": ()}
+    executed = design or (executed_designs(folder) or [folder])[-1]
+    file = (executed if executed.is_dir() else executed.parent) / RUN_FILE
+    trajectory = load_run(file).run.trajectory if file.is_file() else run.trajectory
 
     def following(*priors: RobotSource) -> RunConfiguration:
-        section = design.model_copy(update={"prior": priors, **changes})
         update = {
             "name": _following_name(run.name),
-            "trajectory": run.trajectory.model_copy(update={"count": 1}),
-            "design": section,
+            "trajectory": trajectory.model_copy(update={"count": 1}),
+            "design": section.model_copy(update={"prior": priors, **changes}),
             "data": run.data.model_copy(update={"file": None}),
         }
         return load_run(run.model_copy(update=update))

@@ -234,6 +234,11 @@ def test_next_run_counts_the_priors_of_the_last_one(systematic, prior, folder, t
     Manifest.new({}, "").with_stage("estimate", entry).write(place)
     assert executed_designs(place) == [folder / "design.json", place / "design.json"]
     assert next_run([place]).run.design.priors == expected[:1]
+    # The last motion was designed by the run of its folder.
+    other = _run(systematic).with_section("trajectory", harmonics=3)
+    (folder / "run.yaml").write_text(resolved_yaml(other), encoding="utf-8")
+    assert next_run([place]).run.trajectory.harmonics == 2
+    assert next_run([place], folder / "design.json").run.trajectory == other.run.trajectory
 
 
 def test_gain_of_the_next_motion_and_of_the_last_one_repeated(folder):
