@@ -22,6 +22,8 @@ from expdesign.trajectory import FourierTrajectory
 
 _PAUSE = 0.15
 """The same as a share of the time that has passed: a log of an hour has some 40 lines."""
+_ENOUGH = 0.05
+"""Share of a search that predicts the rest of its time, with at least one start that has ended."""
 _RENEWED = 1.0
 """Smallest time between two predictions of the best motion's precision, s."""
 _TRUE = ("done", "finished")
@@ -185,6 +187,8 @@ class SearchDisplay:
             rough = number <= self._starts and event.phase == "blunt"
             done += event.share * (event.place[1] if rough else 1)
         share = done / (self._starts + refined + self._hops + finishes)
+        if not self._rough or share < _ENOUGH:
+            share = 0.0
         passed = time.monotonic() - self._searches
         return left_text(passed, max(share, passed / self._max_seconds))
 

@@ -94,7 +94,9 @@ def test_the_time_left_counts_what_is_under_way_and_the_finish(display, monkeypa
 
     Two rough searches, and a refinement with half of another: 3.5.
     """
-    display.report(event("blunt", 90.0, share=0.1, place=(1, 3)))
+    display.report(event("blunt", 90.0, share=0.9, place=(1, 3)))
+    monkeypatch.setattr(display, "_searches", display._searches - 10.0)
+    assert not display._left()  # nothing has ended yet
     for start in (1, 2):
         display.report(dataclasses.replace(event("waiting", 100.0), start=start))
     display.report(event("done", 1300.0, "converged"))
