@@ -85,10 +85,18 @@ class LimitCheck:
     @property
     def used(self) -> float:
         """Share of the limit that is used, 1 at the bound; see `LimitDefinition.share_used`."""
+        return self._share_used(self.value, self.violation)
+
+    @property
+    def left(self) -> float:
+        """Share of the limit, as in `used`, that is proved to be free at every instant."""
+        return 1 - self._share_used(self.bound - self.proved * abs(self.bound), self.proved)
+
+    def _share_used(self, value: float, violation: float) -> float:
         definition = limit_definitions().get(self.key)
         if definition is None:
-            return 1 + self.violation
-        return definition.share_used(self.value, self.bound, self.violation)
+            return 1 + violation
+        return definition.share_used(value, self.bound, violation)
 
     @property
     def strut(self) -> int | None:

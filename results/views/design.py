@@ -104,12 +104,13 @@ def limits_table(result: DesignResult) -> ReportTable:
         *(reserved if kept else ()),
         TableColumn("unit", kind="text", of=lambda check: unit(check).symbol or "–"),
         TableColumn("used", "%", of="used", factor=100),
-        TableColumn("left", "%", digits=3, of="proved", factor=-100, proof=True),
+        TableColumn("left", "%", digits=3, of="left", factor=100, proof=True),
         TableColumn("time", "s", of="time", wide=True),
     )
     caption = (
-        "Worst moment of every limit over the whole period, exact friction model; left: proved "
-        "distance to the limit at every instant, share of its range"
+        "Worst moment of every limit over the whole period, exact friction model; used: share of "
+        "the bound, between two bounds of the way from their middle; left: the rest, proved for "
+        "every instant"
     )
     if not certified:
         open_time = max(check.open_time for check in result.checks)
