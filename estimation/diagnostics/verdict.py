@@ -61,9 +61,10 @@ _NOISE_LEVEL = Assumption(
     "from `expdesign noise`",
 )
 _MOTION = Assumption(
-    "the Fourier series is the motion",
+    "the fitted motion explains the lengths",
     "the fitted motion does not explain the lengths",
-    "allow more harmonics (`estimate.harmonics`), or look for drift and slipping sensors",
+    "allow more harmonics of a motion with a period (`estimate.harmonics`), or look for drift and "
+    "slipping sensors",
 )
 _LENGTHS_WHITE = Assumption(
     "the residuals of the lengths are white",

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
+from scipy.spatial.distance import pdist
 
 from constraints.arrays import Array
 from expdesign.robot import Robot
@@ -131,8 +132,8 @@ def close_path(points: Array) -> Array:
 _SPACE: View = (0.01, 0.01, 0.54, 0.87)
 _LEFT, _WIDTH, _BOTTOM, _TOP, _BETWEEN = 0.66, 0.33, 0.11, 0.90, 0.11
 """Margins of the plane views, one above the other, as shares of the figure."""
-_TITLES = ("In space", "From above", "From the front, along y")
-_COLUMNS = ((0, 1), (0, 2))
+_ABOVE = (0, 1)
+_SIDES = {(0, 2): "From the front, along y", (1, 2): "From the side, along x"}
 _NAMES = "xyz"
 _AXIS = 0.18
 """Length of a cardan axis as a share of the base's radius."""
@@ -156,18 +157,20 @@ def machine_figure(figure: Figure, robot: Robot) -> None:
     points = np.concatenate([base, joints, home[None, :], *ends])
     space = add_space(figure, _SPACE)
     bound_view(space, unit, points)
-    places = _places(figure, points)
-    planes = [figure.add_axes(place) for place in places]
-    for axes, columns in ((space, (0, 1, 2)), *zip(planes, _COLUMNS, strict=True)):
+    # The side whose struts hide each other least.
+    middles = (base + joints) / 2
+    side = max(_SIDES, key=lambda columns: float(np.min(pdist(middles[:, columns]))))
+    shown = _ABOVE, side
+    planes = [figure.add_axes(place) for place in _places(figure, points, side)]
+    for axes, columns in ((space, (0, 1, 2)), *zip(planes, shown, strict=True)):
         for j in range(len(base)):
             axes.plot(*ends[:, j][:, columns].T, color=MUTED, linewidth=0.9)
         draw_robot(axes, base, joints, home, columns)
         axes.plot(*home[list(columns), None], color=INK, marker="+", markersize=7, linestyle="none")
-    for axes, columns in zip(planes, _COLUMNS, strict=True):
+    figure.text(_SPACE[0], _TOP + 0.01, "In space", fontsize=8.5, fontweight="bold")
+    for axes, columns in zip(planes, shown, strict=True):
         _bound_plane(axes, unit, points, columns)
-    figure.text(_SPACE[0], _TOP + 0.01, _TITLES[0], fontsize=8.5, fontweight="bold")
-    for axes, title in zip(planes, _TITLES[1:], strict=True):
-        axes.set_title(title)
+        axes.set_title(_SIDES.get(columns, "From above"))
     fill_view(space, _SPACE)
     handles = [
         Line2D([], [], color=INK, label="base, platform"),
@@ -184,17 +187,18 @@ def _range(points: Array) -> tuple[Array, Array]:
     return low - air, high + air
 
 
-def _places(figure: Figure, points: Array) -> tuple[View, View]:
-    """Return the places of the plane views, with the largest common scale."""
+def _places(figure: Figure, points: Array, side: tuple[int, int]) -> tuple[View, View]:
+    """Return the places of the views from above and from a side, with the largest common scale."""
     low, high = _range(points)
     width, height = figure.get_size_inches()
     free = (_TOP - _BOTTOM - _BETWEEN) * height
     x, y, z = high - low
-    scale = min(_WIDTH * width / x, free / (y + z))
+    across = (high - low)[side[0]]
+    scale = min(_WIDTH * width / max(x, across), free / (y + z))
     wide, above, front = (scale * x / width, scale * y / height, scale * z / height)
-    left = _LEFT + (_WIDTH - wide) / 2
+    left = _LEFT + (_WIDTH - scale * max(x, across) / width) / 2
     upper = (left, _TOP - above, wide, above)
-    return upper, (left, upper[1] - _BETWEEN - front, wide, front)
+    return upper, (left, upper[1] - _BETWEEN - front, scale * across / width, front)
 
 
 def _bound_plane(axes: Axes, unit: DisplayUnit, points: Array, columns: tuple[int, int]) -> None:
@@ -205,5 +209,5 @@ def _bound_plane(axes: Axes, unit: DisplayUnit, points: Array, columns: tuple[in
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     axes.set_ylabel(unit.label(f"${_NAMES[up]}$"), labelpad=1)
-    if columns == _COLUMNS[-1]:
+    if columns in _SIDES:
         axes.set_xlabel(unit.label(f"${_NAMES[across]}$"), labelpad=1)

@@ -164,7 +164,7 @@ def test_pointwise_kinematics(laboratory, tmp_path):
     estimate = laboratory.estimate([experiment], "gm")
     result = _diagnose(laboratory, [experiment], estimate)
     outcomes = _outcomes(result)
-    assert outcomes["the Fourier series is the motion"] is FindingOutcome.NOT_TESTED
+    assert outcomes["the fitted motion explains the lengths"] is FindingOutcome.NOT_TESTED
     assert outcomes["forces and lengths are sampled at the same time"] is FindingOutcome.NOT_TESTED
     diagnosis = result.recordings[0]
     assert diagnosis.pointwise
@@ -183,7 +183,7 @@ def test_motion_with_too_few_harmonics_is_noticed(laboratory):
     experiment = Experiment.from_fit(laboratory.robot, record, laboratory.noise, fit)
     result = _diagnose(laboratory, [experiment], laboratory.estimate([experiment]))
     failed = [
-        f for f in result.verdict.failed if f.assumption == "the Fourier series is the motion"
+        f for f in result.verdict.failed if f.assumption == "the fitted motion explains the lengths"
     ]
     assert len(failed) == 1
     assert "harmonics" in failed[0].advice

@@ -255,6 +255,28 @@ def test_masses_and_inertias_are_those_of_mujoco(content, tmp_path):
     np.testing.assert_allclose(body.about_centre, expected, atol=1e-9)
 
 
+def test_a_pose_relative_to_another_frame_is_that_of_the_frame(tmp_path):
+    text = bench.urdf("gazebo")
+    other = re.sub(
+        r"(<parent>(tip\d)</parent><child>plate</child>)<pose>[^<]*",
+        r'\1<pose relative_to="\2">0 0 0 0 0 0',
+        text,
+    )
+    found, expected = (read(tmp_path, each, ".urdf") for each in (other, text))
+    for name in ("base_joints", "platform_joints"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-12)
+    with pytest.raises(InputError, match="relative to 'loop1'"):
+        read(tmp_path, other.replace('relative_to="tip1"', 'relative_to="loop1"'), ".urdf")
+    moved = bench.sdf().replace(
+        "<inertial>", '<inertial><pose relative_to="post">0 0 0 0 0 0</pose>'
+    )
+    moved = moved.replace(
+        "</mass>", "</mass><inertia><ixx>1</ixx><iyy>1</iyy><izz>1</izz></inertia>"
+    )
+    with pytest.raises(InputError, match="relative to 'post'"):
+        read(tmp_path, moved, ".sdf")
+
+
 def test_links_of_gazebo_are_bodies(tmp_path):
     """The stator's inertia is in a frame of its own, upside down; the plate's has products."""
     own = (

@@ -7,7 +7,11 @@ from expdesign.robot import load_robot
 from results.figures.drawing import house_style
 from results.figures.machine import machine_figure, view_extent
 
-COLUMNS = {"From above": [0, 1], "From the front, along y": [0, 2]}
+COLUMNS = {
+    "From above": [0, 1],
+    "From the front, along y": [0, 2],
+    "From the side, along x": [1, 2],
+}
 
 
 @pytest.fixture(scope="module", params=["palida", "rubin"])
@@ -31,8 +35,12 @@ def test_every_view_shows_the_struts_and_the_tcp(drawn):
     shown = [(np.column_stack(line.get_data_3d()), [0, 1, 2]) for line in space.get_lines()]
     for axes in planes:
         shown += [(line, COLUMNS[axes.get_title(loc="left")]) for line in _lines(axes)]
-    assert len(planes) == len(COLUMNS)
-    for columns in ([0, 1, 2], *COLUMNS.values()):
+    views = [COLUMNS[axes.get_title(loc="left")] for axes in planes]
+    assert views[0] == [0, 1]
+    # No strut is behind another one there.
+    middles = ((base + joints) / 2)[:, views[1]]
+    assert len(np.unique(np.round(middles, 6), axis=0)) == 6
+    for columns in ([0, 1, 2], *views):
         lines = [line for line, own in shown if own == columns]
         for j in range(6):
             strut = np.stack([base[j], joints[j]])[:, columns]

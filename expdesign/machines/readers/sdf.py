@@ -100,7 +100,7 @@ class _Frames:
             if not name or name in (*self.elements, _WORLD_NAME):
                 raise element.refusal("its name is missing or taken", "names that differ")
             self.elements[name] = element
-        self._model = read_pose(model)[0]
+        self._model = _own_pose(model, _WORLD_NAME)
         self._known = {_MODEL: self._model, _WORLD_NAME: WORLD}
         self._open: set[str] = set()
 
@@ -165,6 +165,15 @@ def read_pose(element: Element) -> tuple[Placement, str]:
     degrees = pose.attributes.get("degrees", "false").strip() in ("1", "true")
     turned = Rotation.from_euler(FIXED_AXES, numbers[3:], degrees)
     return Placement(turned.as_matrix(), numbers[:3]), relative
+
+
+def _own_pose(element: Element, frame: str) -> Placement:
+    """Return the pose of an element in a frame, the only one that it may be relative to."""
+    pose, relative = read_pose(element)
+    if relative not in ("", frame):
+        message = f"its pose is relative to {quote(relative)}"
+        raise element.refusal(message, f"a pose in the frame {quote(frame)}")
+    return pose
 
 
 def _joint(element: Element, frames: _Frames, numbers: dict[str, int]) -> Joint:
@@ -244,7 +253,7 @@ def _rigid(link: Element, place: Placement) -> RigidBody | None:
             return None
         value = 0.0 if given is None else float(inertia.numbers(given.text, f"<{tag}>", 1)[0])
         moments.append(value)
-    within = place.then(read_pose(inertial)[0])
+    within = place.then(_own_pose(inertial, link.attributes.get("name", "")))
     body = RigidBody.of(mass, np.zeros(3), inertia_of(moments))
     return body.placed(within.rotation, within.origin)
 

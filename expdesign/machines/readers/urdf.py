@@ -127,13 +127,16 @@ class _Tree:
             place = place.then(_pose(carrier, carrier.first("origin")))
         return place
 
-    def _joint(self, element: Element, frame: Placement = WORLD) -> Joint:
-        """Return a joint whose frame is given in that of its child."""
+    def _joint(self, element: Element, frame: Placement = WORLD, relative: str = "") -> Joint:
+        """Return a joint whose frame is given in that of a link, by default its child."""
         title = element.attributes.get("type", "").strip()
         if title not in _KINDS:
             raise element.refusal(f"the type {quote(title)} is not read", ", ".join(_KINDS))
         ends = self._link(element, "parent"), self._link(element, "child")
-        place = self.links[ends[1]].place.then(frame)
+        if relative and relative not in self.numbers:
+            message = f"its pose is relative to {quote(relative)}"
+            raise element.refusal(message, "relative_to a link of the model, or without it")
+        place = self.links[self.numbers.get(relative, ends[1])].place.then(frame)
         axes = [_axis(element, tag) for tag in ("axis", "axis2")[: _AXES.get(title, 0)]]
         world = np.array(axes).reshape(-1, 3) @ place.rotation.T
         point = place.origin
@@ -171,7 +174,7 @@ class _Tree:
             yield Joint(kind, bodies, (points[0], points[1]), np.zeros((0, 3)), element)
         for extension in self.root.all("gazebo"):
             for element in extension.all("joint"):
-                yield self._joint(element, read_pose(element)[0])
+                yield self._joint(element, *read_pose(element))
 
     def close_legs(self, slides: list[Joint]) -> tuple[list[Link], list[Joint]]:
         """Return the links with the platform, and joints between it and the legs' open ends.
