@@ -237,20 +237,21 @@ def _facts(result: EstimationResult, truth: Mapping[str, float] | None) -> tuple
     best = result.best
     if not result.best_estimator.converged:
         return ()
-    rows = result.by_estimator()[best]
+    rows = [row for row in result.by_estimator()[best] if row.parameter not in result.fixed]
     relative = [row.rel_std_percent for row in rows if np.isfinite(row.rel_std_percent)]
     note = "σ < half of the a-priori size"
     if relative:
         note += f"; median {readable(np.median(relative), 3)} %"
+    if result.fixed:
+        note += f"; {len(result.fixed)} more are known"
     identified = f"{sum(bool(row.identified) for row in rows)} of {len(rows)}"
     facts = [Fact("parameters identified", identified, note)]
     if truth is not None:
-        judged = [row for row in rows if row.std > 0]
-        held = sum(row.ci_low <= truth[row.parameter] <= row.ci_high for row in judged)
+        held = sum(row.ci_low <= truth[row.parameter] <= row.ci_high for row in rows)
         facts.append(
             Fact(
                 "intervals that hold the truth",
-                f"{held} of {len(judged)}",
+                f"{held} of {len(rows)}",
                 "95 % intervals, simulated experiment",
             )
         )
