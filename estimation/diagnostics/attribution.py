@@ -416,7 +416,8 @@ def describe_candidate(
     sizes = np.abs(values) if "," in unit else [np.linalg.norm(values)]
     form = hypothesis.number.removeprefix("+")
     numbers = ", ".join(f"{hypothesis.scale * size:{form}}" for size in sizes)
-    text = f"up to {numbers} {unit}"
+    # Springs have constant forces or moments, since their rest position is unknown.
+    text = f"up to {numbers} {unit}{', with any constant force' * bool(hypothesis.contains)}"
     return f"{name[:-1]}: {text})" if name.endswith(")") else f"{name} ({text})"
 
 
