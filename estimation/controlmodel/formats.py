@@ -100,11 +100,13 @@ def blocks(model: ControlModel) -> tuple[Block, ...]:
     """Return all blocks in their order; the last ones belong to the forward kinematics."""
     home, functions = model.robot.home, model.functions
     lengths = model.robot.inverse_kinematics(home)
+    torques = Block("torques", "N m", "torque of motor", "output", functions["forces"].inputs)
     return (
         Block("pose", "", "", "input", start=home, of_pose=True),
         Block("rate", "/s", "rate of ", "input", of_pose=True),
         Block("acceleration", "/s2", "acceleration of ", "input", of_pose=True),
         *(Block(*one, "output", functions[one[0]].inputs) for one in OUTPUTS),
+        *(() if model.torque_per_force is None else (torques,)),
         Block("measured_lengths", "m", "measured coordinate of actuator", "input", start=lengths),
         Block("measured_rates", "m/s", "measured speed of actuator", "input"),
         Block(

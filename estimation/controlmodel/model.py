@@ -96,8 +96,7 @@ class ControlModel:
     @property
     def torque_per_force(self) -> float | None:
         """Torque of the motors per force, N m/N; None without a lead of the drives."""
-        gear = self.robot.description.drive.geared
-        return None if gear is None else gear.torque_per_force
+        return self.robot.description.drive.torque_per_force
 
     @property
     def largest_force(self) -> float:

@@ -144,13 +144,19 @@ class Drive(Section):
         return self.screw or self.gear
 
     @property
+    def torque_per_force(self) -> float | None:
+        """Torque of the motors per force, N m/N; None without a lead."""
+        return self.geared and self.geared.torque_per_force
+
+    @property
     def force_constants(self) -> tuple[float, ...] | None:
         """Force K along each strut per current of its motor, N/A; None without a motor."""
         if self.motor is None:
             return None
-        if self.motor.constant is None or self.geared is None:
+        ratio = self.torque_per_force
+        if self.motor.constant is None or ratio is None:
             return self.motor.force_constant
-        return tuple(one / self.geared.torque_per_force for one in self.motor.constant)
+        return tuple(one / ratio for one in self.motor.constant)
 
     @property
     def forces_per_volt(self) -> tuple[float, ...]:

@@ -100,6 +100,23 @@ def undetected_blocks(effects: Sequence[UndetectedEffect], *, screen: bool) -> l
     ]
 
 
+def motor_columns(
+    torque_per_force: float | None, quantities: Mapping[str, Any]
+) -> tuple[TableColumn, ...]:
+    """Return columns of forces, by title and attribute or values, as torques of the motors, N m.
+
+    There are none without a lead of the drives.
+    """
+    return (
+        ()
+        if torque_per_force is None
+        else tuple(
+            TableColumn(f"motor, {title}", "N m", digits=3, of=of, factor=torque_per_force)
+            for title, of in quantities.items()
+        )
+    )
+
+
 def first_contradictions(verdict: DiagnosisVerdict) -> str:
     """Return what contradicts the model first, with its place; empty without a serious failure.
 

@@ -27,6 +27,7 @@ from results.views.blocks import (
     first_contradictions,
     information_sentence,
     information_test,
+    motor_columns,
     payload_blocks,
     selection_blocks,
     share_columns,
@@ -152,7 +153,7 @@ def _blocks(
     blocks += drawings(DIAGNOSTIC_FIGURES, result.diagnoses, numbered=True)
     if not shows_noise(folder):
         blocks += drawings(NOISE_FIGURES, result.diagnoses, numbered=True)
-    blocks.append(_noise_table(result))
+    blocks.append(_noise_table(result, folder.configuration.robot.drive.torque_per_force))
     return tuple(blocks)
 
 
@@ -191,17 +192,22 @@ def _parameter_blocks(
     return blocks
 
 
-def _noise_table(result: EstimateFile) -> ReportTable:
+def _noise_table(result: EstimateFile, torque_per_force: float | None) -> ReportTable:
+    motors = motor_columns(torque_per_force, {"force noise σ": ""})
     rows: list[tuple[Value, ...]] = []
     for number, recording in enumerate(result.recordings, start=1):
         noise = recording.noise
         force = np.sqrt(np.diag(noise.force_covariance)).tolist()
         length = (1e3 * np.sqrt(np.diag(noise.length_covariance))).tolist()
-        rows += [(number, j + 1, force[j], length[j], noise.source) for j in range(len(force))]
+        rows += [
+            (number, j + 1, force[j], *[force[j]] * len(motors), length[j], noise.source)
+            for j in range(len(force))
+        ]
     columns = (
         TableColumn("recording"),
         TableColumn("strut"),
         TableColumn("force noise σ", "N"),
+        *motors,
         TableColumn("length noise σ", "mm"),
         TableColumn("source", kind="text"),
     )

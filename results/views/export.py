@@ -15,6 +15,7 @@ from expdesign.export.table_file import unlisted_files
 from expdesign.runfolder.manifest import file_hash
 from results.figures.motion import RestToRestMotion, motion_figure
 from results.notation import count_text, percent, readable
+from results.views.blocks import motor_columns
 from results.views.folder import RunFolder
 from results.views.view import (
     Block,
@@ -274,23 +275,6 @@ def _tests_table(models: Mapping[str, ControlModelFile]) -> ReportTable:
         "robot's forces, and the time of one call of the inverse dynamics"
     )
     return ReportTable.of("control_models", caption, columns, rows, screen=True)
-
-
-def motor_columns(
-    torque_per_force: float | None, quantities: Mapping[str, str]
-) -> tuple[TableColumn, ...]:
-    """Return columns of forces, by title and attribute, as torques of the motors, N m.
-
-    There are none without a lead of the drives.
-    """
-    return (
-        ()
-        if torque_per_force is None
-        else tuple(
-            TableColumn(f"motor, {title}", "N m", digits=3, of=of, factor=torque_per_force)
-            for title, of in quantities.items()
-        )
-    )
 
 
 def _uncertainty_table(model: ControlModelFile) -> ReportTable:

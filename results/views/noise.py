@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import astuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from estimation.diagnostics.noise_tests import Normality, Whiteness
 from estimation.identification.result import EstimationResult
 from results.figures.noise import NOISE_FIGURES, SPECTRUM_FIGURES
 from results.notation import readable
-from results.views.blocks import findings_block
+from results.views.blocks import findings_block, motor_columns
 from results.views.folder import RunFolder
 from results.views.view import (
     Block,
@@ -70,11 +71,13 @@ def noise_view(folder: RunFolder) -> StageView:
         every = len(noise.findings)
         level, word = Level.NEUTRAL, f"{every - len(untested)} of {every} tested"
     shape, memory = noise.normality, noise.whiteness
+    torque_per_force = folder.configuration.robot.drive.torque_per_force
+    motors = motor_columns(torque_per_force, {"σ": noise.force_std})
     blocks: list[Block] = [
         Facts(_details(folder, noise), screen=True),
         _correlation_table("force", "N", 1.0, noise.force_covariance),
         _correlation_table("length", "mm", _MM, noise.length_covariance),
-        _channels_table("force", "N", noise.force_std, shape.forces, memory.force_noise),
+        _channels_table("force", "N", noise.force_std, shape.forces, memory.force_noise, motors),
         _channels_table("length", "mm", _MM * noise.length_std, shape.lengths, memory.length_noise),
     ]
     if not noise.averaged:
@@ -121,7 +124,12 @@ def _details(folder: RunFolder, noise: NoiseResult) -> tuple[Fact, ...]:
 
 
 def _channels_table(
-    what: str, unit: str, std: Array, shape: Normality | None, memory: Whiteness | None
+    what: str,
+    unit: str,
+    std: Array,
+    shape: Normality | None,
+    memory: Whiteness | None,
+    motors: Sequence[TableColumn] = (),
 ) -> ReportTable:
     unknown = [None] * len(std)
     found = None if memory is None else memory.autocorrelation
@@ -129,6 +137,7 @@ def _channels_table(
     columns = (
         TableColumn("strut", of=range(1, len(std) + 1)),
         TableColumn("σ", unit, of=std),
+        *motors,
         TableColumn("skewness", digits=2, of=unknown if shape is None else shape.skewness),
         TableColumn("excess kurtosis", digits=2, of=unknown if shape is None else shape.kurtosis),
         TableColumn("outliers", of=unknown if shape is None else shape.outliers),

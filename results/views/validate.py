@@ -11,7 +11,12 @@ from estimation.validation.prediction_error import Kept
 from estimation.validation.validate import PredictedMotion, ValidationResult
 from results.figures.residuals import feedforward_figure, prediction_figure
 from results.notation import count_text, percent, readable
-from results.views.blocks import findings_block, first_contradictions, verdict_level
+from results.views.blocks import (
+    findings_block,
+    first_contradictions,
+    motor_columns,
+    verdict_level,
+)
 from results.views.estimate import NAMES
 from results.views.folder import RunFolder
 from results.views.view import (
@@ -33,7 +38,7 @@ def validation_view(folder: RunFolder) -> StageView:
     passed = f"{sum(row.verdict == 'passes' for row in result.rows)} of {len(result.rows)}"
     blocks: list[Block] = []
     if result.errors:
-        blocks.append(_errors_table(result))
+        blocks.append(_errors_table(result, folder.configuration.robot.drive.torque_per_force))
     blocks.append(_actuators_table(result))
     for number, motion in enumerate(result.motions, start=1):
         verdict = motion.diagnostics.verdict
@@ -114,7 +119,7 @@ def _accuracy(motion: PredictedMotion) -> TextBlock:
     return TextBlock(text, level)
 
 
-def _errors_table(result: ValidationResult) -> ReportTable:
+def _errors_table(result: ValidationResult, torque_per_force: float | None) -> ReportTable:
     judged = any(np.isfinite(row.tolerance) for row in result.errors)
     columns = (
         TableColumn("no.", of="number"),
@@ -123,6 +128,7 @@ def _errors_table(result: ValidationResult) -> ReportTable:
         TableColumn("rms error", "N", digits=3, of="error"),
         TableColumn("95 % from", "N", digits=3, of="error_low"),
         TableColumn("to", "N", digits=3, of="error_high"),
+        *motor_columns(torque_per_force, {"rms error": "error"}),
         TableColumn("of the range", "%", digits=2, of=lambda row: 100 * row.error / row.range),
         TableColumn("largest residual", "N", digits=3, of="largest_residual", screen=False),
         TableColumn("no noise", "N", digits=3, of="largest_error", screen=False),

@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import pytest
 
 from estimation.controlmodel.model import ControlModel
-from expdesign.robot import load_robot
+from expdesign.configuration.parameters import Drive, Gear
+from expdesign.robot import Robot, load_robot
 from tests.controlmodel.machines import ORIGIN, every_term
 
 ROBOTS = {"palida": lambda: load_robot("palida"), "every term": every_term}
@@ -14,8 +17,10 @@ def robot(request):
 
 @pytest.fixture(scope="session")
 def palida():
-    """A control model with exact signs."""
-    return ControlModel(ROBOTS["palida"](), ORIGIN, 0.0)
+    """A control model with exact signs, of a machine with gears."""
+    drive = Drive(gear=Gear(lead=0.01))
+    robot = Robot(replace(load_robot("palida").description, drive=drive))
+    return ControlModel(robot, ORIGIN, 0.0)
 
 
 @pytest.fixture(scope="session", params=["palida", "every term"])

@@ -4,7 +4,7 @@
 typedef int int_T;
 typedef double real_T;
 typedef struct {
-    double inputs[5][6], outputs[7][6], work[6];
+    double inputs[5][6], outputs[8][6], work[6];
     int connected[5], widths[2][8], parameters, continuous, discrete, ports[2], times;
     double sample_time, offset;
     const char *error;

@@ -46,8 +46,7 @@ def test_the_python_module_gives_the_robots_numbers(model, tmp_path):
     if model.width == 0:
         expected = robot.actuator_forces(pose, rate, acceleration)
         np.testing.assert_allclose(found, expected, atol=1e-9)
-    screw = robot.description.drive.screw
-    torque = None if screw is None else screw.lead / (2 * np.pi)
+    torque = robot.description.drive.geared.lead / (2 * np.pi)
     assert getattr(module, "TORQUE_PER_FORCE", None) == torque
     one = module.forces(pose[3], rate[3], acceleration[3])
     assert one.shape == (6,)
@@ -111,6 +110,7 @@ def test_the_fmu_is_valid_and_gives_the_models_numbers(palida, fmu):
     for column, each in zip(named, values.T, strict=True):
         given[column] = each
     expected = {tuple(_of_actuators(name)): getattr(vectors, name) for name, *_ in OUTPUTS}
+    expected[tuple(_of_actuators("torques"))] = vectors.forces * 0.01 / (2 * np.pi)
     # Each from the pose of the state before.
     expected[tuple(_of_pose("measured_pose"))] = vectors.state[:, :6]
     expected[tuple(_of_pose("measured_rate"))] = vectors.state[:, 6:12]
@@ -248,17 +248,18 @@ def test_the_s_function_compiles_against_a_stand_in_and_gives_the_models_numbers
     # The signals stand first in the stand-in's SimStruct, and what is connected.
     block, vectors = np.zeros(300), palida.vectors
     place = ctypes.c_void_p(block.ctypes.data)
-    connected = block[78:].view(np.intc)[:5]
-    inputs, outputs = block[:30].reshape(5, 6), block[30:72].reshape(7, 6)
+    connected = block[84:].view(np.intc)[:5]
+    inputs, outputs = block[:30].reshape(5, 6), block[30:78].reshape(8, 6)
     library.started(place)
     library.called(place)
-    np.testing.assert_array_equal(outputs[:5], 0)
-    np.testing.assert_array_equal(outputs[5:], [palida.robot.home, np.zeros(6)])
+    np.testing.assert_array_equal(outputs[:6], 0)
+    np.testing.assert_array_equal(outputs[6:], [palida.robot.home, np.zeros(6)])
     connected[:] = 1
     for k, state in enumerate(vectors.state[:20]):
         inputs[:3], inputs[3], inputs[4] = state.reshape(3, 6), vectors.lengths[k], vectors.rates[k]
         library.called(place)
-        expected = [getattr(vectors, name)[k] for name, *_ in OUTPUTS] + [state[:6], state[6:12]]
+        expected = [getattr(vectors, name)[k] for name, *_ in OUTPUTS]
+        expected += [vectors.forces[k] * 0.01 / (2 * np.pi), state[:6], state[6:12]]
         np.testing.assert_allclose(outputs, expected, atol=1e-8)
     assert library.failed(place) == 0
     inputs[3] *= 100
