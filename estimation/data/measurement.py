@@ -85,13 +85,15 @@ class Measurement:
     lost: int = 0
     """Number of samples missing between the rows."""
     source: str = ""
+    content: str = ""
+    """SHA-256 of the numbers in its file; empty: not from a file."""
     warnings: tuple[str, ...] = ()
     """Remarks from reading it, for the user."""
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 of lengths and forces: that of the recording, not of its file."""
-        return sha256(self.lengths.tobytes() + self.forces.tobytes()).hexdigest()
+        """SHA-256 of the measured numbers, whatever their units, signs, order and file."""
+        return self.content or sha256(self.lengths.tobytes() + self.forces.tobytes()).hexdigest()
 
     def __post_init__(self) -> None:
         """Refuse inconsistent shapes; determine a missing step from the stamps."""
@@ -171,7 +173,10 @@ class Measurement:
         period = None if self.period is None else self.period[rows]
         taken = {name: getattr(self, name)[rows] for name in ("time", "lengths", "forces")}
         lost = self.lost and round((taken["time"][-1] - taken["time"][0]) / self.step) + 1
-        return replace(self, **taken, period=period, lost=max(lost - len(taken["time"]), 0))
+        part = sha256(f"{self.content} {start} {end}".encode()).hexdigest()
+        content = part if self.content else ""
+        lost = max(lost - len(taken["time"]), 0)
+        return replace(self, **taken, period=period, lost=lost, content=content)
 
     def __len__(self) -> int:
         """Return the number of rows T."""

@@ -6,6 +6,7 @@ import importlib.util
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cache
+from hashlib import sha256
 from os import PathLike
 from pathlib import Path
 
@@ -149,7 +150,7 @@ def measurement_of(
     if section.length_offsets == "home":
         # Lengths of the actuators: on a thread they are not the distances of the joints.
         home = machine.inverse_kinematics(machine.home)
-    units = section.actuator_units(description)
+    units, content = section.actuator_units(description), _content_hash(table, section)
     table, notes, voltages = convert_to_si(table, section, units, home)
     table = trim(table, section)
     parameters = len(description.parameter_names)
@@ -181,8 +182,20 @@ def measurement_of(
         jitter=base.jitter,
         lost=base.lost,
         source=str(table.file),
+        content=content,
         warnings=(*notes, *base.warnings),
     )
+
+
+def _content_hash(table: RawTable, section: DataSection) -> str:
+    """Return the hash of what was measured, the same for other units, signs, names and orders.
+
+    Windows of one file are recordings of their own.
+    """
+    measured = (*LENGTH_CHANNELS, *FORCE_CHANNELS)
+    channels = (sha256(table.values[name].tobytes()).digest() for name in measured)
+    window = f"{section.start} {section.end}".encode()
+    return sha256(b"".join(sorted(channels)) + window).hexdigest()
 
 
 def convert_to_si(

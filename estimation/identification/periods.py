@@ -76,7 +76,7 @@ def leave_out_ramps(
     periods = data.between(*window)
     keys = " and ".join(f"`data.{key}: {value}`" for key, value in window_keys(periods).items())
     warning = f"rows of lead-in, lead-out or rests are left out: {keys}"
-    return replace(periods, warnings=(*periods.warnings, warning))
+    return replace(periods, content=data.content, warnings=(*periods.warnings, warning))
 
 
 def window_keys(periods: Measurement) -> dict[str, str]:

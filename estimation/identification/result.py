@@ -83,7 +83,7 @@ class EstimatedRecording:
     """One recording of an estimate."""
 
     source: Annotated[str, described("", "its file")]
-    fingerprint: Annotated[str, described("", "SHA-256 of its lengths and forces")] = ""
+    fingerprint: Annotated[str, described("", "SHA-256 of what was measured, for any units")] = ""
     rows: Annotated[int, described("1", "rows that were used")]
     dropped_rows: Annotated[int, described("1", "rows of incomplete periods that were not")]
     lost_samples: Annotated[

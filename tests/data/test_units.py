@@ -51,6 +51,23 @@ def test_estimates_do_not_depend_on_the_units_of_the_file(units, in_header, tmp_
     _close(read(path, units=stated), rec)
 
 
+def test_a_recording_is_the_same_with_other_units_signs_and_orders(tmp_path, rec, read):
+    path = tmp_path / "m.csv"
+    write_csv(path, rec)
+    sections = (
+        {},
+        {"units": {"Q": "kN"}},
+        {"sign": {"Q": [1, -1, 1, 1, 1, 1]}, "order": {"Q": [2, 1, 3, 4, 5, 6]}},
+        {"columns": {"Q1": "Q2", "Q2": "Q1"}},
+    )
+    found = [read(path, **section) for section in sections]
+    assert len({one.fingerprint for one in found}) == 1
+    assert len({one.forces.tobytes() for one in found}) == len(sections)
+    half = float(rec.t[len(rec.t) // 2])
+    parts = [read(path, end=half), read(path, start=half), found[0].between(0.0, half)]
+    assert len({one.fingerprint for one in (found[0], *parts)}) == 4
+
+
 def test_a_group_of_channels_and_one_of_them(tmp_path, rec, read):
     path = tmp_path / "m.csv"
     rec.q[:, [0, 1, 3, 4, 5]] *= 1e3
