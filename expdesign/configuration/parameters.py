@@ -146,7 +146,7 @@ class Drive(Section):
     @property
     def torque_per_force(self) -> float | None:
         """Torque of the motors per force, N m/N; None without a lead."""
-        return self.geared and self.geared.torque_per_force
+        return None if self.geared is None else self.geared.torque_per_force
 
     @property
     def force_constants(self) -> tuple[float, ...] | None:
