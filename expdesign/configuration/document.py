@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from numbers import Integral, Real
 from os import PathLike
@@ -199,20 +199,30 @@ def read_yaml(path: Path, kind: str = "YAML file", keys: Collection[str] = ()) -
         mapping or of another kind; a key occurs twice, a tag asks for more than plain data, an
         anchor contains itself, or the anchors expand to more than `LARGEST_EXPANSION` values.
     """
-    node = _compose(path, read_text(path, LARGEST_FILE, "YAML in UTF-8"))
+    text = read_text(path, LARGEST_FILE, "YAML in UTF-8")
+    try:
+        return replace(_read_document(text, kind, tuple(keys)), file=path)
+    except InputError as error:
+        raise InputError(replace(problem, file=path) for problem in error.problems) from None
+
+
+@lru_cache(maxsize=32)
+def _read_document(text: str, kind: str, keys: tuple[str, ...]) -> Document:
+    """Return the document of a text, cached since files are read repeatedly and copied."""
+    node = _compose(text)
     if node is None:
-        raise InputError("the file is empty", path)
+        raise InputError("the file is empty")
     if not isinstance(node, MappingNode):
         content = "a list" if isinstance(node, SequenceNode) else "one value"
-        raise InputError(f"the file contains {content}", path, 1, allowed="a mapping of keys")
+        raise InputError(f"the file contains {content}", line=1, allowed="a mapping of keys")
     if keys and not any(name.value in keys for name in _names(node, [])):
         message = f"this is not a {kind}: it has none of its keys"
-        raise InputError(message, path, allowed=f"the keys {', '.join(keys)}")
-    converter = _Converter(path)
+        raise InputError(message, allowed=f"the keys {', '.join(keys)}")
+    converter = _Converter()
     data = converter.convert(node, (), ())
     if converter.problems or not isinstance(data, dict):
-        raise InputError(converter.problems or "the file contains no mapping", path)
-    return Document(data, path, converter.lines, converter.texts)
+        raise InputError(converter.problems or "the file contains no mapping")
+    return Document(data, lines=converter.lines, texts=converter.texts)
 
 
 # ruamel.yaml raises all of these for malformed input.
@@ -220,15 +230,14 @@ _READER_FAILURES = (YAMLError, ValueError, LookupError, AttributeError, TypeErro
 _QUOTED = re.compile(r"(['\"]).{2,}\1", re.DOTALL)
 
 
-@lru_cache(maxsize=8)
-def _compose(path: Path, text: str) -> Node | None:
-    """Return the nodes of a text, cached since robots are read repeatedly."""
+def _compose(text: str) -> Node | None:
+    """Return the nodes of a text."""
     try:
         reader = YAML(typ="safe", pure=True)
         reader.composer.warn_double_anchors = False  # YAML allows them
         node: Node | None = reader.compose(text)
     except RecursionError:
-        raise InputError("the values are nested too deeply", path) from None
+        raise InputError("the values are nested too deeply") from None
     except _READER_FAILURES as error:
         line, message = None, "not valid YAML"
         if isinstance(error, MarkedYAMLError):
@@ -246,7 +255,7 @@ def _compose(path: Path, text: str) -> Node | None:
                     line, verb = number + 1, "is indented with" if indented else "contains"
                     message = f"line {line} {verb} a tab; YAML allows spaces only"
                     break
-        raise InputError(message, path, line) from None
+        raise InputError(message, line=line) from None
     return node
 
 
@@ -280,8 +289,7 @@ def _names(node: Node, seen: list[int]) -> Iterator[ScalarNode]:
 class _Converter:
     """Converts nodes to plain data; collects the problems that allow it to continue."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self) -> None:
         self.lines: dict[Key, int] = {}
         self.texts: dict[Key, str] = {}
         self.problems: list[Problem] = []
@@ -297,7 +305,7 @@ class _Converter:
             (len(ancestors) > _DEEPEST, "the values are nested too deeply"),
         ):
             if fault:
-                raise InputError(message, self.path, _line(node), key_path(key[:2]))
+                raise InputError(message, line=_line(node), key=key_path(key[:2]))
         within = (*ancestors, id(node))
         if isinstance(node, ScalarNode):
             return self._scalar(node, key)
@@ -362,7 +370,7 @@ class _Converter:
         self._report(node, key, f"the tag {tag} is not allowed", "plain data without tags")
 
     def _report(self, node: Node, key: Key, message: str, allowed: str | None = None) -> None:
-        self.problems.append(Problem(message, self.path, _line(node), key_path(key), allowed))
+        self.problems.append(Problem(message, None, _line(node), key_path(key), allowed))
 
 
 def _line(node: Node) -> int:
