@@ -2,6 +2,7 @@
 
 import contextlib
 import fcntl
+import functools
 import gc
 import importlib
 import os
@@ -11,6 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
+import typer
 from hypothesis import settings
 
 import expdesign
@@ -67,6 +69,16 @@ def _programs_are_a_must():
     while Path(folder, "under-way").exists():
         time.sleep(0.2)
     return Path(folder, "installed").exists()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _commands_built_once():
+    """Build the command line once for all tests that call it: Typer builds it for every call."""
+    with pytest.MonkeyPatch.context() as patch:
+        built = functools.cache(typer.main.get_command)
+        patch.setattr("typer.main.get_command", built)
+        patch.setattr("typer.testing._get_command", built)
+        yield
 
 
 @pytest.fixture(scope="session")

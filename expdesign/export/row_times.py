@@ -32,7 +32,7 @@ STEPS = (0.1, 0.05, 0.025, 0.02, 0.01, 0.005, 0.004, 0.0025, 0.002, 0.001, 0.000
 """Times between two rows that are tried, s, the longest first."""
 
 WINDOW = Column("window", "1", "1 in the measurement window, 0 on the way to and from it")
-_SAMPLED = tuple(field_columns(SampledMotion))
+_SAMPLED = field_columns(SampledMotion)
 COLUMNS = (
     Column("t", "s", "time from the start of the motion"),
     *[column for _, columns in _SAMPLED[1:] for column in columns],

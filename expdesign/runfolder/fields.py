@@ -69,15 +69,21 @@ JSON_ONLY = _JsonOnly()
 """Mark of a field of a row that is a key where rows are in a JSON file, and no column."""
 
 
-def field_columns(record: type[Any]) -> Iterator[tuple[str, tuple[Column, ...]]]:
-    """Yield every field of a frozen dataclass with its columns: names, units and meanings.
+def cached_by_type(function: Callable[[Any], Value]) -> Callable[[Any], Value]:
+    """Decorate a function of a type that is to be called once for each."""
+    return cache(function)
+
+
+@cached_by_type
+def field_columns(record: type[Any]) -> tuple[tuple[str, tuple[Column, ...]], ...]:
+    """Return every field of a frozen dataclass with its columns: names, units and meanings.
 
     Raises
     ------
     TypeError
         A field is not described.
     """
-    hints = get_type_hints(record, include_extras=True)
+    hints, columns = get_type_hints(record, include_extras=True), []
     for name in (field.name for field in fields(record)):
         found: list[Column] = []
         marks = getattr(hints[name], "__metadata__", ())
@@ -90,12 +96,8 @@ def field_columns(record: type[Any]) -> Iterator[tuple[str, tuple[Column, ...]]]
                 found += entry
         if not found:
             raise TypeError(f"{record.__name__}.{name}: neither unit nor meaning is given")
-        yield name, tuple(found)
-
-
-def cached_by_type(function: Callable[[Any], Value]) -> Callable[[Any], Value]:
-    """Decorate a function of a type that is to be called once for each."""
-    return cache(function)
+        columns.append((name, tuple(found)))
+    return tuple(columns)
 
 
 checker: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)

@@ -309,22 +309,20 @@ def read_keys(kind: type[JsonFile], path: Path) -> Any:
     wrong = [
         Problem(f"{quote(value)} is not a number of a result", path, key=key_path(key), allowed=to)
         for to in [f"numbers up to {LARGEST_NUMBER:g}, null for a missing one"]
-        for key, value in _numbers(data, ())
-        if not abs(value) <= LARGEST_NUMBER
+        for key, value in _large_numbers(data, ())
     ]
     if wrong:
         raise InputError(wrong[:MOST_REPORTED])
     return keys
 
 
-def _numbers(data: object, key: Key) -> Iterator[tuple[Key, float]]:
-    """Yield the numbers in JSON data with their keys."""
-    if isinstance(data, dict | list):
-        parts = data.items() if isinstance(data, dict) else enumerate(data)
-        for name, part in parts:
-            yield from _numbers(part, (*key, name))
-    elif isinstance(data, int | float):
-        yield key, data
+def _large_numbers(data: dict[str, Any] | list[Any], key: Key) -> Iterator[tuple[Key, float]]:
+    """Yield the numbers beyond `LARGEST_NUMBER` in JSON data with their keys."""
+    for name, part in data.items() if isinstance(data, dict) else enumerate(data):
+        if isinstance(part, dict | list):
+            yield from _large_numbers(part, (*key, name))
+        elif isinstance(part, int | float) and not abs(part) <= LARGEST_NUMBER:
+            yield (*key, name), part
 
 
 def stored_values(kind: type[JsonFile], keys: Any) -> dict[str, Any]:

@@ -72,8 +72,11 @@ class CsvFile(Generic[Written, Found]):
 
         Raises
         ------
+        MissingFileError
+            The folder has no such file.
         InputError
-            As `read_frame`, or a cell is not of its kind: with line and column.
+            The file is not a table, was made by another version, lacks columns or rows, or a cell
+            is not of its kind: with line and column.
         """
         raise NotImplementedError
 
@@ -94,21 +97,10 @@ class CsvFile(Generic[Written, Found]):
         write_csv(path, frame)
         return [path, describe_tables(folder, [self])]
 
-    def read_frame(self, folder: Path, *, some: bool = False) -> pd.DataFrame:
-        """Read the file, every cell as text; unknown columns are kept.
+    def _read(self, folder: Path, *, some: bool = False) -> tuple[pd.DataFrame, dict[str, Array]]:
+        """Return the cells of the file as texts, and its columns as numbers, NaN for others.
 
-        Parameters
-        ----------
-        folder : Path
-        some : bool
-            Refuse a table without rows.
-
-        Raises
-        ------
-        MissingFileError
-            The folder has no such file.
-        InputError
-            The file is not a table, was made by another version, or lacks columns or rows.
+        Unknown columns are kept; with `some` a table without rows is refused.
         """
         path = folder / self.file
         if not path.is_file():
@@ -125,9 +117,13 @@ class CsvFile(Generic[Written, Found]):
             raise InputError(f"columns are missing: {', '.join(missing)}", path)
         if some and frame.empty:
             raise InputError("the table has no rows", path, allowed="at least one")
-        for name in frame.columns:
-            _refuse_large(path, frame, name)
-        return frame
+        numbers = {
+            name: pd.to_numeric(frame[name], errors="coerce").to_numpy(dtype=np.float64)
+            for name in frame.columns
+        }
+        for name, values in numbers.items():
+            _refuse_large(path, frame, name, values)
+        return frame, numbers
 
 
 @dataclass(frozen=True)
@@ -156,7 +152,7 @@ class RowTable(CsvFile[Iterable[Row], tuple[Row, ...]], Generic[Row]):
 
     def read(self, folder: Path) -> tuple[Row, ...]:
         """Read the rows."""
-        frame = self.read_frame(folder, some=self.some)
+        frame, _ = self._read(folder, some=self.some)
         attributes = [name for name, _ in field_columns(self.row)]
         cells = [
             dict(zip(attributes, row, strict=True))
@@ -236,10 +232,11 @@ class ArrayTable(CsvFile[Block, Block], Generic[Block]):
 
     def read(self, folder: Path) -> Block:
         """Read the arrays; every number is finite."""
-        frame = self.read_frame(folder, some=self.some)
+        frame, numbers = self._read(folder, some=self.some)
+        _refuse_infinite(folder / self.file, frame, numbers, self.names)
         parts: dict[str, Array] = {}
         for name, columns in field_columns(self.block):
-            values = [_numbers(folder / self.file, frame, column.name) for column in columns]
+            values = [numbers[column.name] for column in columns]
             parts[name] = values[0] if len(columns) == 1 else np.column_stack(values)
         return self.block(**parts)
 
@@ -272,27 +269,28 @@ class MatrixTable(CsvFile[Matrices, tuple[tuple[tuple[str, ...], ...], tuple[str
 
     def read(self, folder: Path) -> tuple[tuple[tuple[str, ...], ...], tuple[str, ...], Array]:
         """Return the cells on the left row by row, the further columns' names, the numbers."""
-        frame = self.read_frame(folder)
+        frame, numbers = self._read(folder)
         keys = tuple(frame[list(self.names)].itertuples(index=False, name=None))
         names = tuple(str(name) for name in frame.columns if name not in self.names)
-        columns = [_numbers(folder / self.file, frame, name) for name in names]
+        _refuse_infinite(folder / self.file, frame, numbers, names)
+        columns = [numbers[name] for name in names]
         return keys, names, np.column_stack(columns) if columns else np.empty((len(keys), 0))
 
 
-def _numbers(path: Path, frame: pd.DataFrame, name: str) -> Array:
-    cells = frame[name]
-    values = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=np.float64)
-    wrong = np.flatnonzero(~np.isfinite(values))
-    if wrong.size:
-        row = int(wrong[0])
-        message = f"{quote(cells.iloc[row])} is not a finite number"
-        raise InputError(message, path, row + _FIRST_LINE, f"column {name}")
-    return values
+def _refuse_infinite(
+    path: Path, frame: pd.DataFrame, numbers: Mapping[str, Array], names: Iterable[str]
+) -> None:
+    """Refuse cells of some columns that are no finite numbers."""
+    for name in names:
+        wrong = np.flatnonzero(~np.isfinite(numbers[name]))
+        if wrong.size:
+            row = int(wrong[0])
+            message = f"{quote(frame[name].iloc[row])} is not a finite number"
+            raise InputError(message, path, row + _FIRST_LINE, f"column {name}")
 
 
-def _refuse_large(path: Path, frame: pd.DataFrame, name: str) -> None:
+def _refuse_large(path: Path, frame: pd.DataFrame, name: str, values: Array) -> None:
     """Refuse numbers whose squares overflow; a broken limit may have an infinite excess."""
-    values = pd.to_numeric(frame[name], errors="coerce").to_numpy(dtype=np.float64)
     large = np.flatnonzero(np.isfinite(values) & (np.abs(values) > LARGEST_NUMBER))
     if large.size:
         row = int(large[0])

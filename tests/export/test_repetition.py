@@ -1,8 +1,10 @@
 """Tables of many periods: rows of one period are written again, and read back as two of them."""
 
 import re
+import shutil
 import tracemalloc
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -41,15 +43,41 @@ def work(periods=PERIODS, samples=200):
     return replace(small_task(), motion=motion)
 
 
-def exported(name, folder, task=None):
-    options, *_ = FORMATS[name]
-    section = export_section(format=name.split()[0], **options)
-    return export_table(section, task or work(), folder / file_name(section))
+@pytest.fixture(scope="module")
+def original(tmp_path_factory):
+    """Return a maker of tables with five periods, each made once."""
+
+    @cache
+    def make(**options):
+        section = export_section(**options)
+        return export_table(section, work(), tmp_path_factory.mktemp("table") / file_name(section))
+
+    return make
+
+
+@pytest.fixture
+def table(original, tmp_path):
+    """Return a maker of tables with five periods that a test may change."""
+
+    def copy(**options):
+        made = original(**options)
+        folder = tmp_path / made.path.parent.name
+        shutil.copytree(made.path.parent, folder)
+        companions = tuple(folder / path.name for path in made.companions)
+        return replace(made, path=folder / made.path.name, companions=companions)
+
+    return copy
+
+
+@pytest.fixture
+def exported(table):
+    """Return a maker of the tables of `FORMATS` by name."""
+    return lambda name: table(format=name.split()[0], **FORMATS[name][0])
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_all_periods_are_in_the_file(name, tmp_path):
-    made = exported(name, tmp_path)
+def test_all_periods_are_in_the_file(name, exported):
+    made = exported(name)
     _, read, unit = FORMATS[name]
     motion = work().motion
     times, position, _ = read(made.path, unit * ROBOT.inverse_kinematics(ROBOT.home))
@@ -68,8 +96,8 @@ def test_all_periods_are_in_the_file(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["xps-pvt", "linuxcnc-strut"])
-def test_the_check_is_that_of_the_whole_table(name, tmp_path, monkeypatch):
-    short = exported(name, tmp_path)
+def test_the_check_is_that_of_the_whole_table(name, exported, monkeypatch):
+    short = exported(name)
     whole = replace(short.settings.form, repeats=False)
     settings = replace(short.settings, form=whole)
     monkeypatch.setattr("expdesign.export.repetition.PERIODS", 100)
@@ -88,8 +116,8 @@ def test_the_check_is_that_of_the_whole_table(name, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["xps-pvt", "pmac-pvt", "linuxcnc-strut", "ros2", "csv"])
-def test_a_period_that_differs_is_seen(name, tmp_path):
-    made = exported(name, tmp_path)
+def test_a_period_that_differs_is_seen(name, exported):
+    made = exported(name)
     lines = made.path.read_text().splitlines()
     numbered = [k for k, line in enumerate(lines) if sum(c.isdigit() for c in line) > 30]
     k = numbered[int(0.7 * len(numbered))]
@@ -105,8 +133,8 @@ def test_a_period_that_differs_is_seen(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["csv", "mat"])
-def test_shifted_times_behind_the_periods_are_seen(name, tmp_path):
-    made = exported(name, tmp_path)
+def test_shifted_times_behind_the_periods_are_seen(name, exported):
+    made = exported(name)
     assert certify_file(read_table_file(made.path, made.settings)).verdict == PROVED
     if name == "csv":
         head, *lines = made.path.read_text().splitlines()
@@ -199,12 +227,9 @@ PROGRAMS = {
 
 
 @pytest.mark.parametrize("name", LOOPED)
-def test_a_controller_repeats_the_period(name, tmp_path):
-    section = export_section(format=name, repeat="controller", **LOOPED[name])
-    made = export_table(section, work(), tmp_path / "looped" / file_name(section))
-    whole = export_table(
-        section.model_copy(update={"repeat": None}), work(), tmp_path / file_name(section)
-    )
+def test_a_controller_repeats_the_period(name, table):
+    made = table(format=name, repeat="controller", **LOOPED[name])
+    whole = table(format=name, **LOOPED[name])
     # What the controller executes, by its own means, is the whole table.
     if name in PROGRAMS:
         loop, (on, off) = PROGRAMS[name]
