@@ -41,7 +41,7 @@ def test_it_is_the_derivative_of_the_forces(friction, terms):
     inputs = graph.inputs(friction)
     forces = graph.regressor_with(friction) @ graph.parameters
     outputs = [graph.force_slope(friction, graph.state), ca.jacobian(forces, graph.state)]
-    both = ca.Function("slopes", inputs, outputs, {"cse": True})
+    both = ca.Function("slopes", inputs, outputs)
     rng = np.random.default_rng(0)
     parameters = rng.normal(size=len(robot.parameter_names))
     signs = {Friction.HELD: rng.choice([-1.0, 1.0], graph.signs.numel()), Friction.SMOOTH: 0.1}
