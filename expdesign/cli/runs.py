@@ -25,10 +25,6 @@ from expdesign.stages.execution import (
 from expdesign.stages.registry import FIRST, reported_stages, stage_of, stages
 from expdesign.stages.run import folder_changes, report_of, run
 from expdesign.stages.stage import Sources, StageFailed, Workspace, short
-from expdesign.workers import prepare_workers
-
-_PARALLEL = ("design", "montecarlo")
-"""Stages whose workers are needed soon after their modules are loaded."""
 
 
 def execute_stage(
@@ -48,8 +44,6 @@ def execute_stage(
 ) -> None:
     """Execute one stage of a run; the sources replace the inputs that the folder holds."""
     configuration = load_run(config)
-    if name in _PARALLEL and (configuration.run.workers or 1) > 1:
-        prepare_workers()
     folder = run_folder(configuration, out)
     refuse_unwritable(folder)
     with one_writer(folder, f"expdesign {command or name}"):

@@ -12,7 +12,15 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from expdesign.enclosure import taylor_model as f
-from expdesign.enclosure.arithmetic import TERMS, add, invert, multiply, take_larger, take_root
+from expdesign.enclosure.arithmetic import (
+    TERMS,
+    add,
+    copy,
+    invert,
+    multiply,
+    take_larger,
+    take_root,
+)
 from expdesign.enclosure.taylor_model import TaylorModel
 from expdesign.evaluation.compiled import compiled
 
@@ -205,20 +213,15 @@ def run_instructions(
         do, target, a, b = program[step]
         count = 1
         if do == NUMBER:
-            out[0] = constants[a]
-            out[TERMS] = 0.0
+            for n in range(out.shape[1]):
+                out[0, n], out[TERMS, n] = constants[a], 0.0
         elif do in (ASSIGN, NEGATE):
             count = counts[a]
-            sign = 1.0 if do == ASSIGN else -1.0
-            for k in range(count):
-                for n in range(out.shape[1]):
-                    out[k, n] = sign * work[a, k, n]
-            out[TERMS] = work[a, TERMS]
-        elif do in (ADD, SUBTRACT):
-            sign = 1.0 if do == ADD else -1.0
-            count = add(work[a], counts[a], work[b], counts[b], sign, out)
-        elif do == TWICE:
-            count = add(work[a], counts[a], work[a], counts[a], 1.0, out)
+            copy(work[a], count, 1.0 if do == ASSIGN else -1.0, out)
+        elif do in (ADD, SUBTRACT, TWICE):
+            sign = -1.0 if do == SUBTRACT else 1.0
+            other = a if do == TWICE else b
+            count = add(work[a], counts[a], work[other], counts[other], sign, out)
         elif do == MULTIPLY:
             count = multiply(work[a], counts[a], work[b], counts[b], out, room[1])
         elif do == INVERT:
@@ -227,7 +230,5 @@ def run_instructions(
             count = take_larger(work[a], counts[a], work[b], counts[b], out, room[1:])
         elif do == ROOT:
             count = take_root(work[a], counts[a], out, room[1:])
-        for k in range(count):
-            work[target, k] = out[k]
-        work[target, TERMS] = out[TERMS]
+        copy(out, count, 1.0, work[target])
         counts[target] = count

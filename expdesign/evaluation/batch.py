@@ -163,9 +163,16 @@ class BatchFunction:
         """Whether machine code evaluates it by now."""
         return self._code is not None
 
+    def load(self) -> bool:
+        """Load the machine code if it is cached under the key; return whether it is loaded."""
+        if self._code is None and self._key is not None:
+            self._code = kept_code(self._key)
+        return self.is_compiled
+
     def compile(self) -> None:
         """Compile machine code now, for all processes of this user, where that is possible."""
-        self._machine_code(_COMPILING)
+        if not self.load():
+            self._machine_code(_COMPILING)
 
     def at(self, *inputs: Array) -> list[Array]:
         """Evaluate one instant: every input as (rows,), outputs without the axis of samples.
@@ -178,8 +185,8 @@ class BatchFunction:
 
     def _machine_code(self, count: int) -> MachineCode | None:
         before, self._asked = self._asked, self._asked + count
-        if self._code is None and self._key is not None and before == 0:
-            self._code = kept_code(self._key)
+        if before == 0:
+            self.load()
         for enough in (_LOADING, _COMPILING):
             if self._code is None and before < enough <= self._asked:
                 function, form = self._graph

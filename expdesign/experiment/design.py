@@ -25,7 +25,7 @@ from expdesign.experiment.precision import (
     tolerance_std,
     whole,
 )
-from expdesign.experiment.setup import plan_search, probe_motion
+from expdesign.experiment.setup import compile_search, plan_search, probe_motion
 from expdesign.information import fisher
 from expdesign.information.criteria import criteria
 from expdesign.motion.executable import SampledMotion
@@ -138,7 +138,7 @@ def find_motion(
     workers = min(plan.workers, plan.starts)
     if workers > 1:
         # A single process compiles when it pays off, in a small search never.
-        plan.problem.compile()
+        compile_search(build, plan, monitor)
     report_progress("the first start" if workers == 1 else f"starting {workers} processes")
     try:
         return FoundMotion(plan, noise, search(build, plan, monitor, journal))

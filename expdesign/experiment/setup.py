@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,10 +14,13 @@ from expdesign.configuration.loading import smoothing_widths
 from expdesign.experiment.judging import judge, noise_evaluator
 from expdesign.noise import Hum
 from expdesign.problem.design_problem import build_problem
+from expdesign.progress import report_progress
+from expdesign.recheck.certificate import recheck
 from expdesign.solver.feasibility import InfeasibleLimitsError, random_start
 from expdesign.solver.phases import coarse_points
-from expdesign.solver.starts import SearchPlan
+from expdesign.solver.starts import SearchPlan, StartResult, run_start
 from expdesign.trajectory import FourierTrajectory, KnownHum, TrajectoryFile
+from expdesign.workers import Job, Monitor, run_jobs
 
 _PROBE_ATTEMPTS = 8
 
@@ -113,6 +116,37 @@ def probe_motion(plan: SearchPlan, number: int) -> FourierTrajectory:
         else:
             return problem.variables.trajectory(x)
     raise AssertionError("the last attempt returns or raises")
+
+
+def compile_search(build: Callable[[], SearchPlan], plan: SearchPlan, monitor: Monitor) -> None:
+    """Compile in worker processes, beside each other, all code of a search, unless it is cached.
+
+    The model's functions are compiled by LLVM, the loops of the solver and of the proof by Numba.
+    """
+    kernels = plan.problem.kernels
+    missing = [number for number, kernel in enumerate(kernels) if not kernel.load()]
+    if not missing:
+        return
+    report_progress("compiling the model for this processor, once")
+    # The longest ones first.
+    jobs = [Job(_compile_proof, ()), *(Job(_compile_kernel, (number,)) for number in missing)]
+    quiet = Monitor(monitor.stop_requested)
+    for _ in run_jobs(build, [*jobs, Job(_compile_solver, ())], plan.workers, quiet):
+        pass
+    plan.problem.compile()
+
+
+def _compile_kernel(plan: SearchPlan, _monitor: Monitor, number: int) -> None:
+    plan.problem.kernels[number].compile()
+
+
+def _compile_proof(plan: SearchPlan, _monitor: Monitor) -> None:
+    recheck(plan.problem.limits, probe_motion(plan, 0))
+
+
+def _compile_solver(plan: SearchPlan, _monitor: Monitor) -> None:
+    start = StartResult(1, "random", np.empty(0))
+    run_start(replace(plan, iterations=1), Monitor(), start, until=1)
 
 
 def known_hum(configuration: RunConfiguration) -> KnownHum:

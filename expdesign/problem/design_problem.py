@@ -159,10 +159,15 @@ class DesignProblem:
         cost = replace(cost, columns=columns, scaling=scaling, marginal=marginal, judged=judged)
         return replace(self, cost=cost)
 
+    @property
+    def kernels(self) -> list[BatchFunction]:
+        """The functions that a search evaluates."""
+        return [*self.cost.kernels, *self.limits.kernels]
+
     def compile(self) -> None:
         """Compile everything that a search evaluates, for all its processes."""
-        self.limits.compile()
-        self.cost.compile()
+        for made in self.kernels:
+            made.compile()
 
     def states(self, x: Array, phases: Array) -> Array:
         """Return pose, rate and acceleration of scaled variables at phases ωt, (K, 18)."""
@@ -343,10 +348,10 @@ class InformationCost:
         directions[self.columns] = self.scaling[:, None] * cost.basis
         return cost, directions
 
-    def compile(self) -> None:
-        """Compile everything that the search evaluates, if there is a compiler for it."""
-        for made in (*self._kernels, _slope_kernel(self.terms)):
-            made.compile()
+    @property
+    def kernels(self) -> list[BatchFunction]:
+        """The functions of a search, the largest one first."""
+        return [_slope_kernel(self.terms), *self._kernels]
 
     def criterion_value(self, cost: float) -> float:
         """Return the criterion of F over all samples that corresponds to a cost; SI for ``d``."""

@@ -108,11 +108,11 @@ class LimitModel:
         definitions = limit_definitions().values()
         return cls(robot, tuple(Limit.boundless(one, row_labels(one)) for one in definitions))
 
-    def compile(self) -> None:
-        """Compile the functions of a search if there is a compiler."""
-        self._kernel(Friction.EXACT, slopes=False).compile()
-        for slopes in (False, True):
-            self._kernel(Friction.SMOOTH, slopes=slopes).compile()
+    @property
+    def kernels(self) -> list[BatchFunction]:
+        """The functions of a search, the largest one first."""
+        smooth = [self._kernel(Friction.SMOOTH, slopes=slopes) for slopes in (True, False)]
+        return [*smooth, self._kernel(Friction.EXACT, slopes=False)]
 
     def among(self, rows: Mask) -> LimitModel:
         """Return the model of those limits that rows (N, R) mark somewhere: less to evaluate."""

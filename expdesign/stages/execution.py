@@ -42,7 +42,7 @@ from expdesign.runfolder.manifest import (
 )
 from expdesign.runfolder.tables import COLUMNS_FILE, tables_described
 from expdesign.stages.stage import Outcome, Stage, StageFailed, Workspace, short
-from expdesign.workers import StoppedError
+from expdesign.workers import StoppedError, prepare_workers
 from results.views.folder import RunFolder
 from results.views.view import StageView
 
@@ -51,6 +51,8 @@ Place = str | PathLike[str]
 _SAVING = ("the result is saved first", "discards what is not yet saved")
 _FOLDERS = ("tables", "figures", "exports", "designs", "montecarlo", "repetitions")
 """Folders of files in a run folder, and in the folders of a sweep's designs."""
+_PARALLEL = ("design", "motions", "montecarlo")
+"""Stages whose workers are needed soon after their modules are loaded."""
 
 
 def execute(stage: Stage, work: Workspace) -> Outcome:
@@ -76,6 +78,8 @@ def execute(stage: Stage, work: Workspace) -> Outcome:
     clear_leftovers(work.folder)
     began = time.perf_counter()
     try:
+        if stage.name in _PARALLEL and (work.configuration.run.workers or 1) > 1:
+            prepare_workers()
         with work.progress.working(stage.name) as listener, listen_to_progress(listener):
             report_progress("loading modules")
             outcome = stage.functions().run(work)
