@@ -1,4 +1,5 @@
 # Everything runs in .venv, which `make venv` fills with exactly what requirements/dev.txt locks.
+# `make run` needs only its first part, what requirements/runtime.txt locks: half the time.
 
 PYTHON ?= python3
 ARGS ?=
@@ -20,19 +21,26 @@ unexport PYTHONDONTWRITEBYTECODE
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-venv: $(VENV)/.installed ## Create .venv from the lock (PYTHON=python3.12 for another Python)
+venv: $(VENV)/.locked ## Create .venv from the lock (PYTHON=python3.12 for another Python)
 
-$(VENV)/.locked: requirements/dev.txt
+# Compiled on all cores, without the packages' own tests; pip would take one.
+INSTALL = $(BIN)/python -m pip install --quiet --no-compile --require-hashes -r $(1) && \
+	{ $(BIN)/python -m compileall -qq -j 0 -x '/tests?/' $(VENV)/lib || true; }
+
+$(VENV)/.runtime: requirements/runtime.txt requirements/dev.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
 	  echo "make: Python 3.11 or newer is needed, '$(PYTHON)' is: $$($(PYTHON) --version 2>&1)." >&2; \
 	  echo "make: name another one: make venv PYTHON=/path/to/python3.11" >&2; exit 1; }
 	$(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/python -m pip install --quiet --no-compile --require-hashes -r requirements/dev.txt
-	$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true # on all cores; pip takes one
+	$(call INSTALL,requirements/runtime.txt)
 	@touch $@
 
-$(VENV)/.installed: pyproject.toml $(VENV)/.locked
+$(VENV)/.installed: pyproject.toml $(VENV)/.runtime
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .
+	@touch $@
+
+$(VENV)/.locked: $(VENV)/.installed
+	$(call INSTALL,requirements/dev.txt)
 	@touch $@
 
 PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal
@@ -54,7 +62,7 @@ format: venv ## Format the code and sort its imports
 	$(BIN)/ruff check --fix-only .
 	$(BIN)/ruff format .
 
-run: venv ## Design the example experiment: palida, into runs/palida
+run: $(VENV)/.installed ## Design the example experiment: palida, into runs/palida
 	$(BIN)/expdesign run palida $(ARGS)
 
 paper: venv ## Repeat the paper's three studies: runs/paper/report.html (ROBOT=my.yaml for another)
@@ -87,7 +95,7 @@ lock: export CUSTOM_COMPILE_COMMAND := make lock
 lock: venv ## Lock the newest versions that pyproject.toml admits (needs Python 3.11)
 	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || { \
 	  echo "make: the lock is made under Python 3.11: make clean lock PYTHON=python3.11" >&2; exit 1; }
-	$(LOCK) --upgrade --output-file requirements/runtime.txt pyproject.toml
+	$(LOCK) --upgrade --build-deps-for wheel --output-file requirements/runtime.txt pyproject.toml
 	$(LOCK) --upgrade --extra all --extra dev --constraint requirements/runtime.txt \
 	  --output-file requirements/dev.txt pyproject.toml
 	for group in docs mutants; do $(BIN)/python -c "import tomllib; \
