@@ -5,8 +5,7 @@ number of coefficients that may differ from zero is passed with it; later ones a
 rounding errors that each function adds to a radius are derived in
 `expdesign.enclosure.taylor_model`.
 
-For a short compilation, rows are assigned in loops, and a count of one is ``np.int64(1)``: Numba
-compiles a function again for a literal argument.
+For a short compilation, rows are assigned in loops, not as a whole.
 """
 
 from __future__ import annotations
@@ -27,6 +26,12 @@ _UP = 1 + 2.0**-44
 _ROUNDED = 4 * TERMS * EPS
 _FUNCTION = 1 + 16 * EPS
 _BISECTIONS = 50
+
+
+@compiled
+def _one() -> int:
+    """Return the count 1; for a literal argument Numba compiles a function again."""
+    return int(np.int64(1))
 
 
 @compiled
@@ -136,12 +141,12 @@ def horner(x: Array, kx: int, values: Array, more: Array, out: Array, room: Arra
     `values` (n + 1, N) are computed c, with errors of a few units of the last digit and `more`,
     (n + 1,). `room` (3, TERMS + 1, N) is overwritten.
     """
-    last, count = len(values) - 1, np.int64(1)
+    last, count = len(values) - 1, _one()
     _write_rounding(values[last], more[last], out)
     for k in range(last - 1, -1, -1):
         width = multiply(out, count, x, kx, room[0], room[1])
         _write_rounding(values[k], more[k], room[2])
-        count = add(room[0], width, room[2], np.int64(1), 1.0, out)
+        count = add(room[0], width, room[2], _one(), 1.0, out)
     return count
 
 
@@ -271,7 +276,7 @@ def invert(x: Array, kx: int, out: Array, room: Array) -> int:
     for n in range(cells):
         error[0, n], error[TERMS, n] = 1.0, 0.0
     # 1 − x y; x y in room[0] is not needed again.
-    errors = size(room[2], add(error, np.int64(1), product, width, -1.0, room[2]))
+    errors = size(room[2], add(error, _one(), product, width, -1.0, room[2]))
     for n in range(cells):
         e = errors[n]
         bound = _size(out, count, n) * e / (1 - e) if e < 1 else np.inf
@@ -326,13 +331,13 @@ def take_larger(x: Array, kx: int, y: Array, ky: int, out: Array, room: Array) -
     count = add(x, kx, y, ky, 1.0, either)
     for n in range(cells):
         out[0, n], out[TERMS, n] = 0.5, 0.0
-    multiply(out, np.int64(1), either, count, room[2], ends)
+    multiply(out, _one(), either, count, room[2], ends)
     for n in range(cells):
         low, high = cell_bounds(room[0], width, n)
         most = max(-low, high)
         out[0, n], out[TERMS, n] = most / 4, most / 4 * (1 + 4 * EPS)
         ends[0, n], ends[1, n] = low, high
-    add(room[2], count, out, np.int64(1), 1.0, either)
+    add(room[2], count, out, _one(), 1.0, either)
     for n in range(cells):
         chosen, own = either, count
         if ends[0, n] >= 0:
