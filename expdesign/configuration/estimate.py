@@ -8,7 +8,12 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from expdesign.configuration import quantity, schema
-from expdesign.configuration.actuator_units import FORCE_KINDS, LENGTH_KINDS, ActuatorUnits
+from expdesign.configuration.actuator_units import (
+    FORCE_KINDS,
+    LENGTH_KINDS,
+    VOLTAGE_KINDS,
+    ActuatorUnits,
+)
 from expdesign.configuration.errors import quote, refusal, require
 from expdesign.configuration.parameters import FurtherTerms, check_parameter, parse_parameter
 from expdesign.configuration.robot import ResolvedRobot, RobotDescription
@@ -173,6 +178,16 @@ class DataSection(schema.Section):
     def channels(self) -> tuple[str, ...]:
         """Channels that a file may contain: all, or those of one group."""
         return CHANNELS if self.sampling is None else CHANNELS[1:]
+
+    def unit_of(self, channel: str) -> str | None:
+        """Return the unit of a channel in the file; None: SI, or that of its header."""
+        return self.units.get(channel, self.units.get(channel[0]))
+
+    @property
+    def voltages(self) -> bool:
+        """Whether the forces are stated as voltages or duty cycles of the motors."""
+        units = [self.unit_of(channel) or "N" for channel in FORCE_CHANNELS]
+        return all(quantity.quantity_of_unit(unit) in VOLTAGE_KINDS for unit in units)
 
     def of_group(self, group: Literal["q", "Q"]) -> DataSection:
         """Return the section for the file of the lengths, ``q``, or of the forces, ``Q``."""

@@ -53,6 +53,7 @@ from expdesign.library import robot_files
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Term, parameters_of
 from expdesign.mechanism.terms import rigid_platform, terms_named
+from expdesign.mechanism.terms.actuator_forces import BACK_EMF
 
 PlatformKind = Literal["symmetric", "general"]
 
@@ -149,7 +150,8 @@ class ResolvedRobot:
     rounded: str = ""
     """Explanation if only the unrounded parameters are physically consistent; else empty."""
     forces_of_voltages: bool = False
-    """Whether the forces are those of the motors' voltages at rest, with the term `back_emf`."""
+    """Whether the forces are those of the motors' voltages at rest, with the damping of the drives
+    by the induced voltage."""
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -158,9 +160,16 @@ class ResolvedRobot:
 
     @property
     def lacking_terms(self) -> Mapping[str, tuple[float, ...]]:
-        """Constants of the terms that the robot lacks and whose parameters have a tolerance."""
-        own = (term.name for term in self.terms)
-        return {} if self.tolerances is None else self.tolerances.lacking_terms(own)
+        """Constants of the terms that the robot lacks and whose parameters have a tolerance.
+
+        The last one is the damping in forces of voltages, whose parameters are known.
+        """
+        own = [term.name for term in self.terms]
+        found = {} if self.tolerances is None else self.tolerances.lacking_terms(own)
+        if self.forces_of_voltages and BACK_EMF.name not in own:
+            found = {name: found[name] for name in found if name != BACK_EMF.name}
+            found[BACK_EMF.name] = ()
+        return found
 
     @property
     def estimated_constants(self) -> tuple[str, ...]:
@@ -382,12 +391,15 @@ def add_payload(robot: ResolvedRobot, payload: Sequence[BodyDescription]) -> Res
 def add_lacking_terms(robot: ResolvedRobot, values: Sequence[float] = ()) -> ResolvedRobot:
     """Return a robot with its lacking terms, whose parameters are zero or have these values.
 
-    They follow its own terms, and have no tolerances any more.
+    They follow its own terms, and have no tolerances any more. The damping in forces of voltages is
+    that of the motors.
     """
     lacking = robot.lacking_terms
     terms = terms_named(lacking, general=robot.platform == "general")
     names = [parameter.name for parameter in parameters_of(terms)]
-    added = dict(zip(names, values or (0.0,) * len(names), strict=True))
+    damping = robot.drive.back_emf if BACK_EMF.name in lacking else ()
+    values = values or (0.0,) * (len(names) - len(damping))
+    added = dict(zip(names, (*values, *damping), strict=True))
     described = tuple(
         TermDescription(
             name=term.name,

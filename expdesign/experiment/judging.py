@@ -39,7 +39,7 @@ def noise_evaluator(configuration: RunConfiguration) -> Evaluator:
     For the change since a prior they are those that have changed; otherwise the information of
     earlier recordings adds.
     """
-    design, robot = configuration.run.design, robot_from(configuration.robot)
+    design, robot = configuration.run.design, recorded_robot(configuration)
     names = unknown_parameters(configuration, robot)
     covariance, memory = force_noise(configuration)
     marginal, samples = None, _samples(configuration)
@@ -59,6 +59,13 @@ def noise_evaluator(configuration: RunConfiguration) -> Evaluator:
         marginal,
         unknown=None if design.is_change else names,
     )
+
+
+def recorded_robot(configuration: RunConfiguration) -> Robot:
+    """Return the robot; its forces are those of voltages if the run's recordings contain these."""
+    robot = configuration.robot
+    voltages = configuration.run.data.voltages and robot.drive.motor is not None
+    return robot_from(replace(robot, forces_of_voltages=voltages))
 
 
 def unknown_parameters(configuration: RunConfiguration, robot: Robot) -> tuple[str, ...]:
@@ -251,7 +258,7 @@ def inexact_deviations(configuration: RunConfiguration, robot: Robot) -> tuple[D
 def criterion_symbol(configuration: RunConfiguration) -> str:
     """Return the symbol of the matrix in the criterion: ``F``, or ``S`` with nuisances."""
     design = configuration.run.design
-    nuisances = counted_deviations(configuration, robot_from(configuration.robot))
+    nuisances = counted_deviations(configuration, recorded_robot(configuration))
     return "S" if nuisances or design.interest is not None else design.information
 
 
@@ -265,7 +272,7 @@ def nuisances_in_words(configuration: RunConfiguration) -> str:
     if design.prior is not None and not design.is_change:
         runs = listed([identification_of(machine).run for machine in design.priors])
         parts.append(f"S includes the recordings of {runs}")
-    if counted_deviations(configuration, robot_from(configuration.robot)):
+    if counted_deviations(configuration, recorded_robot(configuration)):
         verb = "estimated" if configuration.run.estimate.estimates_tolerances else "budgeted"
         parts.append(f"the tolerances count as {verb}")
     return "; ".join(parts)

@@ -80,11 +80,14 @@ DELAYS_OF_FORCES = ("delay", CHANNEL_DELAYS["Q"])
 MOTOR_EFFECTS = {"constant": (1, -2), "resistance": (-1, 1), "supply": (1, 0)}
 """Relative changes of the forces K/R u and of the damping K²/R per relative error of a motor's
 constant, resistance or supply: u and K/R are taken too large, and K²/R too large."""
+MOTOR_GROUPS = tuple(
+    f"motor.{name}.{part}" for name in MOTOR_EFFECTS for part in ("common", "each")
+)
 _MEASURED = (
     "strut_length",
     "force_constant.common",
     "force_constant.each",
-    *(f"motor.{name}.{part}" for name in MOTOR_EFFECTS for part in ("common", "each")),
+    *MOTOR_GROUPS,
     "delay",
     *CHANNEL_DELAYS.values(),
     "clock",
@@ -174,7 +177,9 @@ def _entries(robot: Robot, given: RobotTolerances) -> Iterator[tuple[str, str, s
 
 
 def _lacking_terms(robot: Robot) -> tuple[Term, ...]:
-    return robot.extended.terms[len(robot.terms) :]
+    """Return the terms that the robot lacks and whose parameters have a tolerance."""
+    lacking = robot.extended.terms[len(robot.terms) :]
+    return tuple(term for term in lacking if term.name != BACK_EMF.name)
 
 
 def _numbered_entries(
@@ -402,7 +407,7 @@ def deviating_forces(
         by_machine[:, :, :joints],
         by_gravity,
         by_machine[:, :, joints + 3 : joints + 3 + constants],
-        regressors[:, :, own:],
+        regressors[:, :, own : own + len(parameters_of(_lacking_terms(robot)))],
         np.zeros((len(forces), ACTUATORS, ACTUATORS)),
         forces[:, :, None],
         forces[:, :, None] * np.eye(ACTUATORS),

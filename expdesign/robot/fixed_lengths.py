@@ -21,9 +21,12 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.mechanism.graph import HexapodGraph, hexapod_graph, inverse
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
-from expdesign.mechanism.term import Friction, Term
+from expdesign.mechanism.term import Friction, Term, parameters_of
+from expdesign.mechanism.terms.actuator_forces import BACK_EMF
 from expdesign.robot.deviation import (
     CHANNEL_DELAYS,
+    MOTOR_EFFECTS,
+    MOTOR_GROUPS,
     Deviation,
     deviating_forces,
     deviations,
@@ -39,6 +42,7 @@ _GROUPS = {
     "strut_length": "strut_length",
     "force_constant.common": "force_constant",
     "force_constant.each": "force_constant",
+    **dict.fromkeys(MOTOR_GROUPS, "motor"),
     "delay": "delay",
     CHANNEL_DELAYS["Q"]: "force_delay",
     CHANNEL_DELAYS["q"]: "length_delay",
@@ -103,11 +107,17 @@ def fixed_length_graph(about: DeviationGroups) -> tuple[HexapodGraph, ca.SX, ca.
         elif group == "constants":
             columns.append(graph.force_slope(Friction.HELD, graph.constants))
         elif group == "lacking":
-            columns.append(graph.regressor[:, about.own :])
+            known = about.terms[-1].name == BACK_EMF.name
+            columns.append(graph.regressor[:, about.own : -ACTUATORS if known else None])
         elif group == "strut_length":
             columns.append(-by_length[0])
         elif group == "force_constant":
             columns.append(ca.diag(force))
+        elif group == "motor":
+            names = [one.name for one in parameters_of(about.terms)]
+            own = [names.index(one.name) for one in BACK_EMF.parameters]
+            damping = graph.regressor[:, own] @ graph.parameters[own]
+            columns.append(ca.horzcat(ca.diag(force), ca.diag(damping)))
         elif group in ("delay", "force_delay"):
             change = -_sum(slopes, (graph.rate, graph.acceleration, jerk))
             columns.append(change if group == "delay" else ca.diag(change))
@@ -168,6 +178,11 @@ def group_effects(robot: Robot, chosen: Sequence[Deviation]) -> Array:
     blocks = {group: np.eye(groups.count(group)) for group in dict.fromkeys(groups)}
     blocks["gravity"] = np.cross(tilt_axes(gravity), gravity).T
     blocks["force_constant"] = np.concatenate([np.ones((ACTUATORS, 1)), np.eye(ACTUATORS)], axis=1)
+    # Of the forces, then of the damping in them.
+    of_both = [
+        np.kron(np.array([[a], [b]]), blocks["force_constant"]) for a, b in MOTOR_EFFECTS.values()
+    ]
+    blocks["motor"] = np.concatenate(of_both, axis=1)
     about = DeviationGroups.of(robot, chosen)
     rows = [len(blocks[group]) for group in about.groups]
     found = np.zeros((sum(rows), len(chosen)))

@@ -1,10 +1,13 @@
 """Columns of deviations at fixed lengths: the symbolic ones against those of a whole motion."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
 
 from expdesign.configuration import load_run
+from expdesign.configuration.parameters import Drive, Motor
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import apply_deviations, toleranced_deviations
 from expdesign.robot.fixed_lengths import (
@@ -29,9 +32,17 @@ TOLERANCES = {
 }
 
 
-def test_state_and_motion_agree():
-    robot = robot_from(load_run(RUN | {"tolerances": TOLERANCES}).robot)
+MOTOR = Motor(force_constant=(90.0,) * 6, resistance=tuple(200.0 + 5 * j for j in range(6)))
+OF_MOTORS = {key: {"common": "2 %", "each": "1 %"} for key in ("constant", "resistance", "supply")}
+
+
+@pytest.mark.parametrize("voltages", [False, True])
+def test_state_and_motion_agree(voltages):
+    run = load_run(RUN | {"tolerances": TOLERANCES | {"motor": OF_MOTORS}})
+    drive = Drive(motor=MOTOR)
+    robot = robot_from(replace(run.robot, drive=drive, forces_of_voltages=voltages))
     chosen = toleranced_deviations(robot)
+    assert voltages == any(one.name.startswith("motor") for one in chosen)
     motion = _motion(robot)
     samples = motion.sample(motion.sample_times(128))
     found = fixed_length_columns(robot, samples, motion.omega, chosen)
