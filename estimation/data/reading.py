@@ -9,6 +9,7 @@ from functools import cache
 from hashlib import sha256
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,7 @@ from expdesign.configuration.quantity import (
     DURATION,
     DUTY,
     LENGTH,
+    VOLTAGE,
     Quantity,
     quantity_of_unit,
     same_unit,
@@ -252,6 +254,38 @@ def convert_to_si(
         raise InputError(table.header_problem(message, FORCE_CHANNELS[0], "one kind for all six"))
     table = _apply_signs(replace(table, values=values), section, home)
     return _sort_by_strut(table, section), tuple(warnings), voltages == {True}
+
+
+def file_channels(
+    data: Measurement, section: DataSection, robot: ResolvedRobot
+) -> dict[str, NDArray[Any]]:
+    """Return the channels of a measurement as in a file of the section, whose reader inverts this.
+
+    Duty cycles are shares of the stated supply, or of 1 V.
+    """
+    units = section.actuator_units(robot)
+    found: dict[str, NDArray[Any]] = {"t": data.time}
+    if unit := section.units.get("t"):
+        found["t"] = data.time / DURATION.parse(f"1 {unit}")
+    offsets = {"q": section.length_offsets, "Q": section.force_offsets}
+    if offsets["q"] == "home":
+        offsets["q"] = tuple(Robot(robot).inverse_kinematics(robot.home).tolist())
+    supply = robot.drive.supply if np.isfinite(robot.drive.supply) else 1.0
+    for channel in (*LENGTH_CHANNELS, *FORCE_CHANNELS):
+        strut, group = _strut(channel, section), channel[0]
+        values = (data.lengths if group == "q" else data.forces)[:, strut]
+        if offset := float(offsets[group][strut]):
+            values = values - offset
+        factor = section.channel_signs(group)[strut] * section.channel_scales(group)[strut]
+        if unit := section.unit_of(channel):
+            factor *= units.si_values(unit)[strut]
+            if SUPPLY in section.columns and quantity_of_unit(unit) is DUTY:
+                factor *= supply
+        found[channel] = values / factor
+    if SUPPLY in section.columns:
+        volts = VOLTAGE.parse(f"1 {section.unit_of(SUPPLY) or 'V'}")
+        found[SUPPLY] = np.full(len(data), supply / volts)
+    return found if data.period is None else found | {"period": data.period}
 
 
 def seconds_of(table: RawTable, section: DataSection) -> tuple[Array, float, list[str]]:

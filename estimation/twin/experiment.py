@@ -28,7 +28,7 @@ from estimation.twin.disturbances import (
     quantise,
     repetition_stream,
 )
-from estimation.twin.machine import Machine
+from estimation.twin.machine import Machine, with_motors
 from estimation.twin.truth import (
     DisturbanceKeys,
     ExecutedTableTruth,
@@ -68,6 +68,8 @@ class Twin:
     signs, with cogging, multiplied by the errors of the force constants."""
     length_noise: NoiseSource
     force_noise: NoiseSource
+    back_emf: tuple[float, ...] | None = None
+    """(6,), N s/m: the forces are those of voltages, with this damping by the robot's motors."""
 
     @classmethod
     def of(
@@ -102,7 +104,9 @@ class Twin:
         _refuse_lost_rows(section.lost, grid.count, configuration.file)
         robot = robot_from(configuration.robot)
         true = robot if configuration.truth is None else Robot(configuration.truth)
-        machine = Machine(true, np.asarray(section.compliance))
+        voltages = configuration.records_voltages
+        driven, per_volt = with_motors(true, robot) if voltages else (true, None)
+        machine = Machine(driven, np.asarray(section.compliance))
         executed = execute_design(
             design, section.tracking_error, experiment_stream(section.seed, Shared.TRACKING_ERROR)
         )
@@ -125,6 +129,8 @@ class Twin:
         lengths, forces, positions = map(grid.repeat, found) if alike else found
         if section.cogging is not None:
             forces = forces + cogging_force(positions, section.cogging)
+        if per_volt is not None:
+            forces = forces * per_volt
         if section.force_constant is not None:
             forces = forces * force_gains(section.force_constant, grid.times, grid.duration)
         if any(section.strut_length):
@@ -156,7 +162,8 @@ class Twin:
             disturbances=DisturbanceKeys.of(section, drift),
             seeds=SeedKeys(section.seed, section.seed if seed is None else seed),
         )
-        return cls(truth, section, grid, lengths, forces, length_noise, force_noise)
+        damping = robot.description.drive.back_emf if voltages else None
+        return cls(truth, section, grid, lengths, forces, length_noise, force_noise, damping)
 
     def measurement(self, repetition: int = 1) -> Measurement:
         """Return the measurement of a repetition, counted from 1.
@@ -196,6 +203,7 @@ class Twin:
             forces=forces,
             step=1 / self.grid.sampling,
             period=self.grid.period_numbers,
+            back_emf=self.back_emf,
             source=source,
         )
 

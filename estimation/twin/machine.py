@@ -10,11 +10,13 @@ import numpy as np
 from constraints.arrays import Array, Mask
 from expdesign.configuration import RunConfiguration
 from expdesign.configuration.experiment import ChannelDelay, ForceConstantError
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import friction, platform_forces, rigid_platform, struts
 from expdesign.recheck.limit_check import Motion
 from expdesign.robot import Robot
 from expdesign.robot.deviation import (
     CHANNEL_DELAYS,
+    MOTOR_EFFECTS,
     Deviation,
     apply_deviations,
     as_in_a_file,
@@ -183,6 +185,18 @@ class Machine:
         return smooth, jumping, ~(smooth | jumping)
 
 
+def with_motors(machine: Robot, robot: Robot) -> tuple[Robot, Array]:
+    """Return a machine with the damping of its motors, and the ratio of read to true forces, (6,).
+
+    The read forces are its voltages at rest by the constants of the robot; a machine without
+    constants has these.
+    """
+    known, about = robot.description.drive, machine.description
+    drive = about.drive if about.drive.motor is not None else about.drive.with_motors(known)
+    about = replace(about, drive=drive, forces_of_voltages=True, tolerances=None)
+    return Robot(about).extended, np.divide(known.forces_per_volt, drive.forces_per_volt)
+
+
 def _blocks(times: Array) -> Iterator[Array]:
     for start in range(0, len(times), _BLOCK):
         yield times[start : start + _BLOCK]
@@ -217,14 +231,17 @@ def draw_machine(configuration: RunConfiguration, rng: np.random.Generator) -> D
     `channel_delay` and `clock` of its `experiment`. The true machine gets the terms that the robot
     lacks. Its other parameters and its noise remain.
     """
-    count = len(toleranced_deviations(Robot(configuration.robot)))
+    voltages = configuration.records_voltages
+    robot = Robot(replace(configuration.robot, forces_of_voltages=voltages))
+    count = len(toleranced_deviations(robot))
     return machine_within_tolerances(configuration, rng.standard_normal(count))
 
 
 def machine_within_tolerances(configuration: RunConfiguration, draws: Array) -> DrawnMachine:
     """Return the machine with deviations in units of their tolerances, (t,): see `draw_machine`."""
-    base = configuration.truth or configuration.robot
-    robot = Robot(replace(base, tolerances=configuration.robot.tolerances))
+    base, voltages = configuration.truth or configuration.robot, configuration.records_voltages
+    tolerances = configuration.robot.tolerances
+    robot = Robot(replace(base, tolerances=tolerances, forces_of_voltages=voltages))
     entries = toleranced_deviations(robot)
     values = draws * np.array([each.tolerance for each in entries])
     drawn = dict(zip((each.name for each in entries), values.tolist(), strict=True))
@@ -234,14 +251,24 @@ def machine_within_tolerances(configuration: RunConfiguration, draws: Array) -> 
     section = configuration.run.experiment
     error = section.force_constant or ForceConstantError()
     (common,) = off["force_constant.common"]
-    each = zip(error.each, off["force_constant.each"], strict=True)
+    drive, supply = base.drive, np.zeros(ACTUATORS)
+    if voltages:
+        constant, resistance, supply = (
+            np.add(off[f"motor.{name}.common"], off[f"motor.{name}.each"]) for name in MOTOR_EFFECTS
+        )
+        known = drive if drive.motor is not None else configuration.robot.drive
+        # The deviations are errors of what is known.
+        drive = drive.with_motors(known, np.exp(-constant).tolist(), np.exp(-resistance).tolist())
+    each = zip(error.each, off["force_constant.each"], np.expm1(supply).tolist(), strict=True)
     constants = {
         "common": _product(error.common, common),
-        "each": tuple(_product(stated, drawn) for stated, drawn in each),
+        "each": tuple(_product(_product(stated, drawn), read) for stated, drawn, read in each),
     }
-    moved = apply_deviations(robot, entries, values).extended
-    truth = replace(moved.description, tolerances=base.tolerances)
-    described = as_in_a_file(truth)
+    moved = apply_deviations(robot, entries, values)
+    about = replace(moved.description, forces_of_voltages=False)
+    extended = replace(moved, description=about).extended.description
+    truth = replace(extended, tolerances=base.tolerances, drive=drive)
+    described = as_in_a_file(truth).model_copy(update={"drive": drive})
     measured = configuration.with_section(
         "experiment",
         truth=described,

@@ -13,6 +13,8 @@ from pydantic import ConfigDict, PlainSerializer, PlainValidator
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
+from estimation.data.reading import file_channels
+from expdesign.configuration import RunConfiguration
 from expdesign.configuration.experiment import ChannelDelay, ExperimentSection
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
@@ -56,9 +58,32 @@ def repetition_file(repetition: int) -> str:
     return f"{REPETITIONS}/{repetition:04d}/{MEASUREMENT.file}"
 
 
-def write_measurement(measurement: Measurement, path: Path) -> None:
-    """Write a measurement with all digits: t, q1 … q6, Q1 … Q6 and the period, if known."""
-    write_csv(path, pd.DataFrame(measurement.channels))
+def write_measurement(
+    measurement: Measurement, path: Path, configuration: RunConfiguration | None = None
+) -> None:
+    """Write a measurement with all digits: t, q1 … q6, Q1 … Q6 and the period, if known.
+
+    With a run they have the columns, units, signs and order of its section `data`.
+    """
+    if configuration is None:
+        write_csv(path, pd.DataFrame(measurement.channels))
+        return
+    section, names = configuration.run.data, headings(configuration)
+    channels = file_channels(measurement, section, configuration.robot)
+    table = {names.get(name, (name, ""))[0]: values for name, values in channels.items()}
+    write_csv(path, pd.DataFrame(table), section.delimiter, section.decimal)
+
+
+def headings(configuration: RunConfiguration) -> dict[str, tuple[str, str]]:
+    """Return names and units of the channels whose section `data` states others than SI."""
+    section, found = configuration.run.data, dict[str, tuple[str, str]]()
+    for channel in section.channels:
+        name, unit = section.columns.get(channel, channel), section.unit_of(channel)
+        if unit is not None:
+            found[channel] = f"{name} [{unit}]", unit
+        elif name != channel:
+            found[channel] = name, {"q": "m", "Q": "N", "t": "s"}.get(channel[0], "1")
+    return found
 
 
 def _motion_keys(motion: FourierTrajectory) -> dict[str, Any]:
@@ -260,10 +285,13 @@ def true_values(parameters: Mapping[str, float], names: Iterable[str]) -> Array:
     return np.array([parameters.get(name, 0.0) for name in names])
 
 
-def write_truth(truth: Truth, folder: Path, *, repeated: bool) -> list[Path]:
+def write_truth(
+    truth: Truth, folder: Path, configuration: RunConfiguration, *, repeated: bool
+) -> list[Path]:
     """Write `truth.json` and `columns.json` next to the measurements; return their paths.
 
     `repeated`: the measurements are in `repetitions/`.
     """
-    table = replace(MEASUREMENT, file=f"{REPETITIONS}/*/{MEASUREMENT.file}")
-    return [*truth.write(folder), describe_tables(folder, [table if repeated else MEASUREMENT])]
+    file = f"{REPETITIONS}/*/{MEASUREMENT.file}" if repeated else MEASUREMENT.file
+    table = replace(MEASUREMENT, file=file, headings=headings(configuration))
+    return [*truth.write(folder), describe_tables(folder, [table])]

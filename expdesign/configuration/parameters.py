@@ -122,6 +122,9 @@ class Motor(Section):
         return self
 
 
+_ONES = (1.0,) * ACTUATORS
+
+
 class Drive(Section):
     """The kind of drive of all struts: a screw, a gear, or a direct drive with neither."""
 
@@ -147,6 +150,17 @@ class Drive(Section):
     def torque_per_force(self) -> float | None:
         """Torque of the motors per force, N m/N; None without a lead."""
         return None if self.geared is None else self.geared.torque_per_force
+
+    def with_motors(
+        self, other: Drive, constants: Sequence[float] = _ONES, resistances: Sequence[float] = _ONES
+    ) -> Drive:
+        """Return the drive with another one's motors, their constants multiplied by factors."""
+        if other.motor is None or other.force_constants is None:
+            return self
+        pairs = (other.force_constants, constants), (other.motor.resistance, resistances)
+        along, resistance = (tuple(a * b for a, b in zip(*each, strict=True)) for each in pairs)
+        motor = Motor(force_constant=along, resistance=resistance, supply=other.motor.supply)
+        return self.model_copy(update={"motor": motor})
 
     @property
     def force_constants(self) -> tuple[float, ...] | None:

@@ -226,6 +226,11 @@ class RunConfiguration:
         names, count = f"{self.run.name!r}, robot {self.robot.name!r}", len(self.warnings)
         return f"RunConfiguration({names}, {count} warning{'s' * (count != 1)})"
 
+    @property
+    def records_voltages(self) -> bool:
+        """Whether the forces of its recordings come from voltages of the motors."""
+        return self.run.data.voltages and self.robot.drive.motor is not None
+
     def warnings_before(self, stage: str) -> tuple[str, ...]:
         """Return the warnings for a stage that is executed alone.
 

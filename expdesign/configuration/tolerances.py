@@ -247,7 +247,7 @@ class RobotTolerances(schema.Section):
     """(6,), m, zero of each length measurement."""
     force_constant: ForceConstantTolerance | None = None
     motor: MotorTolerance | None = None
-    """For recordings of voltages, besides `force_constant`, which is then that of these forces."""
+    """For recordings of voltages, where it takes the place of `force_constant`."""
     gravity: Annotated[Angle, NotNegative] | None = None
     """rad, of its direction, about each of two axes across it."""
     delay: Annotated[Duration, NotNegative] | None = None

@@ -63,9 +63,8 @@ def noise_evaluator(configuration: RunConfiguration) -> Evaluator:
 
 def recorded_robot(configuration: RunConfiguration) -> Robot:
     """Return the robot; its forces are those of voltages if the run's recordings contain these."""
-    robot = configuration.robot
-    voltages = configuration.run.data.voltages and robot.drive.motor is not None
-    return robot_from(replace(robot, forces_of_voltages=voltages))
+    voltages = configuration.records_voltages
+    return robot_from(replace(configuration.robot, forces_of_voltages=voltages))
 
 
 def unknown_parameters(configuration: RunConfiguration, robot: Robot) -> tuple[str, ...]:

@@ -162,6 +162,8 @@ def _entries(robot: Robot, given: RobotTolerances) -> Iterator[tuple[str, str, s
             std = own.get(one.name, own.get(EACH_PARAMETER))
             yield f"{term.name}_{one.name}", f"terms.{term.name}", one.unit, std
     forces = given.force_constant or ForceConstantTolerance()
+    if robot.description.forces_of_voltages and given.motor is not None:
+        forces = ForceConstantTolerance()  # it would count twice
     yield from _numbered_entries("strut_length", "strut_length", "m", given.strut_length)
     yield FORCE_CONSTANT, "force_constant.common", "1", forces.common
     yield from _numbered_entries(FORCE_CONSTANT, "force_constant.each", "1", forces.each)

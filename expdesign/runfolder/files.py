@@ -111,10 +111,10 @@ def write_json(path: Path, data: Any) -> None:
     write_text(path, json.dumps(json_values(data), indent=2, ensure_ascii=False) + "\n")
 
 
-def write_csv(path: Path, table: pd.DataFrame) -> None:
-    """Write a table with all digits of its numbers (`repr`), comma-separated."""
+def write_csv(path: Path, table: pd.DataFrame, delimiter: str = ",", decimal: str = ".") -> None:
+    """Write a table with all digits of its numbers (`repr`), by default comma-separated."""
     with atomic_write(path) as temporary:
-        table.to_csv(temporary, index=False, lineterminator="\n")
+        table.to_csv(temporary, sep=delimiter, decimal=decimal, index=False, lineterminator="\n")
 
 
 def json_values(data: Any, substitute: Callable[[float], str | None] = lambda _: None) -> Any:

@@ -215,11 +215,15 @@ class ArrayTable(CsvFile[Block, Block], Generic[Block]):
     block: type[Block]
     some: bool = field(default=True, kw_only=True)
     """Refuse a table without rows."""
+    headings: Mapping[str, tuple[str, str]] = field(default_factory=dict, kw_only=True)
+    """Names and units of columns in the file, where they are others."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
         """Those of all arrays, from left to right."""
-        return tuple(column for _, columns in field_columns(self.block) for column in columns)
+        own = (column for _, columns in field_columns(self.block) for column in columns)
+        named = ((one, self.headings.get(one.name, (one.name, one.unit))) for one in own)
+        return tuple(replace(one, name=name, unit=unit) for one, (name, unit) in named)
 
     def write(self, folder: Path, content: Block) -> list[Path]:
         """Write the arrays."""

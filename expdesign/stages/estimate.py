@@ -13,7 +13,7 @@ from numpy.linalg import LinAlgError
 
 from estimation import identification
 from estimation.data.measurement import Measurement, add_motors
-from estimation.data.reading import measurement_of, read_measurement
+from estimation.data.reading import file_channels, measurement_of, read_measurement
 from estimation.data.table import RawTable
 from estimation.diagnostics import noise_analysis
 from estimation.diagnostics.channels import ChannelCheck
@@ -198,7 +198,7 @@ def _recording(work: Workspace, file: Path) -> Measurement:
     if file != work.measurement_file or simulated is None or simulated.recording is None:
         return read_measurement(file, section, robot)
     # The same table as in the file.
-    channels = simulated.recording.channels.items()
+    channels = file_channels(simulated.recording, section, robot).items()
     values = {name: column.astype(np.float64, copy=False) for name, column in channels}
     return measurement_of(RawTable(file, values, {}, "line", 2), section, robot)
 

@@ -62,13 +62,13 @@ def run_experiment(work: Workspace) -> Outcome:
     files = clear_outdated("experiment", work)
     status = "done"
     try:
-        files |= set(write_truth(twin.truth, folder, repeated=repetitions > 1))
+        files |= set(write_truth(twin.truth, folder, configuration, repeated=repetitions > 1))
         with work.progress.count("repetitions") as advanced:
             for number in range(1, repetitions + 1):
                 file = folder / (repetition_file(number) if repetitions > 1 else MEASUREMENT_FILE)
                 advanced(done, repetitions)
                 measurement = twin.measurement(number)
-                write_measurement(measurement, file)
+                write_measurement(measurement, file, configuration)
                 files.add(file)
                 done = number
                 advanced(done, repetitions)

@@ -378,10 +378,10 @@ def test_ctrl_c_keeps_what_is_complete(expdesign, run_file, design, tmp_path, mo
     out, written = tmp_path / "out", []
     write = truths.write_measurement
 
-    def interrupted(measurement, path):
+    def interrupted(measurement, path, configuration):
         if len(written) == 4:
             os.kill(os.getpid(), signal.SIGINT)
-        write(measurement, path)
+        write(measurement, path, configuration)
         written.append(str(path.relative_to(out)))
 
     monkeypatch.setattr("expdesign.stages.experiment.write_measurement", interrupted)

@@ -7,8 +7,14 @@ import pytest
 from estimation.data.reading import read_measurement
 from estimation.identification import estimate_parameters
 from estimation.identification.estimate import identified_robot
+from estimation.twin import Twin
+from estimation.twin.machine import machine_within_tolerances
+from estimation.twin.truth import write_measurement
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
+from expdesign.experiment.judging import noise_evaluator
+from expdesign.experiment.plan import Prediction
+from expdesign.robot.deviation import MOTOR_EFFECTS
 from tests.estimation.cases import ROBOT, measured, trajectory
 
 K, R = 90.0, 2.0
@@ -95,3 +101,62 @@ def test_an_error_of_a_motor_changes_the_estimate_by_its_response(tmp_path, name
     moved, response = after.values - before.values, before.systematic.response[:, place] * error
     scale = error * np.maximum(np.abs(before.values), 1e-3)
     np.testing.assert_allclose((moved / scale)[free], (response / scale)[free], rtol=5e-4)
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        {"units": {"Q": "V"}},
+        {"units": {"Q": "%", "U": "mV"}, "columns": {"U": "battery"}},
+        {
+            "units": {"t": "ms", "q": "mm", "Q": "kN"},
+            "columns": {"q1": "first"},
+            "order": {"Q": [1, 5, 3, 4, 2, 6]},
+            "sign": {"Q": [1, 1, -1, 1, 1, 1]},
+            "offset": {"q": "home", "Q": [1, 0, 0, 0, 0, 0]},
+            "delimiter": ";",
+            "decimal": ",",
+        },
+    ],
+)
+def test_the_twin_writes_the_recording_that_its_run_reads(section, tmp_path):
+    run = _run(MOTOR | {"supply": "48 V"}, section)
+    made = Twin.of(run, trajectory()).measurement()
+    write_measurement(made, tmp_path / "measurement.csv", run)
+    read = read_measurement(tmp_path / "measurement.csv", run.run.data, run.robot)
+    assert read.back_emf == made.back_emf
+    assert (made.back_emf is None) == ("kN" in section["units"].values())
+    for name in ("time", "lengths", "forces"):
+        np.testing.assert_allclose(getattr(read, name), getattr(made, name), rtol=1e-9, atol=1e-9)
+
+
+def test_a_drawn_machine_has_motors_of_its_own():
+    shares = {key: {"common": "2 %", "each": "1 %"} for key in MOTOR_EFFECTS}
+    run = _run(MOTOR, {"units": {"Q": "V"}}, tolerances={"motor": shares})
+    count = 3 * 7
+    draws = np.random.default_rng(3).normal(size=count)
+    found = Twin.of(machine_within_tolerances(run, draws).configuration, trajectory())
+    scale = np.concatenate([[0.02], np.full(6, 0.01)])
+    constant, resistance, supply = (one[0] + one[1:] for one in draws.reshape(3, 7) * scale)
+    states = trajectory().sample(found.grid.times)
+    speed = ROBOT.strut_motion(states.pose, states.rate, states.acceleration).length_rate
+    forces = ROBOT.actuator_forces(states.pose, states.rate, states.acceleration)
+    damping = DAMPING * np.exp(resistance - 2 * constant)
+    gain = np.exp(constant - resistance) * (1 + np.expm1(supply))
+    np.testing.assert_allclose(found.forces, gain * (forces + damping * speed), atol=1e-6)
+
+
+def test_the_prediction_for_voltages_is_that_of_the_estimate():
+    """Force constants are those of the motors, and do not count twice."""
+    shares = {key: {"common": "2 %", "each": "1 %"} for key in MOTOR_EFFECTS}
+    tolerances = {"motor": shares, "force_constant": {"common": "20 %"}}
+    run = _run(MOTOR, {"units": {"Q": "V"}}, ("gm",), noise="given", tolerances=tolerances)
+    run = run.with_section("experiment", periods=5, sampling=200.0)
+    evaluator = noise_evaluator(run)
+    predicted = Prediction.of(run, evaluator, trajectory()).errors(5).std[-len(evaluator.names) :]
+    twin = Twin.of(run, trajectory())
+    found = estimate_parameters(run, twin.measurement(), trajectory())
+    std = {row.parameter: row.std for row in found.rows}
+    expected = [std[name] for name in evaluator.names]
+    np.testing.assert_allclose(predicted, expected, rtol=0.15)
+    assert predicted[evaluator.names.index("p10")] == pytest.approx(np.sqrt(3) * 0.0204 * 16.307, rel=0.05)
