@@ -2,11 +2,12 @@ import pytest
 
 from expdesign.cli.app import app, run
 from tests.blank_figures import blank_figures
+from tests.remembered_proofs import remembered_proofs
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _blank_figures():
-    with blank_figures():
+def _cheaper():
+    with blank_figures(), remembered_proofs():
         yield
 
 
