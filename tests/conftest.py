@@ -1,4 +1,7 @@
-"""What all tests share: the programs that some need, how examples are drawn, what is made once."""
+"""What all tests share: the programs that some need, how examples are drawn, what is made once.
+
+Fixtures import the packages: the process that only hands out tests starts its workers sooner.
+"""
 
 import contextlib
 import fcntl
@@ -12,13 +15,7 @@ import time
 from pathlib import Path
 
 import pytest
-import typer
 from hypothesis import settings
-
-import expdesign
-from estimation.uncertainty import consistency
-from expdesign.configuration.robot import load_robot_description
-from tests.tiny_run import tiny_run
 
 # How long an example takes is not what is tested; continuous integration draws the same ones.
 settings.register_profile("local", deadline=None, max_examples=50)
@@ -74,8 +71,9 @@ def _programs_are_a_must():
 @pytest.fixture(scope="session", autouse=True)
 def _commands_built_once():
     """Build the command line once for all tests that call it: Typer builds it for every call."""
+    typer = importlib.import_module("typer.main")
     with pytest.MonkeyPatch.context() as patch:
-        built = functools.cache(typer.main.get_command)
+        built = functools.cache(typer.get_command)
         patch.setattr("typer.main.get_command", built)
         patch.setattr("typer.testing._get_command", built)
         yield
@@ -84,6 +82,8 @@ def _commands_built_once():
 @pytest.fixture(scope="session")
 def tiny():
     """Return a maker of run mappings for PaLiDA that take seconds; keywords change sections."""
+    from tests.tiny_run import tiny_run
+
     return tiny_run
 
 
@@ -100,6 +100,8 @@ def address():
 @pytest.fixture(scope="session")
 def few_limits():
     """Return PaLiDA without those limits whose derivatives take processes of their own seconds."""
+    from expdesign.configuration.robot import load_robot_description
+
     robot = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
     for key in ("actuator_force", "jacobian_condition", "strut_clearance"):
         del robot["limits"][key]
@@ -133,6 +135,7 @@ def made_once(tmp_path_factory):
 @pytest.fixture(scope="session")
 def tiny_result(tiny, made_once):
     """Return the design of the tiny run, with the full recheck and finish."""
+    import expdesign
 
     def make(folder):
         (folder / "result").write_bytes(pickle.dumps(expdesign.design(tiny())))
@@ -144,8 +147,8 @@ def tiny_result(tiny, made_once):
 def consistency_draws():
     """Draw less for the consistency of estimates; modules of tests about it override this."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(consistency, "DRAWS", 19)
-        patch.setattr(consistency, "MOST_DRAWS", 39)
+        patch.setattr("estimation.uncertainty.consistency.DRAWS", 19)
+        patch.setattr("estimation.uncertainty.consistency.MOST_DRAWS", 39)
         yield
 
 
