@@ -231,7 +231,7 @@ def choose_harmonics(
     MotionFitError
         No motion has these lengths, for any number of harmonics.
     """
-    most = most_harmonics(recording)
+    most = max(least, most_harmonics(recording))
     first = max(least, min(expected or least, most))
     level = HARMONIC_LEVEL / max(most - least, 1)
 

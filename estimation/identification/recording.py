@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from constraints.arrays import Array
+from constraints.arrays import Array, ComplexArray
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.channels import ChannelCheck, check_channels
 from estimation.estimators import (
@@ -64,9 +64,10 @@ from estimation.processing.spectrum import NoiseLines, given_filter
 from expdesign.configuration import InputError, RunConfiguration
 from expdesign.configuration.estimate import SpectrumOrigin
 from expdesign.noise import NoiseSpectrum
+from expdesign.recheck.followed_lengths import raised_harmonics
 from expdesign.robot import Robot
-from expdesign.robot.deviation import CHANNEL_DELAYS, DELAYS_OF_FORCES
-from expdesign.trajectory import FourierTrajectory
+from expdesign.robot.deviation import CHANNEL_DELAYS, DELAYS_OF_FORCES, toleranced_deviations
+from expdesign.trajectory import MOST_HARMONICS, FourierTrajectory
 
 _CUTOFF = 3.0
 """Cutoff of the Butterworth filter in units of the highest frequency of the motion."""
@@ -127,7 +128,7 @@ def prepare_recording(
         # Pointwise differentiation does not use the spectrum.
         experiment = Experiment.from_points(robot, recording, noise.as_white(), motion)
         return PreparedRecording(data.source, experiment, None, data.jitter)
-    noise, fit = _fit_motion(configuration, robot, recording, noise, design)
+    noise, fit, least = _fit_motion(configuration, robot, recording, noise, design)
     warnings = []
     if not free:
         own = noise.lengths.covariance
@@ -148,7 +149,7 @@ def prepare_recording(
     return PreparedRecording(
         data.source,
         experiment,
-        _least(design) if section.harmonics is None else None,
+        least,
         data.jitter,
         tuple(filter(None, warnings)),
     )
@@ -232,11 +233,6 @@ class PreparedRecording:
         return self.experiment.harmonics
 
 
-def _least(design: FourierTrajectory | None) -> int:
-    """Return the least number of harmonics of the motion."""
-    return 1 if design is None else design.harmonics
-
-
 def _cutoff(
     configuration: RunConfiguration, recording: PeriodicRecording, design: FourierTrajectory | None
 ) -> float | None:
@@ -262,13 +258,22 @@ def _fit_motion(
     recording: PeriodicRecording,
     noise: NoiseModel,
     design: FourierTrajectory | None,
-) -> tuple[NoiseModel, MotionFit]:
+) -> tuple[NoiseModel, MotionFit, int | None]:
+    """Return the noise, the motion and the fewest harmonics that were tried, None for given ones.
+
+    These are the design's, or more where the tolerances of joints allow a motion with more.
+    """
     section = configuration.run.estimate
     expected = configuration.run.trajectory.harmonics if design is None else design.harmonics
-    fitting = partial(choose_harmonics, least=_least(design), expected=expected)
+    start = _start(robot, recording, design, expected)
+    least: int | None = None
     if section.harmonics is not None:
         fitting = partial(fit_motion, harmonics=section.harmonics)
-    start = _start(robot, recording, design, expected)
+    else:
+        least = 1 if design is None else expected
+        if section.systematic != "none" and toleranced_deviations(robot):
+            least = _raised_harmonics(robot, recording, noise, design, start)
+        fitting = partial(choose_harmonics, least=least, expected=expected)
     # An unknown Δ comes from the fit that it weights: a few iterations settle both.
     rounds = _RESIDUAL_ROUNDS if noise.lengths.includes_model_error else 1
     for remaining in reversed(range(rounds)):
@@ -296,7 +301,41 @@ def _fit_motion(
             noise = replace(noise, lengths=lengths.noise_before_sensors(found))
         if remaining:
             start = fit.series
-    return noise, fit
+    return noise, fit, least
+
+
+def _raised_harmonics(
+    robot: Robot,
+    recording: PeriodicRecording,
+    noise: NoiseModel,
+    design: FourierTrajectory | None,
+    start: HarmonicMotion,
+) -> int:
+    """Return the harmonics of the motion, with those that the robot's tolerances can raise."""
+    if design is None:
+        expected = start.harmonics
+        covariance = noise.lengths.covariance
+        start = choose_harmonics(
+            robot, recording, covariance, 1, expected=expected, start=start
+        ).series
+
+    def of_lines(own: NoiseEstimate) -> Array | ComplexArray:
+        if own.filter is None:
+            return own.covariance
+        spectrum = own.filter.spectrum
+        every = own.filter.samples * recording.step / recording.period
+        lines = np.arange(min(MOST_HARMONICS, int((len(spectrum) - 1) / every)) + 1) * every
+        return spectrum[np.rint(lines).astype(np.intp)]
+
+    per_period = recording.period / recording.step
+    return raised_harmonics(
+        robot,
+        start.trajectory,
+        of_lines(noise.lengths),
+        of_lines(noise.forces),
+        per_period,
+        recording.rows / per_period,
+    )
 
 
 def _start(

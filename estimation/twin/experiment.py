@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -44,8 +45,9 @@ from expdesign.configuration.schema import MOST_SAMPLES, require_at_most
 from expdesign.export.definition import ON_THE_EDGE
 from expdesign.export.execution import blocks
 from expdesign.export.table_file import TableFile
+from expdesign.recheck.followed_lengths import FollowedLengths
 from expdesign.recheck.limit_check import Motion
-from expdesign.robot import Robot, robot_from
+from expdesign.robot import ForwardKinematicsError, Robot, robot_from
 from expdesign.trajectory import FourierTrajectory, PoseSamples
 
 
@@ -122,6 +124,10 @@ class Twin:
                 position_error=window_error(commanded, grid.times),
             )
             motion = TableMotion(commanded, design, executed)
+        zeros = np.asarray(section.strut_length)
+        same = not zeros.any() and np.array_equal(true.geometry_vector, robot.geometry_vector)
+        if section.follows == "lengths" and not same:
+            motion = FollowedLengths(motion, robot, true, zeros)
         # With a table or a wrong clock the periods differ.
         alike = table is None and section.clock == 0
         stamps = grid.distinct_times if alike else grid.times
@@ -133,8 +139,7 @@ class Twin:
             forces = forces * per_volt
         if section.force_constant is not None:
             forces = forces * force_gains(section.force_constant, grid.times, grid.duration)
-        if any(section.strut_length):
-            lengths = lengths + np.asarray(section.strut_length)
+        lengths = lengths + zeros
         drift: dict[str, Any] | None = None
         if section.drift > 0:
             final = draw_final_drift(section.drift, experiment_stream(section.seed, Shared.DRIFT))
@@ -151,6 +156,7 @@ class Twin:
                 section.sampling,
                 grid.count,
                 grid.per_period or grid.period * grid.sampling,
+                section.follows,
             ),
             design=design,
             executed=executed,
@@ -224,8 +230,10 @@ def _measure(
     configuration: RunConfiguration,
 ) -> tuple[Array, Array, Array]:
     """Return the readings of the sensors; refuse a motion through a singularity."""
-    found = machine.measure(motion, times, section.delay, section.channel_delay)
-    if not all(np.all(np.isfinite(values)) for values in found):
+    found = None
+    with suppress(ForwardKinematicsError):
+        found = machine.measure(motion, times, section.delay, section.channel_delay)
+    if found is None or not all(np.all(np.isfinite(values)) for values in found):
         named = "robot" if configuration.truth is None else "experiment.truth"
         raise InputError(
             f"the robot {machine.robot.name} cannot make the motion of the design: it passes "

@@ -58,7 +58,7 @@ class Machine:
     positive in extension, comes from bodies and passive joints. The sensor at the motor measures
     l_motor; the friction of the actuator depends on the motor's speed.
 
-    The platform executes the commanded motion, as with a perfect model in the controller, and the
+    The platform executes the given motion, as with the springs' model in the controller, and the
     motors move accordingly. F therefore belongs to a known motion, and neither the equation above
     nor the inertia of vibrating parts is approximated.
     """

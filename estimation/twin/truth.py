@@ -120,6 +120,9 @@ class ExperimentKeys:
     sampling: Annotated[float, described("Hz", "samples per second")]
     samples: Annotated[int, described("1", "rows of a measurement")]
     samples_per_period: Annotated[float, described("1", "whole or not")]
+    follows: Annotated[
+        str, described("", "what the controller follows: lengths of the robot, or platform")
+    ] = "lengths"
 
 
 @dataclass(frozen=True)
@@ -239,7 +242,10 @@ class Truth(RunFile):
     ] = None
     experiment: Annotated[ExperimentKeys, described("", "length and sampling")]
     design: Annotated[Motion, described("", "the motion that was commanded")]
-    executed: Annotated[Motion, described("", "the motion that was made")]
+    executed: Annotated[
+        Motion,
+        described("", "the motion that was made, as the robot's joints turn lengths into it"),
+    ]
     force_covariance: Annotated[Covariance, described("N^2", "Σ of one sample, 6 × 6")]
     length_covariance: Annotated[Covariance, described("m^2", "Δ of one sample, 6 × 6")]
     force_spectrum: Annotated[

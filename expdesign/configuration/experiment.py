@@ -155,6 +155,10 @@ class ExperimentSection(schema.Section):
     truth: RobotSource | None = None
     """True machine of the twin, by default the run's robot: the name of an included robot, a path
     relative to the run file, or the machine itself."""
+    follows: Literal["lengths", "platform"] = "lengths"
+    """What the twin's controller follows: strut lengths of the designed motion, with the joints of
+    the robot file, or the motion of the platform itself, as after a perfect calibration. They
+    differ for a true machine with other joints or zeros of lengths."""
     payload: FixedBodies = ()
     """Known bodies on the platform in addition to the robot's: limits of forces hold with them, and
     the twin has them."""

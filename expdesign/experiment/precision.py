@@ -29,10 +29,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy
 import scipy.linalg as sla
 
-from constraints.arrays import Array
+from constraints.arrays import Array, ComplexArray
 from expdesign.configuration import RunConfiguration
 from expdesign.configuration.schema import MOST_SAMPLES
 from expdesign.experiment import result
@@ -55,7 +54,9 @@ from expdesign.information.identifiable import (
 from expdesign.information.marginal import Marginal
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.terms import parameter_unit
+from expdesign.noise import NoiseSpectrum
 from expdesign.recheck.excitable import structural_base
+from expdesign.recheck.followed_lengths import raised_harmonics
 from expdesign.recheck.information import Evaluator
 from expdesign.robot import Robot, deviation
 from expdesign.robot.derived import (
@@ -66,7 +67,6 @@ from expdesign.robot.derived import (
     known_quantities,
 )
 from expdesign.trajectory import (
-    HARMONIC_LEVEL,
     MOST_HARMONICS,
     FourierTrajectory,
     PhaseBasis,
@@ -136,14 +136,11 @@ def experiment_tolerance_effects(
 ) -> ToleranceEffects:
     """Return the effects of the robot's tolerances on the judged parameters of a motion."""
     noise, design = configuration.robot.noise, configuration.run.design
-    experiment, section = configuration.run.experiment, configuration.run.estimate
-    harmonics: int | Recorded | None = section.harmonics
-    if harmonics is None and not section.estimates_tolerances:
-        harmonics = Recorded(experiment.sampling * trajectory.period, experiment.periods)
+    harmonics = _estimated_harmonics(configuration, evaluator.robot, trajectory)
     found = tolerance_effects(
         evaluator,
         trajectory,
-        configuration.run.trajectory.samples,
+        max(configuration.run.trajectory.samples, 4 * harmonics + 1),
         None if noise is None else noise.length_covariance,
         harmonics,
         change=evaluator.marginal if design.is_change else None,
@@ -157,6 +154,31 @@ def experiment_tolerance_effects(
     units = np.append(np.ones(len(evaluator.names)), [one.tolerance for one in chosen])
     in_units = None if earlier is None else earlier * np.multiply.outer(units, units)
     return replace(found.rescaled(np.array(factors)), earlier=in_units)
+
+
+def _estimated_harmonics(
+    configuration: RunConfiguration, robot: Robot, trajectory: FourierTrajectory
+) -> int:
+    """Return the harmonics of the motion that an estimate of the whole experiment takes."""
+    noise, experiment = configuration.robot.noise, configuration.run.experiment
+    if (given := configuration.run.estimate.harmonics) is not None:
+        return given
+    if configuration.run.estimate.systematic == "none" or noise is None:
+        return trajectory.harmonics
+    per_period = experiment.sampling * trajectory.period
+    samples = experiment.periods * per_period
+
+    def of_lines(
+        covariance: Array | None, spectrum: NoiseSpectrum | None
+    ) -> Array | ComplexArray | None:
+        if spectrum is None:
+            return covariance
+        counts = min(MOST_HARMONICS, int(per_period / 2)) + 1
+        return spectrum.harmonics(trajectory.frequency, counts, experiment.sampling, samples).value
+
+    lengths = of_lines(noise.length_covariance, noise.length_spectrum)
+    forces = of_lines(noise.force_covariance, noise.force_spectrum)
+    return raised_harmonics(robot, trajectory, lengths, forces, per_period, experiment.periods)
 
 
 def tolerance_std(names: tuple[str, ...], errors: ErrorShares) -> dict[str, dict[str, float]]:
@@ -398,7 +420,7 @@ def tolerance_effects(
     trajectory: FourierTrajectory,
     samples: int,
     length_covariance: Array | None,
-    harmonics: int | Recorded | None = None,
+    harmonics: int | None = None,
     *,
     change: Marginal | None = None,
 ) -> ToleranceEffects:
@@ -415,9 +437,8 @@ def tolerance_effects(
         Samples of one period.
     length_covariance : (6, 6) or None
         Δ, m²; None: equal weights of all lengths.
-    harmonics : int or Recorded, optional
-        Harmonics of the estimated motion: a number, or the data that decide it; by default those
-        of the motion.
+    harmonics : int, optional
+        Harmonics of the estimated motion, by default those of the motion.
     change : Marginal, optional
         Change since an identification: the names are then those of the changed parameters.
     """
@@ -443,14 +464,13 @@ def tolerance_effects(
     white = fisher.whitening(equal)
     tolerances = np.array([each.tolerance for each in chosen])
     shifts = _rows(lengths, white)
-    if isinstance(harmonics, Recorded):
-        harmonics = harmonics.visible_harmonics(
-            trajectory, np.matmul(white, jacobian), shifts * tolerances
-        )
     if harmonics is not None:
         bases = _bases(trajectory, times, harmonics)
     by_motion = _rows(np.einsum("sic,sh->sich", jacobian, bases[0]), white)
-    moved = np.linalg.lstsq(by_motion, shifts, rcond=None)[0]
+    norms = np.linalg.norm(by_motion, axis=0)
+    by_motion /= norms
+    normal = sla.cho_factor(by_motion.T @ by_motion)
+    moved = sla.cho_solve(normal, by_motion.T @ shifts) / norms[:, None]
     slope = np.zeros((samples, ACTUATORS, len(moved)))
     for order in range(3):
         own = slice(COORDINATES * order, COORDINATES * (order + 1))
@@ -480,46 +500,6 @@ def tolerance_effects(
     else:
         joint = memory.information(extended, trajectory.omega)
     return ToleranceEffects(tuple(each.group for each in chosen), response, joint, samples)
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """Recorded periods, whose lengths decide the number of harmonics of the motion."""
-
-    samples: float
-    """Of one period."""
-    periods: float
-
-    def visible_harmonics(
-        self, trajectory: FourierTrajectory, jacobian: Array, shifts: Array
-    ) -> int:
-        """Return the number of harmonics up to the highest that tolerances raise above the noise.
-
-        A harmonic is tested with all below it in the fit, as by the estimate.
-
-        Parameters
-        ----------
-        jacobian : (S, 6, 6)
-            Slopes of the lengths to the pose over a period, scaled to unit covariance of the noise.
-        shifts : (6 S, t)
-            Shifts of the lengths by one standard deviation of each tolerance, scaled likewise.
-        """
-        least, count = trajectory.harmonics, len(jacobian)
-        most = min(MOST_HARMONICS, int((min(self.samples, count) - 1) // 4))
-        if most <= least:
-            return least
-        orders = np.arange(1, most + 1)
-        phases = 2 * np.pi * np.multiply.outer(np.arange(count) / count, orders)
-        waves = np.stack([np.sin(phases), np.cos(phases)], axis=2).reshape(count, -1)
-        basis = np.concatenate([np.ones((count, 1)), waves], axis=1)
-        rows = np.einsum("sic,sh->sihc", jacobian, basis).reshape(len(shifts), -1)
-        along = sla.solve_triangular(np.linalg.cholesky(rows.T @ rows), rows.T @ shifts, lower=True)
-        unknowns = 2 * COORDINATES
-        energy = np.sum(along[COORDINATES:].reshape(most, -1) ** 2, axis=1)
-        expected = unknowns + energy * (self.samples * self.periods / count)
-        least_visible = scipy.stats.chi2.isf(HARMONIC_LEVEL / (most - least), unknowns)
-        visible = np.flatnonzero(expected > least_visible)
-        return max(least, int(visible[-1]) + 1 if len(visible) else least)
 
 
 def _bases(trajectory: FourierTrajectory, times: Array, harmonics: int) -> tuple[Array, ...]:

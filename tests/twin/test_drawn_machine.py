@@ -114,7 +114,7 @@ def test_what_is_measured_moves_as_the_columns_of_the_tolerances_say():
     }
     found = drawn(3, tolerances=small)
     plain = Twin.of(configuration({}), motion())
-    moved = Twin.of(found.configuration, motion())
+    moved = Twin.of(found.configuration.with_section("experiment", follows="platform"), motion())
     robot, times = Robot(configuration({}).robot), plain.grid.times
     along = HarmonicMotion.of(motion())
     signs = expected_signs(robot, along, times, np.zeros((len(times), 18)))

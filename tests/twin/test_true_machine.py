@@ -34,14 +34,17 @@ def moved(size=1e-3):
     )
 
 
-def run(truth, noise=TINY, **more):
+ZEROS = np.array([1e-4, 0.0, 0.0, -2e-4, 0.0, 0.0])
+
+
+def run(truth, noise=TINY, follows="lengths", **more):
     std = {"force_std": [noise] * 6, "length_std": [min(noise, 1e-5)] * 6}
     given = {"name": "n", "robot": "palida", "noise": std, **more}
-    return load_run(given | {"experiment": EXPERIMENT | {"truth": truth}})
+    return load_run(given | {"experiment": EXPERIMENT | {"truth": truth, "follows": follows}})
 
 
 def test_lengths_and_forces_are_those_of_the_true_machine():
-    configuration = run(moved())
+    configuration = run(moved(), follows="platform")
     twin = Twin.of(configuration, motion())
     true = Robot(configuration.truth)
     states = motion().sample(twin.grid.times)
@@ -51,6 +54,29 @@ def test_lengths_and_forces_are_those_of_the_true_machine():
     # The estimator keeps the run's robot.
     assert configuration.robot.parameters["p10"] == ROBOT.description.parameters["p10"]
     assert "o1" not in configuration.robot.parameters
+
+
+def test_a_controller_follows_the_lengths_of_the_drawing():
+    """Poses by forward kinematics of the true machine, their derivatives by differences of time."""
+    configuration = run(moved())
+    configuration = configuration.with_section("experiment", strut_length=tuple(ZEROS))
+    twin, true = Twin.of(configuration, motion()), Robot(configuration.truth)
+    times = twin.grid.times
+    np.testing.assert_allclose(
+        twin.lengths, ROBOT.inverse_kinematics(motion().sample(times).pose), atol=1e-13
+    )
+
+    def poses(at):
+        return true.forward_kinematics(ROBOT.inverse_kinematics(motion().sample(at).pose) - ZEROS)
+
+    step = 1e-3
+    ahead, here, behind = (poses(times + shift) for shift in (step, 0.0, -step))
+    rate, acceleration = (ahead - behind) / (2 * step), (ahead - 2 * here + behind) / step**2
+    smooth = np.min(np.abs(ROBOT.strut_motion(*motion().sample(times)).length_rate), axis=1) > 0.01
+    expected = true.actuator_forces(here, rate, acceleration)
+    np.testing.assert_allclose(twin.forces[smooth], expected[smooth], atol=2e-3)
+    platform = Twin.of(run(moved(), follows="platform"), motion())
+    assert np.abs(twin.forces - platform.forces).max() > 0.1
 
 
 def test_a_term_more_moves_the_forces_by_it_alone():

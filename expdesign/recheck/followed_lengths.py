@@ -1,0 +1,125 @@
+"""Motion of a machine whose controller follows strut lengths that belong to other joints.
+
+A controller computes the lengths of a designed motion with the joints of the drawing. The machine
+has others: its struts make exactly these lengths, and its platform moves along another path, with
+more harmonics than the design. An estimate with the harmonics of the design would take their
+absence for knowledge of the joints.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import dataclass
+
+import numpy as np
+
+from constraints.arrays import Array, ComplexArray
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.noise import lines_of, multiplicity
+from expdesign.recheck.limit_check import Motion
+from expdesign.robot import Robot, deviation
+from expdesign.trajectory import MOST_HARMONICS, FourierTrajectory, PoseSamples
+
+_NEGLIGIBLE = 1.0
+"""Expected χ² of the harmonics that are left out: less than what the noise adds to one parameter.
+They are shared among tens of unknowns."""
+_POINTS = 4 * MOST_HARMONICS
+
+
+def raised_harmonics(
+    robot: Robot,
+    motion: FourierTrajectory,
+    length_noise: Array | ComplexArray | None,
+    force_noise: Array | ComplexArray | None,
+    per_period: float,
+    periods: float,
+) -> int:
+    """Return the number of harmonics of a motion that the robot's tolerances do not exceed.
+
+    The controller follows the lengths of the robot as described. Harmonics above this number would
+    show in lengths and forces of all samples by less than the noise, for deviations of one standard
+    deviation each.
+
+    Parameters
+    ----------
+    length_noise, force_noise : (6, 6) or (L, 6, 6), or None
+        Covariances of one sample, m² and N²; those of coloured noise at multiples 0 … L − 1 of the
+        motion's frequency, above which nothing is seen; None: unknown, and not counted.
+    per_period, periods : float
+        Samples of a period, and number of periods in the recording.
+
+    Returns
+    -------
+    int
+        At least the harmonics of the motion, at most `MOST_HARMONICS`, and a quarter of the samples
+        of a period.
+    """
+    # An error of the clock grows with time; the motion keeps its harmonics.
+    chosen = [one for one in deviation.toleranced_deviations(robot) if one.group != "clock"]
+    least, most = motion.harmonics, min(MOST_HARMONICS, int(per_period - 1) // 4)
+    if not chosen or least >= most:
+        return least
+    times = np.arange(_POINTS) * motion.period / _POINTS
+    state = np.concatenate([*motion.sample(times), np.zeros((_POINTS, COORDINATES))], axis=1)
+    forces = deviation.deviating_forces(robot, state, times, None, robot.parameters, chosen)
+    lengths = deviation.length_deviation_columns(robot, state, times, chosen)
+    tolerances = np.array([each.tolerance for each in chosen])
+    jacobian = robot.length_jacobian(state[:, :COORDINATES])
+    lines = np.fft.rfft(np.linalg.solve(jacobian, lengths * tolerances), axis=0)
+    orders = np.arange(len(lines))[:, None, None]
+
+    def are_enough(harmonics: int) -> bool:
+        left = np.where(orders > harmonics, lines, 0)
+        derivatives = [
+            np.fft.irfft(left * (1j * motion.omega * orders) ** order, _POINTS, axis=0)
+            for order in range(3)
+        ]
+        shown = _mean_square(jacobian @ derivatives[0], length_noise)
+        shown += _mean_square(forces.state_slope @ np.concatenate(derivatives, axis=1), force_noise)
+        return per_period * periods * shown <= _NEGLIGIBLE
+
+    return bisect_left(range(most), True, lo=least, key=are_enough)
+
+
+def _mean_square(values: Array, covariance: Array | ComplexArray | None) -> float:
+    """Return the mean of the sum of χ² of series, (S, 6, t), over a period."""
+    if covariance is None:
+        return 0.0
+    white = covariance.shape == (ACTUATORS, ACTUATORS)
+    count = MOST_HARMONICS + 1 if white else len(covariance)
+    lines, weights = lines_of(values)[:count], multiplicity(len(values))[:count, None, None]
+    scaled = np.linalg.solve(np.linalg.cholesky(covariance), lines)
+    return float(np.sum(weights * np.abs(scaled) ** 2)) / len(values)
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedLengths:
+    """Motion of a machine whose struts have the lengths of a robot with other joints."""
+
+    motion: Motion
+    """Designed motion of the robot."""
+    robot: Robot
+    """As the controller describes it."""
+    machine: Robot
+    zeros: Array
+    """(6,), excess of the measured lengths, m, by which the struts are too short."""
+
+    def sample(self, times: Array) -> PoseSamples:
+        """Return pose, rate and acceleration of the machine at times, s.
+
+        Raises
+        ------
+        ForwardKinematicsError
+            No pose of the machine has these lengths.
+        """
+        states = self.motion.sample(times)
+        wanted = self.robot.strut_motion(*states)
+        pose = self.machine.forward_kinematics(wanted.length - self.zeros, states.pose)
+        jacobian = self.machine.length_jacobian(pose)
+
+        def solved(rates: Array) -> Array:
+            return np.asarray(np.linalg.solve(jacobian, rates[..., None])[..., 0], dtype=np.float64)
+
+        rate = solved(wanted.length_rate)
+        curved = self.machine.strut_motion(pose, rate, np.zeros_like(rate)).length_acceleration
+        return PoseSamples(pose, rate, solved(wanted.length_acceleration - curved))
