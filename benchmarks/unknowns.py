@@ -32,7 +32,15 @@ from estimation.identification.estimation import estimate_parameters
 from estimation.identification.result import EstimationResult
 from expdesign.configuration import RunConfiguration, load_run
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
-from tests.unknowns.simulator import Machine, Motion, deviate, draw_noise, read_noise, simulate
+from tests.unknowns.simulator import (
+    Machine,
+    Motion,
+    deviate,
+    draw_noise,
+    follow_lengths,
+    read_noise,
+    simulate,
+)
 
 TITLE = "Effects that the model lacks"
 
@@ -302,8 +310,12 @@ def _record(
     effects: Mapping[str, Any],
     rng: np.random.Generator,
     sensors: Any = None,
+    drawn: Any = None,
 ) -> Measurement:
+    """Record a machine; its controller follows the lengths of the drawn one, if there is one."""
     motion = read_motion(recording.design)
+    if drawn is not None:
+        motion = follow_lengths(machine, drawn, motion, sensors.zeros)
     if recording.tracking:
         motion = motion.with_tracking_error(recording.tracking, (6, 30), rng)
     step = motion.period / recording.samples
@@ -376,7 +388,7 @@ def _drawn(recording: Recording, draw: str, systematic: str, number: int) -> Dra
     truth = draw_truth(read_machine(recording.robot), np.random.default_rng([1, number]))
     rng = np.random.default_rng([2, number])
     machine, sensors, effects = deviate(truth, _tolerances(recording.robot, draw), rng)
-    data = _record(recording, machine, effects, rng, sensors)
+    data = _record(recording, machine, effects, rng, sensors, truth)
     began = time.process_time()
     estimation = estimate_parameters(
         _run(recording, systematic, draw), data, read_design(recording.design)

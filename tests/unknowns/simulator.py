@@ -146,6 +146,11 @@ class Machine:
         """Return a parameter of each actuator, (6,); zeros where the machine has none."""
         return np.array([self.parameters.get(f"{letter}{j + 1}", 0.0) for j in range(STRUTS)])
 
+    def lengths_at(self, pose):
+        """Return the lengths of the struts [m], (T, 6), at poses, (T, 6)."""
+        arms = np.einsum("tik,jk->tji", _rotation(pose[:, 3:]), self.platform_joints)
+        return np.linalg.norm(pose[:, None, :3] + arms - self.base_joints, axis=2)
+
     def move(self, motion, times):
         """Return the state of all bodies along a motion."""
         pose, rate, acceleration = motion.at(times)
@@ -515,6 +520,33 @@ def simulate(machine, motion, times, effects=None, *, sensors=None, rng=None):
         lengths = np.stack(columns, axis=1)
     forces = (forces + effects.get("force_offset", 0.0)) * (1 + sensors.gains)
     return lengths + sensors.zeros, forces
+
+
+_LINES, _ITERATIONS, _STEP = 100, 6, 1e-6
+
+
+def follow_lengths(machine, drawn, motion, zeros):
+    """Return the motion of a machine whose struts have the lengths of a drawn one, less zeros.
+
+    Newton's method with slopes by differences, and the Fourier series of the poses.
+    """
+    times = motion.period * np.arange(4 * _LINES) / (4 * _LINES)
+    pose = motion.at(times)[0]
+    wanted = drawn.lengths_at(pose) - zeros
+    for _ in range(_ITERATIONS):
+        pairs = (
+            machine.lengths_at(pose + step) for e in np.eye(6) for step in (_STEP * e, -_STEP * e)
+        )
+        ahead, behind = np.array(list(pairs)).reshape(6, 2, *pose.shape).swapaxes(0, 1)
+        slope = np.moveaxis(ahead - behind, 0, 2) / (2 * _STEP)
+        rest = wanted - machine.lengths_at(pose)
+        pose = pose + np.linalg.solve(slope, rest[..., None])[..., 0]
+    if not np.abs(rest).max() < 1e-12:
+        raise ValueError("no pose of the machine has these lengths")
+    series = 2 * np.fft.rfft(pose, axis=0)[: _LINES + 1].T / len(times)
+    line = motion.omega * np.arange(1, _LINES + 1)
+    middle, waves = series[:, 0].real / 2, series[:, 1:] * line
+    return replace(motion, middle=middle, cosines=-waves.imag, sines=-waves.real)
 
 
 def deviate(machine, tolerances, rng):

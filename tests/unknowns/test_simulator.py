@@ -1,5 +1,7 @@
 """The independent simulator: the model without effects, and every effect as it is stated."""
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +9,10 @@ import pytest
 import yaml
 
 from expdesign.configuration import load_run
-from expdesign.robot import robot_from
-from tests.unknowns.simulator import EFFECTS, Machine, Motion, Sensors, simulate
+from expdesign.recheck.followed_lengths import FollowedLengths
+from expdesign.robot import load_robot, robot_from
+from expdesign.trajectory import TrajectoryFile
+from tests.unknowns.simulator import EFFECTS, Machine, Motion, Sensors, follow_lengths, simulate
 
 ROOT = Path(__file__).parents[2]
 FILES = {
@@ -57,6 +61,23 @@ def test_without_effects_it_is_the_model(name):
     state = moving.at(times)
     np.testing.assert_allclose(lengths, robot.inverse_kinematics(state[0]), rtol=0, atol=1e-13)
     np.testing.assert_allclose(forces, robot.actuator_forces(*state), rtol=0, atol=1e-9)
+
+
+def test_a_controller_that_follows_lengths_moves_as_the_package_says():
+    """Newton's method with differences and a Fourier series, against rates by the Jacobian."""
+    drawn, rng, zeros = Machine.read(FILES["palida"]), np.random.default_rng(5), np.full(6, 2e-4)
+    shift = 5e-4 * rng.standard_normal((6, 3))
+    moved = replace(drawn, base_joints=drawn.base_joints + shift)
+    path = ROOT / "benchmarks" / "designs" / "palida.json"
+    design, robot = TrajectoryFile.read(path).trajectory, load_robot(FILES["palida"])
+    joints = (robot.description.base_joints + shift).tolist()
+    given = robot.description.description.model_dump(exclude_none=True) | {"base_joints": joints}
+    machine = robot_from(load_run({"name": "moved", "robot": given}).robot)
+    found = follow_lengths(moved, drawn, Motion.read(json.loads(path.read_text())), zeros)
+    times = rng.uniform(0, design.period, 50)
+    wanted = FollowedLengths(design, robot, machine, zeros).sample(times)
+    for one, other, tolerance in zip(found.at(times), wanted, (1e-11, 1e-9, 1e-7), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=tolerance)
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
