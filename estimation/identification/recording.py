@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -64,7 +65,7 @@ from estimation.processing.spectrum import NoiseLines, given_filter
 from expdesign.configuration import InputError, RunConfiguration
 from expdesign.configuration.estimate import SpectrumOrigin
 from expdesign.noise import NoiseSpectrum
-from expdesign.recheck.followed_lengths import raised_harmonics
+from expdesign.recheck.followed_lengths import raised_harmonics, sampled_harmonics
 from expdesign.robot import Robot
 from expdesign.robot.deviation import CHANNEL_DELAYS, DELAYS_OF_FORCES, toleranced_deviations
 from expdesign.trajectory import MOST_HARMONICS, FourierTrajectory
@@ -128,16 +129,16 @@ def prepare_recording(
         # Pointwise differentiation does not use the spectrum.
         experiment = Experiment.from_points(robot, recording, noise.as_white(), motion)
         return PreparedRecording(data.source, experiment, None, data.jitter)
-    noise, fit, least = _fit_motion(configuration, robot, recording, noise, design)
-    warnings = []
+    noise, fit, least, scarce = _fit_motion(configuration, robot, recording, noise, design)
+    warnings = [scarce]
     if not free:
         own = noise.lengths.covariance
         warnings.append(period_warning(robot, data, recording, fit.series, own))
     if fit.wanted is not None:
         warnings.append(
-            f"the lengths show {fit.wanted} harmonics, but no motion of the machine described has "
-            "so many: joints or zeros of lengths are elsewhere than stated. The motion is taken "
-            f"with {fit.motion.harmonics}"
+            f"no motion of the machine described has the {fit.wanted} harmonics that lengths or "
+            "tolerances ask for: joints or zeros of lengths are elsewhere than stated. The motion "
+            f"is taken with {fit.motion.harmonics}"
         )
     experiment = Experiment.from_fit(robot, recording, noise, fit).without_lacking_terms(robot)
     priors = ParameterPriors.of(robot, section)
@@ -258,22 +259,31 @@ def _fit_motion(
     recording: PeriodicRecording,
     noise: NoiseModel,
     design: FourierTrajectory | None,
-) -> tuple[NoiseModel, MotionFit, int | None]:
-    """Return the noise, the motion and the fewest harmonics that were tried, None for given ones.
+) -> tuple[NoiseModel, MotionFit, int | None, str]:
+    """Return noise and motion, the fewest harmonics that were tried, and a warning or nothing.
 
-    These are the design's, or more where the tolerances of joints allow a motion with more.
+    The fewest are the design's, or more where the tolerances of joints allow a motion with more;
+    None for a given number.
     """
     section = configuration.run.estimate
     expected = configuration.run.trajectory.harmonics if design is None else design.harmonics
     start = _start(robot, recording, design, expected)
-    least: int | None = None
+    least, scarce = 1 if design is None else expected, ""
     if section.harmonics is not None:
         fitting = partial(fit_motion, harmonics=section.harmonics)
     else:
-        least = 1 if design is None else expected
+        raised = least
         if section.systematic != "none" and toleranced_deviations(robot):
-            least = _raised_harmonics(robot, recording, noise, design, start)
-        fitting = partial(choose_harmonics, least=least, expected=expected)
+            raised = _raised_harmonics(robot, recording, noise, design, start)
+        most = sampled_harmonics(recording.period / recording.step)
+        if raised > max(least, most):
+            scarce = (
+                f"within the tolerances of the robot the motion may have {raised} harmonics, and "
+                f"{recording.period / recording.step:.0f} samples of a period show {most}: "
+                f"measure with at least {4 * raised + 1} samples of a period"
+            )
+        fewest, least = least, max(least, min(raised, most))
+        fitting = partial(_choose_motion, fewest=fewest, least=least, expected=expected)
     # An unknown Δ comes from the fit that it weights: a few iterations settle both.
     rounds = _RESIDUAL_ROUNDS if noise.lengths.includes_model_error else 1
     for remaining in reversed(range(rounds)):
@@ -301,7 +311,27 @@ def _fit_motion(
             noise = replace(noise, lengths=lengths.noise_before_sensors(found))
         if remaining:
             start = fit.series
-    return noise, fit, least
+    return noise, fit, None if section.harmonics else least, scarce
+
+
+def _choose_motion(
+    robot: Robot,
+    recording: PeriodicRecording,
+    covariance: Array,
+    *,
+    fewest: int,
+    least: int,
+    **options: Any,
+) -> MotionFit:
+    """Fit a motion with at least `least` harmonics, or with the fewest if there is none."""
+    choose = partial(choose_harmonics, robot, recording, covariance, **options)
+    try:
+        return choose(least=least)
+    except NoMotionFoundError:
+        if least == fewest:
+            raise
+    fit = choose(least=fewest)
+    return replace(fit, wanted=max(least, fit.wanted or 0))
 
 
 def _raised_harmonics(
@@ -327,14 +357,8 @@ def _raised_harmonics(
         lines = np.arange(min(MOST_HARMONICS, int((len(spectrum) - 1) / every)) + 1) * every
         return spectrum[np.rint(lines).astype(np.intp)]
 
-    per_period = recording.period / recording.step
     return raised_harmonics(
-        robot,
-        start.trajectory,
-        of_lines(noise.lengths),
-        of_lines(noise.forces),
-        per_period,
-        recording.rows / per_period,
+        robot, start.trajectory, of_lines(noise.lengths), of_lines(noise.forces), recording.rows
     )
 
 

@@ -56,7 +56,7 @@ from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.terms import parameter_unit
 from expdesign.noise import NoiseSpectrum
 from expdesign.recheck.excitable import structural_base
-from expdesign.recheck.followed_lengths import raised_harmonics
+from expdesign.recheck.followed_lengths import raised_harmonics, sampled_harmonics
 from expdesign.recheck.information import Evaluator
 from expdesign.robot import Robot, deviation
 from expdesign.robot.derived import (
@@ -178,7 +178,8 @@ def _estimated_harmonics(
 
     lengths = of_lines(noise.length_covariance, noise.length_spectrum)
     forces = of_lines(noise.force_covariance, noise.force_spectrum)
-    return raised_harmonics(robot, trajectory, lengths, forces, per_period, experiment.periods)
+    raised = raised_harmonics(robot, trajectory, lengths, forces, samples)
+    return max(trajectory.harmonics, min(raised, sampled_harmonics(per_period)))
 
 
 def tolerance_std(names: tuple[str, ...], errors: ErrorShares) -> dict[str, dict[str, float]]:

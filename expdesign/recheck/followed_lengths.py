@@ -31,8 +31,7 @@ def raised_harmonics(
     motion: FourierTrajectory,
     length_noise: Array | ComplexArray | None,
     force_noise: Array | ComplexArray | None,
-    per_period: float,
-    periods: float,
+    samples: float,
 ) -> int:
     """Return the number of harmonics of a motion that the robot's tolerances do not exceed.
 
@@ -45,19 +44,18 @@ def raised_harmonics(
     length_noise, force_noise : (6, 6) or (L, 6, 6), or None
         Covariances of one sample, m² and N²; those of coloured noise at multiples 0 … L − 1 of the
         motion's frequency, above which nothing is seen; None: unknown, and not counted.
-    per_period, periods : float
-        Samples of a period, and number of periods in the recording.
+    samples : float
+        Number of samples in the recording.
 
     Returns
     -------
     int
-        At least the harmonics of the motion, at most `MOST_HARMONICS`, and a quarter of the samples
-        of a period.
+        At least the harmonics of the motion, at most `MOST_HARMONICS`.
     """
     # An error of the clock grows with time; the motion keeps its harmonics.
     chosen = [one for one in deviation.toleranced_deviations(robot) if one.group != "clock"]
-    least, most = motion.harmonics, min(MOST_HARMONICS, int(per_period - 1) // 4)
-    if not chosen or least >= most:
+    least = motion.harmonics
+    if not chosen or least >= MOST_HARMONICS:
         return least
     times = np.arange(_POINTS) * motion.period / _POINTS
     state = np.concatenate([*motion.sample(times), np.zeros((_POINTS, COORDINATES))], axis=1)
@@ -76,9 +74,9 @@ def raised_harmonics(
         ]
         shown = _mean_square(jacobian @ derivatives[0], length_noise)
         shown += _mean_square(forces.state_slope @ np.concatenate(derivatives, axis=1), force_noise)
-        return per_period * periods * shown <= _NEGLIGIBLE
+        return samples * shown <= _NEGLIGIBLE
 
-    return bisect_left(range(most), True, lo=least, key=are_enough)
+    return bisect_left(range(MOST_HARMONICS), True, lo=least, key=are_enough)
 
 
 def _mean_square(values: Array, covariance: Array | ComplexArray | None) -> float:
@@ -90,6 +88,17 @@ def _mean_square(values: Array, covariance: Array | ComplexArray | None) -> floa
     lines, weights = lines_of(values)[:count], multiplicity(len(values))[:count, None, None]
     scaled = np.linalg.solve(np.linalg.cholesky(covariance), lines)
     return float(np.sum(weights * np.abs(scaled) ** 2)) / len(values)
+
+
+def sampled_harmonics(per_period: float) -> int:
+    """Return the most harmonics that so many samples of a period determine, with some to spare.
+
+    Examples
+    --------
+    >>> sampled_harmonics(100)
+    24
+    """
+    return int(per_period - 1) // 4
 
 
 @dataclass(frozen=True, eq=False)

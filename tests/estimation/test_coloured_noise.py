@@ -403,7 +403,7 @@ def test_intervals_cover_where_samples_are_missing_or_count_less(disturbance, lo
 
 def test_tolerances_make_no_colour_significant():
     """Colour is judged by what the random share rests on, which is all that it is of."""
-    data, section = measured(MOTION), {"estimators": ["gm"]}
+    data, section = measured(MOTION), {"estimators": ["gm"], "harmonics": MOTION.harmonics}
     alone = identification.estimate_parameters(run(section), data, MOTION)["gm"]
     config = run(section, tolerances={"platform_joints": "5 mm"})
     together = identification.estimate_parameters(config, data, MOTION)["gm"]

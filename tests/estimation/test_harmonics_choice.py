@@ -89,7 +89,7 @@ def test_lengths_that_the_machine_described_cannot_have():
     """Joints off by 1 mm near a singular pose: no motion follows the lengths to their noise."""
     tolerances = {"base_joints": "1 mm", "platform_joints": "1 mm", "strut_length": "0.3 mm"}
     design = TrajectoryFile.read(DESIGN).trajectory
-    few = {"periods": 3, "sampling": 250 / design.period}
+    few = {"periods": 3, "sampling": 250 / design.period, "follows": "platform"}
     known = run(tolerances=tolerances, experiment=few)
     drawn = draw_machine(known, np.random.default_rng([0, 3])).configuration
     data = Twin.of(drawn, design, seed=3).measurement(1)
