@@ -1,13 +1,15 @@
 """PaLiDA, the design of n = 5: coverage with the truth drawn anew from the tolerances each time.
 
 Ten periods of fewer samples than at 1 kHz, with as much less noise; a delay, which moves the jumps
-of dry friction by whole samples, at 1 kHz itself. What every repetition draws is θ, all of it at
-once, and the noise.
+of dry friction by whole samples, at 1 kHz itself. Every repetition draws all of θ, and the noise.
+The controller follows the lengths of the design; a machine that these lengths take through a
+singularity is drawn again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -27,7 +29,7 @@ from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from estimation.twin.machine import draw_machine
 from estimation.uncertainty.intervals import interval_widths
-from expdesign.configuration import RunConfiguration
+from expdesign.configuration import InputError, RunConfiguration
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.deviation import toleranced_deviations
 
@@ -86,10 +88,13 @@ def _run(section: str) -> RunConfiguration:
 
 
 def _repetition(section: str, number: int) -> Drawn:
-    run = _run(section)
-    drawn = draw_machine(run, np.random.default_rng([0, number]))
+    run, rng = _run(section), np.random.default_rng([0, number])
     with threadpool_limits(limits=1):
-        twin = Twin.of(drawn.configuration, palida_design(), seed=number)
+        twin = None
+        while twin is None:
+            drawn = draw_machine(run, rng)
+            with suppress(InputError):
+                twin = Twin.of(drawn.configuration, palida_design(), seed=number)
         robot = robot_from(run.robot)
         knowledge, chosen = parameter_priors(run, robot), toleranced_deviations(robot)
         data = twin.measurement(1)
