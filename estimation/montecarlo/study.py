@@ -54,6 +54,7 @@ from estimation.twin import Twin
 from estimation.twin.disturbances import NoiseSource
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration import ComputationError, ConfigurationLike, RunConfiguration, load_run
+from expdesign.configuration.run import add_back_emf
 from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import parameter_unit
@@ -266,9 +267,11 @@ class Workbench:
         InputError
             The run cannot be simulated, or fixes every parameter.
         """
+        twin = Twin.of(configuration, design, configuration.run.montecarlo.seed)
+        if twin.back_emf is not None:
+            configuration = add_back_emf(configuration, twin.back_emf)
         robot = robot_from(configuration.robot)
         priors = parameter_priors(configuration, robot)
-        twin = Twin.of(configuration, design, configuration.run.montecarlo.seed)
         return cls(configuration, robot, priors, design, twin)
 
     def repeat(self, number: int) -> Repetition:

@@ -149,7 +149,7 @@ class Twin:
             name=configuration.run.name,
             robot=robot.name,
             machine=None if configuration.truth is None else MachineKeys.of(true),
-            parameters=dict(true.description.parameters),
+            parameters=dict(driven.description.parameters),
             payload=payload_parameters(section.payload) if section.payload else None,
             experiment=ExperimentKeys(
                 section.periods,

@@ -12,6 +12,7 @@ from expdesign.configuration import RunConfiguration
 from expdesign.configuration.experiment import ChannelDelay, ForceConstantError
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import friction, platform_forces, rigid_platform, struts
+from expdesign.mechanism.terms.actuator_forces import BACK_EMF
 from expdesign.recheck.limit_check import Motion
 from expdesign.robot import Robot
 from expdesign.robot.deviation import (
@@ -194,7 +195,10 @@ def with_motors(machine: Robot, robot: Robot) -> tuple[Robot, Array]:
     known, about = robot.description.drive, machine.description
     drive = about.drive if about.drive.motor is not None else about.drive.with_motors(known)
     about = replace(about, drive=drive, forces_of_voltages=True, tolerances=None)
-    return Robot(about).extended, np.divide(known.forces_per_volt, drive.forces_per_volt)
+    about = Robot(about).extended.description
+    damping = zip((one.name for one in BACK_EMF.parameters), drive.back_emf, strict=True)
+    driven = Robot(replace(about, parameters={**about.parameters, **dict(damping)}))
+    return driven, np.divide(known.forces_per_volt, drive.forces_per_volt)
 
 
 def _blocks(times: Array) -> Iterator[Array]:

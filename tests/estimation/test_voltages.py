@@ -7,6 +7,7 @@ import pytest
 from estimation.data.reading import read_measurement
 from estimation.identification import estimate_parameters
 from estimation.identification.estimate import identified_robot
+from estimation.montecarlo.study import Workbench
 from estimation.twin import Twin
 from estimation.twin.machine import machine_within_tolerances
 from estimation.twin.truth import write_measurement
@@ -160,3 +161,17 @@ def test_the_prediction_for_voltages_is_that_of_the_estimate():
     expected = [std[name] for name in evaluator.names]
     np.testing.assert_allclose(predicted, expected, rtol=0.15)
     assert predicted[evaluator.names.index("p10")] < 0.05 * 16.307
+
+
+def test_a_study_of_voltages_has_its_bound():
+    run = _run(MOTOR, {"units": {"Q": "V"}}, noise="given")
+    run = run.with_section("experiment", periods=3, sampling=200.0)
+    run = run.with_section("montecarlo", estimators=("gm",))
+    bench = Workbench.of(run, trajectory())
+    bound = np.sqrt(np.diag(bench.bound()))
+    truth = bench.twin.truth.values_of(bench.robot.parameter_names)
+    error = np.array(bench.repeat(1).outcomes["gm"].values) - truth
+    free = bound > 0
+    assert sum(free) == len(ROBOT.parameter_names)
+    assert np.all(error[~free] == 0)
+    assert np.sqrt(np.mean((error[free] / bound[free]) ** 2)) < 2
