@@ -69,13 +69,25 @@ def _programs_are_a_must():
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _commands_built_once():
-    """Build the command line once for all tests that call it: Typer builds it for every call."""
+def _started_sooner():
+    """Build the command line once for all tests, and start workers when there are jobs for them.
+
+    Typer builds it for every call. Workers are kept for one environment, and pytest writes the
+    name of the test into it.
+    """
     typer = importlib.import_module("typer.main")
+    surroundings = importlib.import_module("expdesign.workers.local")._surroundings
+
+    def without_the_test():
+        folder, environment = surroundings()
+        return folder, {k: v for k, v in environment.items() if k != "PYTEST_CURRENT_TEST"}
+
     with pytest.MonkeyPatch.context() as patch:
         built = functools.cache(typer.get_command)
         patch.setattr("typer.main.get_command", built)
         patch.setattr("typer.testing._get_command", built)
+        patch.setattr("expdesign.workers.local._surroundings", without_the_test)
+        patch.setattr("expdesign.stages.execution.prepare_workers", lambda: None)
         yield
 
 
