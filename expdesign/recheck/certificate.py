@@ -11,8 +11,12 @@ of signs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from operator import attrgetter
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -46,6 +50,8 @@ MOST_CELLS = 40_000
 """Largest number of cells that are enclosed; the others stay open."""
 _PARTS = 8
 _BLOCK = 1024
+_FEWEST = 64
+"""Smallest number of cells of a part for another process: below it the overhead is larger."""
 
 
 class EnclosedMotion(Protocol):
@@ -98,11 +104,10 @@ def certify(
         enclosed += len(edges)
         proof.open_excess[:] = -np.inf
         blocks = [slice(start, start + _BLOCK) for start in range(0, len(edges), _BLOCK)]
-        with np.errstate(all="ignore"):  # unknown values are infinite or NaN
-            examined = [
-                proof.examine(motion, edges[block], undecided[block], INSTANT * span)
-                for block in blocks
-            ]
+        examined = [
+            proof.examine(motion, edges[block], undecided[block], INSTANT * span)
+            for block in blocks
+        ]
         edges, undecided, turns = (np.concatenate(part) for part in zip(*examined, strict=True))
         if enclosed < most:  # open cells are reported as they are, undivided
             edges, undecided = _parts(edges, undecided, turns, INSTANT * span)
@@ -155,13 +160,135 @@ def _parts(edges: Array, undecided: Mask, turns: Array, instant: float) -> tuple
 
 
 @dataclass(frozen=True)
-class _Found:
-    """The largest excess found so far."""
+class Found:
+    """The largest excess of a limit found so far."""
 
     row: int = -1
     value: float = np.nan
     violation: float = -np.inf
     time: float = np.nan
+    rank: tuple[float, int, float] = (-np.inf, 0, -np.inf)
+    """Sorting key: the excess; of equal ones the first bound, and of it the farthest value."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Cells of time in which limits are to be bounded."""
+
+    edges: Array
+    """(N, 2), s."""
+    undecided: Mask
+    """(N, L), limits of each cell that are to be bounded."""
+    smallest: Mask
+    """(N,), cells that are not divided any more."""
+    which: tuple[int, ...]
+    """Numbers of the limits that are undecided in some cell, of all parts."""
+    found: tuple[Found, ...]
+    """(L,), excesses found before."""
+
+    def parts(self, count: int) -> list[Cells]:
+        """Divide them, in their order, into up to `count` parts that are worth a job each."""
+        size = len(self.edges)
+        ends = np.linspace(0, size, max(1, min(count, size // _FEWEST)) + 1).astype(int)
+        return [
+            replace(
+                self,
+                edges=self.edges[a:b],
+                undecided=self.undecided[a:b],
+                smallest=self.smallest[a:b],
+            )
+            for a, b in pairwise(ends)
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class CellBounds:
+    """Bounds of limits in cells of time."""
+
+    possible: Array
+    """(N, L), largest possible excess; −∞ where it was not asked for."""
+    turns: Array
+    """(N,), place of a rate's sign change in the cell, τ; NaN without one."""
+    found: tuple[Found, ...]
+    """(L,), largest excess that the motion certainly attains, in these cells or before."""
+
+    @classmethod
+    def join(cls, parts: Sequence[CellBounds]) -> CellBounds:
+        """Join the bounds of parts: all digits are those of the undivided cells."""
+        each_limit = zip(*(part.found for part in parts), strict=True)
+        found = [max(each, key=attrgetter("rank")) for each in each_limit]
+        return cls(
+            np.concatenate([part.possible for part in parts]),
+            np.concatenate([part.turns for part in parts]),
+            tuple(found),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Sharing:
+    """A function that bounds parts of cells, for example in other processes."""
+
+    limits: LimitModel
+    """Only the proofs of these limits use it."""
+    count: int
+    """Largest number of parts."""
+    bound: Callable[[EnclosedMotion, list[Cells]], Iterable[CellBounds]]
+
+
+_sharing: ContextVar[Sharing | None] = ContextVar("sharing", default=None)
+
+
+@contextmanager
+def share_cells(sharing: Sharing) -> Iterator[None]:
+    """Divide the cells of proofs among processes, within the context."""
+    token = _sharing.set(sharing)
+    try:
+        yield
+    finally:
+        _sharing.reset(token)
+
+
+def bound_cells(enclosed: EnclosedLimits, motion: EnclosedMotion, cells: Cells) -> CellBounds:
+    """Enclose limits over cells and return their bounds."""
+    possible, found = np.full(cells.undecided.shape, -np.inf), list(cells.found)
+    with np.errstate(all="ignore"):  # unknown values are infinite or NaN
+        rows, turns = enclosed(motion.models(cells.edges), cells.which)
+        for k in cells.which:
+            sides = list(_sides(enclosed.limits.limits[k], rows[k]))
+            possible[:, k], found[k] = _largest_excess(sides, cells, k)
+    return CellBounds(possible, turns, tuple(found))
+
+
+def _largest_excess(
+    sides: list[tuple[_Side, EnclosedRow]], cells: Cells, k: int
+) -> tuple[Array, Found]:
+    """Return the largest possible excess of limit k in each cell, (N,), and the one found."""
+    worst, best = np.full(len(cells.edges), -np.inf), cells.found[k]
+    for number, (side, row) in enumerate(sides):
+        low, high = row.bounds()
+        excess = np.broadcast_to(side.excess(high if side.sign > 0 else low), worst.shape)
+        worst = np.maximum(worst, excess)
+        promising = cells.undecided[:, k] & (excess > best.violation)
+        if np.any(promising):
+            found = _attained_excess(side, row, cells, promising)
+            if found.violation > best.violation:
+                best = replace(found, rank=(found.violation, -number, side.sign * found.value))
+    return worst, best
+
+
+def _attained_excess(side: _Side, row: EnclosedRow, cells: Cells, here: Mask) -> Found:
+    """Return the largest excess that the motion certainly attains in some of the cells."""
+    # With an undecided sign the row jumps within the cell: only instants are recorded.
+    known = here & (cells.smallest | (row.changing == 0))
+    values, places = _extremes(row, side.sign, len(cells.edges))
+    best = np.where(known & np.isfinite(values), values, -np.inf)
+    cell = int(np.argmax(best))
+    value = side.sign * float(best[cell])
+    if not np.isfinite(value):
+        return Found()
+    start, end = cells.edges[cell]
+    time = float((start + end) / 2 + places[cell] * (end - start) / 2)
+    return Found(side.row, value, side.limit.violation_of(side.row, value), time)
 
 
 class _Side(NamedTuple):
@@ -195,7 +322,7 @@ class _Proof:
     def __init__(self, limits: LimitModel) -> None:
         self._model, self._enclosed = limits, EnclosedLimits(limits)
         count = len(limits.limits)
-        self._best = [_Found() for _ in range(count)]
+        self._found = (Found(),) * count
         self._cells = np.zeros(count, dtype=int)
         self._stuck = np.zeros(count)
         # Before any cell is examined everything is possible.
@@ -208,15 +335,13 @@ class _Proof:
 
         The cut is the time of a rate's sign change, s, (N,), or NaN.
         """
-        which = [int(k) for k in np.flatnonzero(undecided.any(axis=0))]
-        rows, turns = self._enclosed(motion.models(edges), which)
         width = np.diff(edges, axis=1)[:, 0]
         smallest = width <= instant
-        possible = np.full(undecided.shape, -np.inf)
-        for k in which:
-            self._cells[k] += int(np.count_nonzero(undecided[:, k]))
-            possible[:, k] = self._largest_excess(k, rows[k], edges, undecided[:, k], smallest)
-        found = np.array([best.violation for best in self._best])
+        which = tuple(np.flatnonzero(undecided.any(axis=0)).tolist())
+        bounds = self._bound(motion, Cells(edges, undecided, smallest, which, self._found))
+        possible, turns, self._found = bounds.possible, bounds.turns, bounds.found
+        self._cells += np.count_nonzero(undecided, axis=0)
+        found = np.array([one.violation for one in self._found])
         left = undecided & ~(possible <= found + CLOSE)
         stuck = left & smallest[:, None]
         self._stuck += np.sum(np.where(stuck & ~(possible <= TOLERANCE), width[:, None], 0), axis=0)
@@ -228,6 +353,14 @@ class _Proof:
         places = np.sum(edges, axis=1) / 2 + turns * width / 2
         return edges[again], left[again], places[again]
 
+    def _bound(self, motion: EnclosedMotion, cells: Cells) -> CellBounds:
+        sharing = _sharing.get()
+        if sharing is not None and sharing.limits is self._model:
+            parts = cells.parts(sharing.count)
+            if len(parts) > 1:
+                return CellBounds.join(list(sharing.bound(motion, parts)))
+        return bound_cells(self._enclosed, motion, cells)
+
     def checks(self, edges: Array, undecided: Mask) -> tuple[LimitCheck, ...]:
         """Return the checks of all limits when these cells (N, 2) stay open for limits (N, L)."""
         width = np.diff(edges, axis=1)
@@ -236,7 +369,7 @@ class _Proof:
         checks = []
         # A limited quantity without any value found may have any value.
         unknown = np.isfinite(proved) | (proved > 0)
-        for k, (limit, best) in enumerate(zip(self._model.limits, self._best, strict=True)):
+        for k, (limit, best) in enumerate(zip(self._model.limits, self._found, strict=True)):
             violation = np.inf if best.row < 0 and unknown[k] else best.violation
             check = replace(
                 limit_check(limit, max(best.row, 0), best.value, violation, best.time),
@@ -246,35 +379,6 @@ class _Proof:
             )
             checks.append(check)
         return tuple(checks)
-
-    def _largest_excess(
-        self, k: int, rows: list[EnclosedRow], edges: Array, here: Mask, smallest: Mask
-    ) -> Array:
-        """Return the largest possible excess of a limit in each cell, (N,); record those found."""
-        worst = np.full(len(edges), -np.inf)
-        for side, row in _sides(self._model.limits[k], rows):
-            low, high = row.bounds()
-            excess = np.broadcast_to(side.excess(high if side.sign > 0 else low), worst.shape)
-            worst = np.maximum(worst, excess)
-            promising = here & (excess > self._best[k].violation)
-            if np.any(promising):
-                self._record(k, side, row, edges, promising, smallest)
-        return worst
-
-    def _record(
-        self, k: int, side: _Side, row: EnclosedRow, edges: Array, here: Mask, smallest: Mask
-    ) -> None:
-        """Record the largest excess that the motion certainly attains in some of the cells."""
-        # With an undecided sign the row jumps within the cell: only instants are recorded.
-        known = here & (smallest | (row.changing == 0))
-        values, places = _extremes(row, side.sign, len(edges))
-        best = np.where(known & np.isfinite(values), values, -np.inf)
-        cell = int(np.argmax(best))
-        violation = side.limit.violation_of(side.row, value := side.sign * float(best[cell]))
-        if np.isfinite(value) and violation > self._best[k].violation:
-            start, end = edges[cell]
-            time = float((start + end) / 2 + places[cell] * (end - start) / 2)
-            self._best[k] = _Found(side.row, value, violation, time)
 
 
 def _sides(limit: Limit, rows: list[EnclosedRow]) -> Iterator[tuple[_Side, EnclosedRow]]:

@@ -13,9 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from constraints.arrays import Array, Mask
+from expdesign.enclosure.limit_rows import EnclosedLimits
+from expdesign.enclosure.paths import EnclosedSeries
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.problem.program import smoothing_gap
-from expdesign.recheck.certificate import recheck
+from expdesign.recheck.certificate import CellBounds, Cells, bound_cells, recheck
 from expdesign.recheck.information import Evaluator
 from expdesign.recheck.limit_check import (
     TOLERANCE,
@@ -99,6 +101,13 @@ def prove_design(plan: SearchPlan, monitor: Monitor, polished: StartResult) -> S
         if before.check.certified:
             return before
     return proved
+
+
+def bound_part(
+    plan: SearchPlan, _monitor: Monitor, motion: EnclosedSeries, cells: Cells
+) -> CellBounds:
+    """Bound the limits of a motion in a part of the cells of a proof."""
+    return bound_cells(EnclosedLimits(plan.problem.limits), motion, cells)
 
 
 def _polish_again(plan: SearchPlan, monitor: Monitor, polished: StartResult) -> StartResult:

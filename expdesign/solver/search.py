@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from operator import attrgetter
@@ -13,7 +13,8 @@ import numpy as np
 
 from expdesign.configuration import ComputationError
 from expdesign.progress import report_progress
-from expdesign.solver.finish import polish_start, prove_design
+from expdesign.recheck.certificate import CellBounds, Cells, EnclosedMotion, Sharing, share_cells
+from expdesign.solver.finish import bound_part, polish_start, prove_design
 from expdesign.solver.phases import SearchEvent
 from expdesign.solver.starts import SearchPlan, StartResult, give_up, report_end, run_start
 from expdesign.trajectory import FourierTrajectory
@@ -156,7 +157,7 @@ def search(
     if clock.stop_requested():
         ended = "stopped" if monitor.stop_requested() else "design.max_seconds had passed"
     tried = _polish_best(runner, motions, watch)
-    best = _prove_best(runner, tried, watch)
+    best = _prove_best(runner, plan, tried, watch)
     lost = "" if runner.lost is None else runner.lost.message
     every = sorted([*starts, *hops], key=attrgetter("index"))
     return SearchResult(
@@ -422,15 +423,28 @@ def _polish_best(
     return tried
 
 
-def _prove_best(runner: JobRunner, tried: Sequence[StartResult], monitor: Monitor) -> StartResult:
+def _prove_best(
+    runner: JobRunner, plan: SearchPlan, tried: Sequence[StartResult], monitor: Monitor
+) -> StartResult:
     """Return the best design whose limits are all proved, among the best few.
 
-    If there is none, the best of those examined is returned.
+    If there is none, the best of those examined is returned. This process leads the proof, and
+    local workers bound the limits in parts of its cells of time.
     """
+
+    def bound(motion: EnclosedMotion, parts: list[Cells]) -> Iterator[CellBounds]:
+        jobs = [Job(bound_part, (motion, part)) for part in parts]
+        return runner.run(jobs, monitor, after_stop=True)
+
     seen: list[StartResult] = []
     report_progress("proving the limits")
     for polished in sorted(tried, key=_rank, reverse=True)[:PROVED]:
-        (proved,) = runner.run([Job(prove_design, (polished,))], monitor, after_stop=True)
+        job = Job(prove_design, (polished,))
+        if plan.workers > 1 and plan.scheduler is None:
+            with share_cells(Sharing(plan.problem.limits, plan.workers, bound)):
+                proved = runner.run_here(plan, job, monitor)
+        else:
+            (proved,) = runner.run([job], monitor, after_stop=True)
         seen.append(proved)
         if proved.check.certified or monitor.stop_requested():
             break

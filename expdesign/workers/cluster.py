@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from pydantic import ConfigDict
+from threadpoolctl import threadpool_limits
 
 from expdesign.configuration import ComputationError, InputError
 from expdesign.runfolder.journal import Journal
@@ -171,6 +172,13 @@ class JobRunner:
             work = self._run_on_cluster(self._scheduler, timed, monitor, follow, after_stop)
         for done in work:
             yield done.result
+
+    def run_here(self, built: Any, job: Job, monitor: Monitor) -> Any:
+        """Run a job in this process, with what it has built; it may have other jobs run."""
+        with threadpool_limits(1):
+            done = _run_timed(built, monitor, (0, 0), job, self._keep_event)
+        self.cpu_seconds += done.seconds
+        return done.result
 
     def _keep(self, done: _Done) -> None:
         if self._journal is not None and not done.stopped:
