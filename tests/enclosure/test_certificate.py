@@ -10,7 +10,7 @@ from expdesign.configuration.limits import row_labels
 from expdesign.enclosure.instructions import NoEnclosureError
 from expdesign.enclosure.limit_rows import EnclosedLimits
 from expdesign.enclosure.paths import EnclosedSeries
-from expdesign.recheck.certificate import certify
+from expdesign.recheck.certificate import Sharing, bound_cells, certify, share_cells
 from expdesign.recheck.limit_check import TOLERANCE
 from expdesign.robot import LimitModel
 from tests.enclosure.machines import ALL, STICKY, THREADED, robot
@@ -72,6 +72,23 @@ def test_what_is_proved_holds_however_few_cells_there_are(palida, cells, most, f
     assert_no_less_than_found(checks, found)
     for check, moment in zip(checks, found, strict=True):
         assert not (check.certified and moment.excess > TOLERANCE)
+
+
+@pytest.mark.parametrize("count", [2, 7])
+def test_a_proof_in_parts_has_the_digits_of_one_that_is_not_divided(palida, count):
+    rng = np.random.default_rng(5)
+    motion = EnclosedSeries(near_limits(palida, drawn(palida, rng), 0.0))
+    enclosed, numbers = EnclosedLimits(palida), []
+
+    def bound(moving, parts):
+        numbers.append(len(parts))
+        return [bound_cells(enclosed, moving, part) for part in parts]
+
+    with share_cells(Sharing(palida, count, bound)):
+        divided = certify(palida, motion)
+
+    assert repr(divided) == repr(certify(palida, motion))
+    assert max(numbers) == count
 
 
 @pytest.mark.slow
