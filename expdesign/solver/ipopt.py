@@ -46,7 +46,13 @@ IPOPT_OPTIONS = {
 
 
 class _Function(ca.Callback):
-    """A function for Ipopt, computed by NumPy from its inputs as vectors."""
+    """A function for Ipopt, computed by NumPy from its inputs as vectors.
+
+    Attributes
+    ----------
+    interruption : KeyboardInterrupt or None
+        Was raised here; Ipopt stops, but does not pass it on.
+    """
 
     def __init__(
         self,
@@ -57,6 +63,7 @@ class _Function(ca.Callback):
     ) -> None:
         ca.Callback.__init__(self)
         self._inputs, self._outputs, self._compute = inputs, outputs, compute
+        self.interruption: KeyboardInterrupt | None = None
         self.construct(name, {})
 
     def get_n_in(self) -> int:
@@ -72,7 +79,11 @@ class _Function(ca.Callback):
         return self._outputs[i]
 
     def eval(self, arg: Sequence[ca.DM]) -> Sequence[Any]:
-        return self._compute(*(value.full().ravel() for value in arg))
+        try:
+            return self._compute(*(value.full().ravel() for value in arg))
+        except KeyboardInterrupt as interruption:
+            self.interruption = interruption
+            raise
 
 
 def solve_with_ipopt(
@@ -148,6 +159,9 @@ def solve_with_ipopt(
         ubg=program.row_upper,
     )
     seconds = time.perf_counter() - began
+    for function in (cost, rows, *functions.values()):
+        if function.interruption is not None:
+            raise function.interruption
     statistics = solver.stats()
     status = str(statistics["return_status"])
     return Solution(

@@ -67,6 +67,14 @@ def test_evaluations_are_the_true_ones(make):
     assert counts["grad_f"] <= result.iterations + 2
 
 
+def test_an_interruption_is_not_lost_in_ipopt():
+    def report(*_iteration):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        solve_with_ipopt(quadratic(), np.zeros(3), options=OPTIONS, report=report)
+
+
 def test_report_gets_every_iterate():
     program, seen = quadratic(), []
 
