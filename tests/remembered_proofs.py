@@ -42,7 +42,10 @@ def _content(value):
     elif isinstance(value, BaseModel):
         yield value.model_dump_json().encode()
     elif isinstance(value, ResolvedRobot):
-        yield from _content(value.description)
+        # A payload and deviations are not in the description.
+        joints = (value.base_joints, value.platform_joints, value.gravity)
+        numbers = (value.constants, *value.parameters.items(), value.forces_of_voltages)
+        yield from _content((value.description, joints, numbers))
     elif isinstance(value, Limit):
         yield from _content((value.key, value.lower, value.upper, value.labels, value.reserve))
     elif isinstance(value, tuple | list):

@@ -311,6 +311,7 @@ def _fit_motion(
             noise = replace(noise, lengths=lengths.noise_before_sensors(found))
         if remaining:
             start = fit.series
+    least = min(least, fit.series.harmonics)
     return noise, fit, None if section.harmonics else least, scarce
 
 

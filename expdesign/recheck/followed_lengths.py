@@ -52,8 +52,12 @@ def raised_harmonics(
     int
         At least the harmonics of the motion, at most `MOST_HARMONICS`.
     """
-    # An error of the clock grows with time; the motion keeps its harmonics.
-    chosen = [one for one in deviation.toleranced_deviations(robot) if one.group != "clock"]
+    # Delays and clocks of a recording do not move the machine, zeros of its lengths do.
+    chosen = [
+        one
+        for one in deviation.toleranced_deviations(robot)
+        if one.of_the_machine or one.group == "strut_length"
+    ]
     least = motion.harmonics
     if not chosen or least >= MOST_HARMONICS:
         return least
