@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from constraints.arrays import Array, ComplexArray
 from expdesign.configuration.estimate import ChannelFilter, DataSection
@@ -58,8 +58,8 @@ class SensorResponse:
         for channel, each in enumerate(self.filters):
             if each is None:
                 continue
-            analog = signal.butter(each.order, 2 * np.pi * each.low_pass, analog=True)
-            _, own = signal.freqs(*analog, worN=rates)
+            analog = scipy.signal.butter(each.order, 2 * np.pi * each.low_pass, analog=True)
+            _, own = scipy.signal.freqs(*analog, worN=rates)
             response[:, channel] *= np.abs(own) ** 2 if each.zero_phase else own
         if samples % 2 == 0:  # a real line
             response[-1] = np.abs(response[-1])

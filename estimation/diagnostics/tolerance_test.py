@@ -40,7 +40,6 @@ _AT_THE_EDGE = replace(
 )
 _NAMED = 3.0
 """Size of a named deviation, in standard deviations of its estimate."""
-_NAMED_P = 2 * scipy.stats.norm.sf(_NAMED)
 _MOST_NAMED = 4
 
 
@@ -80,7 +79,8 @@ def tolerance_findings(estimate: ParameterEstimate) -> tuple[Finding, ...]:
         where = join_words(names if len(far) <= _MOST_NAMED else [*names, "others"])
         numbers = "; ".join(_describe(entries[k], z[k]) for k in far[:_MOST_NAMED])
         return (_WITHIN.fails(f"estimated deviations: {numbers}", p, level, where),)
-    doubtful = [group for group, (_, own_p) in each.items() if own_p < _NAMED_P]
+    least = 2 * scipy.stats.norm.sf(_NAMED)
+    doubtful = [group for group, (_, own_p) in each.items() if own_p < least]
     where = join_words(f"`tolerances.{group}`" for group in doubtful or places)
     sentence = f"no estimated deviation exceeds its tolerance, but all together do ({total})"
     return (_SEVERAL.fails(sentence, p, level, where),)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration, ValidationMotion
@@ -144,7 +144,7 @@ def _spline(motion: BenchmarkMotion, _home: Array) -> FourierTrajectory:
     if not np.all(way > 0):
         raise ValueError("two poses that follow each other are the same")
     knots = np.concatenate([[0.0], np.cumsum(way)]) * 2 * np.pi / way.sum()
-    spline = CubicSpline(knots, closed, bc_type="periodic")
+    spline = scipy.interpolate.CubicSpline(knots, closed, bc_type="periodic")
     phases = 2 * np.pi * np.arange(_SPLINE_POINTS) / _SPLINE_POINTS
     harmonics = _SPLINE_HARMONICS_PER_POSE * len(poses)
     basis = PhaseBasis.at(phases, harmonics).value
