@@ -1,6 +1,7 @@
 """Designs for the noise alone, and for the total error of an estimator, on drawn machines.
 
-Every machine is drawn from the tolerances. Ten periods of some 250 samples have as much less noise
+Machines are drawn from the tolerances, all of them together with exactly their covariance; their
+controllers follow the lengths of the design. Ten periods of some 250 samples have as much less noise
 as ten at 1 kHz. Predicted and achieved errors are geometric means over the parameters, relative to
 their scales; the achieved ones are root mean squares over the machines.
 """
@@ -61,6 +62,8 @@ SECTIONS = (
     "motions",
     "motions_linuxcnc",
     "motions_rubin",
+    "motions_dehaeze",
+    "motions_mathworks",
     "next",
     "prior",
     "plan",
@@ -331,9 +334,11 @@ def _achieved(
     fewer = _fewer(robot_name, sampling, {}, **more)
     errors: dict[str, list[Array]] = {}
     robot = robot_from(fewer.robot)
+    draws = _exact_draws(robot, count)
     free = [name not in _HELD.get(robot_name, ()) for name in robot.parameter_names]
     for number in range(count):
-        for name, found in _estimates(fewer, motions, number, plain=plain).items():
+        estimates = _estimates(fewer, motions, number, plain=plain, draws=draws[number])
+        for name, found in estimates.items():
             off = (found.values - robot.parameters) / robot.scales
             errors.setdefault(name, []).append(off[free])
     return {name: np.sqrt(np.mean(np.square(each), axis=0)) for name, each in errors.items()}
@@ -452,11 +457,13 @@ def _rows_after(
 
 
 def _exact_draws(robot: Robot, count: int) -> Array:
-    """Return draws, (count, t), with exactly the covariance of the tolerances.
+    """Return draws, (count, t), with exactly the covariance of the tolerances; fewer than t: random.
 
     Few draws of one that dominates, such as the force constant, would be too large or too small.
     """
     drawn = np.random.default_rng(0).standard_normal((count, len(toleranced_deviations(robot))))
+    if count < drawn.shape[1]:
+        return drawn
     draws: Array = np.linalg.qr(drawn)[0] * np.sqrt(count)
     return draws
 
@@ -467,11 +474,9 @@ def _estimates(
     number: int,
     *,
     plain: bool,
-    draws: Array | None = None,
+    draws: Array,
 ) -> dict[str, ParameterEstimate]:
-    drawn = draw_machine(run, np.random.default_rng([0, number]))
-    if draws is not None:
-        drawn = machine_within_tolerances(run, draws)
+    drawn = machine_within_tolerances(run, draws)
     with threadpool_limits(limits=1):
         robot = robot_from(run.robot)
         priors, chosen = parameter_priors(run, robot), toleranced_deviations(robot)
