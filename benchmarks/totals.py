@@ -1,9 +1,9 @@
 """Designs for the noise alone, and for the total error of an estimator, on drawn machines.
 
 Machines are drawn from the tolerances, all of them together with exactly their covariance; their
-controllers follow the lengths of the design. Ten periods of some 250 samples have as much less noise
-as ten at 1 kHz. Predicted and achieved errors are geometric means over the parameters, relative to
-their scales; the achieved ones are root mean squares over the machines.
+controllers follow the lengths of the design. Ten periods of some 250 samples have as much less
+noise as ten at 1 kHz. Predicted and achieved errors are geometric means over the parameters,
+relative to their scales; the achieved ones are root mean squares over the machines.
 """
 
 from __future__ import annotations
@@ -457,9 +457,10 @@ def _rows_after(
 
 
 def _exact_draws(robot: Robot, count: int) -> Array:
-    """Return draws, (count, t), with exactly the covariance of the tolerances; fewer than t: random.
+    """Return draws, (count, t), with exactly the covariance of the tolerances.
 
     Few draws of one that dominates, such as the force constant, would be too large or too small.
+    Fewer draws than tolerances are random.
     """
     drawn = np.random.default_rng(0).standard_normal((count, len(toleranced_deviations(robot))))
     if count < drawn.shape[1]:
