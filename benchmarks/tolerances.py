@@ -49,6 +49,12 @@ SECTIONS: dict[str, dict[str, Any]] = {
     "delay": {"delay": 1e-3},
     "channel-delays": {"channel_delay": {"forces": 5e-4, "lengths": 1e-4}},
     "channel-delays-2ms": {"channel_delay": {"forces": 2e-3, "lengths": 5e-4}},
+    "low-pass-2ms": {"low_pass": {"forces": 2e-3, "lengths": 2e-4}},
+    "low-pass-5ms": {"low_pass": {"forces": 5e-3}},
+    "low-pass-and-delays": {
+        "low_pass": {"forces": 3e-3, "lengths": 5e-4},
+        "channel_delay": {"forces": 1e-3, "lengths": 1e-4},
+    },
     "gravity": {"gravity": 0.01},
     "all": {
         **_JOINTS,

@@ -112,7 +112,7 @@ CASES = {
     "cable_drag": _case("N", 1, (0.3, 0.6, 0.9, 2.4), "platform_drag", "platform_spring"),
     "base_on_springs": _case("Hz", 1, (15, 11, 8)),
     "products_of_inertia": _case("g m^2", 1e3, (0.2, 0.3, 0.4, 8), "general_platform"),
-    "low_pass": _case("ms", 1e3, (0.25, 0.35, 0.5), "delay", "lag"),
+    "low_pass": _case("ms", 1e3, (0.25, 0.35, 0.5), "delay", "lag", "low_pass"),
     "position_friction": _case("%", 100, (10, 15, 20, 40), "position_friction"),
     "direction_friction": _case("%", 100, (1, 2, 4), "asymmetric_friction", "force_offset"),
     "liquid": _case("kg", 1, (0.02, 0.04, 0.06, 0.2)),

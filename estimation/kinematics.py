@@ -469,9 +469,15 @@ def rate_spread(
         rates, slope = sliding_kernel(robot.terms)(sampled.state(), robot.geometry_vector)
         spread = sampled.spread(slope, factor)
         if late:
-            change = slope @ sampled.state()[:, COORDINATES:, None]
-            spread = np.hypot(spread, late * change[:, :, 0])
+            spread = add_time_spread(robot, sampled, spread, late)
         # Lengths show no sign of a friction while the whole machine stands still.
         still = np.all(np.abs(rates) <= _STILL * spread, axis=1)
         parts.append(np.where(still[:, None], np.inf, spread))
     return np.concatenate(parts)
+
+
+def add_time_spread(robot: Robot, sampled: Samples, spread: Array, std: float) -> Array:
+    """Add the share of a standard deviation of the time, s, to those of the rates, (S, s)."""
+    _, slope = sliding_kernel(robot.terms)(sampled.state(), robot.geometry_vector)
+    change = slope @ sampled.state()[:, COORDINATES:, None]
+    return np.hypot(spread, std * change[:, :, 0])

@@ -7,13 +7,14 @@ weight every line by its noise then give the same result as a model that passes 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
 
 from constraints.arrays import Array, ComplexArray
 from expdesign.configuration.estimate import ChannelFilter, DataSection
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.noise import lines_of, series_of
 
 _FLOOR = 1e-4
@@ -28,6 +29,8 @@ class SensorResponse:
     """Six, by the number of the strut."""
     delays: Array
     """(6,), s, after the mean delay of the channels."""
+    constants: Array = field(default_factory=lambda: np.zeros(ACTUATORS))
+    """(6,), s, time constants of further low passes of first order."""
 
     @classmethod
     def of(cls, section: DataSection, group: str) -> SensorResponse | None:
@@ -55,6 +58,7 @@ class SensorResponse:
         """
         rates = 2 * np.pi * np.fft.rfftfreq(samples, step)
         response = np.exp(-1j * np.multiply.outer(rates, self.delays))
+        response /= 1 + 1j * np.multiply.outer(rates, self.constants)
         for channel, each in enumerate(self.filters):
             if each is None:
                 continue
@@ -65,6 +69,14 @@ class SensorResponse:
             response[-1] = np.abs(response[-1])
         gain = np.maximum(np.abs(response), _FLOOR)
         return np.asarray(gain * np.exp(1j * np.angle(response)))
+
+    @staticmethod
+    def with_low_pass(sensors: SensorResponse | None, constants: Array) -> SensorResponse | None:
+        """Return the response with low passes of first order, time constants (6,) in s."""
+        if not np.any(constants):
+            return sensors
+        known = sensors or SensorResponse((None,) * ACTUATORS, np.zeros(ACTUATORS))
+        return replace(known, constants=constants)
 
     def undo(self, series: Array, step: float) -> Array:
         """Return the periodic series, (n, 6), before filters and delays."""

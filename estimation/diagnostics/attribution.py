@@ -205,7 +205,10 @@ def doubt_effects(
     effects = attribution.effects
     remains = given.failed or bool(np.any(lack_given.failed))
     causes = {(effect.kind, effect.parameter) for effect in effects if not effect.remainder}
-    impossible = any(effect.doubt for effect in effects)
+    # Of a delay or a low pass the jumps of dry friction leave a remainder of any sign.
+    lags = {one.kind for one in attribution.hypotheses if one.sized_by_constant}
+    late = bool(effects) and effects[0].kind in lags
+    impossible = any(effect.doubt and not (late and effect.remainder) for effect in effects)
     many = len(causes) > _MOST_CAUSES
     reasons = {
         "a lack of fit remains": remains,

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from constraints.arrays import Array, ComplexArray
+from estimation.estimators.joint_equations import LOW_PASS_NODES, LOW_PASS_WEIGHTS
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.motion import root_of_pseudo_inverse
 from estimation.processing import NoiseModel, PeriodicRecording
@@ -440,7 +441,26 @@ class ChannelSearch:
             if found.excess > _MOSTLY * best.excess or not self._is_no_imitation(best, found):
                 break
             best = replace(found, next_best=min(found.next_best, other.excess))
-        return self._simplest(best)
+        return self._simplest(self._without_low_pass(best) if best.delay > 0 else best)
+
+    def _without_low_pass(self, found: Candidate) -> Candidate:
+        """Return the wiring without a delay that a low pass of all forces explains better."""
+        motion = self.motion(found.lengths)
+
+        def excess(constant: float) -> float:
+            parts = [self.columns(motion, constant * node) for node in LOW_PASS_NODES]
+            columns = np.tensordot(LOW_PASS_WEIGHTS, parts, axes=1)
+            return ForceFit(columns, self.forces, self._variances).excess(found.forces)
+
+        best = minimize_scalar(
+            excess,
+            bounds=(found.delay / 2, 2 * found.delay),
+            method="bounded",
+            options={"xatol": _DELAY_DIGITS * self.step},
+        )
+        if best.fun > found.excess - self.least_decrease:
+            return found
+        return replace(found, delay=0.0, excess=float(best.fun))
 
     def _simplest(self, found: Candidate) -> Candidate:
         """Return the wiring with the fewest channels in another order among equal ones.

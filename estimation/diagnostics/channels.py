@@ -188,7 +188,10 @@ def _least_faults(robot: Robot, home: Array, step: float) -> tuple[Array, float]
         if joints is not None:
             own = own + np.max(np.array(joints) ** 2, axis=1)
     zeros = np.maximum(_LEAST_ZERO * home, _TOLERATED * np.sqrt(own))
-    return zeros, max(_LEAST_DELAY * step, _TOLERATED * (tolerances.delay or 0.0))
+    channels = (tolerances.channel_delay, tolerances.low_pass)
+    lags = [max(one.forces) for one in channels if one is not None and one.forces]
+    late = float(np.linalg.norm([tolerances.delay or 0.0, *lags]))
+    return zeros, max(_LEAST_DELAY * step, _TOLERATED * late)
 
 
 def _faults(found: Candidate, late_error: float) -> Iterator[tuple[str, str]]:

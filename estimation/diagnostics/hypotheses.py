@@ -31,13 +31,16 @@ from estimation.diagnostics.significance import HYPOTHESES
 from estimation.processing.hum import mains_frequencies
 from estimation.processing.periodic_recording import PeriodicRecording
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
-from expdesign.robot.deviation import toleranced_deviations
+from expdesign.robot.deviation import CHANNEL_DELAYS, LOW_PASSES, toleranced_deviations
 
 _FEWEST_PERIODS = 2
 _MULTIPLES = 3
 """Number of multiples of the mains that are considered."""
 _DELAYS = (-3.0, -1.0, 0.1, 1.0, 3.0)
 """Delays of the tested secants, in steps of the recording; the small one is a derivative."""
+_LAGS = (-3.0, -1.0, 1.0, 3.0)
+_LOW_PASSES = (0.3, 1.0, 3.0)
+"""Delays and time constants of single channels, the same."""
 
 STRIBECK_VELOCITIES = (0.02, 0.05, 0.12, 0.3)
 """Tested Stribeck velocities, m/s; neighbouring ones overlap."""
@@ -264,14 +267,32 @@ def _delay(effects: CandidateEffects) -> Candidates:
     )
 
 
-def _lags(effects: CandidateEffects) -> Candidates:
-    """Return lags of single channels of the forces and of the lengths."""
-    columns = Signature.none(effects.part)
-    if effects.motion is not None:
-        late = effects.delay(effects.experiment.recording.step).forces * np.eye(ACTUATORS)
-        columns = Signature.concatenate([effects.of_forces(late), effects.length_lags()])
-    labels = [(of, j) for of in ("force", "length") for j in range(ACTUATORS)]
-    return _candidates(columns, labels)
+def _of_channels(
+    groups: Mapping[str, str], steps: Sequence[float], together: Sequence[str] = ()
+) -> _Finder:
+    """Return the finder of secants in single channels, and in all forces or lengths together."""
+    channels = [(of, j) for of in ("force", "length") for j in range(ACTUATORS)]
+    labels: list[Label] = [*channels, *((f"{of}s", None) for of in together)]
+
+    def find(effects: CandidateEffects) -> Candidates:
+        step = effects.experiment.recording.step
+        times = [each * step for each in steps] if effects.motion is not None else []
+
+        def secants(seconds: float) -> Signature:
+            single, shares = effects.lags(groups, seconds), np.zeros((len(channels), len(together)))
+            for column, of in enumerate(together):
+                shares[[name == of for name, _ in channels], column] = 1.0
+            whole = Signature(single.forces @ shares, single.lengths @ shares)
+            return Signature.concatenate([single, whole])
+
+        return Candidates(
+            labels=tuple(labels) * len(times),
+            columns=Signature.concatenate([Signature.none(effects.part), *map(secants, times)]),
+            constants=tuple(seconds for seconds in times for _ in labels),
+            at=lambda label, seconds: secants(seconds).select([labels.index(label)]),
+        )
+
+    return find
 
 
 def _hums(effects: CandidateEffects) -> Candidates:
@@ -500,13 +521,29 @@ _FAMILIES = (
     _family(
         "lag",
         "a lag of the",
-        _lags,
-        "set it as `data.delay`, one for each channel, or its filter as `data.filter`; or state "
-        "the uncertainty of the delays, `tolerances.channel_delay`, with " + _JOINTLY,
-        tolerances=("channel_delay",),
+        _of_channels(CHANNEL_DELAYS, _LAGS),
+        "set it as `data.delay`, one for each channel; or state the uncertainty of the delays, "
+        "`tolerances.channel_delay`, with " + _JOINTLY,
+        tolerances=tuple(CHANNEL_DELAYS.values()),
         assumed="all channels are sampled at the same time",
         fails="a channel lags behind the others",
         weight=0.5,
+        sized_by_constant=True,
+        unit="ms",
+        **_OF_MOTION,
+    ),
+    _family(
+        "low_pass",
+        "a low pass of the",
+        _of_channels(LOW_PASSES, _LOW_PASSES, ("force",)),
+        "set it as `data.filter`, with `order: 1` and the cut-off 1/(2π) over this time constant; "
+        "or state the uncertainty of the time constants, `tolerances.low_pass`, with " + _JOINTLY,
+        tolerances=tuple(LOW_PASSES.values()),
+        assumed="no channel is filtered",
+        fails="a first-order low pass acts on the measurement",
+        weight=0.5,
+        lower=0.0,
+        sized_by_constant=True,
         unit="ms",
         **_OF_MOTION,
     ),

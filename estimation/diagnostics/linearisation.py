@@ -49,6 +49,7 @@ from expdesign.mechanism.terms import term_definitions
 from expdesign.mechanism.terms.rigid_platform import GENERAL, LATERAL, SYMMETRIC
 from expdesign.robot import Robot
 from expdesign.robot.deviation import (
+    CHANNEL_DELAYS,
     Deviation,
     deviations,
     estimated_constants,
@@ -473,13 +474,37 @@ class CandidateEffects:
         change = change / seconds
         return self.of_forces(self.part.cells.mean(change)[:, :, None])
 
-    def length_lags(self) -> Signature:
-        """Return the columns of six delays of a measured length, m per second of delay."""
-        recording, part = self.experiment.recording, self.part
-        state = self._fitted.at(recording.lengths.times).state()
-        speed = self.robot.strut_motion(*np.split(state, 3, axis=1)).length_rate
-        lengths = part.length_cells.mean(-speed[:, :, None] * np.eye(ACTUATORS))
-        return Signature(np.zeros((*part.forces.shape, ACTUATORS)), lengths)
+    def lags(self, groups: Mapping[str, str], seconds: float) -> Signature:
+        """Return the columns of delays or low passes of six forces and of six lengths.
+
+        They are secants, N and m per second. `groups` are those of the deviations, such as
+        `CHANNEL_DELAYS`.
+        """
+        forces, lengths = (
+            cells.mean((late - on_time) / seconds)[:, :, None] * np.eye(ACTUATORS)
+            for cells, late, on_time in zip(
+                (self.part.cells, self.part.length_cells),
+                self._measured(groups, seconds),
+                self._measured_in_time,
+                strict=True,
+            )
+        )
+        none = np.zeros((*self.part.forces.shape, ACTUATORS))
+        return Signature.concatenate([self.of_forces(forces), Signature(none, lengths)])
+
+    @cached_property
+    def _measured_in_time(self) -> tuple[Array, Array]:
+        return self._measured(CHANNEL_DELAYS, 0.0)
+
+    def _measured(self, groups: Mapping[str, str], seconds: float) -> tuple[Array, Array]:
+        """Return the predicted forces and lengths, (T, 6), with equal lags of all channels."""
+        lags = [one for one in deviations(self.robot) if one.group in groups.values()]
+        machine = PerturbedMachine.of(self.robot, lags, np.full(len(lags), seconds))
+        known, rows = (self.experiment, self._fitted), chunks(self.experiment.recording.samples)
+        return (
+            np.concatenate([machine.forces(*known, self.values, each).values for each in rows]),
+            np.concatenate([machine.lengths(*known, each).values for each in rows]),
+        )
 
     @cached_property
     def _forces_in_time(self) -> Array:

@@ -42,7 +42,8 @@ RIVAL_LEVEL = 0.001
 _ROUNDS = 4
 """Largest number of rounds of exchanging effects for better ones."""
 _REACH = 1.2
-"""Half the range of the search for a constant, in its logarithm."""
+_NEAR = 0.6
+"""Half the ranges of the searches for a constant, in its logarithm, and for a size."""
 _TRIALS = 8
 
 
@@ -170,24 +171,30 @@ class Search:
         self, item: EffectCandidate, known: Sequence[EffectCandidate]
     ) -> EffectCandidate:
         """Return a candidate with its best-fitting constant, given the known effects."""
-        at, by_constant = item.hypothesis.at, item.hypothesis.sized_by_constant
+        at = item.hypothesis.at
         if at is None:
             return item
         label, solution = (item.parameter, item.strut), self.system.solution
         others, places = self.projection, column_indices(known)
-
-        own = self._fit(item, self.projection.conditional_on(places))
-        start = float(own.values[0]) if by_constant else item.constant
+        own, by_constant = self._fit(item, others.conditional_on(places)), False
+        start, reach, least = item.constant, _REACH, own.statistic
+        if item.hypothesis.sized_by_constant:
+            start, by_constant = float(own.values[0]), True
+            reach, least = _NEAR, -np.inf
 
         def explained(factor: float) -> float:
-            new = solution.project(at(label, float(start * np.exp(factor))))
-            fit = others.append(new).conditional_on(places).fit([len(others.score)])
-            return -fit.statistic
+            constant = float(start * np.exp(factor))
+            new = others.append(solution.project(at(label, constant)))
+            fit = new.conditional_on(places).fit([len(others.score)])
+            if not (by_constant and fit.rank):
+                return -fit.statistic
+            # A secant at the size of its effect has this size as its factor.
+            return float((fit.values[0] - constant) ** 2 / fit.covariance[0, 0]) - fit.statistic
 
         best = minimize_scalar(
-            explained, bounds=(-_REACH, _REACH), method="bounded", options={"maxiter": _TRIALS}
+            explained, bounds=(-reach, reach), method="bounded", options={"maxiter": _TRIALS}
         )
-        if -float(best.fun) <= own.statistic and not by_constant:
+        if -float(best.fun) <= least:
             return item
         constant = float(start * np.exp(best.x))
         return replace(item, places=self._append(at(label, constant)), constant=constant)
@@ -212,13 +219,34 @@ class Search:
         pitches.
         """
         taken = {item.name for item in known if item.scan is None}
-        candidates = (one for one in self._candidates(tests.families) if one[0].name not in taken)
+        candidates = [one for one in self._candidates(tests.families) if one[0].name not in taken]
         scan = min(tests.scans, key=attrgetter("log_p"))
         relative = scan.log_p - float(np.log(self.level / ACTUATORS))
         found = min(candidates, key=lambda one: one[1] - one[0].limit, default=None)
         if found is not None and found[1] - found[0].limit < min(relative, 0.0):
-            return self._refine_constant(found[0], known)
+            if not found[0].hypothesis.sized_by_constant:
+                return self._refine_constant(found[0], known)
+            secants = self._size_secants(candidates, known)
+            significance = [self.conditional_log_p(one, known) - one.limit for one in secants]
+            # Of equal ones the simplest: the families are in this order.
+            equal = np.array(significance) < min(significance) - np.log(RIVAL_LEVEL)
+            return secants[int(np.argmax(equal))]
         return self._periodic_candidate(tests.solution, scan) if relative < 0 else None
+
+    def _size_secants(
+        self, candidates: Sequence[tuple[EffectCandidate, float]], known: Sequence[EffectCandidate]
+    ) -> list[EffectCandidate]:
+        """Return the best effects that are sized by their constants, one of each family, with them.
+
+        A delay and a low pass differ less than their secants at the few constants of the tests.
+        """
+        best: dict[str, tuple[EffectCandidate, float]] = {}
+        for item, log_p in candidates:
+            sized = item.hypothesis.sized_by_constant and log_p < item.limit
+            if sized and log_p < best.get(item.kind, (item, 1.0))[1]:
+                best[item.kind] = item, log_p
+        refined = [self._refine_constant(item, known) for item, _ in best.values()]
+        return [one for one in refined if one.constant > one.hypothesis.bounds[0]] or refined
 
     def drop_insignificant(self, found: list[EffectCandidate]) -> list[EffectCandidate]:
         """Drop, one by one, effects that are not significant given all others."""
@@ -249,8 +277,15 @@ class Search:
                 least = 0.0
                 if item.is_possible(own.values, own.covariance):
                     least = item.log_p(own, self.projection.freedom) - item.limit
-                if rivals and rivals[0][1] - rivals[0][0].limit < least:
-                    found, changed = [*found[:number], rivals[0][0], *found[number + 1 :]], True
+                if not rivals:
+                    continue
+                rival, log_p = rivals[0]
+                if rival.hypothesis.sized_by_constant:
+                    rival = self._refine_constant(rival, others)
+                    if item.hypothesis.sized_by_constant:  # equal ones stay
+                        log_p -= float(np.log(RIVAL_LEVEL))
+                if log_p - rival.limit < least:
+                    found, changed = [*found[:number], rival, *found[number + 1 :]], True
             found = self.drop_insignificant(found)
             if not changed:
                 break
@@ -272,6 +307,12 @@ class Search:
             if np.isfinite(scan.best_pitch) and scan.log_p < np.log(RIVAL_LEVEL):
                 candidates.append((self._periodic_candidate(solution, scan), scan.log_p))
                 conditional = self.projection.conditional_on(column_indices(others))
+        if item.hypothesis.sized_by_constant:
+            secants = self._size_secants(candidates, others)
+            sized = {one.name for one in secants}
+            candidates = [one for one in candidates if one[0].name not in sized]
+            candidates += [(one, self.conditional_log_p(one, others)) for one in secants]
+            conditional = self.projection.conditional_on(column_indices(others))
         taken = {item.name, *(other.name for other in others)}
         for rival, log_p in candidates:
             if rival.name in taken or log_p > np.log(RIVAL_LEVEL):

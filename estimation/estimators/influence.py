@@ -32,7 +32,7 @@ from estimation.measurement_model.prediction import chunks
 from estimation.processing.noise import NoiseEstimate
 from expdesign.noise import lines_of
 from expdesign.robot import Robot
-from expdesign.robot.deviation import DELAYS_OF_FORCES, Deviation
+from expdesign.robot.deviation import LAGS_OF_FORCES, Deviation
 from expdesign.runfolder import Numbers, OpenNumber, described
 
 Part = tuple[slice, Array]
@@ -397,7 +397,7 @@ def systematic_share(
         at = np.array([theta.get(one.name, 0.0) for one in chosen])
         machine = PerturbedMachine.of(influence.robot, chosen, at)
         known = influence.experiment, motion
-        jumps = not any(one.group in DELAYS_OF_FORCES for one in found.chosen)
+        jumps = not any(one.group in LAGS_OF_FORCES for one in found.chosen)
         change[:, own:] += influence.response(
             _deviation_columns(partial(machine.forces, *known, influence.values, jumps=jumps), own),
             _deviation_columns(partial(machine.lengths, *known), own),

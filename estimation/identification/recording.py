@@ -10,7 +10,6 @@ of an estimate, adds a share of the same relative size to the covariance; it is 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -21,6 +20,7 @@ from scipy.interpolate import CubicSpline
 
 from constraints.arrays import Array, ComplexArray
 from estimation.data.measurement import Measurement
+from estimation.data.sensors import SensorResponse
 from estimation.diagnostics.channels import ChannelCheck, check_channels
 from estimation.estimators import (
     Experiment,
@@ -64,10 +64,11 @@ from estimation.processing.noise import ENOUGH_FREEDOM
 from estimation.processing.spectrum import NoiseLines, given_filter
 from expdesign.configuration import InputError, RunConfiguration
 from expdesign.configuration.estimate import SpectrumOrigin
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.noise import NoiseSpectrum
 from expdesign.recheck.followed_lengths import raised_harmonics, sampled_harmonics
 from expdesign.robot import Robot
-from expdesign.robot.deviation import CHANNEL_DELAYS, DELAYS_OF_FORCES, toleranced_deviations
+from expdesign.robot.deviation import LAGS_OF_FORCES, toleranced_deviations
 from expdesign.trajectory import MOST_HARMONICS, FourierTrajectory
 
 _CUTOFF = 3.0
@@ -168,26 +169,31 @@ def fold_measurement(
     InputError
         The recording has no period, or less than one, or a channel is dead.
     """
+    recording = _fold(configuration, data, design)
+    noise = choose_noise(configuration, recording, data.source)
+    return recording.as_weighted(noise), noise
+
+
+def _fold(
+    configuration: RunConfiguration, data: Measurement, design: FourierTrajectory | None
+) -> PeriodicRecording:
     section = configuration.run.estimate
     average, robust = section.frequency != "estimated", section.loss == "huber"
     optional = section.differentiation == "auto" and average and not robust
     optional = optional and section.harmonics is None and not data.has_sensors
     try:
         if section.differentiation == "spline":
-            recording = single_recording(data)
-        else:
-            try:
-                omega, source = choose_omega(configuration, data, design)
-                recording = fold_recording(data, omega, source, average=average, robust=robust)
-            except (NoPeriodError, PeriodError):
-                if not optional:
-                    raise
-                recording = single_recording(data)
+            return single_recording(data)
+        try:
+            omega, source = choose_omega(configuration, data, design)
+            return fold_recording(data, omega, source, average=average, robust=robust)
+        except (NoPeriodError, PeriodError):
+            if not optional:
+                raise
+            return single_recording(data)
     except PeriodError as error:
         file = Path(data.source) if data.source else None
         raise UnsuitableDataError(str(error), file) from error
-    noise = choose_noise(configuration, recording, data.source)
-    return recording.as_weighted(noise), noise
 
 
 def check_recording(
@@ -512,7 +518,7 @@ def estimated_machine(robot: Robot, systematic: SystematicUncertainty | None) ->
         return PerturbedMachine.exact(robot)
     largest = [
         max((one.std for one in systematic.deviations if one.group == group), default=0.0)
-        for group in DELAYS_OF_FORCES
+        for group in LAGS_OF_FORCES
     ]
     robot = replace(robot, delay_std=float(np.linalg.norm(largest)))
     if not systematic.estimated:
@@ -526,23 +532,32 @@ def apply_calibration(
     design: FourierTrajectory | None,
     machine: PerturbedMachine,
 ) -> Measurement:
-    """Remove the estimated length offsets, force gains and delays from a recording.
+    """Remove the estimated length offsets, force gains, delays and low passes from a recording.
 
-    The rate of the clock stays: its effect on the motion is far below the noise.
+    Low passes become filters of the sensors where means over whole periods show them; elsewhere
+    they are inverted at the samples, whose noise grows. The rate of the clock stays: its effect on
+    the motion is far below the noise.
     """
     if not machine.chosen:
         return data
-    delays = {group: machine.channel_delays(group) for group in CHANNEL_DELAYS}
-    if any(map(np.any, delays.values())):
-        period = None
-        if configuration.run.estimate.differentiation != "spline":
-            with suppress(NoPeriodError):
-                period = 2 * np.pi / choose_omega(configuration, data, design)[0]
-        data = replace(
-            data,
-            forces=_without_delays(data, data.forces, delays["Q"], period),
-            lengths=_without_delays(data, data.lengths, delays["q"], period),
+    delays = [machine.channel_delays(group) for group in "Qq"]
+    low_passes = [machine.low_passes(group) for group in "Qq"]
+    if any(map(np.any, (*delays, *low_passes))):
+        folded = _fold(configuration, data, design)
+        period = None if folded.source is PeriodSource.NONE else folded.period
+        whole = folded.samples == round(folded.period / folded.step)
+        if folded.averaged and not folded.robust and whole:
+            sensors = zip((data.force_sensors, data.length_sensors), low_passes, strict=True)
+            force_sensors, length_sensors = (SensorResponse.with_low_pass(*one) for one in sensors)
+            data = replace(data, force_sensors=force_sensors, length_sensors=length_sensors)
+            low_passes = [np.zeros(ACTUATORS)] * 2
+        forces, lengths = (
+            _without_lags(data, values, delay, constants, period)
+            for values, delay, constants in zip(
+                (data.forces, data.lengths), delays, low_passes, strict=True
+            )
         )
+        data = replace(data, forces=forces, lengths=lengths)
     return replace(
         data,
         lengths=data.lengths - machine.zeros,
@@ -551,9 +566,12 @@ def apply_calibration(
     )
 
 
-def _without_delays(data: Measurement, values: Array, delays: Array, period: float | None) -> Array:
-    """Return channels, (T, 6), before their delays, (6,), s.
+def _without_lags(
+    data: Measurement, values: Array, delays: Array, low_passes: Array, period: float | None
+) -> Array:
+    """Return channels, (T, 6), before their delays and low passes, (6,), s.
 
+    A first-order low pass y of the time constant τ had the input y + τ ẏ.
     The periods at the ends continue the recording beyond them; without a period its ends do.
     """
     times, slack = data.time, 0.5 * data.step
@@ -563,12 +581,11 @@ def _without_delays(data: Measurement, values: Array, delays: Array, period: flo
         last = times > times[-1] - period + slack
         knots = np.concatenate([times[first] - period, times, times[last] + period])
         values = np.concatenate([values[first], values, values[last]])
-    columns = zip(values.T, delays, strict=True)
-    moved = (
-        CubicSpline(knots, own)(np.clip(times + delay, knots[0], knots[-1]))
-        for own, delay in columns
-    )
-    return np.column_stack(list(moved))
+    columns = []
+    for own, delay, constant in zip(values.T, delays, low_passes, strict=True):
+        spline, at = CubicSpline(knots, own), np.clip(times + delay, knots[0], knots[-1])
+        columns.append(spline(at) + constant * spline(at, 1))
+    return np.column_stack(columns)
 
 
 def linearise_at_load(

@@ -232,7 +232,8 @@ def _measure(
     """Return the readings of the sensors; refuse a motion through a singularity."""
     found = None
     with suppress(ForwardKinematicsError):
-        found = machine.measure(motion, times, section.delay, section.channel_delay)
+        lags = section.delay, section.channel_delay, section.low_pass
+        found = machine.measure(motion, times, *lags)
     if found is None or not all(np.all(np.isfinite(values)) for values in found):
         named = "robot" if configuration.truth is None else "experiment.truth"
         raise InputError(

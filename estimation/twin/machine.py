@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from scipy import signal
 
 from constraints.arrays import Array, Mask
 from expdesign.configuration import RunConfiguration
-from expdesign.configuration.experiment import ChannelDelay, ForceConstantError
+from expdesign.configuration.experiment import ChannelDelay, ForceConstantError, LowPass
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import friction, platform_forces, rigid_platform, struts
 from expdesign.mechanism.terms.actuator_forces import BACK_EMF
@@ -17,6 +19,7 @@ from expdesign.recheck.limit_check import Motion
 from expdesign.robot import Robot
 from expdesign.robot.deviation import (
     CHANNEL_DELAYS,
+    LOW_PASSES,
     MOTOR_EFFECTS,
     Deviation,
     apply_deviations,
@@ -48,6 +51,10 @@ _FURTHEST = 0.02
 """Largest deformation of a strut, m; larger values are invalid."""
 _REACHED = 1e-9
 """Largest remaining error of a length, m."""
+_FINE = 5e-5
+"""Step of a simulated low pass, s."""
+_SETTLED = 12.0
+"""Time constants after which the beginning of a low pass has no effect."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +81,7 @@ class Machine:
         times: Array,
         delay: float = 0.0,
         channel_delay: ChannelDelay | None = None,
+        low_pass: LowPass | None = None,
     ) -> tuple[Array, Array, Array]:
         """Return the quantities at the sensors, without measurement errors.
 
@@ -87,6 +95,8 @@ class Machine:
             Lag of the forces, s.
         channel_delay : ChannelDelay, optional
             Lags of single channels, s.
+        low_pass : LowPass, optional
+            Time constants of the sensors, s.
 
         Returns
         -------
@@ -106,6 +116,17 @@ class Machine:
         lengths = positions
         if not np.array_equal(late, length_late):
             (lengths,) = _by_channel(length_late, lambda own: (self._lengths(motion, times - own),))
+        slow = low_pass or LowPass()
+        if any(slow.forces):
+            driven = _low_pass(
+                lambda fine: self._motor_states(motion, fine)[1], times, late, slow.forces
+            )
+            forces = np.where(np.array(slow.forces) > 0, driven, forces)
+        if any(slow.lengths):
+            read = _low_pass(
+                lambda fine: self._lengths(motion, fine), times, length_late, slow.lengths
+            )
+            lengths = np.where(np.array(slow.lengths) > 0, read, lengths)
         return lengths, forces, positions
 
     def _lengths(self, motion: Motion, times: Array) -> Array:
@@ -227,13 +248,30 @@ def _by_channel(delays: Array, read: Callable[[float], tuple[Array, ...]]) -> tu
     return found
 
 
+def _low_pass(
+    read: Callable[[Array], Array], times: Array, delays: Array, constants: Sequence[float]
+) -> Array:
+    """Return a series, (D, 6), behind first-order low passes, simulated in fine steps."""
+    first = times[0] - np.max(delays) - _SETTLED * np.max(constants)
+    fine = np.arange(first, times[-1] - np.min(delays) + 2 * _FINE, _FINE)
+    columns = []
+    for series, delay, constant in zip(read(fine).T, delays, constants, strict=True):
+        decay = np.exp(-_FINE / constant) if constant else 0.0
+        slope = (1 - decay) * constant / _FINE  # exact where the input is linear over a step
+        rest = series - series[0]
+        passed = signal.lfilter([1 - slope, slope - decay], [1.0, -decay], rest) + series[0]
+        columns.append(np.interp(times - delay, fine, passed))
+    return np.column_stack(columns)
+
+
 def draw_machine(configuration: RunConfiguration, rng: np.random.Generator) -> DrawnMachine:
     """Draw deviations within the robot's tolerances from independent normal distributions.
 
     They are added to those of the run: to joints, gravity and constants of its true machine
     (`experiment.truth`, or the robot), and to `strut_length`, `force_constant`, `delay`,
-    `channel_delay` and `clock` of its `experiment`. The true machine gets the terms that the robot
-    lacks. Its other parameters and its noise remain.
+    `channel_delay`, `low_pass` and `clock` of its `experiment`; a time constant is the absolute
+    value of its draw. The true machine gets the terms that the robot lacks. Its other parameters
+    and its noise remain.
     """
     voltages = configuration.records_voltages
     robot = Robot(replace(configuration.robot, forces_of_voltages=voltages))
@@ -248,11 +286,19 @@ def machine_within_tolerances(configuration: RunConfiguration, draws: Array) -> 
     robot = Robot(replace(base, tolerances=tolerances, forces_of_voltages=voltages))
     entries = toleranced_deviations(robot)
     values = draws * np.array([each.tolerance for each in entries])
+    values = np.where([each.lower == 0 for each in entries], np.abs(values), values)
     drawn = dict(zip((each.name for each in entries), values.tolist(), strict=True))
     off: dict[str, list[float]] = {}
     for entry in deviations(robot):
         off.setdefault(entry.group, []).append(drawn.get(entry.name, 0.0))
     section = configuration.run.experiment
+
+    def of_channels(stated: ChannelDelay | LowPass, groups: dict[str, str]) -> dict[str, Any]:
+        return {
+            "forces": tuple(np.add(stated.forces, off[groups["Q"]]).tolist()),
+            "lengths": tuple(np.add(stated.lengths, off[groups["q"]]).tolist()),
+        }
+
     error = section.force_constant or ForceConstantError()
     (common,) = off["force_constant.common"]
     drive, supply = base.drive, np.zeros(ACTUATORS)
@@ -279,10 +325,8 @@ def machine_within_tolerances(configuration: RunConfiguration, draws: Array) -> 
         strut_length=tuple(np.add(section.strut_length, off["strut_length"]).tolist()),
         force_constant=error.model_copy(update=constants),
         delay=section.delay + sum(off["delay"]),
-        channel_delay=ChannelDelay(
-            forces=tuple(np.add(section.channel_delay.forces, off[CHANNEL_DELAYS["Q"]]).tolist()),
-            lengths=tuple(np.add(section.channel_delay.lengths, off[CHANNEL_DELAYS["q"]]).tolist()),
-        ),
+        channel_delay=ChannelDelay(**of_channels(section.channel_delay, CHANNEL_DELAYS)),
+        low_pass=LowPass(**of_channels(section.low_pass, LOW_PASSES)),
         clock=section.clock + sum(off["clock"]),
     )
     truth = replace(truth, description=described)

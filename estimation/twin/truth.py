@@ -147,6 +147,9 @@ class DisturbanceKeys:
     channel_delay: Annotated[
         dict[str, Any] | None, described("s", "of single channels of forces and lengths")
     ] = None
+    low_pass: Annotated[
+        dict[str, Any] | None, described("s", "time constants of single channels' low passes")
+    ] = None
     clock: Annotated[
         float | None, described("1", "relative error of the recording's clock, positive if fast")
     ] = None

@@ -137,6 +137,18 @@ class ChannelDelay(schema.Section):
     lengths: Annotated[tuple[Duration, ...], schema.per_strut("delays")] = (0.0,) * ACTUATORS
 
 
+_TimeConstants = Annotated[
+    tuple[Annotated[Duration, NotNegative], ...], schema.per_strut("time constants")
+]
+
+
+class LowPass(schema.Section):
+    """Time constants of first-order low passes of single channels, s, one or six."""
+
+    forces: _TimeConstants = (0.0,) * ACTUATORS
+    lengths: _TimeConstants = (0.0,) * ACTUATORS
+
+
 class ExperimentSection(schema.Section):
     """Execution of the trajectory, and disturbances of the twin, by default none."""
 
@@ -167,6 +179,7 @@ class ExperimentSection(schema.Section):
     delay: Duration = 0.0
     """Delay of the measured forces against the lengths, s."""
     channel_delay: ChannelDelay = ChannelDelay()
+    low_pass: LowPass = LowPass()
     clock: Annotated[Share, Field(gt=-0.1, lt=0.1)] = 0.0
     """Relative error of the recording's clock against the controller's, positive if fast."""
     strut_length: Annotated[tuple[Length, ...], schema.per_strut("errors")] = (0.0,) * ACTUATORS

@@ -227,8 +227,8 @@ class MotorTolerance(schema.Section):
     """Of the voltages themselves as well."""
 
 
-class ChannelDelayTolerance(schema.Section):
-    """Standard deviations of the delays of single channels, s, one or six."""
+class ChannelTimeTolerance(schema.Section):
+    """Standard deviations of delays or time constants of single channels, s, one or six."""
 
     forces: _Delays | None = None
     lengths: _Delays | None = None
@@ -252,8 +252,10 @@ class RobotTolerances(schema.Section):
     """rad, of its direction, about each of two axes across it."""
     delay: Annotated[Duration, NotNegative] | None = None
     """s, of the forces against the lengths."""
-    channel_delay: ChannelDelayTolerance | None = None
+    channel_delay: ChannelTimeTolerance | None = None
     """s, of single channels of forces and lengths."""
+    low_pass: ChannelTimeTolerance | None = None
+    """s, root mean squares of the time constants of first-order low passes of single channels."""
     clock: Annotated[Share, NotNegative] | None = None
     """Rate of the recording's clock, as a share."""
     terms: (

@@ -19,7 +19,7 @@ from expdesign.configuration.robot import ResolvedRobot, RobotDescription
 from expdesign.configuration.schema import read_only
 from expdesign.configuration.tolerances import (
     EACH_PARAMETER,
-    ChannelDelayTolerance,
+    ChannelTimeTolerance,
     ForceConstantTolerance,
     MotorTolerance,
     RobotTolerances,
@@ -76,7 +76,9 @@ class Deviation:
 
 CHANNEL_DELAYS = {"Q": "channel_delay.forces", "q": "channel_delay.lengths"}
 """Groups of the delays of single channels, of forces and lengths."""
-DELAYS_OF_FORCES = ("delay", CHANNEL_DELAYS["Q"])
+LOW_PASSES = {"Q": "low_pass.forces", "q": "low_pass.lengths"}
+"""Groups of the time constants of first-order low passes of single channels."""
+LAGS_OF_FORCES = ("delay", CHANNEL_DELAYS["Q"], LOW_PASSES["Q"])
 MOTOR_EFFECTS = {"constant": (1, -2), "resistance": (-1, 1), "supply": (1, 0)}
 """Relative changes of the forces K/R u and of the damping K²/R per relative error of a motor's
 constant, resistance or supply: u and K/R are taken too large, and K²/R too large."""
@@ -90,6 +92,7 @@ _MEASURED = (
     *MOTOR_GROUPS,
     "delay",
     *CHANNEL_DELAYS.values(),
+    *LOW_PASSES.values(),
     "clock",
 )
 
@@ -105,12 +108,19 @@ def deviations(robot: Robot) -> tuple[Deviation, ...]:
     ``force_constant_1`` … (one of them is), for forces of voltages ``motor_constant``,
     ``motor_constant_1`` … and the same of ``motor_resistance`` and ``motor_supply`` (shares by
     which they are taken too large), ``delay`` (s: forces lag behind the lengths),
-    ``force_delay_1`` … and ``length_delay_1`` … (s: a channel lags behind its stamps), ``clock`` (a
-    share: stamps run fast).
+    ``force_delay_1`` … and ``length_delay_1`` … (s: a channel lags behind its stamps),
+    ``force_low_pass_1`` … and ``length_low_pass_1`` … (s: time constant of a first-order low pass,
+    at least 0), ``clock`` (a share: stamps run fast).
     """
     entries = _entries(robot, robot.description.tolerances or RobotTolerances())
     return tuple(
-        Deviation(name, group, unit, float(tolerance or 0.0))
+        Deviation(
+            name,
+            group,
+            unit,
+            float(tolerance or 0.0),
+            lower=0.0 if group in LOW_PASSES.values() else -np.inf,
+        )
         for name, group, unit, tolerance in entries
     )
 
@@ -172,9 +182,12 @@ def _entries(robot: Robot, given: RobotTolerances) -> Iterator[tuple[str, str, s
         yield f"motor_{name}", f"motor.{name}.common", "1", shares.common
         yield from _numbered_entries(f"motor_{name}", f"motor.{name}.each", "1", shares.each)
     yield "delay", "delay", "s", given.delay
-    late = given.channel_delay or ChannelDelayTolerance()
+    late = given.channel_delay or ChannelTimeTolerance()
     yield from _numbered_entries("force_delay", CHANNEL_DELAYS["Q"], "s", late.forces)
     yield from _numbered_entries("length_delay", CHANNEL_DELAYS["q"], "s", late.lengths)
+    slow = given.low_pass or ChannelTimeTolerance()
+    yield from _numbered_entries("force_low_pass", LOW_PASSES["Q"], "s", slow.forces)
+    yield from _numbered_entries("length_low_pass", LOW_PASSES["q"], "s", slow.lengths)
     yield "clock", "clock", "1", given.clock
 
 
@@ -340,7 +353,7 @@ def add_jumps(columns: Array, chosen: Sequence[Deviation], jumps: Array) -> None
     for place, one in enumerate(chosen):
         if one.group == "delay":
             columns[:, :, place] += jumps
-        elif one.group == CHANNEL_DELAYS["Q"]:
+        elif one.group in LAGS_OF_FORCES:
             columns[:, one.channel, place] += jumps[:, one.channel]
 
 
@@ -405,18 +418,20 @@ def deviating_forces(
         clock = np.einsum("sji,si->sj", by_state, faster)
     else:
         clock = -times[:, None] * rate
+    of_channels = -rate[:, :, None] * np.eye(ACTUATORS)
+    nothing = np.zeros_like(of_channels)
     blocks = [
         by_machine[:, :, :joints],
         by_gravity,
         by_machine[:, :, joints + 3 : joints + 3 + constants],
         regressors[:, :, own : own + len(parameters_of(_lacking_terms(robot)))],
-        np.zeros((len(forces), ACTUATORS, ACTUATORS)),
+        nothing,
         forces[:, :, None],
         forces[:, :, None] * np.eye(ACTUATORS),
         *_motor_columns(robot, forces, regressors, values),
         -rate[:, :, None],
-        -rate[:, :, None] * np.eye(ACTUATORS),
-        np.zeros((len(forces), ACTUATORS, ACTUATORS)),
+        *(of_channels, nothing),
+        *(of_channels, nothing),  # a small time constant is a delay
         clock[:, :, None],
     ]
     columns = np.concatenate(blocks, axis=2)[:, :, _places(robot, chosen)]
@@ -452,12 +467,13 @@ def length_deviation_columns(
     others = TILTS + len(robot.description.constants) + len(lacking)
     motors = len(MOTOR_EFFECTS) * robot.description.forces_of_voltages
     clock = np.zeros(samples) if own_clock else -times[:, None] * rate
+    of_channels = -rate[:, :, None] * np.eye(ACTUATORS)
     blocks = [
         by_joints,
         np.zeros((*samples, others)),
         np.broadcast_to(np.eye(ACTUATORS), (*samples, ACTUATORS)),
         np.zeros((*samples, (1 + motors) * (1 + ACTUATORS) + 1 + ACTUATORS)),
-        -rate[:, :, None] * np.eye(ACTUATORS),
+        *(of_channels, np.zeros_like(of_channels), of_channels),
         clock[:, :, None],
     ]
     return np.concatenate(blocks, axis=2)[:, :, _places(robot, chosen)]

@@ -25,6 +25,7 @@ from expdesign.mechanism.term import Friction, Term, parameters_of
 from expdesign.mechanism.terms.actuator_forces import BACK_EMF
 from expdesign.robot.deviation import (
     CHANNEL_DELAYS,
+    LOW_PASSES,
     MOTOR_EFFECTS,
     MOTOR_GROUPS,
     Deviation,
@@ -46,6 +47,8 @@ _GROUPS = {
     "delay": "delay",
     CHANNEL_DELAYS["Q"]: "force_delay",
     CHANNEL_DELAYS["q"]: "length_delay",
+    LOW_PASSES["Q"]: "force_delay",
+    LOW_PASSES["q"]: "length_delay",
     "clock": "clock",
 }
 
@@ -183,6 +186,8 @@ def group_effects(robot: Robot, chosen: Sequence[Deviation]) -> Array:
         np.kron(np.array([[a], [b]]), blocks["force_constant"]) for a, b in MOTOR_EFFECTS.values()
     ]
     blocks["motor"] = np.concatenate(of_both, axis=1)
+    for group in ("force_delay", "length_delay"):
+        blocks[group] = np.tile(np.eye(ACTUATORS), 2)  # a small time constant is a delay
     about = DeviationGroups.of(robot, chosen)
     rows = [len(blocks[group]) for group in about.groups]
     found = np.zeros((sum(rows), len(chosen)))

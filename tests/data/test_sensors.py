@@ -149,6 +149,58 @@ def test_unknown_delays_of_single_channels_are_estimated() -> None:
     assert np.median(ml.std / gm.std) < 0.8
 
 
+def test_unknown_low_passes_of_single_channels_are_estimated() -> None:
+    about = ROBOT.description
+    smooth = {name: 0.0 if name[0] == "r" else value for name, value in about.parameters.items()}
+    robot = about.description.model_copy(update={"parameters": smooth})
+    constants = {"forces": [5e-3, 0, 2e-3, 0, 4e-3, 1e-3], "lengths": [0, 0, 0.6e-3, 0, 0, 0]}
+    delays = {"forces": [-1e-3, 0, 0, 0.8e-3, 0, 0]}
+    case = run(
+        {"estimators": ["ml"]},
+        robot=robot,
+        experiment={"sampling": "200 Hz", "low_pass": constants, "channel_delay": delays},
+        tolerances={
+            "low_pass": {"forces": "3 ms", "lengths": "0.5 ms"},
+            "channel_delay": {"forces": "1 ms"},
+        },
+        noise={"force_std": ["1 N"] * 6, "length_std": ["20 um"] * 6},
+    )
+    data = Twin.of(case, palida_motion(), seed=5).measurement(1)
+    ml = estimate_parameters(case, data, palida_motion())["ml"]
+    assert ml.systematic is not None
+    found = {one.name: one for one in ml.systematic.deviations}
+    stated = {"force_low_pass": constants["forces"], "length_low_pass": constants["lengths"]}
+    stated |= {"force_delay": delays["forces"]}
+    off = []
+    for name, values in stated.items():
+        for actuator, true in enumerate(values, 1):
+            one = found[f"{name}_{actuator}"]
+            assert one.value >= 0 or name == "force_delay"
+            off.append((one.value - true) / one.std)
+    assert np.mean(np.square(off)) < 2
+    # A low pass and a delay of one force are separated, if less surely than their sum is known.
+    assert found["force_low_pass_1"].std < 0.4 * 3e-3
+    error = ml.values - np.array(list(smooth.values()))
+    assert error @ np.linalg.solve(ml.covariance, error) / len(error) < 2
+
+
+@pytest.mark.parametrize("differentiation", ["auto", "spline"])
+def test_estimated_low_passes_are_removed(differentiation: str) -> None:
+    motion, constants = palida_motion(), 1e-3 * np.array([5.0, 0, 1, 3, 0, 2])
+    times = STEP * np.arange(round(2 * motion.period / STEP))
+    phases = motion.omega * times[:, None]
+    chosen = toleranced_deviations(robot_from(run(tolerances={"low_pass": {"forces": 1}}).robot))
+    machine = PerturbedMachine.of(ROBOT, chosen, constants)
+    slow = np.real(np.exp(4j * phases) / (1 + 4j * motion.omega * constants))
+    case = run({"differentiation": differentiation, "estimators": ["gm"]})
+    data = apply_calibration(case, Measurement(times, slow, slow), motion, machine)
+    forces, sensors = data.forces, data.force_sensors
+    assert (sensors is None) == (differentiation == "spline")
+    if sensors is not None:
+        forces = sensors.undo(forces, STEP)
+    assert np.max(np.abs(forces - np.cos(4 * phases))[20:-20]) < 1e-4
+
+
 @pytest.mark.parametrize("periods", [2.0, 2.37])
 def test_estimated_delays_are_removed_up_to_the_ends_of_a_recording(periods: float) -> None:
     # Delays of 20 steps: held or extrapolated ends would be wrong by a tenth of the amplitude.

@@ -286,6 +286,18 @@ def test_a_channel_that_lags_is_named(lab, channel, lag):
     assert effect.value == pytest.approx(lag, abs=5 * effect.std)
 
 
+def test_a_low_pass_of_a_channel_is_no_delay(lab):
+    data, constant = lab.measure(2), 40e-3
+    lines = np.fft.rfft(lab.robot.actuator_forces(*lab.trajectory.sample(data.time)), axis=0)
+    rates = 2 * np.pi * np.fft.rfftfreq(len(data.time), data.step)
+    gains = 1 / (1 + 1j * constant * rates) - 1
+    change = np.fft.irfft(gains[:, None] * lines, len(data.time), axis=0)
+    result = _diagnosed(lab, replace(data, forces=data.forces + change * np.eye(6)[2]))
+    assert _named(result)[0] == ("low_pass", 2, "force")
+    (effect, *_) = result.recordings[0].attribution.effects
+    assert effect.value == pytest.approx(constant, abs=5 * effect.std)
+
+
 def _moved_joint(lab, size):
     names = [f"platform_joint_5_{axis}" for axis in "xyz"]
     chosen = [each for each in deviations(lab.robot) if each.name in names]

@@ -109,14 +109,15 @@ def test_an_impossible_sign_is_no_cause(periods):
     assert "friction by load" not in result.verdict.summary
 
 
-def test_forces_behind_a_filter_have_one_delay():
-    """Low-passed forces are no delay: a second one of 2 ms was named together with the first."""
+def test_forces_behind_a_filter_have_one_low_pass():
+    """Low-passed forces are no delay, and their low pass is named once."""
     lab = Laboratory(samples=500, periods=4)
     data = lab.measure(2)
     late = signal.lfilter(*signal.butter(1, 0.127), np.vstack([data.forces] * 2), axis=0)
     experiment = lab.experiment(replace(data, forces=late[len(data.forces) :]))
     result = diagnose(lab.robot, [experiment], lab.knowledge, lab.estimate([experiment]))
-    assert [e.kind for e in result.recordings[0].tests.effects].count("delay") == 1
+    kinds = [e.kind for e in result.recordings[0].tests.effects]
+    assert (kinds[0], kinds.count("low_pass"), kinds.count("delay")) == ("low_pass", 1, 0)
     assert all(finding.failed and finding.serious for finding in result.verdict.causes)
 
 

@@ -21,6 +21,7 @@ from expdesign.trajectory import FourierTrajectory
 RUN = {"name": "x", "robot": "palida"}
 TOLERANCES = {
     "channel_delay": {"forces": "0.5 ms", "lengths": "0.1 ms"},
+    "low_pass": {"forces": "2 ms", "lengths": "0.3 ms"},
     "base_joints": "0.1 mm",
     "platform_joints": "0.1 mm",
     "strut_length": "0.1 mm",

@@ -110,6 +110,7 @@ def test_what_is_measured_moves_as_the_columns_of_the_tolerances_say():
         "force_constant": {"common": "100 ppm", "each": "20 ppm"},
         "gravity": "0.0003 deg",
         "delay": "20 us",
+        "low_pass": {"lengths": "5 us"},
         "clock": "2 ppm",
     }
     found = drawn(3, tolerances=small)
@@ -119,7 +120,10 @@ def test_what_is_measured_moves_as_the_columns_of_the_tolerances_say():
     along = HarmonicMotion.of(motion())
     signs = expected_signs(robot, along, times, np.zeros((len(times), 18)))
     chosen = found.deviations
-    assert len(chosen) == 18 + 18 + 6 + 7 + 2 + 1 + 1
+    assert len(chosen) == 18 + 18 + 6 + 7 + 2 + 1 + 6 + 1
+    assert all(
+        value >= 0 for one, value in zip(chosen, found.values, strict=True) if one.lower == 0
+    )
     forces = deviation_forces(robot, along, times, signs, robot.parameters, chosen)
     lengths = deviation_lengths(robot, along, times, chosen)
     off_length = moved.lengths - plain.lengths

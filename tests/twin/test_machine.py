@@ -5,6 +5,7 @@ import pytest
 
 from estimation.twin.machine import Machine
 from expdesign.configuration import load_run
+from expdesign.configuration.experiment import LowPass
 from expdesign.robot import Robot, load_robot
 from expdesign.trajectory import FourierTrajectory
 from tests.twin.examples import motion
@@ -121,3 +122,16 @@ def test_forces_lag_behind_by_the_delay(compliance):
     np.testing.assert_allclose(lengths, plain, atol=1e-14)
     np.testing.assert_array_equal(forces, driven)
     np.testing.assert_array_equal(positions, earlier)
+
+
+def test_low_passes_are_those_of_a_periodic_motion():
+    machine, times = Machine(SMOOTH, np.zeros(6)), motion().sample_times(400)
+    slow = LowPass(forces=(3e-3, 0, 0, 1e-3, 0, 0), lengths=(0, 1e-3, 0, 0, 0, 0))
+    late = 1e-3
+    plain = machine.measure(motion(), times, late)[:2]
+    found = machine.measure(motion(), times, late, low_pass=slow)[:2]
+    rates = 2 * np.pi * np.fft.rfftfreq(len(times), times[1] - times[0])
+    for series, exact, constants in zip(found, plain, (slow.lengths, slow.forces), strict=True):
+        lines = np.fft.rfft(exact, axis=0) / (1 + 1j * np.multiply.outer(rates, constants))
+        expected = np.fft.irfft(lines, len(times), axis=0)
+        np.testing.assert_allclose(series, expected, atol=1e-5 * np.abs(exact).max())
