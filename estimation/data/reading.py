@@ -152,9 +152,11 @@ def measurement_of(
     if section.length_offsets == "home":
         # Lengths of the actuators: on a thread they are not the distances of the joints.
         home = machine.inverse_kinematics(machine.home)
-    units, content = section.actuator_units(description), _content_hash(table, section)
+    units, recorded = section.actuator_units(description), table
     table, notes, voltages = convert_to_si(table, section, units, home)
     table = trim(table, section)
+    begin = table.first_row - recorded.first_row
+    content = _content_hash(recorded.part(begin, begin + len(table)))
     parameters = len(description.parameter_names)
     if len(table) < parameters:
         rows = f"{len(table)} row{'' if len(table) == 1 else 's'}"
@@ -189,15 +191,14 @@ def measurement_of(
     )
 
 
-def _content_hash(table: RawTable, section: DataSection) -> str:
+def _content_hash(table: RawTable) -> str:
     """Return the hash of what was measured, the same for other units, signs, names and orders.
 
-    Windows of one file are recordings of their own.
+    Windows of one file with other rows are recordings of their own.
     """
     measured = (*LENGTH_CHANNELS, *FORCE_CHANNELS)
     channels = (sha256(table.values[name].tobytes()).digest() for name in measured)
-    window = f"{section.start} {section.end}".encode()
-    return sha256(b"".join(sorted(channels)) + window).hexdigest()
+    return sha256(b"".join(sorted(channels))).hexdigest()
 
 
 def convert_to_si(

@@ -63,6 +63,7 @@ def test_a_recording_is_the_same_with_other_units_signs_and_orders(tmp_path, rec
     found = [read(path, **section) for section in sections]
     assert len({one.fingerprint for one in found}) == 1
     assert len({one.forces.tobytes() for one in found}) == len(sections)
+    assert read(path, start=float(rec.t[0])).fingerprint == found[0].fingerprint
     half = float(rec.t[len(rec.t) // 2])
     parts = [read(path, end=half), read(path, start=half), found[0].between(0.0, half)]
     assert len({one.fingerprint for one in (found[0], *parts)}) == 4
