@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -139,7 +139,14 @@ def next_run(folders: Sequence[Path], design: Path | None = None) -> RunConfigur
     changes = {"parameters": parameters, "known": known, "others": ()}
     executed = design or (executed_designs(folder) or [folder])[-1]
     file = (executed if executed.is_dir() else executed.parent) / RUN_FILE
-    trajectory = load_run(file).run.trajectory if file.is_file() else run.trajectory
+    trajectory, warnings = run.trajectory, tuple[str, ...]()
+    if file.is_file():
+        trajectory = load_run(file).run.trajectory
+    else:
+        warnings = (
+            f"{executed.parent if executed.is_file() else executed}: no {RUN_FILE} of the executed "
+            f"design; `trajectory` of the next one is that of {folder / RUN_FILE}",
+        )
 
     def following(*priors: RobotSource) -> RunConfiguration:
         update = {
@@ -158,7 +165,9 @@ def next_run(folders: Sequence[Path], design: Path | None = None) -> RunConfigur
             recordings = identification_of(one).recordings
             if one not in priors and not (recordings and counted.issuperset(recordings)):
                 priors.append(one)
-    return found if len(priors) == len(folders) else following(*priors)
+    if len(priors) > len(folders):
+        found = following(*priors)
+    return replace(found, warnings=(*found.warnings, *warnings))
 
 
 def _earlier_priors(run: RunDescription, folder: Path) -> list[RobotSource]:
