@@ -9,6 +9,7 @@ from .stages.estimate import estimate as estimate
 from .stages.estimate import load_measurement as load_measurement
 from .stages.experiment import simulate as simulate
 from .stages.run import RunResult as RunResult
+from .stages.run import load_results as load_results
 from .stages.run import report as report
 from .stages.run import run as run
 from .stages.stage import Progress as Progress

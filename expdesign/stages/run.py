@@ -6,8 +6,10 @@ from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
+from expdesign.runfolder import StageResult
 from expdesign.runfolder.lock import one_writer
 from expdesign.runfolder.manifest import Manifest
 from expdesign.stages.execution import (
@@ -25,7 +27,7 @@ from expdesign.stages.execution import (
     stage_changes,
     workspaces,
 )
-from expdesign.stages.registry import missing_design, named_stages, reported_stages
+from expdesign.stages.registry import missing_design, named_stages, reported_stages, stages
 from expdesign.stages.stage import Outcome, Progress, Stage, StageFailed, Workspace, short
 from results.views.folder import RunFolder
 
@@ -191,6 +193,25 @@ def report(folder: Place) -> Path:
     """
     page: Path = report_of(Path(folder)).result
     return page
+
+
+def load_results(folder: Place) -> dict[str, Any]:
+    """Return the results in a run folder by their stages, with tables and figures in `view`.
+
+    Raises
+    ------
+    InputError
+        The folder has no results, or one of its files is damaged.
+    """
+    place, found = Path(folder), dict[str, Any]()
+    for name, stage in stages().items():
+        kind = stage.functions().views.result_type
+        if issubclass(kind, StageResult) and (place / kind.FILE).is_file():
+            found[name] = kind.read(place)
+    if not found:
+        files = ", ".join(stage.file for stage in stages().values())
+        raise InputError(f"the folder has no results: none of {files}", place)
+    return found
 
 
 def report_of(folder: Path) -> Outcome:

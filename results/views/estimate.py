@@ -153,7 +153,7 @@ def _blocks(
     blocks += drawings(DIAGNOSTIC_FIGURES, result.diagnoses, numbered=True)
     if not shows_noise(folder):
         blocks += drawings(NOISE_FIGURES, result.diagnoses, numbered=True)
-    blocks.append(_noise_table(result, folder.configuration.robot.drive.torque_per_force))
+    blocks.append(_noise_table(result, folder.torque_per_force))
     return tuple(blocks)
 
 

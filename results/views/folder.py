@@ -103,6 +103,12 @@ class RunFolder:
             {type(result): result for result in results},
         )
 
+    @property
+    def torque_per_force(self) -> float | None:
+        """N m per N at the motors of the run; None: forces, or a result alone in memory."""
+        run: RunConfiguration | None = self.configuration
+        return None if run is None else run.robot.drive.torque_per_force
+
     @cached_property
     def changes(self) -> FolderChanges:
         """Changes by hand of the files."""

@@ -71,7 +71,7 @@ def noise_view(folder: RunFolder) -> StageView:
         every = len(noise.findings)
         level, word = Level.NEUTRAL, f"{every - len(untested)} of {every} tested"
     shape, memory = noise.normality, noise.whiteness
-    torque_per_force = folder.configuration.robot.drive.torque_per_force
+    torque_per_force = folder.torque_per_force
     motors = motor_columns(torque_per_force, {"σ": noise.force_std})
     blocks: list[Block] = [
         Facts(_details(folder, noise), screen=True),

@@ -38,7 +38,7 @@ def validation_view(folder: RunFolder) -> StageView:
     passed = f"{sum(row.verdict == 'passes' for row in result.rows)} of {len(result.rows)}"
     blocks: list[Block] = []
     if result.errors:
-        blocks.append(_errors_table(result, folder.configuration.robot.drive.torque_per_force))
+        blocks.append(_errors_table(result, folder.torque_per_force))
     blocks.append(_actuators_table(result))
     for number, motion in enumerate(result.motions, start=1):
         verdict = motion.diagnostics.verdict
