@@ -187,6 +187,10 @@ def attribute(
     return Attribution(families, effects, first, last, columns, best_forces, search.level, response)
 
 
+_IMPOSSIBLE = "its sign or size is impossible"
+_ANOTHER_IMPOSSIBLE = "another effect has an impossible sign or size"
+
+
 def doubt_effects(
     attribution: Attribution,
     without: HarmonicLackOfFit,
@@ -213,7 +217,7 @@ def doubt_effects(
     reasons = {
         "a lack of fit remains": remains,
         f"more than {_MOST_CAUSES} causes are needed": many,
-        "another effect has an impossible sign or size": impossible,
+        _ANOTHER_IMPOSSIBLE: impossible,
         "a lack of fit may remain": given.log_p < np.log(_SUSPICIOUS),
     }
     reason = next((words for words, holds in reasons.items() if holds), "")
@@ -224,6 +228,18 @@ def doubt_effects(
     unlisted = (remains and not linear) or many or impossible
     doubted = tuple(replace(each, doubt=each.doubt or reason) for each in effects)
     return replace(attribution, effects=doubted, unlisted=unlisted)
+
+
+def doubts_in_words(effects: Sequence[Effect]) -> str:
+    """Join the doubts about effects."""
+    found = dict.fromkeys(effect.doubt for effect in effects)
+    if len(effects) > 1:
+        impossible, one = (
+            (_IMPOSSIBLE, _ANOTHER_IMPOSSIBLE),
+            "one of them has an impossible sign or size",
+        )
+        found = dict.fromkeys(one if doubt in impossible else doubt for doubt in found)
+    return join_words(found)
 
 
 def _effects(
@@ -249,7 +265,7 @@ def _effects(
             if force.pitch > np.ptp(search.part.position[:, scan.strut]):
                 doubt = "the pitch is longer than the stroke"
         elif not item.is_possible(values, covariance):
-            doubt = "its sign or size is impossible"
+            doubt = _IMPOSSIBLE
         log_p = search.conditional_log_p(item, exclude(found, item)) - item.limit
         effects.append(
             Effect(
@@ -373,7 +389,7 @@ def _place(effect: Effect | Rival) -> str:
 def _add_doubts(attribution: Attribution, effects: Sequence[Effect], found: Finding) -> Finding:
     """Add the doubts about effects, and their rivals, to a finding."""
     if attribution.unlisted:
-        doubts = join_words(dict.fromkeys(effect.doubt for effect in effects))
+        doubts = doubts_in_words(effects)
         sentence = f"the residuals resemble {found.sentence}, which may only imitate another effect"
         return replace(found, sentence=f"{sentence}: {doubts}", advice=_IMITATED, serious=False)
     several = len(effects) > 1

@@ -9,6 +9,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import (
+    doubts_in_words,
     effect_nouns,
     effect_strengths,
     hypothesis_finding,
@@ -323,7 +324,7 @@ def _bias(diagnosis: AttributedDiagnosis, *, wrong_channels: bool) -> Finding:
             )
         return _EXPLAINED.fails("; ".join(parts), p, level, where, advice)
     if found:
-        doubts = join_words(dict.fromkeys(effect.doubt for effect in attribution.effects))
+        doubts = doubts_in_words(attribution.effects)
         parts.append(f"the residuals resemble {found}, but {doubts}")
     if wrong_channels:
         return _EXPLAINED.fails("; ".join(parts), p, level, where, "correct the channels first")

@@ -10,7 +10,7 @@ differ in these have no efficiency either.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -26,7 +26,7 @@ from expdesign.experiment.precision import experiment_information, predicted_err
 from expdesign.experiment.sensitivity import limit_sensitivity
 from expdesign.information.criteria import criteria
 from expdesign.information.fisher import SingularInformationError, log_det, parameter_covariance
-from expdesign.information.identifiable import IDENTIFIABLE
+from expdesign.information.identifiable import IDENTIFIABLE, listed
 from expdesign.progress import track
 from expdesign.robot.derived import ErrorShares
 from results.figures.parameters import ParameterSeries, compared_precision_figure
@@ -73,11 +73,11 @@ def compare_designs(
             _criteria_table(comparison),
             Drawing(compared_precision_figure, comparison.precision_series),
             _effort_table(comparison),
-            _precision_table(comparison),
             *_derived_tables(designs),
+            _precision_table(comparison),
         ]
         text, best = _efficiencies_in_words(comparison)
-        sentence += text
+        sentence += text + _interests_in_words(designs)
         facts += best
     blocks.append(_limits_table(designs))
     if not quick:
@@ -444,6 +444,18 @@ def _efficiencies_in_words(comparison: DesignComparison) -> tuple[str, list[Fact
     return text, facts
 
 
+def _interests_in_words(designs: Sequence[ComparedDesign]) -> str:
+    """Return a sentence for each design whose criterion does not count all parameters alike."""
+    text = ""
+    for design in designs:
+        interest = design.section.interest
+        if interest is None:
+            continue
+        named = listed(interest) if isinstance(interest, tuple) else "forces along a task"
+        text += f" {design.label} was designed for {named}: compare the σ of these, not this."
+    return text
+
+
 def _criteria_table(comparison: DesignComparison) -> ReportTable:
     """Return all criteria in both scalings, one row per design."""
     designs, samples, shares = comparison.designs, comparison.samples, comparison.efficiencies
@@ -530,9 +542,8 @@ def _derived_tables(designs: tuple[ComparedDesign, ...]) -> list[Block]:
         std = {name: row.std for name, row in rows.items()}
         columns.append(TableColumn(f"σ, {label}", digits=3, of=std.get))
     caption = "Predicted standard deviations of derived quantities, each for its own experiment, SI"
-    return (
-        [ReportTable.of("compared_design_derived", caption, columns, list(first))] if first else []
-    )
+    table = ReportTable.of("compared_design_derived", caption, columns, list(first), screen=True)
+    return [table] if first else []
 
 
 def _effort_table(comparison: DesignComparison) -> ReportTable:

@@ -142,6 +142,7 @@ def test_what_stands_beside_it(expdesign, run_file, design, tmp_path):
         "sampling": 200,
         "samples": 1000,
         "samples_per_period": pytest.approx(1000 / 3),
+        "follows": "lengths",
     }
     assert truth["seeds"] == {"experiment": 5, "repetitions": 5}
     switched_on = {key for key, value in truth["disturbances"].items() if value}
