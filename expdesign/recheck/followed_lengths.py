@@ -9,7 +9,10 @@ absence for knowledge of the joints.
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -17,13 +20,17 @@ from constraints.arrays import Array, ComplexArray
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.noise import lines_of, multiplicity
 from expdesign.recheck.limit_check import Motion
-from expdesign.robot import Robot, deviation
+from expdesign.robot import ForwardKinematicsError, Robot, deviation
 from expdesign.trajectory import MOST_HARMONICS, FourierTrajectory, PoseSamples
 
 _NEGLIGIBLE = 1.0
 """Expected χ² of the harmonics that are left out: less than what the noise adds to one parameter.
 They are shared among tens of unknowns."""
 _POINTS = 4 * MOST_HARMONICS
+_MOVING = ("base_joints", "platform_joints", "strut_length")
+"""Deviations by which a machine moves otherwise than its lengths say."""
+_DRAWS, _BY_CHANCE = 16, 3.0
+"""Machines drawn from the tolerances, and their mean χ² over its expectation at most, by chance."""
 
 
 def raised_harmonics(
@@ -37,7 +44,8 @@ def raised_harmonics(
 
     The controller follows the lengths of the robot as described. Harmonics above this number would
     show in lengths and forces of all samples by less than the noise, for deviations of one standard
-    deviation each.
+    deviation each. Near singular poses deviations together raise more than their slopes say: the
+    mean over some machines that are drawn is not much larger.
 
     Parameters
     ----------
@@ -52,12 +60,7 @@ def raised_harmonics(
     int
         At least the harmonics of the motion, at most `MOST_HARMONICS`.
     """
-    # Delays and clocks of a recording do not move the machine, zeros of its lengths do.
-    chosen = [
-        one
-        for one in deviation.toleranced_deviations(robot)
-        if one.of_the_machine or one.group == "strut_length"
-    ]
+    chosen = [one for one in deviation.toleranced_deviations(robot) if one.group in _MOVING]
     least = motion.harmonics
     if not chosen or least >= MOST_HARMONICS:
         return least
@@ -67,10 +70,15 @@ def raised_harmonics(
     lengths = deviation.length_deviation_columns(robot, state, times, chosen)
     tolerances = np.array([each.tolerance for each in chosen])
     jacobian = robot.length_jacobian(state[:, :COORDINATES])
-    lines = np.fft.rfft(np.linalg.solve(jacobian, lengths * tolerances), axis=0)
-    orders = np.arange(len(lines))[:, None, None]
+    drawn = _drawn_motions(robot, state[:, :COORDINATES], chosen)
+    moves = (
+        (np.linalg.solve(jacobian, lengths * tolerances), _NEGLIGIBLE),
+        (drawn / np.sqrt(max(drawn.shape[-1], 1)), _BY_CHANCE * _NEGLIGIBLE),
+    )
+    every = [(np.fft.rfft(poses, axis=0), most) for poses, most in moves]
 
-    def are_enough(harmonics: int) -> bool:
+    def is_enough(harmonics: int, lines: ComplexArray, most: float) -> bool:
+        orders = np.arange(len(lines))[:, None, None]
         left = np.where(orders > harmonics, lines, 0)
         derivatives = [
             np.fft.irfft(left * (1j * motion.omega * orders) ** order, _POINTS, axis=0)
@@ -78,9 +86,28 @@ def raised_harmonics(
         ]
         shown = _mean_square(jacobian @ derivatives[0], length_noise)
         shown += _mean_square(forces.state_slope @ np.concatenate(derivatives, axis=1), force_noise)
-        return samples * shown <= _NEGLIGIBLE
+        return samples * shown <= most
 
-    return bisect_left(range(MOST_HARMONICS), True, lo=least, key=are_enough)
+    for lines, most in every:
+        key = partial(is_enough, lines=lines, most=most)
+        least = bisect_left(range(MOST_HARMONICS), True, lo=least, key=key)
+    return least
+
+
+def _drawn_motions(robot: Robot, poses: Array, chosen: Sequence[deviation.Deviation]) -> Array:
+    """Return the moves of drawn machines, (S, 6, d); some cannot follow the lengths at all."""
+    rng, found = np.random.default_rng(0), []
+    tolerances = np.array([each.tolerance for each in chosen])
+    lengths = robot.inverse_kinematics(poses)
+    for values in tolerances * rng.standard_normal((_DRAWS, len(chosen))):
+        machine = deviation.apply_deviations(robot, chosen, values)
+        zeros = np.zeros(ACTUATORS)
+        for one, value in zip(chosen, values, strict=True):
+            if one.group == "strut_length":
+                zeros[one.channel] = value
+        with suppress(ForwardKinematicsError):
+            found.append(machine.forward_kinematics(lengths - zeros, poses) - poses)
+    return np.stack(found, axis=2) if found else np.zeros((*poses.shape, 0))
 
 
 def _mean_square(values: Array, covariance: Array | ComplexArray | None) -> float:
