@@ -445,14 +445,14 @@ def _efficiencies_in_words(comparison: DesignComparison) -> tuple[str, list[Fact
 
 
 def _interests_in_words(designs: Sequence[ComparedDesign]) -> str:
-    """Return a sentence for each design whose criterion does not count all parameters alike."""
+    """Return a sentence for each design that has quantities of interest."""
     text = ""
     for design in designs:
         interest = design.section.interest
         if interest is None:
             continue
         named = listed(interest) if isinstance(interest, tuple) else "forces along a task"
-        text += f" {design.label} was designed for {named}: compare the σ of these, not this."
+        text += f" {design.label} was designed for {named}: compare their σ."
     return text
 
 
