@@ -29,8 +29,9 @@ They are shared among tens of unknowns."""
 _POINTS = 4 * MOST_HARMONICS
 _MOVING = ("base_joints", "platform_joints", "strut_length")
 """Deviations by which a machine moves otherwise than its lengths say."""
-_DRAWS, _BY_CHANCE = 16, 3.0
-"""Machines drawn from the tolerances, and their mean χ² over its expectation at most, by chance."""
+_DRAWS = 16
+_NEGLIGIBLE_OF_DRAWN = 3.0
+"""Number of drawn machines, and their mean χ² at most: so few scatter by more than 1."""
 
 
 def raised_harmonics(
@@ -44,8 +45,8 @@ def raised_harmonics(
 
     The controller follows the lengths of the robot as described. Harmonics above this number would
     show in lengths and forces of all samples by less than the noise, for deviations of one standard
-    deviation each. Near singular poses deviations together raise more than their slopes say: the
-    mean over some machines that are drawn is not much larger.
+    deviation each. Near singular poses the motion is not linear in the deviations; the harmonics of
+    some drawn machines are therefore counted as well.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ def raised_harmonics(
     drawn = _drawn_motions(robot, state[:, :COORDINATES], chosen)
     moves = (
         (np.linalg.solve(jacobian, lengths * tolerances), _NEGLIGIBLE),
-        (drawn / np.sqrt(max(drawn.shape[-1], 1)), _BY_CHANCE * _NEGLIGIBLE),
+        (drawn / np.sqrt(max(drawn.shape[-1], 1)), _NEGLIGIBLE_OF_DRAWN),
     )
     every = [(np.fft.rfft(poses, axis=0), most) for poses, most in moves]
 
@@ -95,7 +96,7 @@ def raised_harmonics(
 
 
 def _drawn_motions(robot: Robot, poses: Array, chosen: Sequence[deviation.Deviation]) -> Array:
-    """Return the moves of drawn machines, (S, 6, d); some cannot follow the lengths at all."""
+    """Return the moves of drawn machines, (S, 6, d), d ≤ 16: some cannot follow the lengths."""
     rng, found = np.random.default_rng(0), []
     tolerances = np.array([each.tolerance for each in chosen])
     lengths = robot.inverse_kinematics(poses)
