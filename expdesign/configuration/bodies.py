@@ -29,6 +29,8 @@ _DIAGONAL, _WHOLE = 3, 6
 _ZERO = (0.0,) * _WHOLE
 _ROUNDING = 1e-3
 """Allowed violation of the triangle inequality of rounded moments, as a share of the largest."""
+_SUM_ROUNDING = 1e-13
+"""Largest rounding error of sums over bodies and symmetric joints, relative to the largest sum."""
 _RELEVANT = 0.01
 """Smallest reported deviation of a part from the model, as a share of the part's moments."""
 
@@ -137,7 +139,7 @@ class Bodies(Section):
             found |= strut_parameters(self.part("ring"), self.part("stator"), slider)
         if self.platform or self.payload:
             platform = self.part("platform", "payload")
-            found |= platform_parameters(platform, slider.mass, platform_joints)
+            found |= _platform_parameters(platform, slider.mass, platform_joints)
         return found
 
     def warnings(self, implied: Mapping[str, float], *, general: bool) -> Iterator[str]:
@@ -189,7 +191,16 @@ def _neglected(name: str, body: RigidBody) -> Iterator[str]:
 def payload_parameters(payload: Iterable[BodyDescription]) -> dict[str, float]:
     """Return the additions of bodies on the platform to its ten parameters, SI."""
     carried = together(body.in_its_part for body in payload)
-    return platform_parameters(carried, 0.0, np.zeros((0, 3)))
+    return _platform_parameters(carried, 0.0, np.zeros((0, 3)))
+
+
+def _platform_parameters(
+    platform: RigidBody, slider_mass: float, joints: Array
+) -> dict[str, float]:
+    """Return `platform_parameters`, with sums that are zero up to rounding as zero."""
+    found = platform_parameters(platform, slider_mass, joints)
+    least = _SUM_ROUNDING * max(abs(value) for name, value in found.items() if name != MASS)
+    return {n: value if n == MASS or abs(value) > least else 0.0 for n, value in found.items()}
 
 
 def bodies_in_words(

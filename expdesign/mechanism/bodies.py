@@ -186,13 +186,7 @@ def platform_parameters(platform: RigidBody, slider_mass: float, joints: Array) 
         "Ixz": inertia[0, 2],
         "Iyz": inertia[1, 2],
     }
-    # Sums over symmetric joints are zero up to rounding.
-    least = _ROUNDING * max(np.max(np.abs(inertia)), np.max(np.abs(moment)))
-    return {name: float(value) if abs(value) > least else 0.0 for name, value in found.items()}
-
-
-_ROUNDING = 1e-13
-"""Largest rounding error of a sum of first moments or inertias, relative to the largest."""
+    return {name: float(value) for name, value in found.items()}
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,9 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from expdesign.configuration import InputError, load_run, resolved_yaml
-from expdesign.configuration.bodies import bodies_in_words
+from expdesign.configuration.bodies import Bodies, BodyDescription, bodies_in_words
 from expdesign.configuration.robot import load_robot_description
-from expdesign.mechanism.bodies import RigidBody, platform_parameters
 from expdesign.mechanism.term import scales_of
 from expdesign.mechanism.terms.rigid_platform import GENERAL
 
@@ -207,8 +206,9 @@ def test_rounded_joints_and_centres_are_symmetric_enough(palida):
 def test_sums_over_symmetric_joints_are_zero_and_not_rounding_errors():
     angles = np.deg2rad(np.array([0, 20, 120, 140, 240, 260]) + 13)
     joints = np.stack([0.3 * np.cos(angles), 0.3 * np.sin(angles), np.full(6, 0.05)], axis=1)
-    body = RigidBody(12.0, np.array([0.0, 0.0, 0.84]), np.diag([0.3, 0.3, 0.5]))
-    found = platform_parameters(body, 1.7, joints)
+    platform = BodyDescription(mass=12, centre=(0, 0, 0.07), inertia=[0.24, 0.24, 0.4])
+    slider = BodyDescription(mass=1.7, centre=(0, 0, -0.5))
+    found = Bodies(platform=(platform,), slider=(slider,)).parameters(joints)
     lateral = ("sx", "sy", "Ixy", "Ixz", "Iyz")
     assert all(found[name] == 0 for name in lateral)
     parameters = [one for one in GENERAL.parameters if one.name in lateral]
