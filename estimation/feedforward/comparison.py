@@ -30,8 +30,8 @@ from estimation.feedforward.result import (
     StrutRow,
     Tracking,
 )
+from estimation.identification.calibration import estimated_machine
 from estimation.identification.estimate import IdentifiedModel
-from estimation.identification.recording import estimated_machine
 from estimation.twin.disturbances import Repeated, force_gains, noise_sources, repetition_stream
 from expdesign.configuration import ComputationError, RunConfiguration
 from expdesign.configuration.experiment import Cogging

@@ -191,7 +191,7 @@ def _recording(prepared: PreparedRecording, fingerprint: str) -> EstimatedRecord
         jitter=float(prepared.jitter),
         harmonics=prepared.harmonics,
         harmonics_of_forces=prepared.harmonics_of_forces,
-        harmonics_of_the_design=prepared.least_harmonics,
+        fewest_harmonics=prepared.fewest_harmonics,
         knot_spacing=fit.motion.spacing if fit and isinstance(fit.motion, SplineMotion) else None,
         noise=WeightingNoise(
             **covariance_fields(noise),

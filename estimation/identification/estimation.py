@@ -29,13 +29,12 @@ from estimation.estimators import (
 from estimation.estimators.influence import EstimatedDeviation
 from estimation.estimators.prior_estimate import UnloadedMachine
 from estimation.estimators.result import PayloadEstimate, payload_estimate
+from estimation.identification.calibration import apply_calibration, estimated_machine
 from estimation.identification.harmonics import weigh_signs
 from estimation.identification.periods import UnsuitableDataError, leave_out_ramps
 from estimation.identification.recording import (
     PreparedRecording,
-    apply_calibration,
     check_recording,
-    estimated_machine,
     fold_measurement,
     linearise_at_load,
     prepare_recording,
@@ -140,7 +139,7 @@ def estimate_parameters(
                         apply_calibration(configuration, measurement, trajectory, machine),
                         trajectory,
                     ),
-                    least_harmonics=recording.least_harmonics,
+                    fewest_harmonics=recording.fewest_harmonics,
                 )
                 for recording, measurement, trajectory, motion in zip(
                     recordings, data, designs, best.motions, strict=True

@@ -16,19 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
-from constraints.arrays import Array, ComplexArray
+from constraints.arrays import Array
 from estimation.data.measurement import Measurement
-from estimation.data.sensors import SensorResponse
 from estimation.diagnostics.channels import ChannelCheck, check_channels
-from estimation.estimators import (
-    Experiment,
-    ParameterPriors,
-    PerturbedMachine,
-    SystematicUncertainty,
-    linear_estimate,
-)
+from estimation.estimators import Experiment, ParameterPriors, linear_estimate
 from estimation.identification.harmonics import refine_motion, weigh_signs
 from estimation.identification.periods import (
     NoPeriodError,
@@ -64,12 +56,11 @@ from estimation.processing.noise import ENOUGH_FREEDOM
 from estimation.processing.spectrum import NoiseLines, given_filter
 from expdesign.configuration import InputError, RunConfiguration
 from expdesign.configuration.estimate import SpectrumOrigin
-from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.noise import NoiseSpectrum
-from expdesign.recheck.followed_lengths import raised_harmonics, sampled_harmonics
+from expdesign.recheck.followed_lengths import Noise, raised_harmonics, sampled_harmonics
 from expdesign.robot import Robot
-from expdesign.robot.deviation import LAGS_OF_FORCES, toleranced_deviations
-from expdesign.trajectory import MOST_HARMONICS, FourierTrajectory
+from expdesign.robot.deviation import toleranced_deviations
+from expdesign.trajectory import FourierTrajectory
 
 _CUTOFF = 3.0
 """Cutoff of the Butterworth filter in units of the highest frequency of the motion."""
@@ -122,7 +113,6 @@ def prepare_recording(
             priors = ParameterPriors.of(robot, section)
             experiment = estimate_noise(robot, experiment, priors, section.spectrum)
         return PreparedRecording(data.source, experiment, None, data.jitter)
-    free = section.frequency == "estimated"
     if section.pointwise:
         motion = pointwise_motion(
             robot, recording, cutoff=_cutoff(configuration, recording, design)
@@ -130,9 +120,9 @@ def prepare_recording(
         # Pointwise differentiation does not use the spectrum.
         experiment = Experiment.from_points(robot, recording, noise.as_white(), motion)
         return PreparedRecording(data.source, experiment, None, data.jitter)
-    noise, fit, least, scarce = _fit_motion(configuration, robot, recording, noise, design)
-    warnings = [scarce]
-    if not free:
+    fitted = _fit_motion(configuration, robot, recording, noise, design)
+    noise, fit, warnings = fitted.noise, fitted.fit, [fitted.scarce]
+    if section.frequency != "estimated":
         own = noise.lengths.covariance
         warnings.append(period_warning(robot, data, recording, fit.series, own))
     if fit.wanted is not None:
@@ -142,19 +132,14 @@ def prepare_recording(
             f"is taken with {fit.motion.harmonics}"
         )
     experiment = Experiment.from_fit(robot, recording, noise, fit).without_lacking_terms(robot)
-    priors = ParameterPriors.of(robot, section)
     if not held_out:
+        priors = ParameterPriors.of(robot, section)
         experiment = weigh_signs(robot, experiment, priors)
-    if section.harmonics is None and not held_out:
-        whole = refine_motion(robot, experiment, priors)
-        experiment = replace(experiment, refined_motion=whole)
-    return PreparedRecording(
-        data.source,
-        experiment,
-        least,
-        data.jitter,
-        tuple(filter(None, warnings)),
-    )
+        if section.harmonics is None:
+            whole = refine_motion(robot, experiment, priors)
+            experiment = replace(experiment, refined_motion=whole)
+    found = tuple(filter(None, warnings))
+    return PreparedRecording(data.source, experiment, fitted.fewest, data.jitter, found)
 
 
 def fold_measurement(
@@ -169,14 +154,15 @@ def fold_measurement(
     InputError
         The recording has no period, or less than one, or a channel is dead.
     """
-    recording = _fold(configuration, data, design)
+    recording = fold_periods(configuration, data, design)
     noise = choose_noise(configuration, recording, data.source)
     return recording.as_weighted(noise), noise
 
 
-def _fold(
+def fold_periods(
     configuration: RunConfiguration, data: Measurement, design: FourierTrajectory | None
 ) -> PeriodicRecording:
+    """Fold a recording into periods, without its noise; see `fold_measurement`."""
     section = configuration.run.estimate
     average, robust = section.frequency != "estimated", section.loss == "huber"
     optional = section.differentiation == "auto" and average and not robust
@@ -222,7 +208,7 @@ class PreparedRecording:
 
     source: str
     experiment: Experiment
-    least_harmonics: int | None
+    fewest_harmonics: int | None
     """The fewest harmonics that were tried; None for a given number."""
     jitter: float
     """Of the time stamps, as a share of a step."""
@@ -259,18 +245,27 @@ def _cutoff(
     return cutoff
 
 
+@dataclass(frozen=True, eq=False)
+class _FittedMotion:
+    """Motion fitted to the lengths of a recording, with the noise that weighted them."""
+
+    noise: NoiseModel
+    fit: MotionFit
+    fewest: int | None
+    """The fewest harmonics that were tried: those of the design, or more where the tolerances of
+    joints allow a motion with more; None for a given number."""
+    scarce: str
+    """Warning that a period has too few samples for these harmonics; empty: there are enough."""
+
+
 def _fit_motion(
     configuration: RunConfiguration,
     robot: Robot,
     recording: PeriodicRecording,
     noise: NoiseModel,
     design: FourierTrajectory | None,
-) -> tuple[NoiseModel, MotionFit, int | None, str]:
-    """Return noise and motion, the fewest harmonics that were tried, and a warning or nothing.
-
-    The fewest are the design's, or more where the tolerances of joints allow a motion with more;
-    None for a given number.
-    """
+) -> _FittedMotion:
+    """Fit the motion, with the number of harmonics that lengths and tolerances ask for."""
     section = configuration.run.estimate
     expected = configuration.run.trajectory.harmonics if design is None else design.harmonics
     start = _start(robot, recording, design, expected)
@@ -317,8 +312,8 @@ def _fit_motion(
             noise = replace(noise, lengths=lengths.noise_before_sensors(found))
         if remaining:
             start = fit.series
-    least = min(least, fit.series.harmonics)
-    return noise, fit, None if section.harmonics else least, scarce
+    tried = None if section.harmonics else min(least, fit.series.harmonics)
+    return _FittedMotion(noise, fit, tried, scarce)
 
 
 def _choose_motion(
@@ -356,17 +351,17 @@ def _raised_harmonics(
             robot, recording, covariance, 1, expected=expected, start=start
         ).series
 
-    def of_lines(own: NoiseEstimate) -> Array | ComplexArray:
-        if own.filter is None:
-            return own.covariance
-        spectrum = own.filter.spectrum
-        every = own.filter.samples * recording.step / recording.period
-        lines = np.arange(min(MOST_HARMONICS, int((len(spectrum) - 1) / every)) + 1) * every
-        return spectrum[np.rint(lines).astype(np.intp)]
+    per_period = recording.period / recording.step
 
-    return raised_harmonics(
-        robot, start.trajectory, of_lines(noise.lengths), of_lines(noise.forces), recording.rows
-    )
+    def of_lines(own: NoiseEstimate) -> Noise:
+        found = own.filter
+        if found is None:
+            return own.covariance
+        every = found.samples / per_period
+        return lambda count: found.spectrum[np.rint(np.arange(count) * every).astype(np.intp)]
+
+    lengths, forces = of_lines(noise.lengths), of_lines(noise.forces)
+    return raised_harmonics(robot, start.trajectory, lengths, forces, recording.rows, per_period)
 
 
 def _start(
@@ -507,85 +502,6 @@ def residual_noise(residuals: Array, counts: Array, used: int) -> NoiseEstimate:
 
 
 _ROUNDS = 2
-
-
-def estimated_machine(robot: Robot, systematic: SystematicUncertainty | None) -> PerturbedMachine:
-    """Return the machine with its estimated deviations; the robot as described without any.
-
-    The signs of friction allow for the remaining uncertainty of the delay.
-    """
-    if systematic is None:
-        return PerturbedMachine.exact(robot)
-    largest = [
-        max((one.std for one in systematic.deviations if one.group == group), default=0.0)
-        for group in LAGS_OF_FORCES
-    ]
-    robot = replace(robot, delay_std=float(np.linalg.norm(largest)))
-    if not systematic.estimated:
-        return PerturbedMachine.exact(robot)
-    return PerturbedMachine.of(robot, systematic.deviations, systematic.values)
-
-
-def apply_calibration(
-    configuration: RunConfiguration,
-    data: Measurement,
-    design: FourierTrajectory | None,
-    machine: PerturbedMachine,
-) -> Measurement:
-    """Remove the estimated length offsets, force gains, delays and low passes from a recording.
-
-    Low passes become filters of the sensors where means over whole periods show them; elsewhere
-    they are inverted at the samples, whose noise grows. The rate of the clock stays: its effect on
-    the motion is far below the noise.
-    """
-    if not machine.chosen:
-        return data
-    delays = [machine.channel_delays(group) for group in "Qq"]
-    low_passes = [machine.low_passes(group) for group in "Qq"]
-    if any(map(np.any, (*delays, *low_passes))):
-        folded = _fold(configuration, data, design)
-        period = None if folded.source is PeriodSource.NONE else folded.period
-        whole = folded.samples == round(folded.period / folded.step)
-        if folded.averaged and not folded.robust and whole:
-            sensors = zip((data.force_sensors, data.length_sensors), low_passes, strict=True)
-            force_sensors, length_sensors = (SensorResponse.with_low_pass(*one) for one in sensors)
-            data = replace(data, force_sensors=force_sensors, length_sensors=length_sensors)
-            low_passes = [np.zeros(ACTUATORS)] * 2
-        forces, lengths = (
-            _without_lags(data, values, delay, constants, period)
-            for values, delay, constants in zip(
-                (data.forces, data.lengths), delays, low_passes, strict=True
-            )
-        )
-        data = replace(data, forces=forces, lengths=lengths)
-    return replace(
-        data,
-        lengths=data.lengths - machine.zeros,
-        forces=data.forces / machine.gains,
-        force_delay=data.force_delay + machine.delay,
-    )
-
-
-def _without_lags(
-    data: Measurement, values: Array, delays: Array, low_passes: Array, period: float | None
-) -> Array:
-    """Return channels, (T, 6), before their delays and low passes, (6,), s.
-
-    A first-order low pass y of the time constant τ had the input y + τ ẏ.
-    The periods at the ends continue the recording beyond them; without a period its ends do.
-    """
-    times, slack = data.time, 0.5 * data.step
-    knots = times
-    if period is not None:
-        first = times < times[0] + period - slack
-        last = times > times[-1] - period + slack
-        knots = np.concatenate([times[first] - period, times, times[last] + period])
-        values = np.concatenate([values[first], values, values[last]])
-    columns = []
-    for own, delay, constant in zip(values.T, delays, low_passes, strict=True):
-        spline, at = CubicSpline(knots, own), np.clip(times + delay, knots[0], knots[-1])
-        columns.append(spline(at) + constant * spline(at, 1))
-    return np.column_stack(columns)
 
 
 def linearise_at_load(

@@ -110,7 +110,7 @@ class EstimatedRecording:
         int | None,
         described("1", "of ML's motion, from forces and lengths together; null as before"),
     ]
-    harmonics_of_the_design: Annotated[
+    fewest_harmonics: Annotated[
         int | None, described("1", "fewest that were tried; null when the number was given")
     ]
     knot_spacing: Annotated[

@@ -11,11 +11,8 @@ from numpy.linalg import LinAlgError
 
 from estimation.diagnostics.finding import Assumption, Finding
 from estimation.estimators import Experiment, ParameterPriors, linear_estimate
-from estimation.identification.recording import (
-    estimated_machine,
-    linearise_at_load,
-    with_residual_noise,
-)
+from estimation.identification.calibration import estimated_machine
+from estimation.identification.recording import linearise_at_load, with_residual_noise
 from estimation.selection import Evidence, Judge, SelectionRow, find_imitations, select
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
 from expdesign.configuration.estimate import DEFAULT_LEVEL, SelectionCriterion

@@ -19,8 +19,8 @@ from estimation.diagnostics.finding import DiagnosisVerdict, Status
 from estimation.diagnostics.residuals import ForceResiduals
 from estimation.estimators import Experiment, PerturbedMachine
 from estimation.identification import prepare_experiment
+from estimation.identification.calibration import apply_calibration, estimated_machine
 from estimation.identification.estimate import IdentifiedModel
-from estimation.identification.recording import apply_calibration, estimated_machine
 from estimation.twin import Twin
 from estimation.validation.prediction_error import Accuracy, Kept, prediction_errors
 from expdesign.configuration import InputError, Problem, RunConfiguration, ValidationMotion

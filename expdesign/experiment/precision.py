@@ -31,7 +31,7 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg as sla
 
-from constraints.arrays import Array, ComplexArray
+from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.configuration.schema import MOST_SAMPLES
 from expdesign.experiment import result
@@ -56,7 +56,7 @@ from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.terms import parameter_unit
 from expdesign.noise import NoiseSpectrum
 from expdesign.recheck.excitable import structural_base
-from expdesign.recheck.followed_lengths import raised_harmonics, sampled_harmonics
+from expdesign.recheck.followed_lengths import Noise, raised_harmonics, sampled_harmonics
 from expdesign.recheck.information import Evaluator
 from expdesign.robot import Robot, deviation
 from expdesign.robot.derived import (
@@ -66,11 +66,7 @@ from expdesign.robot.derived import (
     derived_quantities,
     known_quantities,
 )
-from expdesign.trajectory import (
-    MOST_HARMONICS,
-    FourierTrajectory,
-    PhaseBasis,
-)
+from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
 _WHOLE = 1e-6
 _NEARLY = 10.0
@@ -165,20 +161,18 @@ def _estimated_harmonics(
         return given
     if configuration.run.estimate.systematic == "none" or noise is None:
         return trajectory.harmonics
-    per_period = experiment.sampling * trajectory.period
+    base, sampling = trajectory.frequency, experiment.sampling
+    per_period = sampling * trajectory.period
     samples = experiment.periods * per_period
 
-    def of_lines(
-        covariance: Array | None, spectrum: NoiseSpectrum | None
-    ) -> Array | ComplexArray | None:
+    def of_lines(covariance: Array | None, spectrum: NoiseSpectrum | None) -> Noise:
         if spectrum is None:
             return covariance
-        counts = min(MOST_HARMONICS, int(per_period / 2)) + 1
-        return spectrum.harmonics(trajectory.frequency, counts, experiment.sampling, samples).value
+        return lambda count: spectrum.harmonics(base, count, sampling, samples).value
 
     lengths = of_lines(noise.length_covariance, noise.length_spectrum)
     forces = of_lines(noise.force_covariance, noise.force_spectrum)
-    raised = raised_harmonics(robot, trajectory, lengths, forces, samples)
+    raised = raised_harmonics(robot, trajectory, lengths, forces, samples, per_period)
     return max(trajectory.harmonics, min(raised, sampled_harmonics(per_period)))
 
 

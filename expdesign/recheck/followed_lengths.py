@@ -9,7 +9,7 @@ absence for knowledge of the joints.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -32,14 +32,17 @@ _MOVING = ("base_joints", "platform_joints", "strut_length")
 _DRAWS = 16
 _NEGLIGIBLE_OF_DRAWN = 3.0
 """Number of drawn machines, and their mean χ² at most: so few scatter by more than 1."""
+Noise = Array | Callable[[int], ComplexArray] | None
+"""Covariance of one sample, (6, 6), or a function for those of the first lines of coloured noise."""
 
 
 def raised_harmonics(
     robot: Robot,
     motion: FourierTrajectory,
-    length_noise: Array | ComplexArray | None,
-    force_noise: Array | ComplexArray | None,
+    length_noise: Noise,
+    force_noise: Noise,
     samples: float,
+    per_period: float,
 ) -> int:
     """Return the number of harmonics of a motion that the robot's tolerances do not exceed.
 
@@ -50,11 +53,12 @@ def raised_harmonics(
 
     Parameters
     ----------
-    length_noise, force_noise : (6, 6) or (L, 6, 6), or None
-        Covariances of one sample, m² and N²; those of coloured noise at multiples 0 … L − 1 of the
-        motion's frequency, above which nothing is seen; None: unknown, and not counted.
-    samples : float
-        Number of samples in the recording.
+    length_noise, force_noise : (6, 6), callable, or None
+        Covariances of one sample, m² and N²; those of coloured noise at the multiples 0 … L − 1 of
+        the motion's frequency, (L, 6, 6), as a function of L; None: unknown, and not counted.
+    samples, per_period : float
+        Number of samples in the recording, and in one period of it: above half of their frequency
+        coloured noise is unknown, and nothing is seen.
 
     Returns
     -------
@@ -77,6 +81,10 @@ def raised_harmonics(
         (drawn / np.sqrt(max(drawn.shape[-1], 1)), _NEGLIGIBLE_OF_DRAWN),
     )
     every = [(np.fft.rfft(poses, axis=0), most) for poses, most in moves]
+    count = min(MOST_HARMONICS, int(per_period / 2)) + 1
+    of_lengths, of_forces = (
+        noise(count) if callable(noise) else noise for noise in (length_noise, force_noise)
+    )
 
     def is_enough(harmonics: int, lines: ComplexArray, most: float) -> bool:
         orders = np.arange(len(lines))[:, None, None]
@@ -85,8 +93,8 @@ def raised_harmonics(
             np.fft.irfft(left * (1j * motion.omega * orders) ** order, _POINTS, axis=0)
             for order in range(3)
         ]
-        shown = _mean_square(jacobian @ derivatives[0], length_noise)
-        shown += _mean_square(forces.state_slope @ np.concatenate(derivatives, axis=1), force_noise)
+        shown = _mean_square(jacobian @ derivatives[0], of_lengths)
+        shown += _mean_square(forces.state_slope @ np.concatenate(derivatives, axis=1), of_forces)
         return samples * shown <= most
 
     for lines, most in every:

@@ -17,8 +17,8 @@ from estimation.data.sensors import SensorResponse
 from estimation.diagnostics.finding import Status
 from estimation.estimators import PerturbedMachine
 from estimation.identification import estimate_parameters
+from estimation.identification.calibration import apply_calibration
 from estimation.identification.estimate import estimate
-from estimation.identification.recording import apply_calibration
 from estimation.twin import Twin
 from estimation.twin.truth import write_measurement
 from expdesign.configuration import InputError

@@ -24,7 +24,7 @@ def robot(**tolerances):
 def test_harmonics_left_out_show_by_less_than_the_noise_of_one_parameter():
     """Chi-squared of the lengths of each machine without its higher harmonics."""
     about = robot(base_joints="0.1 mm")
-    found = raised_harmonics(about, MOTION, NOISE, None, SAMPLES)
+    found = raised_harmonics(about, MOTION, NOISE, None, SAMPLES, 240)
     times, shown = np.arange(240) * MOTION.period / 240, {found - 1: 0.0, found: 0.0}
     for one in toleranced_deviations(about):
         machine = apply_deviations(about, [one], np.array([one.tolerance]))
@@ -50,4 +50,4 @@ def test_harmonics_left_out_show_by_less_than_the_noise_of_one_parameter():
 )
 def test_errors_of_the_recording_move_no_machine(tolerances):
     noise = np.eye(6)
-    assert raised_harmonics(robot(**tolerances), MOTION, NOISE, noise, SAMPLES) == 5
+    assert raised_harmonics(robot(**tolerances), MOTION, NOISE, noise, SAMPLES, 240) == 5
