@@ -122,55 +122,19 @@ def _take_step(
         if (term in model) != adding
         and (needed.get(term, term) in (*model, term) if adding else term not in held)
     ]
-    found = []
-    for term in terms:
-        others = tuple(other for other in model if other != term)
-        one = judge.try_term(term, others)
-        found.append((one, others, judge.worth(one)))
-    if not found:
+    if not terms:
         return model, []
-    best = max(found, key=lambda each: each[2] if adding else -each[2])
-    done = best[2] > 0 if adding else best[2] <= 0
     rows = [
-        SelectionRow(
-            step=before + 1,
-            direction=direction,
-            term=one.term,
-            beside=" ".join(others),
-            parameters=one.rank,
-            statistic=one.statistic,
-            log_p=one.log_p,
-            samples=judge.samples[one.term],
-            bic=-one.bic,
-            held_out=-one.held_out,
-            possible=one.possible,
-            worth=worth,
-            chosen=done and one is best[0],
-        )
-        for one, others, worth in found
+        judge.try_term(term, [other for other in model if other != term], before + 1, direction)
+        for term in terms
     ]
-    if not done:
+    best = (max if adding else min)(rows, key=lambda row: row.worth)
+    if (best.worth > 0) != adding:
         return model, rows
-    return ((*model, best[0].term) if adding else best[1]), rows
-
-
-@dataclass(frozen=True)
-class TermTrial:
-    """Statistics of one term given some others."""
-
-    term: str
-    statistic: float
-    """χ² of the term, over the dispersion."""
-    rank: int
-    """Its degrees of freedom: identifiable combinations of its parameters."""
-    log_p: float
-    """Logarithm of the F test's p, uncorrected."""
-    bic: float
-    """Decrease of Schwarz's criterion."""
-    held_out: float
-    """Decrease of −2 log L of held-out data; NaN if not computed."""
-    possible: bool = True
-    """Its parameters are within their bounds, or beyond them by at most three σ."""
+    chosen = replace(best, chosen=True)
+    rows = [chosen if row is best else row for row in rows]
+    others = tuple(term for term in model if term != best.term)
+    return ((*model, best.term) if adding else others), rows
 
 
 class Judge:
@@ -194,12 +158,14 @@ class Judge:
         self._splits = splits(evidence) if by == "holdout" else ()
         self._errors: dict[frozenset[str], float] = {}
 
-    def try_term(self, term: str, others: Sequence[str]) -> TermTrial:
+    def try_term(
+        self, term: str, others: Sequence[str], step: int = 1, direction: str = "add"
+    ) -> SelectionRow:
         """Compute the statistics of a term given the other terms of a model."""
         known = [self.evidence.places(other) for other in others]
         scores = self._scores.conditional_on(np.concatenate([np.zeros(0, dtype=np.intp), *known]))
         fit: EffectFit = scores.fit(self.evidence.places(term))
-        statistic = fit.statistic / self.dispersion
+        statistic, samples = fit.statistic / self.dispersion, self.samples[term]
         log_p = 0.0
         if fit.rank:
             log_p = float(log_tail(np.array(statistic), np.array(fit.rank), scores.freedom))
@@ -208,20 +174,26 @@ class Judge:
             # A term that is indistinguishable from the others does not change the prediction.
             held_out = 0.0
             if fit.rank:
-                held_out = self._held_out_error(others) - self._held_out_error([*others, term])
-        bic = statistic - fit.rank * float(np.log(self.samples[term]))
-        possible = self.evidence.is_term_possible(term, fit)
-        return TermTrial(term, statistic, fit.rank, log_p, bic, held_out, possible)
-
-    def worth(self, trial: TermTrial) -> float:
-        """Return the gain of a term by the criterion: it is supported above zero."""
-        if not trial.possible:
-            return 0.0
-        if self.by == "bic":
-            return trial.bic
-        if self.by == "f":
-            return self.limit - trial.log_p
-        return trial.held_out
+                held_out = self._held_out_error([*others, term]) - self._held_out_error(others)
+        bic = fit.rank * float(np.log(samples)) - statistic
+        possible, worth = self.evidence.is_term_possible(term, fit), 0.0
+        if possible:
+            worth += {"bic": -bic, "f": self.limit - log_p, "holdout": -held_out}[self.by]
+        return SelectionRow(
+            step=step,
+            direction=direction,
+            term=term,
+            beside=" ".join(others),
+            parameters=fit.rank,
+            statistic=statistic,
+            log_p=log_p,
+            samples=samples,
+            bic=bic,
+            held_out=held_out,
+            possible=possible,
+            worth=worth,
+            chosen=False,
+        )
 
     def _held_out_error(self, terms: Sequence[str]) -> float:
         """Return −2 log L of held-out data, relative to the point of linearisation."""

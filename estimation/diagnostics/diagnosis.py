@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from estimation.diagnostics.diagnosis_result import (
     RecordingTests,
     ResidualDiagnosis,
 )
-from estimation.diagnostics.finding import DiagnosisVerdict, Finding
+from estimation.diagnostics.finding import Finding
 from estimation.diagnostics.gain_drift import gain_drift
 from estimation.diagnostics.hypotheses import list_hypotheses
 from estimation.diagnostics.hypothesis import DelayTest, HypothesisResult
@@ -115,39 +116,36 @@ def diagnose(
     channels : sequence of Finding
         Findings of wrong channels, which explain other failures.
     """
-    cases = _linearise_all(robot, experiments, priors, estimate, held_out=held_out)
-    results = [
-        _diagnose_experiment(robot, case, priors, estimate, shares=len(cases), held_out=held_out)
-        for case in cases
+    cases = [
+        _linearise(robot, experiment, number, priors, estimate, held_out=held_out)
+        for number, experiment in enumerate(
+            track("diagnosis: linearisation at the estimate", experiments)
+        )
     ]
-    if held_out:
-        return _result(estimate, results, verdict(results))
-    used = [case.experiment for case in cases]
-    names = np.array(priors.names)[priors.free].tolist()
-    candidates = join_recordings([result.reliability for result in results])
-    undetected = undetected_effects(candidates, names, estimate.std[priors.free])
-    judgement = verdict(
-        results,
-        *check_motion_onset(used),
-        *check_convergence(estimate),
-        *tolerance_findings(estimate),
-        *common_effect_findings(candidates, [result.attribution for result in results]),
-        plausibility(robot, priors, estimate),
-        *findings,
-        channels=channels,
-        undetected=undetected,
+    results = tuple(
+        _diagnose_experiment(robot, case, *systems, priors, estimate, shares=len(cases))
+        for case, systems in zip(cases, _joint_systems(cases, priors, estimate), strict=True)
     )
-    return _result(estimate, results, judgement, undetected)
-
-
-def _result(
-    estimate: ParameterEstimate,
-    results: Sequence[AttributedDiagnosis],
-    judgement: DiagnosisVerdict,
-    undetected: tuple[UndetectedEffect, ...] = (),
-) -> ResidualDiagnosis:
+    undetected: tuple[UndetectedEffect, ...] = ()
+    if held_out:
+        judgement = verdict(results)
+    else:
+        names = np.array(priors.names)[priors.free].tolist()
+        candidates = join_recordings([result.reliability for result in results])
+        undetected = undetected_effects(candidates, names, estimate.std[priors.free])
+        judgement = verdict(
+            results,
+            *check_motion_onset([case.experiment for case in cases]),
+            *check_convergence(estimate),
+            *tolerance_findings(estimate),
+            *common_effect_findings(candidates, [result.attribution for result in results]),
+            plausibility(robot, priors, estimate),
+            *findings,
+            channels=channels,
+            undetected=undetected,
+        )
     tests = tuple(result.tests for result in results)
-    return ResidualDiagnosis(estimate.estimator, judgement, tests, undetected, tuple(results))
+    return ResidualDiagnosis(estimate.estimator, judgement, tests, undetected, results)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,10 +161,6 @@ class _Case:
     part: Linearisation
     filtered: Linearisation
     """After the whitening filters: covariances of residuals refer to these rows."""
-    system: JointSystem
-    search_system: JointSystem
-    """With the empirical noise: effects are searched for with this one. A given covariance that is
-    too small has a test for itself and must not appear as an effect."""
     effects: CandidateEffects
     tolerated: tuple[Signature, Array, Array]
     """Columns of the deviations with tolerances, their 1/std² and means less the estimates:
@@ -174,70 +168,70 @@ class _Case:
     influence: Influence | None
     """Of the experiment's errors on the estimate; None for held-out data."""
 
+    @property
+    def held_out(self) -> bool:
+        """Whether the forces were not used for the estimate."""
+        return self.influence is None
 
-def _linearise_all(
+
+def _linearise(
     robot: Robot,
-    experiments: Sequence[Experiment],
+    experiment: Experiment,
+    number: int,
     priors: ParameterPriors,
     estimate: ParameterEstimate,
     *,
     held_out: bool,
-) -> list[_Case]:
-    """Linearise all experiments at the estimate."""
+) -> _Case:
+    """Linearise an experiment, the one of the estimate with this number, at the estimate."""
     own_motion = estimate.estimator == "ml" and not held_out
-    experiments = [
-        _with_known_spline(robot, each, estimate.motions[i] if own_motion else None)
-        for i, each in enumerate(experiments)
-    ]
-    coloured = [with_empirical_colour(experiment) for experiment in experiments]
+    estimated = estimate.motions[number] if own_motion else None
+    known = _with_known_spline(robot, experiment, estimated)
+    coloured = with_empirical_colour(known)
+    motion = None if coloured.fit is None else (estimated or coloured.fit.motion)
     free = priors.free & (np.diag(estimate.covariance) > 0) if held_out else priors.free
-    motions = [
-        None if e.fit is None else (estimate.motions[i] if own_motion else e.fit.motion)
-        for i, e in enumerate(coloured)
-    ]
-    parts = [
-        linearise(robot, experiment, estimate.values, free, motion)
-        for experiment, motion in track(
-            "diagnosis: linearisation at the estimate", tuple(zip(coloured, motions, strict=True))
-        )
-    ]
-    effects = [
-        CandidateEffects(robot, experiment, motion, estimate.values, part)
-        for experiment, motion, part in zip(coloured, motions, parts, strict=True)
-    ]
+    part = linearise(robot, coloured, estimate.values, free, motion)
+    effects = CandidateEffects(robot, coloured, motion, estimate.values, part)
     in_the_model = {} if held_out or estimate.systematic is None else estimate.systematic.estimates
-    tolerated = [each.tolerance_columns(in_the_model) for each in effects]
-    deviations = [columns for columns, _, _ in tolerated]
-    prior = priors.equations(estimate.values)
+    return _Case(
+        experiment=coloured,
+        recoloured=coloured is not known,
+        motion=motion,
+        own_motion=own_motion,
+        part=part,
+        filtered=part.apply_filters(coloured.noise),
+        effects=effects,
+        tolerated=effects.tolerance_columns(in_the_model),
+        influence=None if held_out else estimate.influences[number],
+    )
+
+
+def _joint_systems(
+    cases: Sequence[_Case], priors: ParameterPriors, estimate: ParameterEstimate
+) -> Iterator[tuple[JointSystem, JointSystem]]:
+    """Return the system of every experiment with the noise of the estimate, and with the empirical.
+
+    Effects are searched for with the second one: a given covariance that is too small has a test
+    for itself and must not appear as an effect. Both are the same object if the noise is.
+    """
+    parts = [case.part for case in cases]
+    prior, held_out = priors.equations(estimate.values), cases[0].held_out
     if held_out:
+        free = parts[0].free
         precision = invert_covariance(estimate.covariance[np.ix_(free, free)])
         prior = NormalEquations(0.0, precision, np.zeros(len(precision)))
-    noises = [experiment.noise for experiment in coloured]
-    systems = joint_systems(parts, noises, prior, deviations, held_out=held_out)
-    empirical = [empirical_noise(experiment) for experiment in coloured]
-    changed = any(one is not other for one, other in zip(empirical, noises, strict=True))
-    search_systems = (
-        joint_systems(parts, empirical, prior, deviations, held_out=held_out)
-        if changed
-        else systems
+    build = partial(
+        joint_systems,
+        parts,
+        known=prior,
+        deviations=[case.tolerated[0] for case in cases],
+        held_out=held_out,
     )
-    white = [part.apply_filters(e.noise) for part, e in zip(parts, coloured, strict=True)]
-    return [
-        _Case(
-            experiment=experiment,
-            recoloured=experiment is not experiments[number],
-            motion=motions[number],
-            own_motion=own_motion,
-            part=parts[number],
-            filtered=white[number],
-            system=systems[number],
-            search_system=search_systems[number],
-            effects=effects[number],
-            tolerated=tolerated[number],
-            influence=None if held_out else estimate.influences[number],
-        )
-        for number, experiment in enumerate(coloured)
-    ]
+    noises = [case.experiment.noise for case in cases]
+    empirical = [empirical_noise(case.experiment) for case in cases]
+    changed = any(one is not other for one, other in zip(empirical, noises, strict=True))
+    systems = build(noises=noises)
+    return zip(systems, build(noises=empirical) if changed else systems, strict=True)
 
 
 def _with_known_spline(
@@ -253,27 +247,29 @@ def _with_known_spline(
 def _diagnose_experiment(
     robot: Robot,
     case: _Case,
+    system: JointSystem,
+    search_system: JointSystem,
     priors: ParameterPriors,
     estimate: ParameterEstimate,
     *,
     shares: int,
-    held_out: bool,
 ) -> AttributedDiagnosis:
     """Search one experiment for effects and test it, at 1/`shares` of the levels."""
     experiment, part, tolerated = case.experiment, case.part, case.tolerated
+    held_out = case.held_out
     # Effects are also tested in all recordings together.
     several = shares + (shares > 1 and not held_out)
     families = list_hypotheses(case.effects, priors.names, held_out=held_out, experiments=several)
     attribution = attribute(
-        case.search_system.with_tolerances(*tolerated),
+        search_system.with_tolerances(*tolerated),
         part,
         families,
         experiment.recording.step,
         experiments=shares,
     )
-    tolerant = case.system.with_tolerances(*tolerated)
+    tolerant = system.with_tolerances(*tolerated)
     explained = attribution.last.solution
-    if case.search_system is not case.system:
+    if search_system is not system:
         explained = tolerant.with_effects(attribution.columns).solution
     if held_out and not tolerated[0].count and not case.recoloured:
         own = held_out_residual_covariance(case.filtered, experiment, estimate)
@@ -283,11 +279,9 @@ def _diagnose_experiment(
         solved = tolerant.solution
         own = joint_residual_covariance(case.filtered, experiment, solved)
         forces = solved.force_residuals(), own
-    lengths = _length_residuals(case, explained, tolerated[1], attribution.columns)
+    lengths = _length_residuals(case, system, explained, attribution.columns)
     noises = _noise_tests(case, priors, None if held_out else estimate, NOISE / shares)
-    tests = _tests(
-        case, attribution, explained, (forces, lengths), noises, shares=shares, held_out=held_out
-    )
+    tests = _tests(case, attribution, explained, (forces, lengths), noises, shares)
     if experiment.fit is not None:
         attribution = doubt_effects(
             attribution,
@@ -314,7 +308,7 @@ def _diagnose_experiment(
         if case.influence is None
         else candidate_reliability(
             attribution,
-            case.search_system,
+            search_system,
             part,
             tolerated[0],
             case.influence,
@@ -325,7 +319,7 @@ def _diagnose_experiment(
 
 
 def _length_residuals(
-    case: _Case, explained: SolvedSystem, tolerated: Array, found: Signature
+    case: _Case, system: JointSystem, explained: SolvedSystem, found: Signature
 ) -> _Residuals | None:
     """Return the length residuals with their covariance; None after pointwise kinematics."""
     experiment = case.experiment
@@ -335,9 +329,9 @@ def _length_residuals(
     if case.own_motion:
         first = int(np.count_nonzero(case.part.free))
         motion = slice(first, first + case.part.motion_columns.shape[2])
-        own = case.system.solution.inverse[motion, motion]
+        own = system.solution.inverse[motion, motion]
     refitted = refit_lengths(
-        case.part, experiment, explained, tolerated, found, force=case.recoloured
+        case.part, experiment, explained, case.tolerated[1], found, force=case.recoloured
     )
     if refitted is not None:
         return refitted
@@ -375,9 +369,7 @@ def _tests(
     explained: SolvedSystem,
     residuals: tuple[_Residuals, _Residuals | None],
     noises: NoiseTests,
-    *,
     shares: int,
-    held_out: bool,
 ) -> RecordingTests:
     """Test forces and lengths at 1/`shares` of the levels.
 
@@ -414,7 +406,7 @@ def _tests(
     return RecordingTests(
         normality=noises.normality,
         drift=noises.drift,
-        held_out=held_out,
+        held_out=case.held_out,
         harmonics_left_out=0,
         chi_square=ChiSquares(sizes[0], sizes[1], length_size),
         lack_of_fit=lack[0],

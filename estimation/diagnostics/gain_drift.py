@@ -12,16 +12,16 @@ knows less of the slowest noise.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
-from pydantic import Field, model_serializer
+from pydantic import Field
 
 from constraints.arrays import Array
 from estimation.diagnostics.joint_system import ConditionalScores
 from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.noise_tests import why_not_compared
-from estimation.diagnostics.significance import GAIN_DRIFT, Strut, log_two_sided
+from estimation.diagnostics.significance import GAIN_DRIFT, OmissibleTest, Strut, log_tail
 from estimation.estimators.experiment import Experiment
 from estimation.measurement_model.motion import NormalEquations
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -41,11 +41,10 @@ class GainDrift:
     log_p: Annotated[OpenNumber, described("1", "logarithm of p, corrected for their number")]
 
 
-@dataclass(frozen=True)
-class GainDriftTest:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class GainDriftTest(OmissibleTest):
     """Test of all gains for a drift."""
 
-    refused: Annotated[str, described("", "reason for an omitted test; otherwise empty")]
     level: Annotated[
         float, Field(alias="family_level"), described("1", "level of all candidates together")
     ] = GAIN_DRIFT
@@ -60,21 +59,16 @@ class GainDriftTest:
         tuple[GainDrift, ...], described("", "drifting gains, most significant first")
     ] = ()
 
-    @model_serializer(mode="wrap")
-    def _in_a_file(self, fields: Any) -> dict[str, Any]:
-        return {"refused": self.refused} if self.refused else fields(self)
-
 
 def gain_drift(experiment: Experiment, part: Linearisation, level: float) -> GainDriftTest:
     """Test the recording of one experiment, linearised at its estimate, for drifting gains."""
     if experiment.recording.averaged and experiment.recording.forces.periods is None:
-        return GainDriftTest(why_not_compared(experiment.recording), level)
+        return GainDriftTest(refused=why_not_compared(experiment.recording), level=level)
     residuals, columns = _split_periods(experiment, part)
     periods = len(residuals)
     if periods < _FEWEST_PERIODS:
-        return GainDriftTest(
-            f"fewer than {_FEWEST_PERIODS} periods leave no scatter about lines", level
-        )
+        refused = f"fewer than {_FEWEST_PERIODS} periods leave no scatter about lines"
+        return GainDriftTest(refused=refused, level=level)
     noise = experiment.noise.forces.covariance
     fits = [
         NormalEquations.of([(rest, own, np.ones(len(rest)))], noise)
@@ -91,7 +85,7 @@ def gain_drift(experiment: Experiment, part: Linearisation, level: float) -> Gai
     rest = values - np.mean(values, axis=0) - np.multiply.outer(time, slope)
     freedom = float(rest.shape[1] * (periods - 2))
     scale = float(np.einsum("mi,mij,mj->", rest, np.linalg.inv(covariance), rest)) / freedom
-    test = GainDriftTest("", level, scale)
+    test = GainDriftTest(level=level, scale=scale)
     return _select_drifts(slope, of_slope * scale, freedom, periods, test)
 
 
@@ -111,7 +105,7 @@ def _select_drifts(
     while len(chosen) < ACTUATORS:
         given = scores.conditional_on(chosen)
         diagonal = np.where(given.identifiable, np.diag(given.information), np.inf)
-        log_p = log_two_sided(given.score / np.sqrt(diagonal), freedom)
+        log_p = log_tail(given.score**2 / diagonal, np.array(1), freedom)
         best = int(np.argmin(log_p))
         log_ps.append(min(0.0, float(log_p[best] + count)))
         if log_p[best] + count >= level:

@@ -32,7 +32,6 @@ from estimation.diagnostics.significance import (
     POSITION_PERIODIC,
     POWER,
     Strut,
-    log_pair_tail,
     log_tail,
     noncentrality,
 )
@@ -392,7 +391,7 @@ def log_exceedance(statistic: float, reach: float, freedom: float) -> float:
 
     `reach` is ∫ √λ₂ df over the scan, `freedom` the degrees of freedom of Σ.
     """
-    log_p = float(log_pair_tail(np.array(statistic), freedom))
+    log_p = float(log_tail(np.array(statistic), np.array(2), freedom))
     return min(0.0, log_p + float(np.log1p(np.sqrt(statistic / (2 * np.pi)) * reach)))
 
 

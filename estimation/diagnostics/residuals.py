@@ -20,11 +20,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import scipy
-from pydantic import Field, model_serializer
+from pydantic import Field
 
 from constraints.arrays import Array, Mask
 from estimation.diagnostics.joint_system import ConditionalScores, SolvedSystem
@@ -35,6 +35,7 @@ from estimation.diagnostics.significance import (
     LACK_OF_FIT,
     ChannelTest,
     OfEach,
+    OmissibleTest,
     log_tail,
     no_numbers,
     ratio_tail,
@@ -208,10 +209,9 @@ _REMAINING = 0.01
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class HarmonicLackOfFit:
+class HarmonicLackOfFit(OmissibleTest):
     """Test of all actuators together for a bias in the low harmonics of the motion."""
 
-    refused: Annotated[str, described("", "reason for an omitted test; otherwise empty")] = ""
     level: Annotated[float, Field(alias="family_level"), described("1", "level of the test")] = (
         HARMONIC_LACK_OF_FIT
     )
@@ -244,10 +244,6 @@ class HarmonicLackOfFit:
     def excess(self) -> float:
         """χ² beyond its expectation."""
         return max(self.statistic - self.freedom, 0.0)
-
-    @model_serializer(mode="wrap")
-    def _in_a_file(self, fields: Any) -> dict[str, Any]:
-        return {"refused": self.refused} if self.refused else fields(self)
 
 
 def harmonic_lack_of_fit(

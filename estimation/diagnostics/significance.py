@@ -21,7 +21,7 @@ import scipy
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, PlainSerializer, model_serializer
 from scipy.optimize import brentq
-from scipy.special import gammaln
+from scipy.special import chdtrc, fdtrc, gammaln
 
 from constraints.arrays import Array
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -78,13 +78,24 @@ def no_numbers() -> Array:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ChannelTest:
-    """Base of the tests of six channels.
-
-    A file lists the numbers of the channels that fail; for an omitted test, only the reason.
-    """
+class OmissibleTest:
+    """Base of the tests that some recordings do not allow: a file then has only the reason."""
 
     refused: Annotated[str, described("", "reason for an omitted test; otherwise empty")] = ""
+
+    @model_serializer(mode="wrap")
+    def _in_a_file(self, fields: Any) -> dict[str, Any]:
+        return {"refused": self.refused} if self.refused else self._stored(fields(self))
+
+    def _stored(self, fields: dict[str, Any]) -> dict[str, Any]:
+        """Return the fields of a file, with those that follow from others."""
+        return fields
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ChannelTest(OmissibleTest):
+    """Base of the tests of six channels; a file lists the numbers of those that fail."""
+
     p_values: Annotated[OfEach, Field(alias="p"), described("1", "p-value of each channel")] = (
         field(default_factory=no_numbers)
     )
@@ -102,11 +113,8 @@ class ChannelTest:
         """(6,), channels that violate the assumption to a relevant extent."""
         return self.significant
 
-    @model_serializer(mode="wrap")
-    def _in_a_file(self, fields: Any) -> dict[str, Any]:
-        if self.refused:
-            return {"refused": self.refused}
-        return {**fields(self), "failed": (np.flatnonzero(self.failed) + 1).tolist()}
+    def _stored(self, fields: dict[str, Any]) -> dict[str, Any]:
+        return {**fields, "failed": (np.flatnonzero(self.failed) + 1).tolist()}
 
 
 def are_possible(values: Array, covariance: Array, lower: Bound, upper: Bound) -> bool:
@@ -134,26 +142,6 @@ def below_level(p_values: Array, level: float) -> NDArray[np.bool_]:
     return p_values < level / len(p_values)
 
 
-def log_two_sided(values: Array, freedom: float) -> Array:
-    """Return log P(|t| > |value|) for Student's t, or the normal one for infinite freedom."""
-    size = np.abs(values)
-    normal = np.log(2) + scipy.stats.norm.logsf(size)
-    if not np.isfinite(freedom):
-        return normal
-    direct = 2 * scipy.stats.t.sf(size, freedom)
-    # Beyond the range of floating-point numbers, the leading term of the tail.
-    far = np.log(2 / np.sqrt(2 * np.pi)) - np.log(np.maximum(size, 1.0))
-    far = far - 0.5 * freedom * np.log1p(size**2 / freedom)
-    return np.where(direct > _SMALLEST, np.log(np.maximum(direct, _SMALLEST)), far)
-
-
-def log_pair_tail(statistic: Array, freedom: float) -> Array:
-    """Return log P(T > statistic) for two degrees of freedom: χ², or 2 F with an estimated Σ."""
-    if not np.isfinite(freedom):
-        return -0.5 * statistic
-    return -0.5 * freedom * np.log1p(statistic / freedom)
-
-
 def log_tail(statistic: Array, count: Array, freedom: float) -> Array:
     """Return log P(T > statistic) of χ² with `count` ≥ 1 degrees of freedom.
 
@@ -166,10 +154,10 @@ def log_tail(statistic: Array, count: Array, freedom: float) -> Array:
     """
     half = np.asarray(count) / 2
     if np.isfinite(freedom):
-        direct = scipy.stats.f.sf(statistic / (2 * half), 2 * half, freedom)
+        direct = fdtrc(2 * half, freedom, statistic / (2 * half))
         size = freedom * np.log1p(statistic / freedom) / 2
     else:
-        direct, size = scipy.stats.chi2.sf(statistic, 2 * half), np.asarray(statistic) / 2
+        direct, size = chdtrc(2 * half, statistic), np.asarray(statistic) / 2
     # Beyond the range of floating-point numbers, the leading term of the tail.
     far = (half - 1) * np.log(np.maximum(size, 1.0)) - size - gammaln(half)
     return np.where(direct > _SMALLEST, np.log(np.maximum(direct, _SMALLEST)), far)

@@ -99,16 +99,16 @@ def test_what_a_block_is_worth_is_the_difference_of_two_fits(known_motion, term,
         cost(wide, knowledge, experiments, model) for model in (others, (*others, term))
     )
     assert found.statistic * judge.dispersion == pytest.approx(without - with_it, rel=1e-3)
-    assert found.rank == (1 if term == "drive_inertia" else 6)
+    assert found.parameters == (1 if term == "drive_inertia" else 6)
     # White noise that is known: every sample counts as one.
     assert judge.samples[term] == pytest.approx(2 * 200)
-    assert found.bic == pytest.approx(found.statistic - found.rank * np.log(400))
+    assert -found.bic == pytest.approx(found.statistic - found.parameters * np.log(400))
 
 
 def test_what_nothing_tells_apart_is_not_counted(known_motion):
     # A mass at the TCP is one of the platform's.
     found = Judge(known_motion[3], "bic", 0.01).try_term("payload", ())
-    assert (found.rank, found.statistic, found.log_p) == (0, 0.0, 0.0)
+    assert (found.parameters, found.statistic, found.log_p) == (0, 0.0, 0.0)
 
 
 def test_periods_add_up_to_the_recording(known_motion):
@@ -138,7 +138,7 @@ def test_held_out_periods_are_predicted_by_fits_to_the_others(known_motion):
             total += np.einsum("mri,ij,mrj->", rest, weight, rest)
         errors[terms] = total / len(periods)
     found = judge.try_term("force_offset", ())
-    assert found.held_out == pytest.approx(errors[()] - errors["force_offset",], rel=1e-3)
+    assert -found.held_out == pytest.approx(errors[()] - errors["force_offset",], rel=1e-3)
 
 
 @pytest.mark.slow
@@ -475,7 +475,7 @@ def test_no_single_step_improves_what_was_chosen(judge):
             continue
         if needs is not None and needs not in chosen:
             continue
-        assert (judge.worth(judge.try_term(term, others)) > 0) == (term in chosen)
+        assert (judge.try_term(term, others).worth > 0) == (term in chosen)
 
 
 @settings(max_examples=60)
