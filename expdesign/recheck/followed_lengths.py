@@ -33,7 +33,7 @@ _DRAWS = 16
 _NEGLIGIBLE_OF_DRAWN = 3.0
 """Number of drawn machines, and their mean χ² at most: so few scatter by more than 1."""
 Noise = Array | Callable[[int], ComplexArray] | None
-"""Covariance of one sample, (6, 6), or a function for those of the first lines of coloured noise."""
+"""Covariance of one sample, (6, 6), or a function of the number of lines of coloured noise."""
 
 
 def raised_harmonics(
