@@ -55,6 +55,29 @@ def percent(share: float, digits: int = 3) -> str:
     return f"{readable(100 * share, digits)} %"
 
 
+def concise(value: object, std: object) -> str:
+    """Return a value with its standard deviation in the last digits, or marked as fixed.
+
+    Examples
+    --------
+    >>> concise(1.23451, 0.0067)
+    '1.2345(67)'
+    >>> concise(2.5, float("nan"))
+    '2.5 fixed'
+    """
+    if not isinstance(value, float) or not isinstance(std, float):
+        return "–" if value is None else f"{value}"
+    if math.isnan(std):
+        text = f"{value:.5g} fixed"
+    elif not std > 0:
+        text = f"{value:.6g}"
+    elif (digits := 1 - math.floor(math.log10(std))) <= 0:
+        text = f"{value:.0f}({std:.0f})"
+    else:
+        text = f"{value:.{digits}f}({std * 10**digits:.0f})"
+    return text.replace("-", "−")
+
+
 def duration(seconds: float) -> str:
     """Return a time as text: ``"2 min 40 s"``."""
     if seconds < _MINUTE:

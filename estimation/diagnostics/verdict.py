@@ -208,9 +208,9 @@ def verdict(
     if undetected and undetected[0].sigmas >= _RELEVANT:
         worst, shift = undetected[0], undetected[0].shifts[undetected[0].worst]
         summary += (
-            f"; not excluded: {worst.text}, which would be taken for a change of {worst.worst} by "
-            f"{quantity_text(shift, parameter_unit(worst.worst), 2)} "
-            f"({float(f'{worst.sigmas:.2g}'):g} σ)"
+            f", but {worst.text} would not be seen and could move {worst.worst} by "
+            f"{float(f'{worst.sigmas:.2g}'):g} σ "
+            f"({quantity_text(shift, parameter_unit(worst.worst), 2)})"
         )
     untested = dict.fromkeys(
         f.assumption for f in findings if f.outcome is FindingOutcome.NOT_TESTED

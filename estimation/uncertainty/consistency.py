@@ -169,21 +169,18 @@ def consistency_text(found: ConsistentEstimate, *, known: bool) -> str:
         kind, others = "parameters", ""
     if found.realisable:
         return f"physically consistent: these {kind} belong to a possible set of bodies{others}"
+    p = f"≤ {100 * found.p:.3g}" if found.p > _RARE else f"< {100 * _RARE:g}"
     distance = (
         f"not physically consistent: the nearest consistent {kind}{others} are "
-        f"{max(found.distance, _LEAST):.2g} σ away, at the limit of {', '.join(found.active)}; "
+        f"{max(found.distance, _LEAST):.2g} σ away (p {p} %), at the limit of "
+        f"{', '.join(found.active)}"
     )
-    share = f"{100 * found.p:.3g} % at most" if found.p > _RARE else f"less than {100 * _RARE:g} %"
-    chance = f"noise alone makes such a distance in {share} of the cases"
     if not found.significant:
-        return f"{distance}{chance}: no reason for doubt"
+        return f"{distance}: no reason for doubt"
     doubt = "the model may lack an effect, or a tolerance or the noise is stated too small"
     if not known:
-        doubt += (
-            ". The robot file's parameters are inconsistent as well, and so is a correct estimate "
-            "of them"
-        )
-    return f"{distance}{chance}: {doubt}"
+        doubt = "a correct estimate of the robot file's parameters is inconsistent, as they are"
+    return f"{distance}: {doubt}"
 
 
 def monte_carlo_p(as_far: Iterator[bool]) -> float:

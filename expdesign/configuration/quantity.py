@@ -300,9 +300,11 @@ def quantity_text(value: float, unit: str, digits: int = 6) -> str:
     --------
     >>> quantity_text(0.33, "m"), quantity_text(3.14159265, "rad"), quantity_text(12, "1")
     ('0.33 m', '180 deg', '12')
+    >>> quantity_text(184.0, "N", 2)
+    '180 N'
     """
     symbol, factor = _SHOWN_AS.get(unit, (unit, 1.0))
-    return f"{value * factor:.{digits}g} {symbol}".rstrip()
+    return f"{float(f'{value * factor:.{digits}g}'):g} {symbol}".rstrip()
 
 
 def unit_symbols() -> tuple[str, ...]:

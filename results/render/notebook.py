@@ -12,7 +12,7 @@ import pandas as pd
 from markupsafe import Markup, escape
 
 from expdesign.runfolder import StageResult
-from results.render.terminal import concise
+from results.notation import concise
 from results.views.folder import RunFolder, StageViews
 from results.views.view import Drawing, Fact, Facts, ReportTable, StageView
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import floor, isnan, log10
 from typing import Literal
 
 from rich import box
@@ -11,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from results.notation import concise
 from results.views.view import (
     Block,
     Facts,
@@ -131,29 +131,6 @@ def _cells(table: ReportTable, row: Sequence[Value], shown: Sequence[bool]) -> l
             cells.append("" if text == "–" and not column.numeric else text)
             before = value
     return cells
-
-
-def concise(value: Value, std: Value) -> str:
-    """Return a value with its standard deviation in the last digits, or marked as fixed.
-
-    Examples
-    --------
-    >>> concise(1.23451, 0.0067)
-    '1.2345(67)'
-    >>> concise(2.5, float("nan"))
-    '2.5 fixed'
-    """
-    if not isinstance(value, float) or not isinstance(std, float):
-        return "–" if value is None else f"{value}"
-    if isnan(std):
-        text = f"{value:.5g} fixed"
-    elif not std > 0:
-        text = f"{value:.6g}"
-    elif (digits := 1 - floor(log10(std))) <= 0:
-        text = f"{value:.0f}({std:.0f})"
-    else:
-        text = f"{value:.{digits}f}({std * 10**digits:.0f})"
-    return text.replace("-", "−")
 
 
 def _print_block(console: Console, block: Block) -> None:

@@ -17,7 +17,14 @@ from estimation.identification.estimator_result import PayloadRow
 from estimation.identification.result import EstimateFile, EstimationResult
 from estimation.identification.term_selection import SAME_MOTION, UNSETTLED, without_bounds
 from estimation.selection import SelectionRow
-from estimation.uncertainty.intervals import FAMILY_LEVEL, Differences, difference_test
+from estimation.uncertainty.intervals import (
+    FAMILY_LEVEL,
+    Differences,
+    ParameterRow,
+    difference_test,
+)
+from expdesign.configuration import quantity_text
+from expdesign.information.identifiable import IDENTIFIABLE, listed
 from expdesign.mechanism.bodies import about_centre
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from results.figures.parameters import WORTH, selection_figure
@@ -69,8 +76,13 @@ def findings_block(
     return FindingsBlock(subject, table, tuple(lines))
 
 
-def undetected_blocks(effects: Sequence[UndetectedEffect], *, screen: bool) -> list[Block]:
-    """Return the effects that are not excluded: the worst undetected one of every family."""
+def undetected_blocks(
+    effects: Sequence[UndetectedEffect], rows: Sequence[ParameterRow], *, screen: bool
+) -> list[Block]:
+    """Return the effects that are not excluded: the worst undetected one of every family.
+
+    `rows` are the parameters of the diagnosed estimator.
+    """
     if not effects:
         return []
     worst: dict[str, UndetectedEffect] = {}
@@ -79,6 +91,7 @@ def undetected_blocks(effects: Sequence[UndetectedEffect], *, screen: bool) -> l
     text = (
         "The tests may miss effects of the sizes in the report: state their terms under "
         "`tolerances.terms`, zero if the machine has none, or record another motion."
+        f"{_uncertain_parameters(rows)}"
     )
     more = (
         "σ then includes a stated effect. The column std_undetected of estimates.csv contains what "
@@ -98,6 +111,25 @@ def undetected_blocks(effects: Sequence[UndetectedEffect], *, screen: bool) -> l
         TextBlock(more),
         ReportTable.of("undetected", caption, columns, list(worst.values())),
     ]
+
+
+def _uncertain_parameters(rows: Sequence[ParameterRow]) -> str:
+    """Name the parameters of which undetected effects may change half of the a-priori value."""
+    known = [row for row in rows if row.a_priori]
+    shares = np.array([row.std_undetected / abs(row.a_priori) for row in known])
+    order = [k for k in np.argsort(-shares) if shares[k] >= IDENTIFIABLE]
+    named = [
+        f"{known[k].parameter} by {quantity_text(known[k].std_undetected, known[k].unit, 2)} "
+        f"({quantity_text(known[k].a_priori, known[k].unit, 2)} a priori)"
+        for k in order[:_MOST_NAMED]
+    ]
+    if len(order) > _MOST_NAMED:
+        named.append(f"{len(order) - _MOST_NAMED} more by over half of their a-priori values")
+    return f" They make uncertain (σ): {listed(named)}." if named else ""
+
+
+_MOST_NAMED = 3
+"""Largest number of parameters that a sentence names."""
 
 
 def motor_columns(

@@ -11,11 +11,11 @@ import numpy as np
 from estimation.diagnostics.finding import Status
 from estimation.identification.result import EstimatedRecording, EstimateFile, EstimationResult
 from estimation.twin.truth import Truth
-from estimation.uncertainty.intervals import Differences, with_error
+from estimation.uncertainty.intervals import Differences
 from results.figures.noise import NOISE_FIGURES
 from results.figures.parameters import ESTIMATE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES
-from results.notation import count_text, readable
+from results.notation import concise, count_text, readable
 from results.views.blocks import (
     INTERVAL,
     UNDETECTED,
@@ -149,7 +149,8 @@ def _blocks(
             findings_block("findings", verdict.findings, "the estimate", again="estimate")
         )
         accepted = verdict.status is Status.ACCEPTED
-        blocks += undetected_blocks(result.diagnostics.undetected, screen=accepted)
+        rows = result.by_estimator()[result.best]
+        blocks += undetected_blocks(result.diagnostics.undetected, rows, screen=accepted)
     blocks += drawings(DIAGNOSTIC_FIGURES, result.diagnoses, numbered=True)
     if not shows_noise(folder):
         blocks += drawings(NOISE_FIGURES, result.diagnoses, numbered=True)
@@ -176,8 +177,7 @@ def _parameter_blocks(
     blocks += budget_blocks(result)
     if inseparable := result.best_estimator.inseparable:
         sums = "; ".join(
-            f"{row.combination} = {with_error(row.value, row.std)} {row.unit}"
-            for row in inseparable
+            f"{row.combination} = {concise(row.value, row.std)} {row.unit}" for row in inseparable
         )
         text = f"No motion separates these parameters, their sums are estimated: {sums}."
         blocks.append(TextBlock(text, screen=True))

@@ -10,7 +10,7 @@ import numpy as np
 from expdesign.information.identifiable import KnownCombination
 from expdesign.mechanism.terms import term_definitions
 from expdesign.robot.derived import GRAVITY_FORCE, KnownQuantity
-from results.notation import DisplayUnit, count_text, handy_unit
+from results.notation import DisplayUnit, concise, handy_unit
 from results.views.view import Block, ReportTable, TableColumn, TextBlock
 
 
@@ -47,39 +47,33 @@ def combination_blocks(
         The parameters that a design judges, or that were estimated.
     """
     together = [row for row in found if row.together]
-    if not found:
-        return ()
-    regrouped = (name for row in found for name in row.regrouped.split(", ") if name)
-    parameters = len({*asked, *regrouped})
     if not together:
-        if len(found) == parameters:
-            text = f"All {count_text(parameters, 'parameter')} are identified individually."
-        else:
-            text = (
-                f"{len(found)} of {count_text(parameters, 'parameter')} are identified "
-                "individually; the others do not affect these."
-            )
-        return (TextBlock(text),)
+        regrouped = (name for row in found for name in row.regrouped.split(", ") if name)
+        if not found or len(found) == len({*asked, *regrouped}):
+            return ()
+        return (TextBlock("The parameters that are not identified do not affect the others."),)
     columns = (
         TableColumn("combination", kind="text", of="combination"),
         TableColumn("unit", kind="text", of="unit"),
         TableColumn("value", digits=5, of="value"),
         TableColumn("σ", kind="error", digits=3, of="std"),
         TableColumn("σ / scale", "%", digits=3, of="rel_std_percent"),
-        TableColumn("σ of the first alone", digits=3, of="std_alone", screen=False),
-        TableColumn("regrouped into it", kind="text", of="regrouped", screen=False),
+        TableColumn("σ of the first alone", digits=3, of="std_alone"),
+        TableColumn("regrouped into it", kind="text", of="regrouped"),
     )
-    counted = (
-        f"{len(found)} combinations of {count_text(parameters, 'parameter')} are identified, "
-        f"{len(found) - len(together)} of them single parameters"
-    )
+    shown = [
+        f"{row.combination} = {concise(row.value, row.std)} {row.unit}"
+        for row in together[:_MOST_ON_SCREEN]
+    ]
+    if len(together) > _MOST_ON_SCREEN:
+        shown.append(f"{len(together) - _MOST_ON_SCREEN} more in the report")
     caption = (
-        f"Combinations: {counted}. A combination has the unit of its first parameter, which alone "
-        "is known less precisely or not at all"
+        "Combinations that are known better than their first parameter alone, each in its unit"
     )
-    few = len(together) <= _MOST_ON_SCREEN
-    table = ReportTable.of(key, caption, columns, together, screen=few)
-    return (table,) if few else (TextBlock(f"{counted} (report).", screen=True), table)
+    return (
+        TextBlock(f"Known better together than alone: {'; '.join(shown)}.", screen=True),
+        ReportTable.of(key, caption, columns, together),
+    )
 
 
 _MOST_ON_SCREEN = 4
@@ -115,10 +109,7 @@ def derived_blocks(key: str, found: Sequence[KnownQuantity], whose: str) -> list
         replace(column("σ", "std"), kind="error"),
         *(replace(each, screen=False) for each in on_page),
     )
-    caption = (
-        f"Quantities {whose}: mass, centre and inertia of the platform with the sliders' masses, "
-        "forces of the actuators at rest at home without friction"
-    )
+    caption = f"Quantities {whose} (platform with sliders; forces at rest at home)"
     rows = list(_merge_equal(found))
     return [ReportTable.of(key, caption, columns, rows, screen=True, latex=True)]
 

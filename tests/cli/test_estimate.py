@@ -1,11 +1,17 @@
+import io
 import json
+import re
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 import pytest
+from rich.console import Console
 
 from estimation.kinematics import MotionFitError
+from expdesign.stages.registry import stages
+from results.render.terminal import print_view
+from results.views.folder import RunFolder
 from tests.estimation.cases import STEP, measured, trajectory
 
 MOTION = trajectory()
@@ -70,6 +76,32 @@ def arguments(folder, *more):
     ]
 
 
+def _rows(folder):
+    """Return the rows of the diagnosed estimator."""
+    table = pd.read_csv(folder / "out" / "estimates.csv")
+    return table[table.estimator == "ml"]
+
+
+def test_the_screen_of_an_estimate_names_the_worst_that_would_not_be_seen(folder, command):
+    write(folder / "recording.csv", seed=1)
+    assert command(*arguments(folder)).status == 0
+    view = RunFolder.open(folder / "out", stages()).view("estimate")
+    console = Console(file=io.StringIO(), width=80, force_terminal=True, color_system=None)
+    print_view(view, console, "out")
+    shown = console.file.getvalue()
+    assert len(shown.splitlines()) <= 40, shown
+    words = " ".join(shown.split())
+    record = json.loads((folder / "out" / "estimate.json").read_text())
+    worst = record["diagnostics"]["undetected"][0]
+    sigmas = float(f"{worst['sigmas']:.2g}")
+    assert f"could move {worst['worst']} by {sigmas:g} σ" in words
+    rows = _rows(folder)
+    share = rows.std_undetected / abs(rows.a_priori)
+    uncertain = rows.parameter[share.sort_values(ascending=False).index]
+    assert all(f"{name} by " in words for name in uncertain[:3])
+    assert f"and {np.sum(share >= 0.5) - 3} more by over half" in words
+
+
 def test_an_estimate_writes_what_the_contract_names(folder, expdesign, monkeypatch):
     monkeypatch.setenv("COLUMNS", "100")
     result = Outcome(*expdesign(*arguments(folder)))
@@ -77,7 +109,9 @@ def test_an_estimate_writes_what_the_contract_names(folder, expdesign, monkeypat
     names = {path.name for path in (folder / "out" / "figures").iterdir()}
     assert {"estimates.png", "correlation.svg", "residuals.png"} <= names
     assert "p10" in result.output
-    assert len(result.output.splitlines()) <= 40
+    (counted,) = re.findall(r"identified: (\d+) of 24", result.output)
+    assert result.output.count("identified") == 1
+    assert int(counted) == np.sum(_rows(folder).identified)
     table = pd.read_csv(folder / "out" / "estimates.csv")
     assert list(table.columns) == [
         "estimator",

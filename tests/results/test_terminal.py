@@ -5,7 +5,8 @@ import io
 import pytest
 from rich.console import Console
 
-from results.render.terminal import concise, print_table, print_view
+from results.notation import concise
+from results.render.terminal import print_table, print_view
 from results.views.view import (
     Fact,
     FindingsBlock,
