@@ -7,7 +7,7 @@ of the machine make. A goal below its floor needs smaller tolerances.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -35,6 +35,7 @@ from expdesign.information import fisher
 from expdesign.mechanism.terms import parameter_unit
 from expdesign.recheck.information import Evaluator
 from expdesign.robot.derived import NOISE, ErrorShares, derived_quantities
+from expdesign.robot.deviation import Deviation, toleranced_deviations
 from expdesign.runfolder import OpenNumber, StageResult, Table, described
 from expdesign.trajectory import FourierTrajectory
 
@@ -81,6 +82,11 @@ class PlannedGoal:
         str,
         described("", "largest source of error then, or of the floor: noise or a tolerance's key"),
     ]
+    tolerance: Annotated[
+        OpenNumber,
+        described("see tolerance_unit", "that tolerance in the robot file, the largest of several"),
+    ]
+    tolerance_unit: Annotated[str, described("", "its SI unit; empty: noise")]
     tolerance_percent: Annotated[
         OpenNumber,
         described(
@@ -170,7 +176,8 @@ def plan_measurement(configuration: RunConfiguration, trajectory: FourierTraject
         raise InputError(
             "there is no goal", key="--want", allowed="for example --want mass=1% --want centre=5mm"
         )
-    goals = [_planned(wish, prediction) for wish in wanted]
+    tolerances = sorted(toleranced_deviations(evaluator.robot), key=lambda one: one.tolerance)
+    goals = [_planned(wish, prediction, tolerances) for wish in wanted]
     limit, gain = _helpful_limit(configuration, trajectory)
     return PlanResult(
         name=configuration.run.name,
@@ -440,7 +447,8 @@ class _Wish:
         return ratios[most], most
 
 
-def _planned(wish: _Wish, prediction: Prediction) -> PlannedGoal:
+def _planned(wish: _Wish, prediction: Prediction, tolerances: Sequence[Deviation]) -> PlannedGoal:
+    """Plan one goal; the tolerances ascend."""
     periods = prediction.fewest_periods(wish.ratio)
     reachable, alone, together = bool(np.isfinite(periods)), np.nan, np.nan
     errors = prediction.errors(periods if reachable else prediction.longest())
@@ -453,6 +461,8 @@ def _planned(wish: _Wish, prediction: Prediction) -> PlannedGoal:
         source = max(by_source, key=lambda key: float(by_source[key][place]))
         alone = 100 * _largest_factor(wish, prediction, (source,))
         together = 100 * _largest_factor(wish, prediction, errors.sources)
+    sizes = {one.group: (one.tolerance, one.unit) for one in tolerances}
+    size, unit = sizes.get(source, (np.nan, ""))
     return PlannedGoal(
         goal=wish.name,
         quantities=", ".join(prediction.names[one] for one in wish.wanted),
@@ -465,6 +475,8 @@ def _planned(wish: _Wish, prediction: Prediction) -> PlannedGoal:
         periods=periods,
         minutes=periods * prediction.period / 60,
         source=source,
+        tolerance=size,
+        tolerance_unit=unit,
         tolerance_percent=alone,
         all_tolerances_percent=together,
     )

@@ -193,7 +193,10 @@ def run_goals(work: Workspace) -> Outcome:
             ],
         },
         warnings=tuple(warnings),
-        failure=f"{LONGEST_DAYS} days of measuring do not reach {listed(missed)}" if missed else "",
+        failure=f"{LONGEST_DAYS} days of measuring do not reach {listed(missed)}; change the "
+        "goals or the tolerances as proposed, or run without `goals`"
+        if missed
+        else "",
     )
 
 

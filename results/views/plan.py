@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -10,8 +11,9 @@ from estimation.processing.noise import FEWEST_PERIODS
 from expdesign.experiment.next_motion import NextResult, QuantityGain
 from expdesign.experiment.plan import LONGEST_DAYS, PlannedGoal, PlanResult
 from expdesign.information.identifiable import listed
+from expdesign.robot.derived import NOISE
 from results.figures.studies import plan_figure
-from results.notation import duration, handy_unit, readable
+from results.notation import DisplayUnit, duration, handy_unit, readable
 from results.views.design import limit_title
 from results.views.folder import RunFolder
 from results.views.view import (
@@ -41,7 +43,7 @@ def plan_view(folder: RunFolder) -> StageView:
 
 
 def _table(result: PlanResult) -> ReportTable:
-    digits = next((n for n in _DIGITS if _shows_misses(result.goals, n)), _DIGITS[-1])
+    digits = next((n for n in _DIGITS if _shows_misses(result.goals, n)), _DIGITS[0])
 
     def column(label: str, of: str) -> TableColumn:
         return TableColumn(
@@ -74,7 +76,7 @@ _DIGITS = range(3, 7)
 def _shows_misses(goals: Sequence[PlannedGoal], digits: int) -> bool:
     """Return whether the floors of missed goals differ from the wanted values in so many digits."""
     missed = [one for one in goals if not one.reachable]
-    return all(readable(one.floor, digits) != readable(one.wanted, digits) for one in missed)
+    return all(f"{one.floor:.{digits}g}" != f"{one.wanted:.{digits}g}" for one in missed)
 
 
 def _meanings(result: PlanResult) -> Iterator[str]:
@@ -87,6 +89,10 @@ def _meanings(result: PlanResult) -> Iterator[str]:
         )
     if any(name.startswith(("mass", "centre", "inertia")) for name in names):
         yield "Mass, centre and inertia are those of the platform with the sliders' masses."
+    yield (
+        "Not counted: effects that the model lacks and the tests may miss; with a size under "
+        "`tolerances.terms` they are. An estimate states theirs as σ undetected."
+    )
 
 
 def _measuring(goal: PlannedGoal) -> str:
@@ -96,16 +102,34 @@ def _measuring(goal: PlannedGoal) -> str:
 
 
 def _obstacle(goal: PlannedGoal) -> str:
-    """Return the largest source of error of a missed goal, and its sufficient size, in words."""
-    text = f"{goal.goal}: {LONGEST_DAYS} days of measuring do not reach it. The largest obstacle"
-    text += f" is {goal.source}"
-    alone, every = goal.tolerance_percent, goal.all_tolerances_percent
-    if np.isfinite(alone):
-        text += f"; {readable(alone, 2)} % of its stated size would be small enough"
-    elif np.isfinite(every):
+    """Return what prevents a missed goal, and what to do, in words."""
+    unit = handy_unit(goal.unit, [goal.wanted])
+    wanted, floor, possible = (
+        unit.quantity(value, 3)
+        for value in (goal.wanted, goal.floor, math.sqrt(2) * goal.floor)  # half for the noise
+    )
+    if goal.source == NOISE:
+        return (
+            f"{goal.goal}: after {LONGEST_DAYS} days the noise alone leaves more than the wanted "
+            f"{wanted}. What to do: state a larger goal, allow more harmonics or widen a limit."
+        )
+    text = (
+        f"{goal.goal}: after {LONGEST_DAYS} days the tolerances alone leave σ = {floor}; wanted, "
+        f"with the noise, is {wanted}. What to do: state a goal of {possible} or more"
+    )
+    if np.isfinite(goal.tolerance_percent):
+        size = handy_unit(goal.tolerance_unit, [goal.tolerance])
+        if goal.tolerance_unit == "1":
+            size = DisplayUnit("%", 100)
+        least = goal.tolerance * goal.tolerance_percent / 100
         text += (
-            f", and no size of it alone is enough; all tolerances at {readable(every, 2)} % of "
-            "their stated sizes would be small enough"
+            f", or reduce {goal.source}, the largest source, to {size.quantity(least, 2)} "
+            f"({size.quantity(goal.tolerance)} is stated)"
+        )
+    elif np.isfinite(goal.all_tolerances_percent):
+        text += (
+            f", or reduce all tolerances to {readable(goal.all_tolerances_percent, 2)} % of their "
+            "stated sizes"
         )
     return f"{text}."
 

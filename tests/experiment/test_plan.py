@@ -1,5 +1,6 @@
 """Measuring times for wanted precisions, against the prediction and against experiments."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -214,7 +215,26 @@ def test_remarks_on_what_a_goal_means():
     assert "sliders' masses" in texts
     sentence, texts, _ = _shown(plan_measurement(_run({"v1": "1 %"}), MOTION))
     assert "or more" not in sentence
-    assert not texts
+    assert "sliders" not in texts
+    assert "the tests may miss" in texts  # and that is not counted
+
+
+@pytest.mark.parametrize(
+    ("goals", "sizes", "words"),
+    [
+        ({"mass": "0.7 %"}, ["0.163", "0.114", "0.231"], "to 0.49 % (1 % is stated)"),
+        ({"mass": "1 %"}, ["0.163", "0.163", "0.231"], "to 0.71 % (1 % is stated)"),
+        ({"centre": "0.1 nm"}, [], "after 30 days the noise alone leaves more than"),
+    ],
+)
+def test_a_missed_goal_states_what_is_possible_in_the_units_of_the_files(goals, sizes, words):
+    plan = plan_measurement(_run(goals, {"force_constant": {"common": "1 %"}}), MOTION)
+    texts = _shown(plan)[1]
+    assert words in texts
+    assert re.findall(r"([\d.]+) kg", texts) == sizes
+    view = plan_view(RunFolder(Path(), {}, _run({}), results={PlanResult: plan}))
+    (table,) = (block for block in view.blocks if isinstance(block, ReportTable))
+    assert {column.digits for column in table.columns if column.title.startswith("σ")} == {3}
 
 
 @pytest.mark.parametrize(("percent", "words"), [(2.5, "σ −2.5 %"), (np.nan, "+5.2 %")])
