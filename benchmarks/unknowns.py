@@ -17,6 +17,7 @@ import subprocess
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -35,6 +36,7 @@ from expdesign.trajectory import FourierTrajectory, TrajectoryFile
 from tests.unknowns.simulator import (
     Machine,
     Motion,
+    NoPoseError,
     deviate,
     draw_noise,
     follow_lengths,
@@ -387,8 +389,11 @@ class Drawn:
 def _drawn(recording: Recording, draw: str, systematic: str, number: int) -> Drawn:
     truth = draw_truth(read_machine(recording.robot), np.random.default_rng([1, number]))
     rng = np.random.default_rng([2, number])
-    machine, sensors, effects = deviate(truth, _tolerances(recording.robot, draw), rng)
-    data = _record(recording, machine, effects, rng, sensors, truth)
+    data = None
+    while data is None:  # A machine that cannot follow the lengths is drawn again.
+        machine, sensors, effects = deviate(truth, _tolerances(recording.robot, draw), rng)
+        with suppress(NoPoseError):
+            data = _record(recording, machine, effects, rng, sensors, truth)
     began = time.process_time()
     estimation = estimate_parameters(
         _run(recording, systematic, draw), data, read_design(recording.design)

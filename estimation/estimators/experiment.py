@@ -27,12 +27,8 @@ UNSURE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class RefinedMotion:
-    """Motion with the harmonics that only forces and lengths together determine.
-
-    LS and GM leave these harmonics out: estimated from the lengths alone, they would increase the
-    variance of the parameters by more than the bias that they remove.
-    """
+class EstimatedMotion:
+    """Motion with another number of harmonics than the fitted one."""
 
     motion: Motion
     covariance: Array
@@ -54,8 +50,14 @@ class Experiment:
     fitted_regressors: Array
     """(R, 6, m), A at the samples, along the motion that was estimated from the lengths."""
     pointwise: PointwiseMotion | None = None
-    refined_motion: RefinedMotion | None = None
-    """The refined motion, if the forces show more harmonics than the lengths; otherwise None."""
+    refined_motion: EstimatedMotion | None = None
+    """Motion of ML with the harmonics that only forces and lengths together determine; None if the
+    forces show no more than the lengths."""
+    linear_motion: EstimatedMotion | None = None
+    """Motion of LS and GM without the harmonics that tolerances can raise and the lengths do not
+    show; None if there are none. Estimated from the lengths alone, they would add their noise to
+    the regressors, more of it in accelerations the higher they are: with 40 harmonics it can be
+    larger than the motion."""
     certainty: Array | None = None
     """(S,), noise in the variance of noise and unknown signs of friction; None: 1."""
     linear_noise: NoiseEstimate | None = None
@@ -102,6 +104,7 @@ class Experiment:
         return replace(
             self,
             fit=None,
+            linear_motion=None,
             spread=None,
             pointwise=PointwiseMotion(rows, motion.at(times).state()[rows], motion),
             fitted_regressors=self.regressors(robot, motion)[rows],
@@ -111,7 +114,7 @@ class Experiment:
         """Return the experiment with the regressors A of another robot along the same motion."""
         if self.pointwise is not None:
             return replace(self, fitted_regressors=regressors_at(robot, self.pointwise))
-        return replace(self, fitted_regressors=self.regressors(robot, self.fitted.motion))
+        return replace(self, fitted_regressors=self.regressors(robot, self.motion_of_regressors))
 
     def with_terms_of(self, robot: Robot) -> Experiment:
         """Return the experiment with the regressors A of a robot that has other terms.
@@ -119,14 +122,28 @@ class Experiment:
         The motion stays. The friction of the new terms may depend on other rates; their standard
         deviations follow from the same fit.
         """
-        fit, refined = self.fit, self.refined_motion
+        fit = self.fit
         if fit is None:
             return self.of_robot(robot)
-        if refined is not None:
-            spread = rate_spread(robot, refined.motion, self.recording, refined.covariance)
-            refined = replace(refined, spread=spread)
+
+        def of_terms(known: EstimatedMotion | None) -> EstimatedMotion | None:
+            if known is None:
+                return None
+            spread = rate_spread(robot, known.motion, self.recording, known.covariance)
+            return replace(known, spread=spread)
+
+        return replace(
+            self,
+            spread=rate_spread(robot, fit.motion, self.recording, fit.covariance),
+            refined_motion=of_terms(self.refined_motion),
+            linear_motion=of_terms(self.linear_motion),
+        ).of_robot(robot)
+
+    def with_linear_motion(self, robot: Robot, fit: MotionFit) -> Experiment:
+        """Return the experiment with another fit as the motion of LS and GM."""
         spread = rate_spread(robot, fit.motion, self.recording, fit.covariance)
-        return replace(self, spread=spread, refined_motion=refined).of_robot(robot)
+        linear = EstimatedMotion(fit.motion, fit.covariance, spread)
+        return replace(self, linear_motion=linear).of_robot(robot)
 
     def without_lacking_terms(self, robot: Robot) -> Experiment:
         """Return the experiment without the forces of the robot's `lacking_parameters`."""
@@ -157,6 +174,17 @@ class Experiment:
         if self.fit is None:
             raise ValueError("pointwise kinematics have no Fourier series")
         return self.fit
+
+    @property
+    def motion_of_regressors(self) -> Motion:
+        """Motion along which LS and GM evaluate the regressors."""
+        return self.fitted.motion if self.linear_motion is None else self.linear_motion.motion
+
+    @property
+    def covariance_of_regressors(self) -> Array:
+        """(x, x), covariance of its Fourier coefficients."""
+        known = self.fitted if self.linear_motion is None else self.linear_motion
+        return known.covariance
 
     @property
     def harmonics(self) -> int | None:
@@ -261,21 +289,21 @@ class Experiment:
         """Return the standard deviations of the rates of friction along a motion, (S, s)."""
         if self.spread is None:
             raise ValueError("pointwise kinematics have no spread of their rates")
-        refined = self._matching_refined_motion(motion)
-        return self.spread if refined is None else refined.spread
+        known = self._matching_motion(motion)
+        return self.spread if known is None else known.spread
 
     def signs_for_robot(self, robot: Robot, motion: Motion) -> Array:
         """Return the expected friction signs for the terms of another robot, (S, s)."""
-        refined, recording = self._matching_refined_motion(motion), self.recording
-        covariance = self.fitted.covariance if refined is None else refined.covariance
+        known, recording = self._matching_motion(motion), self.recording
+        covariance = self.fitted.covariance if known is None else known.covariance
         spread = rate_spread(robot, motion, recording, covariance)
         return expected_signs(robot, motion, recording.forces.times, spread)
 
-    def _matching_refined_motion(self, motion: Motion) -> RefinedMotion | None:
-        """Return the refined motion if this motion has the same harmonics."""
-        refined = self.refined_motion
-        same = refined is not None and motion.harmonics == refined.motion.harmonics
-        return refined if same else None
+    def _matching_motion(self, motion: Motion) -> EstimatedMotion | None:
+        """Return the motion of ML, or that of LS and GM, if this one has as many harmonics."""
+        others = (self.refined_motion, self.linear_motion)
+        same = (each for each in others if each and each.motion.harmonics == motion.harmonics)
+        return next(same, None)
 
     def regressors(self, robot: Robot, motion: Motion) -> Array:
         """Return A at the force samples along a motion, (S, 6, m)."""

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -25,9 +24,9 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
-from estimation.estimators.joint_equations import MeasuredForces, MeasuredLengths, PerturbedMachine
+from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.estimators.prior_estimate import PriorEstimate
-from estimation.measurement_model import Motion
+from estimation.measurement_model import HarmonicMotion, Motion
 from estimation.measurement_model.prediction import chunks
 from estimation.processing.noise import NoiseEstimate
 from expdesign.noise import lines_of
@@ -389,25 +388,46 @@ def systematic_share(
     precision = np.array([one.tolerance for one in chosen[:own]]) ** -2
     change[:, :own] = np.eye(len(inverse))[:, count:] - inverse[:, count:] * precision
     for influence in influences if len(chosen) > own else ():
-        motion = influence.motion
-        if motion is None or influence.length_gain is None:
+        change_of_data = _response(influence, chosen, own)
+        if change_of_data is None:
             return None
-        found = influence.machine
-        theta = dict(zip((one.name for one in found.chosen), found.theta.tolist(), strict=True))
-        at = np.array([theta.get(one.name, 0.0) for one in chosen])
-        machine = PerturbedMachine.of(influence.robot, chosen, at)
-        known = influence.experiment, motion
-        jumps = not any(one.group in LAGS_OF_FORCES for one in found.chosen)
-        change[:, own:] += influence.response(
-            _deviation_columns(partial(machine.forces, *known, influence.values, jumps=jumps), own),
-            _deviation_columns(partial(machine.lengths, *known), own),
-        )
+        change[:, own:] += change_of_data
     response = np.zeros((len(free), len(chosen)))
     response[free], left = change[:count], -np.eye(len(chosen))
     left[:own] += change[count:]
     return SystematicUncertainty(
         estimated=estimated, deviations=tuple(chosen), response=response, left=left
     )
+
+
+def _response(influence: Influence, chosen: Sequence[EstimatedDeviation], own: int) -> Array | None:
+    """Return the change of one experiment's estimate by the deviations from number `own` on.
+
+    A controller follows lengths. Harmonics that the deviations raise, and that the motion of this
+    estimate leaves out, therefore change the forces, and not the lengths.
+    """
+    motion, experiment, found = influence.motion, influence.experiment, influence.machine
+    if motion is None or influence.length_gain is None:
+        return None
+    theta = dict(zip((one.name for one in found.chosen), found.theta.tolist(), strict=True))
+    at = np.array([theta.get(one.name, 0.0) for one in chosen])
+    machine = PerturbedMachine.of(influence.robot, chosen, at)
+    moved, harmonics = np.zeros((motion.unknowns, len(chosen))), experiment.motion.harmonics
+    if isinstance(motion, HarmonicMotion) and harmonics and harmonics > motion.harmonics:
+        motion = motion.with_harmonics(harmonics)
+        moved = machine.motion_at_fixed_lengths(experiment, motion)
+    steps = np.concatenate([np.eye(len(chosen)), moved])[:, own:]
+    jumps = not any(one.group in LAGS_OF_FORCES for one in found.chosen)
+    no_parameters = np.zeros_like(influence.free)
+
+    def forces(part: slice) -> Array:
+        seen = machine.forces(experiment, motion, influence.values, part, jumps=jumps)
+        return seen.columns(no_parameters).times(steps)
+
+    def lengths(part: slice) -> Array:
+        return machine.lengths(experiment, motion, part).columns.times(steps)
+
+    return influence.response(forces, lengths)
 
 
 def add_prior_response(
@@ -459,10 +479,3 @@ def add_prior_response(
         response=response,
         left=left,
     )
-
-
-def _deviation_columns(
-    measured: Callable[[slice], MeasuredForces | MeasuredLengths], first: int
-) -> Callable[[slice], Array]:
-    """Return a function of a part of the samples for the columns of θ from the first one on."""
-    return lambda part: measured(part).deviations[:, :, first:]

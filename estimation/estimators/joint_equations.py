@@ -55,6 +55,7 @@ from expdesign.robot.deviation import (
     CHANNEL_DELAYS,
     LOW_PASSES,
     MOTOR_EFFECTS,
+    MOVING_GROUPS,
     Deviation,
     add_jumps,
     apply_deviations,
@@ -283,19 +284,32 @@ class PerturbedMachine:
 
         `forces` are the equations of the forces at the same point, if they are known already.
         """
-        lengths, noise = experiment.recording.lengths, experiment.noise
+        if forces is None:
+            noise = experiment.noise.forces
+            forces = self.force_equations(experiment, motion, values, free, noise)
+        return forces.with_motion(self.length_equations(experiment, motion))
 
-        def length_rows(part: slice) -> Rows:
+    def length_equations(self, experiment: Experiment, motion: Motion) -> NormalEquations:
+        """Return the normal equations of θ and ξ from the lengths alone."""
+        lengths, noise = experiment.recording.lengths, experiment.noise.lengths
+
+        def rows(part: slice) -> Rows:
             found = self.lengths(experiment, motion, part)
             return lengths.values[part] - found.values, found.columns, lengths.counts[part]
 
         parts = chunks(experiment.recording.samples)
-        of_motion = NormalEquations.of(
-            map(length_rows, parts), noise.lengths.covariance, noise.lengths.filter
-        )
-        if forces is None:
-            forces = self.force_equations(experiment, motion, values, free, noise.forces)
-        return forces.with_motion(of_motion)
+        return NormalEquations.of(map(rows, parts), noise.covariance, noise.filter)
+
+    def motion_at_fixed_lengths(self, experiment: Experiment, motion: Motion) -> Array:
+        """Return the change of ξ per unit of θ at unchanged lengths, (x, t).
+
+        It is zero for deviations that do not move the platform.
+        """
+        count = len(self.chosen)
+        matrix = self.length_equations(experiment, motion).matrix
+        moving = np.array([one.group in MOVING_GROUPS for one in self.chosen])
+        change = -np.linalg.solve(matrix[count:, count:], matrix[count:, :count])
+        return np.where(moving, change, 0.0)
 
     def force_equations(
         self,

@@ -68,7 +68,7 @@ def linear_estimate(
         constants,
         began=began,
         estimator=estimator,
-        motions=tuple(e.fit.motion for e in experiments if e.fit is not None),
+        motions=tuple(e.motion_of_regressors for e in experiments if e.fit is not None),
         cost=fit.cost,
         iterations=iterations,
         converged=status == "",
@@ -157,7 +157,7 @@ class _Fit:
         found = []
         for experiment, weights in zip(self.experiments, problem.weights, strict=True):
             own = self.values, problem.priors.free, weights
-            motion = experiment.fitted.motion
+            motion = experiment.motion_of_regressors
             found.append(self.machine.force_equations(experiment, motion, *own))
         return found
 
@@ -216,9 +216,9 @@ def _influence(fit: _Fit, number: int) -> Influence:
     problem, experiment, gain = fit.problem, fit.experiments[number], fit.inverse
     motion, length_gain, force_gain = None, None, gain
     if experiment.fit is not None:
-        motion, count = experiment.fit.motion, gain.shape[1]
+        motion, count = experiment.motion_of_regressors, gain.shape[1]
         matrix = fit.equations[number].matrix
-        length_gain = -gain @ matrix[:count, count:] @ experiment.fit.covariance
+        length_gain = -gain @ matrix[:count, count:] @ experiment.covariance_of_regressors
         if problem.constants:
             force_gain = np.pad(gain, ((0, 0), (0, motion.unknowns)))
             length_gain = np.pad(length_gain, ((0, 0), (len(problem.constants), 0)))

@@ -134,6 +134,8 @@ def prepare_recording(
     experiment = Experiment.from_fit(robot, recording, noise, fit).without_lacking_terms(robot)
     if not held_out:
         priors = ParameterPriors.of(robot, section)
+        if fitted.linear is not None:
+            experiment = experiment.with_linear_motion(robot, fitted.linear)
         experiment = weigh_signs(robot, experiment, priors)
         if section.harmonics is None:
             whole = refine_motion(robot, experiment, priors)
@@ -251,6 +253,8 @@ class _FittedMotion:
 
     noise: NoiseModel
     fit: MotionFit
+    linear: MotionFit | None
+    """The motion of LS and GM, with the harmonics that the lengths show; None: that of ML."""
     fewest: int | None
     """The fewest harmonics that were tried: those of the design, or more where the tolerances of
     joints allow a motion with more; None for a given number."""
@@ -312,8 +316,22 @@ def _fit_motion(
             noise = replace(noise, lengths=lengths.noise_before_sensors(found))
         if remaining:
             start = fit.series
+    linear = None
+    if section.harmonics is None and fewest < fit.series.harmonics:
+        linear = choose_harmonics(
+            robot,
+            recording,
+            noise.lengths.covariance,
+            fewest,
+            expected=expected,
+            start=fit.series.with_harmonics(expected),
+            free_frequency=section.frequency == "estimated",
+            noise_filter=noise.lengths.filter,
+        )
+        if linear.series.harmonics >= fit.series.harmonics:
+            linear = None
     tried = None if section.harmonics else min(least, fit.series.harmonics)
-    return _FittedMotion(noise, fit, tried, scarce)
+    return _FittedMotion(noise, fit, linear, tried, scarce)
 
 
 def _choose_motion(

@@ -27,8 +27,6 @@ _NEGLIGIBLE = 1.0
 """Expected χ² of the harmonics that are left out: less than what the noise adds to one parameter.
 They are shared among tens of unknowns."""
 _POINTS = 4 * MOST_HARMONICS
-_MOVING = ("base_joints", "platform_joints", "strut_length")
-"""Deviations by which a machine moves otherwise than its lengths say."""
 _DRAWS = 16
 _NEGLIGIBLE_OF_DRAWN = 3.0
 """Number of drawn machines, and their mean χ² at most: so few scatter by more than 1."""
@@ -65,7 +63,11 @@ def raised_harmonics(
     int
         At least the harmonics of the motion, at most `MOST_HARMONICS`.
     """
-    chosen = [one for one in deviation.toleranced_deviations(robot) if one.group in _MOVING]
+    chosen = [
+        one
+        for one in deviation.toleranced_deviations(robot)
+        if one.group in deviation.MOVING_GROUPS
+    ]
     least = motion.harmonics
     if not chosen or least >= MOST_HARMONICS:
         return least

@@ -78,6 +78,8 @@ CHANNEL_DELAYS = {"Q": "channel_delay.forces", "q": "channel_delay.lengths"}
 """Groups of the delays of single channels, of forces and lengths."""
 LOW_PASSES = {"Q": "low_pass.forces", "q": "low_pass.lengths"}
 """Groups of the time constants of first-order low passes of single channels."""
+MOVING_GROUPS = ("base_joints", "platform_joints", "strut_length")
+"""Deviations by which a machine moves otherwise than its lengths say."""
 LAGS_OF_FORCES = ("delay", CHANNEL_DELAYS["Q"], LOW_PASSES["Q"])
 MOTOR_EFFECTS = {"constant": (1, -2), "resistance": (-1, 1), "supply": (1, 0)}
 """Relative changes of the forces K/R u and of the damping K²/R per relative error of a motor's

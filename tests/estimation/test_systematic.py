@@ -13,6 +13,7 @@ from estimation.estimators import covariance_ml_less_gm
 from estimation.identification import estimate_parameters, estimation_result
 from estimation.twin import Twin
 from estimation.twin.machine import draw_machine
+from expdesign.configuration import load_run
 from expdesign.experiment.judging import noise_evaluator
 from expdesign.experiment.precision import (
     experiment_information,
@@ -349,6 +350,30 @@ def test_machines_that_follow_lengths_of_the_drawing(runs):
     # χ² of 24: its mean over the freedom scatters by 0.29 from run to run.
     assert np.mean(ratios) == pytest.approx(1, abs=0.1 + 3 * 0.29 / np.sqrt(runs))
     assert abs(np.mean(inside) - 0.95) < 0.02 + 3 * 0.12 / np.sqrt(runs)
+
+
+@pytest.mark.parametrize("runs", [4, pytest.param(40, marks=pytest.mark.slow)])
+def test_noise_of_harmonics_that_tolerances_may_raise_does_not_bias_gauss_markov(runs):
+    """An irregular machine, 40 harmonics for ML: with all of them GM covered 62 % of the truths."""
+    motion = TrajectoryFile.read(DESIGN.with_name("irregular.json")).trajectory
+    joints = dict.fromkeys(("base_joints", "platform_joints", "strut_length"), "0.1 mm")
+    config = load_run(
+        {
+            "name": "case",
+            "robot": str(Path(__file__).parents[1] / "unknowns" / "irregular.yaml"),
+            "tolerances": joints,
+            "experiment": {"periods": 2, "sampling": 1000},
+            "estimate": {"noise": "given", "estimators": ["gm", "ml"], "systematic": "budget"},
+        }
+    )
+    truth, inside = robot_from(config.robot).parameters, []
+    for number in range(runs):
+        drawn = draw_machine(config, np.random.default_rng([1, number])).configuration
+        data = Twin.of(drawn, motion, seed=number).measurement(1)
+        found = estimate_parameters(config, data, motion)
+        assert found["gm"].motions[0].harmonics < 10 < found["ml"].motions[0].harmonics
+        inside.append(np.mean(np.abs(found["gm"].values - truth) < 1.96 * found["gm"].std))
+    assert abs(np.mean(inside) - 0.95) < 0.02 + 3 * 0.08 / np.sqrt(runs)
 
 
 def test_an_estimated_machine_is_diagnosed_along_the_motion_that_was_estimated(chosen):

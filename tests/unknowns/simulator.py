@@ -525,10 +525,15 @@ def simulate(machine, motion, times, effects=None, *, sensors=None, rng=None):
 _LINES, _ITERATIONS, _STEP = 100, 6, 1e-6
 
 
+class NoPoseError(ValueError):
+    """No pose of a machine has the lengths of another one."""
+
+
 def follow_lengths(machine, drawn, motion, zeros):
     """Return the motion of a machine whose struts have the lengths of a drawn one, less zeros.
 
-    Newton's method with slopes by differences, and the Fourier series of the poses.
+    Newton's method with slopes by differences, and the Fourier series of the poses. Where some
+    instant has no pose, `NoPoseError` is raised.
     """
     times = motion.period * np.arange(4 * _LINES) / (4 * _LINES)
     pose = motion.at(times)[0]
@@ -542,7 +547,7 @@ def follow_lengths(machine, drawn, motion, zeros):
         rest = wanted - machine.lengths_at(pose)
         pose = pose + np.linalg.solve(slope, rest[..., None])[..., 0]
     if not np.abs(rest).max() < 1e-12:
-        raise ValueError("no pose of the machine has these lengths")
+        raise NoPoseError("no pose of the machine has these lengths")
     series = 2 * np.fft.rfft(pose, axis=0)[: _LINES + 1].T / len(times)
     line = motion.omega * np.arange(1, _LINES + 1)
     middle, waves = series[:, 0].real / 2, series[:, 1:] * line
