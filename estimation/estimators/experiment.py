@@ -27,7 +27,7 @@ UNSURE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class EstimatedMotion:
+class MotionEstimate:
     """Motion with another number of harmonics than the fitted one."""
 
     motion: Motion
@@ -50,10 +50,10 @@ class Experiment:
     fitted_regressors: Array
     """(R, 6, m), A at the samples, along the motion that was estimated from the lengths."""
     pointwise: PointwiseMotion | None = None
-    refined_motion: EstimatedMotion | None = None
+    refined_motion: MotionEstimate | None = None
     """Motion of ML with the harmonics that only forces and lengths together determine; None if the
     forces show no more than the lengths."""
-    linear_motion: EstimatedMotion | None = None
+    linear_motion: MotionEstimate | None = None
     """Motion of LS and GM without the harmonics that tolerances can raise and the lengths do not
     show; None if there are none. Estimated from the lengths alone, they would add their noise to
     the regressors, more of it in accelerations the higher they are: with 40 harmonics it can be
@@ -126,7 +126,7 @@ class Experiment:
         if fit is None:
             return self.of_robot(robot)
 
-        def of_terms(known: EstimatedMotion | None) -> EstimatedMotion | None:
+        def of_terms(known: MotionEstimate | None) -> MotionEstimate | None:
             if known is None:
                 return None
             spread = rate_spread(robot, known.motion, self.recording, known.covariance)
@@ -142,7 +142,7 @@ class Experiment:
     def with_linear_motion(self, robot: Robot, fit: MotionFit) -> Experiment:
         """Return the experiment with another fit as the motion of LS and GM."""
         spread = rate_spread(robot, fit.motion, self.recording, fit.covariance)
-        linear = EstimatedMotion(fit.motion, fit.covariance, spread)
+        linear = MotionEstimate(fit.motion, fit.covariance, spread)
         return replace(self, linear_motion=linear).of_robot(robot)
 
     def without_lacking_terms(self, robot: Robot) -> Experiment:
@@ -299,7 +299,7 @@ class Experiment:
         spread = rate_spread(robot, motion, recording, covariance)
         return expected_signs(robot, motion, recording.forces.times, spread)
 
-    def _matching_motion(self, motion: Motion) -> EstimatedMotion | None:
+    def _matching_motion(self, motion: Motion) -> MotionEstimate | None:
         """Return the motion of ML, or that of LS and GM, if this one has as many harmonics."""
         others = (self.refined_motion, self.linear_motion)
         same = (each for each in others if each and each.motion.harmonics == motion.harmonics)

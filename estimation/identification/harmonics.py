@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from constraints.arrays import Array
 from estimation.diagnostics.significance import ratio_tail
 from estimation.estimators import Experiment, ParameterPriors
-from estimation.estimators.experiment import EstimatedMotion
+from estimation.estimators.experiment import MotionEstimate
 from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.estimators.prior_estimate import invert_covariance
 from estimation.kinematics import length_equations, most_harmonics, rate_spread
@@ -50,7 +50,7 @@ _DETERMINED = 1e-10
 
 def refine_motion(
     robot: Robot, experiment: Experiment, priors: ParameterPriors
-) -> EstimatedMotion | None:
+) -> MotionEstimate | None:
     """Return the motion supported by forces and lengths together; None for the fitted one.
 
     The experiment's motion was fitted to the lengths; the refined one has more harmonics.
@@ -73,7 +73,7 @@ def refine_motion(
         return None
     whole, covariance = series.motion_with(wanted)
     spread = rate_spread(robot, whole, recording, covariance)
-    return EstimatedMotion(whole, covariance, spread)
+    return MotionEstimate(whole, covariance, spread)
 
 
 def weigh_signs(robot: Robot, experiment: Experiment, priors: ParameterPriors) -> Experiment:

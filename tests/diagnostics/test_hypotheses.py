@@ -10,7 +10,7 @@ from estimation.diagnostics.hypothesis import evaluate_hypothesis
 from estimation.diagnostics.joint_system import EffectProjection, joint_systems
 from estimation.diagnostics.linearisation import CandidateEffects, linearise
 from estimation.estimators import PerturbedMachine
-from estimation.estimators.experiment import EstimatedMotion, Experiment
+from estimation.estimators.experiment import Experiment, MotionEstimate
 from estimation.kinematics import fit_motion
 from estimation.measurement_model.motion import NormalEquations
 from estimation.processing import NoiseModel, PeriodSource
@@ -85,7 +85,7 @@ def test_columns_along_a_motion_with_more_harmonics_than_the_lengths_show(lab):
     covariance = lab.noise.lengths.covariance
     more = fit_motion(lab.robot, fitted.recording, covariance, fitted.fit.motion.harmonics + 2)
     shown = Experiment.from_fit(lab.robot, fitted.recording, lab.noise, more)
-    known = EstimatedMotion(more.motion, more.covariance, shown.spread)
+    known = MotionEstimate(more.motion, more.covariance, shown.spread)
     values = lab.robot.parameters
     found = []
     for experiment in (replace(fitted, refined_motion=known), shown):
