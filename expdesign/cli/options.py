@@ -155,6 +155,7 @@ INIT_OPTIONS = {
     "joint_tolerance": Option("L", "Standard deviation of the joints' coordinates."),
     "length_tolerance": Option("L", "Standard deviation of the zero of a measured length."),
     "force_tolerance": Option("SHARE", "Of the force constants, common to all, such as '2 %'."),
+    "force_tolerance_each": Option("SHARE", "Of each force constant by itself, such as '1 %'."),
     "gravity_tolerance": Option("ANGLE", "Of the direction of gravity, such as '0.1 deg'."),
     "delay_tolerance": Option("TIME", "Of the forces behind the lengths, such as '0.1 ms'."),
 }

@@ -40,6 +40,8 @@ class Document:
     """Line of every key and list item, from one."""
     texts: Mapping[Key, str] = field(default_factory=dict)
     """Numbers and texts with the digits of the file."""
+    questions: tuple[str, ...] = ()
+    """Keys after comments ``# ?``, which mark values as assumed."""
 
     @property
     def label(self) -> str:
@@ -55,6 +57,12 @@ class Document:
         """Return the line of a key, or of the innermost known key around it."""
         known = (key[:length] for length in range(len(key), 0, -1) if key[:length] in self.lines)
         return next((self.lines[part] for part in known), None)
+
+    @property
+    def warnings(self) -> list[str]:
+        """One warning if values are marked as assumed."""
+        asked = ", ".join(self.questions)
+        return [f"assumed, to be checked (`# ?` in {self.label}): {asked}"] if asked else []
 
     def problem(
         self, key: Key, message: str, allowed: str | None = None, nearest: str | None = None
@@ -222,7 +230,17 @@ def _read_document(text: str, kind: str, keys: tuple[str, ...]) -> Document:
     data = converter.convert(node, (), ())
     if converter.problems or not isinstance(data, dict):
         raise InputError(converter.problems or "the file contains no mapping")
-    return Document(data, lines=converter.lines, texts=converter.texts)
+    questions = tuple(_open_questions(text))
+    return Document(data, lines=converter.lines, texts=converter.texts, questions=questions)
+
+
+_QUESTION = re.compile(r"^ *# \?.*\n(?! *# \?)(?: *(?:# )?(\w+):)?", re.MULTILINE)
+
+
+def _open_questions(text: str) -> Iterator[str]:
+    """Yield the key after each block of comments that begin with ``# ?``, or its line."""
+    for found in _QUESTION.finditer(text):
+        yield found[1] or f"line {text.count(chr(10), 0, found.start()) + 1}"
 
 
 # ruamel.yaml raises all of these for malformed input.

@@ -124,7 +124,13 @@ def _load(document: Document) -> RunConfiguration:
         for machine in (machines if isinstance(machines, tuple) else (machines,))
         for text in identification_of(machine).warnings
     )
-    own = (*robot.warnings, *prior_warnings, *_noise_warnings(run, robot), *selection_warnings(run))
+    own = (
+        *robot.warnings,
+        *document.warnings,
+        *prior_warnings,
+        *_noise_warnings(run, robot),
+        *selection_warnings(run),
+    )
     payload = run.experiment.payload
     return RunConfiguration(
         run=_complete(run, robot, truth, document, priors),

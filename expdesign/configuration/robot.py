@@ -364,6 +364,8 @@ def _with_warnings(
         warnings += description.bodies.warnings(implied, general=robot.platform == "general")
     if description.identification is not None:
         warnings += description.identification.warnings
+    if not source.key:  # a file of its own
+        warnings += source.document.warnings
     symmetric = rigid_platform.SYMMETRIC in robot.terms
     if sums := geo.asymmetric_sums(robot.platform_joints) if symmetric else {}:
         warnings.append(

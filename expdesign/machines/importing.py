@@ -55,6 +55,7 @@ _Size = Annotated[quantity.Length, quantity.Positive, _plausible("1e-4 m", "100 
 _Tolerance = Annotated[
     quantity.Length, quantity.Positive, _plausible("1e-12 m", "0.1 m", "mm", 0.05)
 ]
+_ShareTolerance = Annotated[quantity.Share, quantity.Positive, _plausible("1e-9", "1", "%", 0.5)]
 _Force = Annotated[quantity.Force, quantity.Positive, _plausible("1e-9 N", "1e9 N")]
 _Joints = Annotated[
     tuple[Annotated[tuple[_Coordinate, ...], exactly(3, "coordinates [x, y, z]")], ...],
@@ -113,9 +114,8 @@ class MachineDescription(Section):
     ) = None
     joint_tolerance: _Tolerance | None = None
     length_tolerance: _Tolerance | None = None
-    force_tolerance: (
-        Annotated[quantity.Share, quantity.Positive, _plausible("1e-9", "1", "%", 0.5)] | None
-    ) = None
+    force_tolerance: _ShareTolerance | None = None
+    force_tolerance_each: _ShareTolerance | None = None
     gravity_tolerance: (
         Annotated[quantity.Angle, quantity.Positive, _plausible("1e-9 rad", "0.2 rad", "deg", 0.1)]
         | None
@@ -216,12 +216,12 @@ def _drive(one: MachineDescription) -> Drive | None:
 
 
 def _tolerances(one: MachineDescription) -> dict[str, Any]:
-    common = None if one.force_tolerance is None else {"common": one.force_tolerance}
+    forces = {"common": one.force_tolerance, "each": one.force_tolerance_each}
     found = {
         "base_joints": one.joint_tolerance,
         "platform_joints": one.joint_tolerance,
         "strut_length": one.length_tolerance,
-        "force_constant": common,
+        "force_constant": {key: value for key, value in forces.items() if value} or None,
         "gravity": one.gravity_tolerance,
         "delay": one.delay_tolerance,
     }

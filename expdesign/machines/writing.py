@@ -204,7 +204,7 @@ def _tolerances(tolerances: Mapping[str, Any]) -> str:
     if not tolerances:
         return (
             "# tolerances: {base_joints: 0.3 mm, strut_length: 0.1 mm, force_constant: "
-            "{common: 2 %},\n#   gravity: 0.1 deg, delay: 0.1 ms}"
+            "{common: 2 %, each: 1 %},\n#   gravity: 0.1 deg, delay: 0.1 ms}"
         )
     units = {"force_constant": "1", "gravity": "rad", "delay": "s"}
     entries = [
@@ -290,8 +290,8 @@ QUESTIONS = {
     "force_std": "How noisy is the measured force of each strut, or motor current times force "
     "constant? Record some seconds at rest: `expdesign noise` computes these lines from it.",
     "tolerances": "How exactly are the joints' coordinates, the zeros of the length measurements, "
-    "the force constants (2 to 10 % in data sheets), the vertical and the delay of the forces "
-    "known? Calibration sheet, data sheet, spirit level.",
+    "the force constants (2 to 10 % in data sheets, common or of each), the vertical and the delay "
+    "of the forces known? Calibration sheet, data sheet, spirit level.",
     "length_std": "How noisy is the measured length of each strut? Resolution of the encoder.",
     "strut_length": "Between which lengths may each strut move, from joint to joint? Stroke of the "
     "drive, less the distance to its switches.",

@@ -1,5 +1,7 @@
 import json
+import re
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -57,7 +59,7 @@ def test_what_init_writes_passes_check(expdesign, tmp_path):
     status, _, err = expdesign("check", "mine-run.yaml")
     assert status == 0
     # Nothing is odd; what the template leaves open is said.
-    assert err.count("warning") == err.count("no limit is set on")
+    assert err.count("warning") == err.count("no limit is set on") + err.count("assumed, to be")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine-run.yaml", "mine.yaml"]
 
 
@@ -90,15 +92,36 @@ def test_what_is_told_stands_in_the_files(expdesign, tmp_path):
     assert robot.parameters["m_drive"] == pytest.approx(6e-5 * (2 * np.pi / 5e-3) ** 2)
 
 
+def test_every_command_lists_assumed_values_until_their_questions_are_deleted(expdesign):
+    assert expdesign("init", "mine", "--force-std", "3 N")[0] == 0
+
+    def listed():
+        _, _, err = expdesign("check", "mine-run.yaml")
+        found = re.findall(r"assumed, to be checked \(`# \?` in mine.yaml\): (.*)", err)
+        return found[0].split(", ") if found else []
+
+    first = listed()
+    assert {"home", "bodies", "parameters", "length_std", "strut_speed", "tolerances"} <= set(first)
+    assert not {"force_std", "name", "noise", "platform"} & set(first)
+    file = Path("mine.yaml")
+    confirmed = re.sub(r"( *# \?.*\n)+(?= *strut_speed:)", "", file.read_text())
+    file.write_text(confirmed)
+    assert set(first) - set(listed()) == {"strut_speed"}
+    file.write_text(re.sub(r" *# \?.*\n", "", confirmed))
+    assert listed() == []
+
+
 def test_tolerances_are_those_of_the_robot(expdesign):
     given = ("--joint-tolerance", "0.3 mm", "--length-tolerance", "0.1mm")
     given += ("--gravity-tolerance", "0.1 deg", "--delay-tolerance", "0.2 ms")
-    assert expdesign("init", "mine", *given, "--force-tolerance", "2 %")[0] == 0
+    given += ("--force-tolerance", "2 %", "--force-tolerance-each", "1 %")
+    assert expdesign("init", "mine", *given)[0] == 0
     tolerances = load_run("mine-run.yaml").robot.description.tolerances
     np.testing.assert_array_equal(tolerances.base_joints, 3e-4)
     np.testing.assert_array_equal(tolerances.platform_joints, 3e-4)
     assert tolerances.strut_length == (1e-4,) * 6
-    assert (tolerances.force_constant.common, tolerances.force_constant.each) == (0.02, None)
+    assert tolerances.force_constant.common == 0.02
+    assert tolerances.force_constant.each == (0.01,) * 6
     assert (tolerances.gravity, tolerances.delay) == (pytest.approx(np.radians(0.1)), 2e-4)
     status, _, err = expdesign("init", "other", "--force-tolerance", "2")
     assert (status, "did you mean '2 %'?" in err) == (2, True)
@@ -301,7 +324,8 @@ def test_empty_answers_leave_everything_open(expdesign, answers):
     status, _, err = expdesign("init", "mine")
     assert status == 0, err
     assert not {"base_half_angle", "platform_radius", "lead"} & set(asked)
-    assert load_run("mine-run.yaml").warnings == ()
+    warnings = load_run("mine-run.yaml").warnings
+    assert all(text.startswith("assumed, to be checked") for text in warnings)
 
 
 def test_a_file_of_a_controller_is_taken_and_overridden(expdesign, tmp_path):

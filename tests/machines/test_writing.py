@@ -28,7 +28,7 @@ def _written(machine, folder):
 
 def test_a_machine_of_which_nothing_is_known_passes(tmp_path):
     files, configuration = _written(MachineDraft("unknown"), tmp_path)
-    assert configuration.warnings == ()
+    assert all(text.startswith("assumed, to be checked") for text in configuration.warnings)
     assert configuration.robot.name == configuration.run.name == "unknown"
     text = files.robot.read_text(encoding="utf-8")
     lines = text.splitlines()
@@ -113,7 +113,7 @@ def test_joints_without_symmetry_make_a_general_platform(tmp_path):
         moved_mass=20.0,
     )
     _, configuration = _written(machine, tmp_path)
-    assert configuration.warnings == ()
+    assert all(text.startswith("assumed, to be checked") for text in configuration.warnings)
     p = configuration.robot.parameters
     assert configuration.robot.platform == "general"
     # The middle of all masses is that of the joints.
