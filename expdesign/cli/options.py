@@ -101,7 +101,7 @@ EXPORT_OPTIONS = {
     "offset": Option("L,…", "Strut length at which its axis reads zero, or `home`.", _items),
     "counts_per_metre": Option("C,…", "Motor counts; one for all or six.", _items),
     "counts_per_revolution": Option("C,…", "Counts of one turn of a motor.", _items),
-    "columns": Option("q,Q,…", "Columns of csv, without the numbers of struts.", _texts),
+    "columns": Option("q,Q,…", "Of csv, without the numbers of struts; q: lengths alone.", _texts),
     "tolerance": Option("L", "Largest deviation of a strut, such as '1 um'."),
     "blend": Option("L", "P of G64 for LinuxCNC."),
     "servo_period": Option("TIME", "Of LinuxCNC's planner, such as '1 ms'."),

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
+import pandas as pd
 import pytest
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
@@ -191,6 +192,7 @@ def test_axes_units_order_signs_and_zeros(tmp_path):
         ({"counts_per_revolution": 1e6, "segment": "4 ms"}, {}),
         ({"counts_per_metre": [1e8, 2e8, 1e8, 1e8, 1e8, 3e8]}, {"Q": "N"}),
         ({"units": "mm", "columns": ["Q"]}, {}),
+        ({"units": "mm", "columns": ["x", "dz", "ddy", "phi", "Q"]}, {}),
     ],
 )
 def test_a_csv_is_read_with_the_options_that_wrote_it(options, units, tmp_path):
@@ -210,9 +212,25 @@ def test_a_csv_is_read_with_the_options_that_wrote_it(options, units, tmp_path):
     assert np.abs(found.forces - forces).max() < 1e-9 * np.abs(forces).max()
     header = made.path.read_text().partition("\n")[0].split(",")
     assert len(header) == (13 if options.get("columns") == ["Q"] else len(header))
+    shown = {"x [mm]", "dz [mm/s]", "ddy [mm/s^2]", "phi [rad]"}
+    assert ("x" in options.get("columns", ())) == (shown <= set(header))
     table = read_table_file(made.path, made.settings)
     assert certify_file(table).faults == ()
     assert wrong_columns(made.settings, table.executed.rows) == []
+
+
+def test_a_csv_has_one_unit_of_lengths_and_lengths_alone(tmp_path):
+    whole, lengths = (
+        export_table(
+            export_section(format="csv", **UNIFORM, units="mm", **chosen), task(), tmp_path / name
+        ).path
+        for name, chosen in (("whole.csv", {}), ("lengths.csv", {"columns": ["q"]}))
+    )
+    table = pd.read_csv(whole)
+    assert not [name for name in table if "[m]" in name or "[m/" in name]
+    pose = task().motion.sample(table["t [s]"].to_numpy()).pose
+    np.testing.assert_allclose(table["z [mm]"], 1e3 * pose[:, 2], rtol=1e-12)
+    assert list(pd.read_csv(lengths)) == ["t [s]", *(f"q{j} [mm]" for j in range(1, 7))]
 
 
 def test_all_columns_of_a_csv_have_the_order_of_its_axes(tmp_path):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -10,9 +10,11 @@ from typing import Annotated
 
 import numpy as np
 
+from constraints.arrays import Array
 from expdesign.configuration import schema
 from expdesign.configuration.export import MOTOR_UNITS, STRUT_ONLY, ExportSection
 from expdesign.export.definition import (
+    LENGTH_UNITS,
     Axes,
     Guide,
     Interpolation,
@@ -29,7 +31,10 @@ from expdesign.runfolder.fields import Column
 _KINDS = tuple(dict.fromkeys(column.name.rstrip("123456") for column in COLUMNS))
 """Names of the columns without the numbers of struts."""
 _ALWAYS = ("t", "q")
-_DERIVATIVES = ("q", "dq", "ddq")
+_PER_TIME = dict(zip(("", "d", "dd"), ("", "/s", "/s^2"), strict=True))
+"""Units of derivatives by the prefixes of their names."""
+_DERIVATIVES = tuple(f"{prefix}q" for prefix in _PER_TIME)
+_POSITIONS = tuple(f"{prefix}{axis}" for prefix in _PER_TIME for axis in "xyz")
 _ANGLES = ("alpha", "beta")
 """Columns of struts that have the axes' order, but neither unit nor sign."""
 
@@ -48,15 +53,15 @@ class CsvOptions(ExportSection):
         ]
         | None
     ) = None
-    """Columns in addition to time and lengths, without the numbers of struts; None: all."""
+    """Columns in addition to time and lengths, without the numbers of struts; None: all, ``q``:
+    none."""
 
 
 def _columns(settings: Settings) -> tuple[Column, ...]:
     """Return the columns of the file with their units."""
     unit, chosen = settings.axes.units[0], getattr(settings.section, "columns", None)
-    units = {
-        kind: f"{unit}{per}" for kind, per in zip(_DERIVATIVES, ("", "/s", "/s^2"), strict=True)
-    }
+    names = "qxyz" if unit in LENGTH_UNITS else "q"
+    units = {f"{d}{name}": f"{unit}{per}" for d, per in _PER_TIME.items() for name in names}
     if unit in MOTOR_UNITS:
         units["Q"] = "N m"
     return tuple(
@@ -73,6 +78,16 @@ def _force_axes(settings: Settings) -> Axes:
     return replace(axes, factor=np.sign(axes.factor) * per_newton, zero=np.zeros(ACTUATORS))
 
 
+def _scaled_positions(values: Mapping[str, Array], factor: float) -> dict[str, Array]:
+    """Return the columns of the pose's positions and their derivatives, times a factor."""
+    return {name: factor * values[name] for name in _POSITIONS if name in values}
+
+
+def _per_metre(settings: Settings) -> float:
+    """Return the file's units of length in one metre; 1 where struts have those of motors."""
+    return LENGTH_UNITS.get(settings.axes.units[0], 1.0)
+
+
 def _header(settings: Settings) -> str:
     return ",".join(f"{column.name} [{column.unit}]" for column in _columns(settings))
 
@@ -82,7 +97,7 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
 
     def lines_of(part: Rows) -> Iterator[str]:
         """Yield the lines of rows without their times."""
-        values = dict(part.columns)
+        values = dict(part.columns) | _scaled_positions(part.columns, _per_metre(settings))
         forces = np.column_stack([values[name] for name in actuator_names("Q")])
         for prefix, six in (
             *zip(_DERIVATIVES, (part.position, part.velocities, part.accelerations), strict=True),
@@ -106,7 +121,7 @@ def _read(path: Path, settings: Settings) -> Rows:
     blocks = numbers(text, len(columns), "cells", ",", first=2, timed=True)
     found = collect(((block[:, 0], block[:, 1:]) for block in blocks), settings)
     record = {column.name: found.values[:, k] for k, column in enumerate(columns[1:])}
-
+    record |= _scaled_positions(record, 1 / _per_metre(settings))
     six = {
         kind: np.stack([record[name] for name in actuator_names(kind)], axis=1)
         for kind in (*_DERIVATIVES, *_ANGLES, "Q")
