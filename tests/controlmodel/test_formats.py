@@ -36,6 +36,8 @@ def _module(folder, model):
 def test_the_python_module_gives_the_robots_numbers(model, tmp_path):
     made = FORMATS["python"].make(model, tmp_path)
     assert [test.precision for test in made.tests] == ["double"]
+    head = (tmp_path / f"{model.prefix}.py").read_text(encoding="utf-8")
+    assert "before the filters, low passes and delays of the recorded channels" in head
     module = _module(tmp_path, model)
     robot, states = model.robot, random_states(model.robot, 40, 5)
     pose, rate, acceleration = np.split(states, 3, axis=1)
