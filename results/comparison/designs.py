@@ -13,12 +13,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
 from constraints.arrays import Array, Mask
 from expdesign.configuration import ResolvedRobot
-from expdesign.configuration.design import DesignSection
+from expdesign.configuration.design import DesignSection, TaskSection
 from expdesign.experiment import DesignResult
 from expdesign.experiment.judging import noise_evaluator
 from expdesign.experiment.plan import Prediction
@@ -76,8 +77,8 @@ def compare_designs(
             *_derived_tables(designs),
             _precision_table(comparison),
         ]
-        text, best = _efficiencies_in_words(comparison)
-        sentence += text + _interests_in_words(designs)
+        text, best = _best_in_words(comparison)
+        sentence += text
         facts += best
     blocks.append(_limits_table(designs))
     if not quick:
@@ -156,7 +157,8 @@ class ComparedDesign:
         """
         if self.section.is_change:
             std = self._std_of_change(samples)
-        elif (prediction := self._prediction) is not None:
+        elif not self._by_noise_alone:
+            prediction = self._prediction
             std = prediction.errors(samples / prediction.samples).std[-len(self.names) :]
         else:
             own = np.array([parameter.std for parameter in self.result.parameters])
@@ -170,23 +172,42 @@ class ComparedDesign:
         """
         if self.section.is_change:
             return np.full(len(self.names), np.nan)
-        if (prediction := self._prediction) is None:
+        if self._by_noise_alone:
             one = self.relative_std(self.result.trajectory.period * sampling)
             return np.maximum(np.ceil((one / precision) ** 2 - 1e-9), 1.0)
         found, first = np.full(len(self.names), np.nan), -len(self.names)
         for place, size in enumerate(self._sizes.tolist()):
             if np.isfinite(size):
                 ratio = partial(_ratio, place=first + place, wanted=precision * size)
-                own = prediction.fewest_periods(ratio)
+                own = self._prediction.fewest_periods(ratio)
                 found[place] = own if np.isfinite(own) else np.inf
         own_sampling = self.result.configuration.run.experiment.sampling
         return np.ceil(found * own_sampling / sampling - 1e-9)
 
+    @property
+    def objective(self) -> tuple[Any, ...]:
+        """Criterion with what it judges, and whether it counts the tolerances."""
+        section = self.section
+        scaling = "" if section.criterion == "d" else section.scaling
+        total = bool(self.result.systematic) and section.counts == "total"
+        return section.criterion, scaling, section.interest, total
+
+    def interest_std(self, interest: Sequence[str] | None, samples: float) -> Array:
+        """Return the standard deviations of quantities of interest, SI; None: of all parameters."""
+        if interest is None or self.section.is_change:
+            return self.relative_std(samples)
+        prediction = self._prediction
+        std = prediction.errors(samples / prediction.samples).std
+        pairs = zip(prediction.groups, prediction.names, strict=True)
+        return std[[bool({*pair} & {*interest}) for pair in pairs]]
+
+    @property
+    def _by_noise_alone(self) -> bool:
+        return not self.result.systematic and self.section.prior is None
+
     @cached_property
-    def _prediction(self) -> Prediction | None:
-        """Errors for any number of periods; None for those that noise alone makes."""
-        if not self.result.systematic and self.section.prior is None:
-            return None
+    def _prediction(self) -> Prediction:
+        """Errors for any number of periods."""
         configuration = self.result.configuration
         return Prediction.of(configuration, noise_evaluator(configuration), self.result.trajectory)
 
@@ -411,26 +432,26 @@ def _same(first: Array | None, second: Array | None) -> bool:
     return bool(np.allclose(first, second, rtol=0, atol=_SAME * largest))
 
 
-def _efficiencies_in_words(comparison: DesignComparison) -> tuple[str, list[Fact]]:
-    """Return the design with the most information and the others' efficiencies, by machine."""
-    every, several = comparison.efficiencies, len(comparison.groups) > 1
-    log_det = criteria()["d"].named(comparison.information)
+def _best_in_words(comparison: DesignComparison) -> tuple[str, list[Fact]]:
+    """Return the best design of each machine and how much worse the others are.
+
+    Designs for the information of a motion are compared by it, all others by the standard
+    deviations that they predict.
+    """
+    several = len(comparison.groups) > 1
     text, facts = "", []
     for designs in comparison.groups:
-        shares = {
-            design.label: share for design in designs if (share := every[design.label]) is not None
-        }
-        if not shares:
+        known = [each for each in designs if comparison.efficiencies[each.label] is not None]
+        if not known:
             continue
-        best = max(shares, key=lambda label: shares[label])
-        others = ", ".join(
-            f"{label} has {percent(value)} of its information per parameter"
-            for label, value in shares.items()
-            if label != best
-        )
-        among = f" of {' and '.join(shares)}" if several else ""
-        text += f" {best} has the largest {log_det}{among}{f'; {others}' if others else ''}."
-        facts.append(Fact(f"largest {log_det}", best, f"for {comparison.samples} samples"))
+        among = f" of {listed([each.label for each in known])}" if several else ""
+        if {each.objective for each in known} == {("d", "", None, False)}:
+            found = [_most_informative(comparison, known, among)]
+        else:
+            interests = dict.fromkeys(each.section.interest for each in known)
+            found = [_most_precise(comparison, known, one, among) for one in interests]
+        text += "".join(sentence for sentence, _ in found)
+        facts += [fact for _, fact in found]
     if comparison.machine_count > 1:
         text += (
             f" They are for {comparison.machine_count} different robots ({_COUNTED}), between "
@@ -444,16 +465,46 @@ def _efficiencies_in_words(comparison: DesignComparison) -> tuple[str, list[Fact
     return text, facts
 
 
-def _interests_in_words(designs: Sequence[ComparedDesign]) -> str:
-    """Return a sentence for each design that has quantities of interest."""
-    text = ""
-    for design in designs:
-        interest = design.section.interest
-        if interest is None:
-            continue
-        named = listed(interest) if isinstance(interest, tuple) else "forces along a task"
-        text += f" {design.label} was designed for {named}: compare their σ."
-    return text
+def _most_informative(
+    comparison: DesignComparison, designs: Sequence[ComparedDesign], among: str
+) -> tuple[str, Fact]:
+    """Return the design with the most information and the others' efficiencies."""
+    log_det = criteria()["d"].named(comparison.information)
+    shares = {each.label: comparison.efficiencies[each.label] or 0.0 for each in designs}
+    best = max(shares, key=lambda label: shares[label])
+    others = ", ".join(
+        f"{label} has {percent(value)} of its information per parameter"
+        for label, value in shares.items()
+        if label != best
+    )
+    sentence = f" {best} has the largest {log_det}{among}{f'; {others}' if others else ''}."
+    return sentence, Fact(f"largest {log_det}", best, f"for {comparison.samples} samples")
+
+
+def _most_precise(
+    comparison: DesignComparison,
+    designs: Sequence[ComparedDesign],
+    interest: Sequence[str] | TaskSection | None,
+    among: str,
+) -> tuple[str, Fact]:
+    """Return the design with the smallest predicted standard deviations and those of the others."""
+    samples = comparison.experiment_samples
+    if isinstance(interest, TaskSection):
+        whose, interest = "all parameters, not of the forces along the task", None
+    else:
+        whose = listed(interest or ["all parameters"])
+    stds = np.array([each.interest_std(interest, samples) for each in designs])
+    means = np.exp(np.mean(np.log(stds[:, np.all(stds > 0, axis=0)]), axis=1))
+    best = int(np.argmin(means))
+    others = ", ".join(
+        f"{each.label} has {percent(mean / means[best])} of them"
+        for each, mean in zip(designs, means, strict=True)
+        if each is not designs[best]
+    )
+    name = f"smallest predicted σ of {whose}"
+    sentence = f" {designs[best].label} has the {name}{among}{f'; {others}' if others else ''}."
+    note = f"geometric mean for {samples} samples"
+    return sentence, Fact(name, designs[best].label, note)
 
 
 def _criteria_table(comparison: DesignComparison) -> ReportTable:

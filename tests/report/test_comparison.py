@@ -490,3 +490,30 @@ def test_how_long_a_search_took_is_in_no_table(folder, twin, tmp_path):
     }
     assert "2 h 0 min" not in text
     assert "other: 2 h 0 min" in later
+
+
+def test_designs_for_other_ends_are_compared_by_their_predicted_errors(folder, twin, tmp_path):
+    """Half the noise, but inexact force constants, which the second design counts."""
+    double_information(twin, 4.0)
+    tolerances = {"force_constant": {"common": 0.05}}
+    change_robot(twin, lambda robot: robot.update(tolerances=tolerances))
+    names = json.loads((twin / "design.json").read_text(encoding="utf-8"))["parameters"]
+    change(
+        twin / "design.json",
+        lambda design: design["predicted_std"].update(systematic=dict.fromkeys(names, 1e-3)),
+    )
+    text = _text(compare([folder, twin], tmp_path / "totals"))
+    assert "tiny has the smallest predicted σ of all parameters; other has " in text
+    assert "log det F" not in text.partition("Criteria of every design")[0]
+    for one in (folder, twin):
+        change_design(one, interest=["mass"])
+    text = _text(compare([folder, twin], tmp_path / "mass"))
+    assert "tiny has the smallest predicted σ of mass; other has " in text
+    change_design(folder, interest=["mass", "p6"])
+    text = _text(compare([folder, twin], tmp_path / "others"))
+    assert "smallest predicted σ of mass and p6" in text
+    assert "smallest predicted σ of mass;" in text
+
+
+def _text(page):
+    return " ".join(re.sub(r"<[^>]*>", " ", page).split())
