@@ -345,7 +345,7 @@ def _differences(comparison: DesignComparison) -> list[str]:
     if not comparison.comparable:
         found.append(
             "The designs judge different parameters: their criteria cannot be compared, and "
-            "are left out."
+            "are left out"
         )
     for design in comparison.designs[1:]:
         own, other = design.robot.name, first.robot.name
@@ -354,33 +354,33 @@ def _differences(comparison: DesignComparison) -> list[str]:
             found.append(
                 f"{design.label} was designed for another robot than {first.label}{names}: "
                 f"other {', '.join(reasons)}. Their information differs by the machine and "
-                "not only by the design: no efficiency is stated between them."
+                "not only by the design: no efficiency is stated between them"
             )
         elif reasons := _recording_differences(first, design):
             found.append(
                 f"{design.label} differs from {first.label} in {' and '.join(reasons)}: no "
-                "efficiency is stated between them."
+                "efficiency is stated between them"
             )
         elif names:
             found.append(
                 f"{design.label} was designed for a robot of another name than "
-                f"{first.label}{names}, in what counts the same."
+                f"{first.label}{names}, in what counts the same"
             )
         if comparison.comparable and not np.array_equal(design.nominal, first.nominal):
             found.append(
                 f"{design.label} has other nominal values than {first.label}: its precision "
-                "is relative to its own."
+                "is relative to its own"
             )
     for design in comparison.designs:
         if design.section.prior is not None:
             found.append(
                 f"The information and the precision of {design.label} include its prior "
-                "(design.prior), however long the experiment is; its periods are further ones."
+                "(design.prior), however long the experiment is; its periods are further ones"
             )
         if design.section.others:
             found.append(
                 f"{design.label} was designed together with other motions (design.others): its "
-                "numbers are those of its own motion."
+                "numbers are those of its own motion"
             )
     return found
 

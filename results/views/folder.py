@@ -135,9 +135,9 @@ class RunFolder:
             return view
         said, verdict = "; ".join(changes), view.verdict
         if verdict.level is Level.BAD:
-            verdict = replace(verdict, sentence=f"{verdict.sentence.rstrip('.')}. {said}")
+            verdict = replace(verdict, sentence=f"{verdict.sentence} {said}.")
         else:
-            sentence = f"{said}: the results of this stage may not hold for these files"
+            sentence = f"{said}: the results of this stage may not hold for these files."
             verdict = replace(verdict, level=Level.CAUTION, word="changed", sentence=sentence)
         blocks = (TextBlock(f"{said}.", Level.CAUTION), *map(_without_claims, view.blocks))
         left = tuple(block for block in blocks if block is not None)
