@@ -14,7 +14,7 @@ from pydantic import ConfigDict, PlainSerializer, PlainValidator
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.data.reading import file_channels
-from expdesign.configuration import RunConfiguration
+from expdesign.configuration import InputError, RunConfiguration, quote
 from expdesign.configuration.experiment import ChannelDelay, ExperimentSection
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
@@ -63,24 +63,50 @@ def write_measurement(
 ) -> None:
     """Write a measurement with all digits: t, q1 … q6, Q1 … Q6 and the period, if known.
 
-    With a run they have the columns, units, signs and order of its section `data`.
+    With a run they have the columns, units, signs, order and header of its section `data`.
     """
     if configuration is None:
         write_csv(path, pd.DataFrame(measurement.channels))
         return
     section, names = configuration.run.data, headings(configuration)
     channels = file_channels(measurement, section, configuration.robot)
-    table = {names.get(name, (name, ""))[0]: values for name, values in channels.items()}
-    write_csv(path, pd.DataFrame(table), section.delimiter, section.decimal)
+    table = pd.DataFrame(
+        {
+            names.get(name, (name, ""))[0]: values
+            for name, values in channels.items()
+            if name in section.channels
+        }
+    )
+    header = section.header
+    if header.names is not None:
+        table = table.reindex(columns=header.names, fill_value=0)
+    write_csv(path, table, section.delimiter, section.decimal, header)
 
 
 def headings(configuration: RunConfiguration) -> dict[str, tuple[str, str]]:
-    """Return names and units of the channels whose section `data` states others than SI."""
+    """Return names and units of the channels whose section `data` states others than SI.
+
+    Raises
+    ------
+    InputError
+        The section is not that of one file of the twin.
+    """
     section, found = configuration.run.data, dict[str, tuple[str, str]]()
+    experiment, file = configuration.run.experiment, configuration.file
+    if section.sampling not in (None, experiment.sampling):
+        message = "the twin samples at another frequency than a file without time is read with"
+        allowed = f"experiment.sampling, {experiment.sampling:g} Hz"
+        raise InputError(message, file, key="data.sampling", allowed=allowed)
+    columns = [section.columns.get(channel, channel) for channel in section.channels]
+    if double := next((name for name in columns if columns.count(name) > 1), ""):
+        message = f"the twin writes lengths and forces into one file, where {quote(double)} is both"
+        allowed = "a column for each channel"
+        raise InputError(message, file, key="data.columns", allowed=allowed)
     for channel in section.channels:
         name, unit = section.columns.get(channel, channel), section.unit_of(channel)
         if unit is not None:
-            found[channel] = f"{name} [{unit}]", unit
+            # Names that are stated without the file have no unit in brackets.
+            found[channel] = f"{name} [{unit}]" if section.header.names is None else name, unit
         elif name != channel:
             found[channel] = name, {"q": "m", "Q": "N", "t": "s"}.get(channel[0], "1")
     return found
