@@ -21,6 +21,7 @@ from benchmarks import unknowns
 from estimation.data.measurement import Measurement
 from estimation.estimators import ParameterPriors
 from estimation.identification import prepare_experiment, run_estimators
+from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration import load_run
 from expdesign.robot import robot_from
 from tests.unknowns.simulator import draw_noise, read_noise, simulate
@@ -33,8 +34,12 @@ DRAWS = 200
 _RAMP, _RATE = 1.0, 200.0
 """Duration of a ramp, s, and samples per second."""
 _PASSES = 4.0
-_QUANTILE = 1.96
-_CASES = {"white noise": (0.0, 1.0), "AR(1), 0.9": (0.9, 1.0), "10 times the length noise": (0, 10)}
+_CASES = {
+    "white noise": (0.0, 1.0),
+    "AR(1), 0.9": (0.9, 1.0),
+    "AR(1), 0.99": (0.99, 1.0),
+    "10 times the length noise": (0.0, 10.0),
+}
 """Correlation of the forces' noise from sample to sample, and factor of the lengths' noise."""
 _ESTIMATORS = ("practice", "ls", "gm", "ml")
 
@@ -89,17 +94,18 @@ def record(robot: str, number: int, memory: float, lengths: float) -> tuple[Any,
 
 @dataclass(frozen=True)
 class Outcome:
-    """Errors and standard deviations of one recording, (m,) each, by estimator."""
+    """Errors, standard deviations and half widths of the 95 % intervals, (m,), by estimator."""
 
     errors: dict[str, np.ndarray]
     std: dict[str, np.ndarray]
+    widths: dict[str, np.ndarray]
 
 
 def outcome(robot: str, number: int, memory: float, lengths: float) -> Outcome:
     """Return the estimates of one recording."""
     machine, data = record(robot, number, memory, lengths)
     path = str(unknowns.ROBOTS[robot])
-    errors, std = {}, {}
+    found = Outcome({}, {}, {})
     highest = unknowns.read_design(robot).harmonics / unknowns.read_motion(robot).period
     for settings, wanted in (
         ({"differentiation": "spline"}, ("ls", "gm", "ml")),
@@ -111,15 +117,16 @@ def outcome(robot: str, number: int, memory: float, lengths: float) -> Outcome:
         priors = ParameterPriors.of(own, config.run.estimate)
         with threadpool_limits(limits=1, user_api="blas"):
             experiment = prepare_experiment(config, own, data, None)
-            found = run_estimators(own, [experiment], priors, wanted)
+            estimates = run_estimators(own, [experiment], priors, wanted)
         truth = np.array([machine.parameters[name] for name in priors.names])
         practice = settings["differentiation"] == "butterworth"
-        for name, each in found.items():
+        for name, each in estimates.items():
             key = "practice" if practice else name
-            errors[key], std[key] = each.values - truth, each.std
-            if practice:
-                std[key] = _std_of_white_residuals(experiment, each.values)
-    return Outcome(errors, std)
+            std = _std_of_white_residuals(experiment, each.values) if practice else each.std
+            freedom = np.full(len(std), np.inf) if practice else each.freedom
+            found.errors[key], found.std[key] = each.values - truth, std
+            found.widths[key] = interval_widths(freedom) * std
+    return found
 
 
 def _std_of_white_residuals(experiment: Any, values: np.ndarray) -> np.ndarray:
@@ -136,12 +143,15 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[dict[str, Any
         for name in _ESTIMATORS:
             errors = np.array([each.errors[name] for each in found])
             std = np.array([each.std[name] for each in found])
+            covered = np.abs(errors) < [each.widths[name] for each in found]
+            of_recordings = covered.mean(axis=1)
             rms = np.sqrt(np.mean(errors**2, axis=0))
             yield {
                 "noise": case,
                 "estimator": name,
                 "recordings": len(found),
-                "cover (%)": round(100 * float(np.mean(np.abs(errors) < _QUANTILE * std)), 1),
+                "cover (%)": round(100 * float(covered.mean()), 1),
+                "±": round(100 * float(np.std(of_recordings) / np.sqrt(len(found))), 1),
                 "std (mean)": float(f"{np.exp(np.mean(np.log(std))):.3g}"),
                 "rms error (mean)": float(f"{np.exp(np.mean(np.log(rms))):.3g}"),
                 "bias / rms": round(float(np.mean(np.abs(errors.mean(axis=0)) / rms)), 2),

@@ -28,11 +28,11 @@ UNSURE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class MotionEstimate:
-    """Motion with another number of harmonics than the fitted one."""
+    """Motion with another number of harmonics than the fitted one, or another spline."""
 
     motion: Motion
     covariance: Array
-    """(x, x), covariance of the Fourier coefficients."""
+    """(x, x), covariance of its unknowns."""
     spread: Array
     """(S, s), standard deviations of the rates of friction at the force samples."""
 
@@ -51,8 +51,8 @@ class Experiment:
     """(R, 6, m), A at the samples, along the motion that was estimated from the lengths."""
     pointwise: PointwiseMotion | None = None
     refined_motion: MotionEstimate | None = None
-    """Motion of ML with the harmonics that only forces and lengths together determine; None if the
-    forces show no more than the lengths."""
+    """Motion of ML: a spline, or with the harmonics that only forces and lengths together
+    determine; None if the forces show no more than the lengths."""
     linear_motion: MotionEstimate | None = None
     """Motion of LS and GM without the harmonics that tolerances can raise and the lengths do not
     show; None if there are none. Estimated from the lengths alone, they would add their noise to
@@ -196,7 +196,7 @@ class Experiment:
         """Number of harmonics that the forces show and that LS and GM leave out."""
         if self.refined_motion is None or self.fit is None:
             return 0
-        return (self.refined_motion.motion.harmonics or 0) - self.fit.series.harmonics
+        return (self.refined_motion.motion.harmonics or 0) - (self.fit.motion.harmonics or 0)
 
     @property
     def motion(self) -> Motion:
@@ -245,11 +245,11 @@ class Experiment:
         noise, recording = self.noise.forces, self.recording
         if self.fit is None or noise.filter is not None:
             return self
-        signs = self.signs(robot, self.fit.motion)
+        signs = self.signs(robot, self.motion)
         rows = np.flatnonzero(np.any(1 - signs**2 > UNSURE, axis=1))
         if not len(rows):
             return self
-        state = self.fit.motion.at(recording.forces.times[rows]).state()
+        state = self.motion.at(recording.forces.times[rows]).state()
         jumps, _, _ = force_jumps(robot, state, signs[rows], values)
         variance = np.einsum("sij,sj->si", jumps**2, 1 - signs[rows] ** 2)
         # Rows of one phase in several periods, or of one standstill, have the same sign.
@@ -300,7 +300,9 @@ class Experiment:
         return expected_signs(robot, motion, recording.forces.times, spread)
 
     def _matching_motion(self, motion: Motion) -> MotionEstimate | None:
-        """Return the motion of ML, or that of LS and GM, if this one has as many harmonics."""
+        """Return the motion of ML, or that of LS and GM, with as many harmonics; None: the fit."""
+        if motion is self.fitted.motion:
+            return None
         others = (self.refined_motion, self.linear_motion)
         same = (each for each in others if each and each.motion.harmonics == motion.harmonics)
         return next(same, None)

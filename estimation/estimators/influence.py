@@ -217,8 +217,8 @@ def _sandwich_covariance(
     if lines is None:
         return Covariance(white, 2 * np.diag(white) ** 2 / noise.freedom, white)
     spectral = lines_of(np.concatenate(whole) / np.sqrt(counts)[:, None, None])
-    spread, shares = lines.spread(spectral)
-    return Covariance(loss * spread, loss**2 * lines.variance_of(shares), white)
+    spread, variance = lines.spread(spectral)
+    return Covariance(loss * spread, loss**2 * variance, white)
 
 
 Effects = Mapping[tuple[str, float], Array]

@@ -16,14 +16,16 @@ from scipy import sparse
 
 from constraints.arrays import Array
 from estimation.estimators import Experiment, ParameterPriors
+from estimation.estimators.experiment import MotionEstimate
 from estimation.estimators.joint_equations import PerturbedMachine
-from estimation.kinematics import MotionFit, MotionFitError, converge
+from estimation.kinematics import MotionFit, MotionFitError, converge, rate_spread
 from estimation.measurement_model import SplineMotion
 from estimation.measurement_model.motion import NormalEquations, root_of_pseudo_inverse
 from estimation.measurement_model.spline import DEGREE, SplineSamples
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodicRecording
-from estimation.processing.autoregression import autoregressive_noise
+from estimation.processing.autoregression import AutoregressiveFilter, autoregressive_noise
 from expdesign.configuration.estimate import SpectrumOrigin
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import ForwardKinematicsError, Robot
 
 _FEWEST, _MOST = 4, 500
@@ -34,7 +36,9 @@ _PER_INTERVAL = 4
 """Fewest samples of an interval."""
 _POINTS = 3
 """Poses of an interval from which the fit starts."""
-_ROUNDS, _JOINT_ROUNDS = 4, 6
+_ROUNDS = 16
+_SETTLED = 0.05
+"""Mean relative change of the noise's variances in the last round."""
 _DRAWN = 48
 """Random errors of an estimate."""
 _DETERMINED = 1e-10
@@ -165,9 +169,8 @@ def estimate_noise(
     GM are weighted with all of it, while the noise is that of the joint estimate.
     """
     present, linear, values = _linear_noise(robot, experiment, priors, origin)
-    if not present.noise.forces.includes_model_error:
-        return present
-    return replace(_joint_noise(robot, present, priors, values, origin), linear_noise=linear)
+    found = _joint_estimate(robot, present, priors, values, origin)
+    return replace(found, linear_noise=linear) if linear.includes_model_error else found
 
 
 def _linear_noise(
@@ -182,6 +185,7 @@ def _linear_noise(
     columns = experiment.fitted_regressors[:, :, free]
     present, values = replace(experiment, linear_noise=None), start.copy()
     noise = linear = present.noise.forces
+    level = np.inf
     for _ in range(_ROUNDS):
         rows = (rest, columns, present.row_counts(linear))
         fitted = NormalEquations.of([rows], linear.covariance, linear.filter)
@@ -191,13 +195,39 @@ def _linear_noise(
         values[free] = start[free] + move
         if not noise.includes_model_error:
             return present.with_sign_variance(robot, values), noise, values
-        white = replace(present, noise=replace(present.noise, forces=noise.as_white()))
-        present = replace(white, certainty=None).with_sign_variance(robot, values)
+        present = _weigh_signs(robot, present, noise, values)
         known = present.certainties * _motion_certainty(robot, present, values)
         residuals, share = rest - columns @ move, columns @ root
         linear = autoregressive_noise(residuals, share, known, origin, always=True)
         noise = autoregressive_noise(residuals, share, present.certainties, origin)
-    return replace(present, noise=replace(present.noise, forces=noise)), linear, values
+        before, level = level, _level(linear)
+        if abs(level - before) < _SETTLED:
+            break
+    return present, linear, values
+
+
+def _weigh_signs(
+    robot: Robot, experiment: Experiment, noise: NoiseEstimate, values: Array
+) -> Experiment:
+    """Return the experiment with white noise and the certainty of its samples.
+
+    A wrong sign is an error of few samples: noise with memory is compared by what of it cannot be
+    predicted.
+    """
+    white = replace(noise.as_white(), covariance=_unpredicted(noise))
+    present = replace(experiment, noise=replace(experiment.noise, forces=white), certainty=None)
+    return present.with_sign_variance(robot, values)
+
+
+def _unpredicted(noise: NoiseEstimate) -> Array:
+    """Return the covariance of a sample given those before it, (6, 6)."""
+    found = noise.filter
+    return found.errors if isinstance(found, AutoregressiveFilter) else noise.covariance
+
+
+def _level(noise: NoiseEstimate) -> float:
+    """Return the mean logarithm of the variances of a sample given those before it."""
+    return float(np.linalg.slogdet(_unpredicted(noise))[1]) / ACTUATORS
 
 
 def _motion_certainty(robot: Robot, experiment: Experiment, values: Array) -> Array:
@@ -214,23 +244,29 @@ def _motion_certainty(robot: Robot, experiment: Experiment, values: Array) -> Ar
     return np.minimum(1.0, (1 + np.median(ratio)) / (1 + ratio))
 
 
-def _joint_noise(
+def _joint_estimate(
     robot: Robot,
     experiment: Experiment,
     priors: ParameterPriors,
     values: Array,
     origin: SpectrumOrigin,
 ) -> Experiment:
-    """Return the experiment with the noise of the residuals of parameters and motion together.
+    """Return the experiment with the motion of forces and lengths together, and its noise.
 
-    Random errors of both, drawn with the covariance of the estimate, show its share of the noise.
+    Noise that is not given is that of the residuals of parameters and motion together. Random
+    errors of both, drawn with the covariance of the estimate, show its share of the noise. It is
+    taken for white until motion and noise agree: where the motion explains every force, a memory
+    would keep the errors of the first motion. The signs of friction are as uncertain as this
+    motion: precise forces determine its rates better than the lengths do, and the regressors of a
+    wider spread would be those of less friction.
     """
-    machine, motion = PerturbedMachine.exact(robot), experiment.fitted.motion
-    whole, free = slice(None), priors.free
-    count = int(np.count_nonzero(free))
-    present = experiment
+    machine, recording = PerturbedMachine.exact(robot), experiment.recording
+    free, motion = priors.free, experiment.fitted.motion
+    count, present = int(np.count_nonzero(free)), experiment
     drawn = np.random.default_rng(0).standard_normal((count + motion.unknowns, _DRAWN))
-    for _ in range(_JOINT_ROUNDS):
+    assumed: SpectrumOrigin = "white"
+    level = np.inf
+    for _ in range(_ROUNDS):
         joint = machine.joint_equations(present, motion, values, free) + priors.equations(values)
         scale = np.sqrt(np.diag(joint.matrix))
         scaled = joint.matrix / np.multiply.outer(scale, scale)
@@ -240,12 +276,24 @@ def _joint_noise(
         values = values.copy()
         values[free] += step[:count]
         motion = motion.add_step(step[count:])
-        found = machine.forces(present, motion, values, whole)
-        own = autoregressive_noise(
-            present.recording.forces.values - found.values,
-            found.columns(free).times(errors / np.sqrt(_DRAWN)),
-            present.certainties,
-            origin,
-        )
-        present = replace(present, noise=replace(present.noise, forces=own))
+        inverse = sla.cho_solve((factor, True), np.eye(len(scale))[:, count:])[count:]
+        covariance = inverse / np.multiply.outer(scale[count:], scale[count:])
+        spread = rate_spread(robot, motion, recording, covariance)
+        refined = MotionEstimate(motion, covariance, spread)
+        present = replace(present, refined_motion=refined)
+        if present.noise.forces.includes_model_error:
+            present = _weigh_signs(robot, present, present.noise.forces, values)
+            found = machine.forces(present, motion, values, slice(None))
+            own = autoregressive_noise(
+                recording.forces.values - found.values,
+                found.columns(free).times(errors / np.sqrt(_DRAWN)),
+                present.certainties,
+                assumed,
+            )
+            present = replace(present, noise=replace(present.noise, forces=own))
+        before, level = level, _level(present.noise.forces)
+        if abs(level - before) < _SETTLED:
+            if assumed == origin:
+                break
+            assumed = origin
     return present

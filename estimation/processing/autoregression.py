@@ -3,17 +3,18 @@
 Each channel is an autoregressive process, y(t) = Σ a_k y(t − k) + e(t), and the prediction errors e
 of the six channels are correlated. The residuals of a fit contain less than the noise: the fit took
 a share of it. By the expectation of the noise given the residuals, E[ε εᵀ] = r rᵀ + U F⁻¹ Uᵀ, the
-moments are those of restricted maximum likelihood (Harville, JASA 72, 1977).
+sums of squares are those of restricted maximum likelihood (Harville, JASA 72, 1977).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg as sla
 
-from constraints.arrays import Array, Mask
+from constraints.arrays import Array, ComplexArray, Mask
 from estimation.processing.noise import NoiseEstimate
 from estimation.processing.spectrum import NoiseLines, WhiteningFilter, filter_to
 from expdesign.configuration.estimate import SpectrumOrigin
@@ -52,8 +53,8 @@ def autoregressive_noise(
     """
     values = np.concatenate([residuals[:, :, None], fitted], axis=2)
     known = np.asarray(certainty >= _KNOWN)
-    models = [_Model.of(values, known, order) for order in _ORDERS if 8 * order < len(residuals)]
-    white, *others = models
+    orders = [p for p in _ORDERS if np.count_nonzero(_known_windows(known, p)) >= 8 * p]
+    white, *others = _fit_models(values, known, orders)
     best = min(others, key=lambda each: each.criterion, default=white)
     if origin != "estimated" and white.criterion < best.criterion + _CLEARLY_BETTER:
         best = white
@@ -65,7 +66,7 @@ def autoregressive_noise(
     count = len(residuals)
     response = np.fft.rfft(best.coefficients, count, axis=0)
     spectrum = best.errors / response[:, :, None] / response.conj()[:, None, :]
-    lines = NoiseLines(spectrum, count, np.inf)
+    lines = AutoregressiveLines(spectrum, count, freedom, coefficients=best.coefficients)
     covariance = lines.covariance
     if origin == "white" and not always:
         return NoiseEstimate(covariance, freedom, "residuals", lines)
@@ -77,6 +78,7 @@ def autoregressive_noise(
         freedom=np.inf,
         loss=1.0,
         coefficients=best.coefficients,
+        errors=best.errors,
         root=filter_to(covariance, best.errors[None].astype(np.complex128))[0].real,
         certainty=certainty,
     )
@@ -91,29 +93,47 @@ class _Model:
     """(6, 6), covariance of the prediction errors."""
     criterion: float
 
-    @classmethod
-    def of(cls, values: Array, known: Mask, order: int) -> _Model:
-        """Fit a model to the moments of the values, (N, 6, 1 + k), by Yule and Walker."""
-        count, channels = values.shape[:2]
-        masked = values * known[:, None, None]
-        moments = [
-            np.einsum("tjk,tjk->j", masked[lag:], masked[: count - lag]) for lag in range(order + 1)
-        ]
-        pairs = [np.count_nonzero(known[lag:] & known[: count - lag]) for lag in range(order + 1)]
-        # Less the bias of missing pairs, but not that of the ends, which keeps the model stable.
-        ends = 1 - np.arange(order + 1) / count
-        share = np.array(pairs) / pairs[0] / ends
-        correlation = np.array(moments) / np.maximum(share, 1 / count)[:, None]
-        coefficients = np.zeros((order + 1, channels))
-        coefficients[0] = 1.0
-        for j, own in enumerate(correlation.T if order else ()):
-            coefficients[1:, j] = -sla.solve_toeplitz(own[:-1], own[1:])
-        rows = filter_series(coefficients, values)[order:]
-        whole = np.min([known[order - lag : count - lag] for lag in range(order + 1)], axis=0)
-        rows = rows[whole > 0]
-        errors = np.einsum("tik,tjk->ij", rows, rows) / len(rows)
-        _, logarithm = np.linalg.slogdet(errors)
-        return cls(coefficients, errors, pairs[0] * float(logarithm) + 2 * order * channels)
+
+def _fit_models(values: Array, known: Mask, orders: Sequence[int]) -> Iterator[_Model]:
+    """Yield the models of ascending orders that predict the values, (N, 6, 1 + k), best.
+
+    Only errors count whose samples are all known: the weights of the fit contain no others. The
+    errors of predictions in both directions have the least sum of squares (Burg, 1975), which
+    keeps the models stable. All orders are compared by the same errors.
+    """
+    forward = backward = values
+    rows, most = known, orders[-1]
+    alike = _known_windows(known, most)
+    coefficients = np.ones((1, values.shape[1]))
+    for order in range(most + 1):
+        if order:
+            forward, backward = forward[1:], backward[:-1]
+            rows = _known_windows(known, order)
+            ahead, back = forward[rows], backward[rows]
+            product, squares = (
+                np.einsum("tjk,tjk->j", *pair) for pair in ((ahead, back), (ahead, ahead))
+            )
+            squares = squares + np.einsum("tjk,tjk->j", back, back)
+            share = np.divide(-2 * product, squares, out=np.zeros_like(product), where=squares > 0)
+            step = share[:, None]
+            forward, backward = forward + step * backward, backward + step * forward
+            longer = np.pad(coefficients, ((0, 1), (0, 0)))
+            coefficients = longer + share * longer[::-1]
+        if order in orders:
+            _, logarithm = np.linalg.slogdet(_mean_product(forward[most - order :][alike]))
+            criterion = np.count_nonzero(alike) * logarithm + 2 * order * values.shape[1]
+            yield _Model(coefficients, _mean_product(forward[rows]), float(criterion))
+
+
+def _known_windows(known: Mask, order: int) -> Mask:
+    """Return whether a sample and those before it, so many, are known: (N − order,)."""
+    windows = np.lib.stride_tricks.sliding_window_view(known, min(order, len(known) - 1) + 1)
+    return np.asarray(windows.all(axis=1))
+
+
+def _mean_product(values: Array) -> Array:
+    """Return the covariance of values, (N, 6, k): (6, 6)."""
+    return np.asarray(np.einsum("tik,tjk->ij", values, values) / max(len(values), 1))
 
 
 def filter_series(coefficients: Array, values: Array) -> Array:
@@ -126,6 +146,37 @@ def filter_series(coefficients: Array, values: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class AutoregressiveLines(NoiseLines):
+    """Spectrum of autoregressive channels; its freedom is that of their prediction errors."""
+
+    coefficients: Array
+    """(p + 1, 6)."""
+
+    def _variance(self, shares: ComplexArray) -> Array:
+        """Return the variance of a sum over lines and channels, (L, 6, k): (k,).
+
+        That of the coefficients of a channel is σ_e² Γ⁻¹ over the number of samples, with the
+        autocovariances Γ (Mann and Wald, Econometrica 11, 1943). Like that of a line it is at most
+        the square of the sum, however long the memory is.
+        """
+        square = np.sum(shares.real, axis=(0, 1)) ** 2
+        result = 2 * square / self.freedom
+        order = len(self.coefficients) - 1
+        response = np.fft.rfft(self.coefficients, self.samples, axis=0)
+        frequencies = np.arange(len(self.matrices)) / self.samples
+        past = np.exp(-2j * np.pi * np.outer(np.arange(1, order + 1), frequencies))
+        for channel in range(shares.shape[1] if order else 0):
+            relative = past / response[:, channel]
+            slope = 2 * (relative @ shares[:, channel]).real
+            own = self.matrices[:, channel, channel].real
+            memory = sla.toeplitz(np.fft.irfft(own, self.samples)[:order])
+            error = own[0] * np.abs(response[0, channel]) ** 2
+            moved = sla.solve(memory, slope, assume_a="pos")
+            result += error / self.freedom * np.sum(slope * moved, axis=0)
+        return np.asarray(result * square / np.maximum(square + result, np.finfo(float).tiny))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class AutoregressiveFilter(WhiteningFilter):
     """Prediction errors of a recording without a period, scaled to the noise's covariance.
 
@@ -135,6 +186,8 @@ class AutoregressiveFilter(WhiteningFilter):
 
     coefficients: Array
     """(p + 1, 6)."""
+    errors: Array
+    """(6, 6), covariance of the prediction errors."""
     root: Array
     """(6, 6), symmetric, from prediction errors to noise of the covariance Σ."""
     certainty: Array

@@ -312,22 +312,22 @@ class NoiseLines:
         return np.asarray(np.einsum("l,lij->ij", times, self.matrices.real))
 
     def spread(self, columns: ComplexArray) -> tuple[Array, Array]:
-        """Return Σ Re vᴴ C v over all N lines for columns v, (L, 6, k): (k, k), and its shares.
+        """Return Σ Re vᴴ C v over all N lines for columns v, (L, 6, k): (k, k).
 
-        The shares, (L, k), are those of every line in the diagonal.
+        Also the variance of its diagonal, (k,), since C is estimated: zero if it was given.
         """
         mixed = np.matmul(self.matrices, columns) * multiplicity(self.samples)[:, None, None]
         flat, other = (each.reshape(-1, columns.shape[2]) for each in (columns, mixed))
         spread = flat.real.T @ other.real + flat.imag.T @ other.imag
-        return spread, np.einsum("lik,lik->lk", columns.conj(), mixed).real
+        return spread, self._variance(columns.conj() * mixed)
 
-    def variance_of(self, shares: Array) -> Array:
-        """Return the variance of the sum over the lines of `shares`, (L, k): (k,)."""
+    def _variance(self, shares: ComplexArray) -> Array:
+        """Return the variance of a sum over lines and channels, (L, 6, k): (k,)."""
         if not np.isfinite(self.freedom):
-            return np.zeros(shares.shape[1])
+            return np.zeros(shares.shape[2])
         # The two real lines have half the freedom of the others.
         relative = 2 / multiplicity(self.samples)[:, None] / self.freedom
-        return np.sum(shares**2 * relative / (1 + relative), axis=0)
+        return np.sum(np.sum(shares.real, axis=1) ** 2 * relative / (1 + relative), axis=0)
 
 
 _SHOWN = 0.1

@@ -16,10 +16,13 @@ from estimation.identification import (
     run_estimators,
 )
 from estimation.identification.periods import UnsuitableDataError
+from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.motion import MotionColumns, NormalEquations
+from estimation.measurement_model.prediction import sliding_rate_kernel
 from estimation.measurement_model.spline import SplineMotion
 from estimation.processing.autoregression import autoregressive_noise
 from expdesign.configuration import InputError
+from expdesign.noise import lines_of
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 
 MOTION = trajectory(samples=320, harmonics=3)
@@ -85,6 +88,26 @@ def test_a_delay_is_found_without_a_period():
     assert outcomes["forces and lengths are sampled at the same time"] == "holds"
 
 
+@pytest.mark.parametrize(("noise", "forces", "lengths"), [("auto", 0.1, 4.0), ("given", 1.0, 1.0)])
+def test_signs_are_as_uncertain_as_the_motion_of_forces_and_lengths(noise, forces, lengths):
+    """The forces determine the rates, too."""
+    data = passes(force_scale=forces, length_scale=lengths)
+    experiment = prepare_experiment(run({"noise": noise}), ROBOT, data, None)
+    refined, times = experiment.refined_motion, experiment.recording.forces.times
+    kernel = sliding_rate_kernel(ROBOT.terms)
+    found, true, linear = (
+        kernel(motion.at(times).state(), ROBOT.geometry_vector)[0]
+        for motion in (refined.motion, HarmonicMotion.of(MOTION), experiment.fit.motion)
+    )
+    inside = slice(10, -10)
+    for rates, spread in ((found, refined.spread), (linear, experiment.spread)):
+        ratio = ((rates - true) / spread)[inside]
+        assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.25)
+    assert np.median(refined.spread / experiment.spread) < (0.8 if forces < lengths else 1.0)
+    assert experiment.spread_along(experiment.fit.motion) is experiment.spread
+    assert experiment.spread_along(refined.motion.delay_by(0.0)) is refined.spread
+
+
 @pytest.mark.parametrize(
     ("settings", "key"),
     [({"harmonics": 5}, "harmonics"), ({"frequency": "estimated"}, "frequency")],
@@ -137,6 +160,25 @@ def test_residuals_that_a_fit_shortened_show_the_noise():
         found = autoregressive_noise(noise - taken, taken[:, :, None], np.ones(count))
         ratios.append(np.mean(np.diag(found.lines.matrices[0].real)) * (1 - coefficient) ** 2)
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.12)
+
+
+def test_variances_of_noise_with_memory_are_as_uncertain_as_stated():
+    """Of a constant and of two waves, behind an estimated memory of 50 samples."""
+    rng, count, coefficient = np.random.default_rng(5), 1500, 0.98
+    times = 2 * np.pi * np.arange(count) / count
+    columns = np.zeros((count, 6, 3))
+    columns[:, :, 0] = 1.0
+    columns[:, 0, 1], columns[:, 2, 2] = np.cos(4 * times), np.cos(20 * times)
+    lines, found = lines_of(columns), []
+    for _ in range(120):
+        noise = simulate(count, coefficient, rng)
+        own = autoregressive_noise(noise, np.zeros((count, 6, 0)), np.ones(count), "estimated")
+        spread, variance = own.lines.spread(lines)
+        found.append((np.diag(spread), variance))
+    values, variances = np.array(found).transpose(1, 0, 2)
+    scatter = np.std(np.log(values), axis=0)
+    stated = np.median(np.sqrt(variances) / values, axis=0)
+    np.testing.assert_allclose(stated, scatter, rtol=0.35)
 
 
 def test_filtered_equations_are_those_of_the_whole_matrices():
