@@ -16,10 +16,9 @@ from itertools import combinations, permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
 from constraints.arrays import Array, ComplexArray
-from estimation.estimators.joint_equations import LOW_PASS_NODES, LOW_PASS_WEIGHTS
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.motion import root_of_pseudo_inverse
 from estimation.processing import NoiseModel, PeriodicRecording
@@ -66,10 +65,14 @@ _EQUAL = 1e-3
 _SMALL = 0.01
 _MOSTLY = 0.4
 """Share of the unexplained forces that a delay or the zero of a length may leave."""
+_CLEARLY_ONE = 0.225
+"""Least difference between a delay and a low pass in least decreases: 9 in χ²."""
 _LEAST = 40.0
 """Least decrease of the sum of squares, in variances; by chance it has a probability of 1e-10."""
 _SPREADS = 3.0
 _DELAY_DIGITS = 0.01
+_LOW_PASS_NODES, _LOW_PASS_WEIGHTS = np.polynomial.laguerre.laggauss(16)
+"""Delays of a low pass over its time constant, and their shares."""
 _ZERO_DIGITS = 0.05
 _ZEROS = np.array([-16, -8, -4, -2, -1, 0, 1, 2, 4, 8, 16])
 """Errors of a length's zero that are tried, in smallest faults."""
@@ -134,11 +137,14 @@ class Candidate:
     lengths: Wiring
     forces: Wiring
     delay: float
-    """Lag of the forces behind the lengths, s, in addition to the stated one."""
+    """Delay of the forces behind the lengths, s, in addition to the stated one."""
     excess: float
     """Unexplained part of the forces beyond the noise, as a share of their energy."""
     next_best: float = np.inf
     """The same of the best other wiring that was tried."""
+    low_pass: float | None = None
+    """Time constant of a low pass of all forces that is a part of their lag, s; None: the lag is
+    clearly a delay."""
 
 
 class ForceFit:
@@ -151,14 +157,14 @@ class ForceFit:
     """
 
     def __init__(self, columns: Array, forces: Array, variances: Array) -> None:
-        information = np.einsum("rim,rin->mn", columns, columns, optimize=True)
-        root = root_of_pseudo_inverse(information, _DETERMINED)
+        by_strut = columns.transpose(1, 2, 0)
+        self._information = by_strut @ by_strut.transpose(0, 2, 1)
+        root = root_of_pseudo_inverse(np.sum(self._information, axis=0), _DETERMINED)
         self.root = root
-        moments = columns.reshape(len(columns), -1).T @ forces
-        moments = moments.reshape(ACTUATORS, -1, ACTUATORS)
-        self.projections = np.einsum("imj,mk->ijk", moments, root, optimize=True)
+        self._moments = by_strut @ forces
+        self.projections = np.einsum("imj,mk->ijk", self._moments, root, optimize=True)
         self.energies = np.sum(forces**2, axis=0)
-        self._variances = variances
+        self._variances, self._rows = variances, len(forces)
 
     def excess(self, forces: Wiring) -> float:
         """Return the unexplained share of the forces beyond the expected noise."""
@@ -210,13 +216,53 @@ class ForceFit:
         values, vectors = np.linalg.eigh(shares)
         best = int(np.argmax(values[:, -1]))
         gains = vectors[best, :, -1] / norms[best]
-        sizes = np.maximum(np.abs(gains) / np.median(np.abs(gains)), _TINY)
+        # One of them is the usual one: a common factor would be that of the parameters.
+        usual = np.sort(np.abs(gains))[ACTUATORS // 2]
+        sizes = np.maximum(np.abs(gains) / usual, _TINY)
         far = np.abs(np.log(sizes)) > np.log(_OTHER_GAIN)
-        gains = np.sign(gains) * np.where(far, _round_factor(sizes), 1.0)
+        gains = np.sign(gains) * np.where(far, sizes, 1.0)
         others = max(float(np.max(np.delete(values[:, -1], best))), float(values[best, -2]))
         noise = float(np.sum(self._variances) / np.sum(self.energies))
         found = replace(Wiring.as_measured(), channels=_ORDERS[best], gains=gains)
-        return found, 1 - others - noise
+        return self.fit_gains(found)[0], 1 - others - noise
+
+    def fit_gains(self, forces: Wiring) -> tuple[Wiring, Array]:
+        """Return the wiring with the best gains of scaled channels, and relative errors, (6,).
+
+        Least squares in the measured forces, of the parameters and the reciprocal gains: the noise
+        of a scaled channel biases an eigenvector, and not them.
+        """
+        signs, reciprocal = np.sign(forces.gains), 1 / np.abs(forces.gains)
+        scaled, errors = np.flatnonzero(reciprocal != 1), np.zeros(ACTUATORS)
+        if not len(scaled):
+            return forces, errors
+        moments = signs[:, None] * self._moments[_STRUTS, :, forces.channels]
+        for _ in range(_STEPS):
+            information = np.tensordot(reciprocal**2, self._information, axes=1)
+            root = root_of_pseudo_inverse(information, _DETERMINED)
+            explained = root.T @ (reciprocal @ moments)
+            parameters = root @ explained
+            own = self._information[scaled] @ parameters
+            mixed = reciprocal[scaled, None] * (own @ root)
+            slope = moments[scaled] @ parameters - reciprocal[scaled] * (own @ parameters)
+            inverse = np.linalg.pinv(np.diag(own @ parameters) - mixed @ mixed.T)
+            step = inverse @ slope / reciprocal[scaled]
+            reciprocal[scaled] *= np.exp(np.clip(step, -1, 1))
+            if np.max(np.abs(step)) < _REACHED:
+                break
+        # Every channel has a noise of its own, in the scaled ones as many times larger.
+        known = np.eye(ACTUATORS)[scaled, :, None] * parameters
+        known = known - reciprocal[:, None] * (mixed @ root.T)[:, None]
+        energies = np.einsum("lim,imn,kin->ilk", known, self._information, known, optimize=True)
+        predicted = np.einsum("m,imn,n->i", parameters, self._information, parameters)
+        rest = self.energies[forces.channels] + reciprocal**2 * predicted
+        rest = rest - 2 * reciprocal * (moments @ parameters)
+        variances = rest / max(self._rows - len(parameters) / ACTUATORS, 1.0)
+        spread = inverse @ np.tensordot(variances, energies, axes=1) @ inverse
+        errors[scaled] = np.sqrt(np.abs(np.diag(spread))) / reciprocal[scaled]
+        far = np.abs(np.log(reciprocal)) > np.log(_OTHER_GAIN) + _SPREADS * errors
+        gains = signs * np.where(far, _round_factor(1 / reciprocal), 1.0)
+        return replace(forces, gains=gains), np.where(far, errors, 0.0)
 
 
 class ChannelSearch:
@@ -326,14 +372,16 @@ class ChannelSearch:
         scale = np.sqrt(self._density).reshape(-1, *(1,) * (rows.ndim - 1))
         return np.fft.irfft(np.fft.rfft(rows, axis=0) / scale, len(rows), axis=0)
 
-    def columns(self, motion: HarmonicMotion, delay: float = 0.0) -> Array:
-        """Return A, (R, 6, m), for forces that lag behind the lengths by a delay, s."""
-        state = motion.at(self.force_times - delay).state()
-        return self._whiten(self.robot.regressor(*np.split(state, 3, axis=1)))
+    def columns(self, motion: HarmonicMotion, delay: float = 0.0, low_pass: float = 0.0) -> Array:
+        """Return A, (R, 6, m), for forces behind a delay and a low pass, s."""
+        nodes, weights = (_LOW_PASS_NODES, _LOW_PASS_WEIGHTS) if low_pass else ([0.0], [1.0])
+        states = (motion.at(self.force_times - delay - low_pass * x).state() for x in nodes)
+        columns = [self.robot.regressor(*np.split(state, 3, axis=1)) for state in states]
+        return self._whiten(np.tensordot(weights, columns, axes=1))
 
-    def fit(self, motion: HarmonicMotion, delay: float = 0.0) -> ForceFit:
-        """Return the fits of the forces along a motion."""
-        return ForceFit(self.columns(motion, delay), self.forces, self._variances)
+    def fit(self, motion: HarmonicMotion, delay: float = 0.0, low_pass: float = 0.0) -> ForceFit:
+        """Return the fits of the forces along a motion, behind a delay and a low pass, s."""
+        return ForceFit(self.columns(motion, delay, low_pass), self.forces, self._variances)
 
     def candidate_as_measured(self) -> Candidate:
         """Return the wiring of the recording as it was read, with its unexplained forces.
@@ -427,7 +475,8 @@ class ChannelSearch:
             found = min(tried, key=lambda one: one.excess)
             others = (one.excess for one in tried if self._differs(one, found))
             found = replace(found, next_best=min(found.next_best, *others, np.inf))
-            moved = min(self._refined(best, 1 - _LEAST_SHARE), key=lambda one: one.excess)
+            refined = (self._with_delay(best), *self._zeros(best, 1 - _LEAST_SHARE))
+            moved = min(refined, key=lambda one: one.excess)
             if moved.excess < found.excess and self._is_no_imitation(best, moved):
                 found = moved
             if best.excess - found.excess < max(self.least_decrease, _LEAST_SHARE * best.excess):
@@ -435,32 +484,59 @@ class ChannelSearch:
             best = found
         best = self._without_small_zeros(best)
         for _ in range(_ROUNDS):
-            if best.excess < self.least_decrease:
+            # A delay decreases the excess by more than this has of uncertainty in the noise.
+            tried = [self._with_delay(best)]
+            if best.excess > self.least_decrease:
+                tried += self._zeros(best, _MOSTLY)
+            found, *rest = sorted(tried, key=lambda one: one.excess)
+            decrease = best.excess - found.excess
+            least = max(self.least_decrease, (1 / _MOSTLY - 1) * found.excess)
+            if decrease < least or not self._is_no_imitation(best, found):
                 break
-            found, other, *_ = sorted(self._refined(best, _MOSTLY), key=lambda one: one.excess)
-            if found.excess > _MOSTLY * best.excess or not self._is_no_imitation(best, found):
-                break
-            best = replace(found, next_best=min(found.next_best, other.excess))
-        return self._simplest(self._without_low_pass(best) if best.delay > 0 else best)
+            best = replace(
+                found, next_best=min([found.next_best, *(one.excess for one in rest[:1])])
+            )
+        return self._simplest(self._split_lag(best) if best.delay > 0 else best)
 
-    def _without_low_pass(self, found: Candidate) -> Candidate:
-        """Return the wiring without a delay that a low pass of all forces explains better."""
-        motion = self.motion(found.lengths)
+    def _split_lag(self, found: Candidate) -> Candidate:
+        """Return the wiring with its lag as a delay, or as a delay and a low pass of all forces.
 
-        def excess(constant: float) -> float:
-            parts = [self.columns(motion, constant * node) for node in LOW_PASS_NODES]
-            columns = np.tensordot(LOW_PASS_WEIGHTS, parts, axes=1)
-            return ForceFit(columns, self.forces, self._variances).excess(found.forces)
+        A delay must explain clearly more than a low pass, and hardly less than both together.
+        """
+        motion, lag = self.motion(found.lengths), found.delay
+        digits = _DELAY_DIGITS * self.step
 
-        best = minimize_scalar(
-            excess,
-            bounds=(found.delay / 2, 2 * found.delay),
+        def excess(delay: float, constant: float) -> float:
+            return self.fit(motion, delay, constant).excess(found.forces)
+
+        slow = minimize_scalar(
+            lambda constant: excess(0.0, constant),
+            bounds=(lag / 2, 2 * lag),
             method="bounded",
-            options={"xatol": _DELAY_DIGITS * self.step},
+            options={"xatol": digits},
         )
-        if best.fun > found.excess - self.least_decrease:
+        # The sum of both is known much better than the parts.
+        both = minimize(
+            lambda at: excess(at[0] - at[1], at[1]),
+            (lag, lag / 2),
+            method="Nelder-Mead",
+            bounds=((0.0, 2 * lag), (0.0, 2 * lag)),
+            options={
+                "xatol": digits,
+                "fatol": _DELAY_DIGITS * self.least_decrease,
+                "initial_simplex": [(lag, 0.3 * lag), (lag, 0.7 * lag), (1.1 * lag, 0.5 * lag)],
+            },
+        )
+        clear = _CLEARLY_ONE * self.least_decrease
+        if found.excess < min(float(slow.fun) - clear, float(both.fun) + clear):
             return found
-        return replace(found, delay=0.0, excess=float(best.fun))
+        total, constant = both.x.tolist()
+        return replace(found, delay=total - constant, low_pass=constant, excess=float(both.fun))
+
+    def gain_errors(self, found: Candidate) -> Array:
+        """Return the relative standard deviations of the gains of the forces, (6,)."""
+        fit = self.fit(self.motion(found.lengths), found.delay, found.low_pass or 0.0)
+        return fit.fit_gains(found.forces)[1]
 
     def _simplest(self, found: Candidate) -> Candidate:
         """Return the wiring with the fewest channels in another order among equal ones.
@@ -477,7 +553,8 @@ class ChannelSearch:
             lengths, forces = found.lengths.reorder(order), found.forces.reorder(order)
             other = replace(found, lengths=lengths, forces=forces)
             if count_moved(other) < count_moved(best):
-                excess = self.fit(self.motion(lengths), found.delay).excess(forces)
+                fit = self.fit(self.motion(lengths), found.delay, found.low_pass or 0.0)
+                excess = fit.excess(forces)
                 if not self._is_better(found.excess, excess):
                     best = replace(other, excess=excess)
         return best
@@ -542,16 +619,20 @@ class ChannelSearch:
             for factor in (-1.0, *_FACTORS):
                 yield lengths.scale(strut, factor), delay
 
-    def _refined(self, present: Candidate, most: float) -> Iterator[Candidate]:
-        """Yield wirings with another delay, or another zero of one length.
+    def _with_delay(self, present: Candidate) -> Candidate:
+        """Return the wiring with the best delay, if it is a fault."""
+        motion = self.motion(present.lengths)
+        delays = [(self.fit(motion, late).excess(present.forces), late) for late in self._delays]
+        if not delays:  # a period of ten samples has no room for any
+            return present
+        later = self._at_delay(present, min(delays)[1])
+        return later if abs(later.delay) >= self.least_delay else present
+
+    def _zeros(self, present: Candidate, most: float) -> Iterator[Candidate]:
+        """Yield wirings with another zero of one length.
 
         Zeros that promise to leave more than the share `most` are left out.
         """
-        motion = self.motion(present.lengths)
-        delays = [(self.fit(motion, late).excess(present.forces), late) for late in self._delays]
-        if delays:  # a period of ten samples has no room for any
-            later = self._at_delay(present, min(delays)[1])
-            yield later if abs(later.delay) >= self.least_delay else present
         for strut in range(ACTUATORS):
             yield self._at_zero(present, strut, most)
 
@@ -574,7 +655,8 @@ class ChannelSearch:
         """
         motion, half = self.motion(found.lengths), self.step / 2
         below, middle, above = (
-            self.fit(motion, found.delay + late).excess(found.forces) for late in (-half, 0, half)
+            self.fit(motion, found.delay + late, found.low_pass or 0.0).excess(found.forces)
+            for late in (-half, 0, half)
         )
         curvature = (below - 2 * middle + above) / half**2 * _LEAST / self.least_decrease
         return float(np.sqrt(2 / curvature)) if curvature > 0 else half

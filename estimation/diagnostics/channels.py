@@ -40,6 +40,10 @@ _LEFT = 0.02
 """Largest unexplained share of the forces with channels that are certain."""
 _CLEAR = 4.0
 """Ratio of the unexplained forces of the next best channels to those of the best."""
+_LEAST_CERTAIN_GAIN = 0.1
+"""Relative standard deviation from which on the scale of a force is not certain."""
+_SHOWN_ERROR = 0.005
+"""Smallest relative standard deviation of a scale that is shown."""
 _ASSIGNED = Assumption(
     "the channels are those of the struts, with their signs and zeros",
     "a channel is assigned wrongly",
@@ -79,6 +83,8 @@ class ChannelCheck:
     """Share of the variation of the forces that is noise."""
     unexplained: bool = False
     """Whether neither the channels of the section nor others explain the forces."""
+    lag: str = ""
+    """Sentence on a lag of the forces that may be a delay, a filter or both; empty: none."""
 
     def corrected(self, section: DataSection) -> dict[str, Any]:
         """Return the keys of the section that is right, without defaults, as in a run file."""
@@ -157,18 +163,27 @@ def check_channels(
     most = max(as_given, search.explained_variation(found)[0])
     none = most < max(_LITTLE * (1 - noise_share), _LEAST_EXPLAINED)
     late_error = search.delay_error(found) if found.delay else 0.0
-    faults = tuple(_faults(found, late_error))
+    gain_errors = search.gain_errors(found)
+    ambiguous = found.low_pass is not None or (
+        found.delay < 0 and any(section.channel_filters("Q"))
+    )
+    lag = _describe_lag(robot, found) if ambiguous else ""
+    found = replace(found, delay=0.0) if ambiguous else found
+    faults = tuple(_faults(found, late_error, gain_errors))
     margin = found.next_best - found.excess
     sure = left < _LEFT and margin > max(_CLEAR * left, search.least_decrease)
-    nothing = explained < _EXPLAINED or (none and not sure)
-    if nothing or not (faults or from_home):
-        return ChannelCheck((), {}, False, explained, as_given, noise_share, none)
+    sure = sure and float(np.max(gain_errors)) < _LEAST_CERTAIN_GAIN
+    shown = explained, as_given, noise_share
+    if explained < _EXPLAINED or (none and not sure):
+        return ChannelCheck((), {}, False, *shown, unexplained=none)
+    if not (faults or from_home):
+        return ChannelCheck((), {}, False, *shown, unexplained=none, lag=lag)
     has_units = has_units or not section.units.keys().isdisjoint({"q", *LENGTH_CHANNELS})
     keys = dict(_changed_keys(section, found, zeros, has_units))
     if from_home:
         faults = ("q", "the lengths are measured from home"), *faults
         keys = {"offset": "home"} | keys
-    return ChannelCheck(faults, keys, sure, explained, as_given, noise_share)
+    return ChannelCheck(faults, keys, sure, *shown, lag=lag)
 
 
 def channel_findings(checks: Sequence[ChannelCheck]) -> tuple[Finding, ...]:
@@ -188,14 +203,17 @@ def _least_faults(robot: Robot, home: Array, step: float) -> tuple[Array, float]
         if joints is not None:
             own = own + np.max(np.array(joints) ** 2, axis=1)
     zeros = np.maximum(_LEAST_ZERO * home, _TOLERATED * np.sqrt(own))
-    channels = (tolerances.channel_delay, tolerances.low_pass)
-    lags = [max(one.forces) for one in channels if one is not None and one.forces]
-    late = float(np.linalg.norm([tolerances.delay or 0.0, *lags]))
+    each = tolerances.channel_delay
+    own_delay = max(each.forces) if each is not None and each.forces else 0.0
+    late = float(np.hypot(tolerances.delay or 0.0, own_delay))
     return zeros, max(_LEAST_DELAY * step, _TOLERATED * late)
 
 
-def _faults(found: Candidate, late_error: float) -> Iterator[tuple[str, str]]:
-    """Yield place and sentence of each fault; the error of the delay is in s."""
+def _faults(found: Candidate, late_error: float, gain_errors: Array) -> Iterator[tuple[str, str]]:
+    """Yield place and sentence of each fault.
+
+    With the errors of the delay, s, and of the gains of the forces, (6,), relative.
+    """
     groups = {"q": found.lengths, "Q": found.forces}
     nouns = {"q": "lengths", "Q": "forces"}
     moved = {key: _numbers(one.channels != np.arange(ACTUATORS)) for key, one in groups.items()}
@@ -217,8 +235,10 @@ def _faults(found: Candidate, late_error: float) -> Iterator[tuple[str, str]]:
             yield "q", f"the lengths are in another unit: {unit} if they are stated in m"
         for number in [] if unit else _numbers(np.abs(one.gains) != 1):
             gain = abs(one.gains[number - 1])
-            size = f"{1 / gain:.3g} times too large" if gain < 1 else f"{gain:.3g} times too small"
-            yield f"{key}{number}", f"{key}{number} is read {size}"
+            size, word = (1 / gain, "large") if gain < 1 else (gain, "small")
+            error = size * gain_errors[number - 1] * (key == "Q")
+            known = f" ± {error:.1g}" if error > _SHOWN_ERROR * size else ""
+            yield f"{key}{number}", f"{key}{number} is read {size:.3g}{known} times too {word}"
     errors = found.lengths.offsets
     for number in _numbers(errors != 0):
         yield (
@@ -234,6 +254,25 @@ def _faults(found: Candidate, late_error: float) -> Iterator[tuple[str, str]]:
             f"the {late} lag behind the {early} by {1e3 * abs(found.delay):.3g} ms (± "
             f"{1e3 * late_error:.1g} ms: state that as `tolerances.delay`)",
         )
+
+
+def _describe_lag(robot: Robot, found: Candidate) -> str:
+    """Describe a lag of the forces that may be a delay or a filter."""
+    lag, constant = found.delay, found.low_pass
+    if constant is None:
+        return (
+            f"the lengths lag behind the forces by about {-1e3 * lag:.3g} ms, or the forces passed "
+            "a faster filter than `data.filter` states"
+        )
+    stated = robot.description.tolerances or RobotTolerances()
+    missing = [name for name in ("delay", "low_pass") if getattr(stated, name) is None]
+    rest = join_words(f"`tolerances.{name}`" for name in missing)
+    return (
+        f"the forces lag behind the lengths by about {1e3 * (lag + constant):.3g} ms in all, by a "
+        f"delay, a low pass or both (best fit: a delay of {1e3 * lag:.2g} ms and a low pass of "
+        f"{1e3 * constant:.2g} ms). State what is known as `data.delay` and `data.filter`"
+        f"{', what is not known as ' * bool(rest)}{rest}"
+    )
 
 
 def _unit(gains: Array) -> str:

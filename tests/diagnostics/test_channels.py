@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from estimation.data.sensors import SensorResponse
 from estimation.diagnostics.channels import check_channels
 from estimation.diagnostics.finding import Status
 from estimation.identification import estimate, estimate_parameters
@@ -187,6 +188,71 @@ def test_a_delay_of_a_sample():
     (finding,) = checked(replace(data, forces=data.forces + late - now))
     assert finding.sentence.startswith("the forces lag behind the lengths by 5")
     assert "`data.delay: {forces: 5" in finding.advice
+
+
+def test_a_delay_that_hides_in_the_uncertainty_of_the_noise():
+    """The forces seem to contain nothing but noise; two samples of delay are found all the same."""
+    data = behind_a_low_pass(recording(3, 1.0), 1e-2, 0.0)
+    folded = fold_measurement(run(), data, MOTION)
+    found = check_channels(ROBOT, run().run.data, *folded, MOTION.harmonics, MOTION)
+    assert found.sure
+    assert found.faults[0][1].startswith("the forces lag behind the lengths by 10")
+
+
+def behind_a_low_pass(data, delay, constant):
+    """Delay the forces, and pass them through a first-order low pass."""
+    period = np.arange(0, MOTION.period, data.step / 10)
+    states = MOTION.sample(period)
+    forces = ROBOT.actuator_forces(states.pose, states.rate, states.acceleration)
+    rates = MOTION.omega * np.arange(len(period) // 2 + 1)
+    change = np.exp(-1j * rates * delay) / (1 + 1j * rates * constant) - 1
+    lines = np.fft.rfft(forces, axis=0) * change[:, None]
+    late = np.fft.irfft(lines, len(period), axis=0)[::10]
+    return replace(data, forces=data.forces + np.tile(late, (len(data.time) // len(late), 1)))
+
+
+@pytest.mark.parametrize("tolerances", [{}, {"low_pass": {"forces": "10 ms"}}])
+@pytest.mark.parametrize(("delay", "constant"), [(1e-2, 1e-2), (0.0, 2e-2)])
+def test_a_lag_behind_an_unknown_low_pass(delay, constant, tolerances):
+    """Never certain, never silent: what a delay and a low pass delay together is stated."""
+    data = behind_a_low_pass(recording(3, QUIET), delay, constant)
+    case = run({"estimators": ["ls"]}, tolerances=tolerances)
+    folded = fold_measurement(case, data, MOTION)
+    found = check_channels(ROBOT, case.run.data, *folded, MOTION.harmonics, MOTION)
+    assert not found.sure
+    assert found.faults == ()
+    lag = float(found.lag.split("by about ")[1].split()[0])
+    assert lag == pytest.approx(1e3 * (delay + constant), abs=0.5)
+    assert "a delay, a low pass or both" in found.lag
+
+
+def test_a_lag_behind_a_stated_filter_is_certain():
+    delay, constant = 1e-2, 1e-2
+    data = behind_a_low_pass(recording(3, 0.3), delay, constant)
+    case = run(data={"filter": {"Q": {"low_pass": 1 / (2 * np.pi * constant)}}})
+    data = replace(data, force_sensors=SensorResponse.of(case.run.data, "Q"))
+    folded = fold_measurement(case, data, MOTION)
+    found = check_channels(ROBOT, case.run.data, *folded, MOTION.harmonics, MOTION)
+    assert found.sure
+    late = float(found.faults[0][1].split("lengths by ")[1].split()[0])
+    assert late == pytest.approx(1e3 * delay, abs=1)
+
+
+@pytest.mark.parametrize(("factor", "size"), [(0.5, "small"), (2.0, "large")])
+def test_a_scale_in_noise_is_right_within_its_error(factor, size):
+    """Noise of a fifth of the forces' variation does not attenuate the scale of one of them."""
+    off = []
+    for seed in range(12):
+        changed = counted_otherwise(
+            recording(seed, 1.0), sign=1 + (factor - 1) * np.eye(6)[seed % 6]
+        )
+        folded = fold_measurement(run(), changed, MOTION)
+        ((_, sentence),) = check_channels(ROBOT, run().run.data, *folded, MOTION.harmonics).faults
+        assert sentence.endswith(f"times too {size}")
+        value, _, error = sentence.split(" is read ")[1].split()[:3]
+        off.append((float(value) - 2) / float(error))
+    assert np.max(np.abs(off)) < 3
+    assert abs(np.mean(off)) < 1
 
 
 @pytest.mark.parametrize("departure", ["gain", "cable"])
