@@ -137,7 +137,9 @@ class SearchDisplay:
         if usable and math.isfinite(event.objective):
             better = max if self._criterion.larger_is_better else min
             self._best = better(self._best or event, event, key=lambda one: one.objective)
-            if time.monotonic() - self._described_at > _RENEWED:
+            # A log describes it when a line is due: the precision takes some 40 ms.
+            is_due = time.monotonic() - self._described_at > _RENEWED
+            if self._console.is_terminal and is_due:
                 self._describe_best()
 
     def _describe_best(self) -> None:
@@ -187,7 +189,7 @@ class SearchDisplay:
             rough = number <= self._starts and event.phase == "blunt"
             done += event.share * (event.place[1] if rough else 1)
         share = done / (self._starts + refined + self._hops + finishes)
-        if not self._rough or share < _ENOUGH:
+        if not self._starts_ended or share < _ENOUGH:
             share = 0.0
         passed = time.monotonic() - self._searches
         return left_text(passed, max(share, passed / self._max_seconds))

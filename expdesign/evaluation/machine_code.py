@@ -114,14 +114,14 @@ def _addresses(arrays: Sequence[Array]) -> Any:
 
 def evaluator() -> str:
     """Return the evaluator of graphs for many samples, in words."""
-    if not _usable():
+    if not is_usable():
         return VIRTUAL_MACHINE
     return f"machine code for {_host()[1]} by llvmlite {version('llvmlite')}"
 
 
 def kept_code(key: str) -> MachineCode | None:
     """Return the machine code that is cached under a kernel's key, or None."""
-    if not _usable():
+    if not is_usable():
         return None
     with _lock:
         entry = _read(_digest(key))
@@ -137,7 +137,7 @@ def machine_code(
     The cache finds it by its instructions, and by the kernel's key if there is one. None if it is
     neither cached nor compiled, or if this processor or an instruction is not supported.
     """
-    if not _usable():
+    if not is_usable():
         return None
     entry = _digest(f"{form} {function.serialize()}")
     with _lock:
@@ -167,13 +167,17 @@ def _digest(what: str) -> str:
     return hashlib.sha256(described.encode()).hexdigest()
 
 
-def _usable() -> bool:
-    """Return whether machine code is enabled and this processor is supported."""
-    if os.environ.get(SWITCH, "") == "virtual-machine":
-        return False
+def is_usable() -> bool:
+    """Return whether machine code is enabled, and can be compiled and loaded here."""
+    return os.environ.get(SWITCH, "") != "virtual-machine" and _is_loadable()
+
+
+@cache
+def _is_loadable() -> bool:
+    """Return whether this process compiles and loads a function without content."""
     try:
-        _target()
-    except (ImportError, OSError, RuntimeError):
+        _entry_address(_compile(f"define void @{ENTRY}() {{ ret void }}"))
+    except (ImportError, OSError, RuntimeError):  # RuntimeError: LLVM's own
         return False
     return True
 
@@ -231,13 +235,17 @@ def _load(content: bytes) -> MachineCode:
     described, _, code = content.partition(b"\n")
     known = json.loads(described)
     form = {key: _tuples(value) for key, value in known["form"].items()}
+    return MachineCode(_entry_address(code), Form(**form), known["scratch"], known["spare"])
+
+
+def _entry_address(code: bytes) -> int:
+    """Load machine code; return the address of its function."""
     llvm = _llvm()
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target())
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     _engines.append(engine)
-    address = int(engine.get_function_address(ENTRY))
-    return MachineCode(address, Form(**form), known["scratch"], known["spare"])
+    return int(engine.get_function_address(ENTRY))
 
 
 def _tuples(value: Any) -> Any:

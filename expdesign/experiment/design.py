@@ -25,7 +25,12 @@ from expdesign.experiment.precision import (
     tolerance_std,
     whole,
 )
-from expdesign.experiment.setup import compile_search, plan_search, probe_motion
+from expdesign.experiment.setup import (
+    compile_search,
+    plan_search,
+    probe_motion,
+    ready_plan,
+)
 from expdesign.information import fisher
 from expdesign.information.criteria import criteria
 from expdesign.motion.executable import SampledMotion
@@ -37,7 +42,7 @@ from expdesign.solver.phases import Iteration
 from expdesign.solver.search import NoDesignError, SearchResult, search
 from expdesign.solver.starts import SearchPlan, status_text
 from expdesign.trajectory import FARTHEST, FourierTrajectory, fourier_keys
-from expdesign.workers import JobJournal, Monitor
+from expdesign.workers import JobJournal, Monitor, prepare_workers
 
 _PROBES = 3
 _FEWEST_PERIODS = 2
@@ -126,8 +131,11 @@ def find_motion(
             allowed="at least limits of the strut's length, speed and force",
         )
     report_progress("building the problem")
-    build = partial(plan_search, configuration, others)
-    plan = replace(build(), origin=origin)
+    workers = min(configuration.run.workers or 1, configuration.run.design.starts)
+    build = partial(ready_plan if workers > 1 else plan_search, configuration, others)
+    if workers > 1:
+        prepare_workers(build)
+    plan = replace(plan_search(configuration, others), origin=origin)
     noise = noise_evaluator(configuration)
     if origin is None:
         structure = structural_base(noise.robot, noise.names)
@@ -135,7 +143,6 @@ def find_motion(
             weak = fisher.weak_directions(structure)
             raise fisher.SingularInformationError(weak, structural=True)
         _refuse_unexcitable(plan, noise)
-    workers = min(plan.workers, plan.starts)
     if workers > 1:
         # A single process compiles when it pays off, in a small search never.
         compile_search(build, plan, monitor)

@@ -11,6 +11,7 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.configuration import RunConfiguration
 from expdesign.configuration.loading import smoothing_widths
+from expdesign.evaluation.machine_code import is_usable
 from expdesign.experiment.judging import judge, noise_evaluator
 from expdesign.noise import Hum
 from expdesign.problem.design_problem import build_problem
@@ -118,20 +119,37 @@ def probe_motion(plan: SearchPlan, number: int) -> FourierTrajectory:
     raise AssertionError("the last attempt returns or raises")
 
 
+def ready_plan(
+    configuration: RunConfiguration, others: Sequence[FourierTrajectory] | None = None
+) -> SearchPlan:
+    """Return the plan of `plan_search`; all code that is cached is loaded.
+
+    Worker processes are copies of one that has called this: none of them loads it again.
+    """
+    plan = plan_search(configuration, others)
+    if is_usable() and all(kernel.load() for kernel in plan.problem.kernels):
+        _run_proof(plan, Monitor())
+        _run_solver(plan, Monitor())
+    return plan
+
+
 def compile_search(build: Callable[[], SearchPlan], plan: SearchPlan, monitor: Monitor) -> None:
-    """Compile in worker processes, beside each other, all code of a search, unless it is cached.
+    """Compile in worker processes, side by side, all code of a search, unless it is cached.
 
     The model's functions are compiled by LLVM, the loops of the solver and of the proof by Numba.
+    Without usable machine code CasADi's virtual machine evaluates the model: nothing is compiled.
     """
+    if not is_usable():
+        return
     kernels = plan.problem.kernels
     missing = [number for number, kernel in enumerate(kernels) if not kernel.load()]
     if not missing:
         return
     report_progress("compiling the model for this processor, once")
     # The longest ones first.
-    jobs = [Job(_compile_proof, ()), *(Job(_compile_kernel, (number,)) for number in missing)]
+    jobs = [Job(_run_proof, ()), *(Job(_compile_kernel, (number,)) for number in missing)]
     quiet = Monitor(monitor.stop_requested)
-    for _ in run_jobs(build, [*jobs, Job(_compile_solver, ())], plan.workers, quiet):
+    for _ in run_jobs(build, [*jobs, Job(_run_solver, ())], plan.workers, quiet):
         pass
     plan.problem.compile()
 
@@ -140,11 +158,11 @@ def _compile_kernel(plan: SearchPlan, _monitor: Monitor, number: int) -> None:
     plan.problem.kernels[number].compile()
 
 
-def _compile_proof(plan: SearchPlan, _monitor: Monitor) -> None:
+def _run_proof(plan: SearchPlan, _monitor: Monitor) -> None:
     recheck(plan.problem.limits, probe_motion(plan, 0))
 
 
-def _compile_solver(plan: SearchPlan, _monitor: Monitor) -> None:
+def _run_solver(plan: SearchPlan, _monitor: Monitor) -> None:
     start = StartResult(1, "random", np.empty(0))
     run_start(replace(plan, iterations=1), Monitor(), start, until=1)
 

@@ -87,21 +87,21 @@ EVENT, RESULT, ERROR = "event", "result", "error"
 def start_workers(handle: int) -> None:
     """Serve as the process that starts workers: fork one for each connection received.
 
-    It has no threads, and imports the modules of a recipe once for all workers.
+    It has no threads. It builds the object of a recipe once; workers are forks that have it.
     """
     os.set_inheritable(handle, False)
-    run, known = Connection(handle), b""
+    run = Connection(handle)
     signal.signal(signal.SIGCHLD, _add_ended_workers)
     while True:
         try:
-            recipe, worker = run.recv_bytes(), recv_handle(run)
+            if recipe := run.recv_bytes():
+                with suppress(Exception):  # a worker reports the error with its job
+                    _built_from(recipe)
+                continue
+            worker = recv_handle(run)
         except (EOFError, OSError):  # the run has ended
             _add_ended_workers()
             os._exit(0)
-        if recipe != known:
-            known = recipe
-            with suppress(Exception):  # a worker reports the error with its job
-                pickle.loads(recipe)
         process = os.fork()
         if not process:
             signal.signal(signal.SIGCHLD, signal.SIG_DFL)

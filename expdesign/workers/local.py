@@ -239,7 +239,7 @@ class WorkerProcess:
     Parameters
     ----------
     recipe : bytes
-        Pickled function of the first jobs; its modules are imported before the worker starts.
+        Pickled function that builds the object of the first jobs, before the worker starts.
     """
 
     def __init__(self, recipe: bytes) -> None:
@@ -299,7 +299,7 @@ class _Starter:
     """The process that starts workers, in an environment that this process has had."""
 
     def __init__(self) -> None:
-        self._made_for = _surroundings()
+        self._made_for, self._recipe, self._has_forked = _surroundings(), b"", False
         self._connection, its = Pipe()
         handle = its.fileno()
         with its, _blocked_signals():
@@ -319,15 +319,25 @@ class _Starter:
         """Whether it is alive and has this process's environment."""
         return self._process.poll() is None and self._made_for == _surroundings()
 
+    def build(self, recipe: bytes) -> None:
+        """Have it build the object of a recipe, which workers that are started later have."""
+        if recipe != self._recipe:
+            self._recipe = recipe
+            self._connection.send_bytes(recipe)
+
     def start(self, recipe: bytes, handle: int) -> int:
         """Start a worker with a connection; return a file descriptor of its process."""
-        self._connection.send_bytes(recipe)
+        self.build(recipe)
+        self._has_forked = True
+        self._connection.send_bytes(b"")
         send_handle(self._connection, handle, self._process.pid)
         return os.pidfd_open(self._connection.recv())
 
     def end(self) -> None:
         """End it; its workers stay."""
         self._connection.close()
+        if not self._has_forked:  # it may be importing modules still
+            self._process.kill()
         try:
             self._process.wait(_PATIENCE)
         except subprocess.TimeoutExpired:
@@ -340,20 +350,30 @@ _starters: list[_Starter] = []
 _starting = threading.Lock()
 
 
-def prepare_workers() -> _Starter:
-    """Start the process that starts workers, which takes a second to import its modules."""
+def prepare_workers(build: Callable[[], Any] | None = None) -> None:
+    """Start the process that starts workers, and have it build what their jobs need.
+
+    This returns at once: the process takes a second to import its modules.
+    """
     with _starting:
-        if _starters and not _starters[0].is_fit:
-            _starters.pop().end()
-        if not _starters:
-            _starters.append(_Starter())
-        return _starters[0]
+        starter = _fit_starter()
+        if build is not None:
+            with contextlib.suppress(OSError):  # the first worker that is started reports it
+                starter.build(pickle.dumps(build))
+
+
+def _fit_starter() -> _Starter:
+    if _starters and not _starters[0].is_fit:
+        _starters.pop().end()
+    if not _starters:
+        _starters.append(_Starter())
+    return _starters[0]
 
 
 def _start_worker(recipe: bytes, handle: int) -> int:
     """Start a worker; return a file descriptor of its process."""
-    starter = prepare_workers()
     with _starting:
+        starter = _fit_starter()
         try:
             return starter.start(recipe, handle)
         except (EOFError, OSError) as error:

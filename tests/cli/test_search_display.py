@@ -99,6 +99,7 @@ def test_the_time_left_counts_what_is_under_way_and_the_finish(display, monkeypa
     assert not display._left()  # nothing has ended yet
     for start in (1, 2):
         display.report(dataclasses.replace(event("waiting", 100.0), start=start))
+    assert not display._left()  # no start has a result yet
     display.report(event("done", 1300.0, "converged"))
     display.report(dataclasses.replace(event("sharp", 1300.0, share=0.5, place=(2, 3)), start=2))
     began = display._searches

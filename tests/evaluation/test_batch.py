@@ -176,6 +176,22 @@ def test_the_virtual_machine_alone(monkeypatch):
     assert evaluator() == VIRTUAL_MACHINE
 
 
+def test_the_virtual_machine_evaluates_where_machine_code_cannot_be_loaded(monkeypatch):
+    def fail(*_):
+        raise RuntimeError("no memory may be executed")
+
+    monkeypatch.setattr(machine_code, "_entry_address", fail)
+    machine_code._is_loadable.cache_clear()
+    try:
+        assert evaluator() == VIRTUAL_MACHINE
+        x = ca.SX.sym("x", 2)
+        function = BatchFunction(Graph("one", [x], [], [2 * x]), "key")
+        function.compile()
+        assert function(np.ones((5000, 2)))[0][-1, 1] == 2
+    finally:
+        machine_code._is_loadable.cache_clear()
+
+
 def test_a_function_that_calls_another_is_left_to_the_virtual_machine():
     x = ca.SX.sym("x")
     function = BatchFunction(Graph("one", [x], [], [ca.erfinv(x)]))

@@ -7,6 +7,8 @@ import pytest
 
 import expdesign
 from expdesign.configuration import load_run
+from expdesign.evaluation.machine_code import SWITCH
+from expdesign.experiment import setup
 from expdesign.experiment.precision import precision_in_words
 from expdesign.experiment.setup import plan_search
 from expdesign.information.fisher import SingularInformationError
@@ -392,3 +394,12 @@ def test_a_search_whose_time_is_over_has_a_result(tiny, cheap_finish):
     result = expdesign.design(tiny(design={"starts": 500, "max_seconds": "0.2 s"}))
     assert 1 <= len(result.solver.starts) < 500
     assert result.check.passed
+
+
+def test_two_workers_without_machine_code_find_a_design(tiny, monkeypatch):
+    def compile_something(*_arguments):
+        raise AssertionError("there is nothing to compile")
+
+    monkeypatch.setenv(SWITCH, "virtual-machine")
+    monkeypatch.setattr(setup, "run_jobs", compile_something)
+    assert expdesign.design(tiny(workers=2, design={"starts": 2})).passed

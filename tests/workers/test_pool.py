@@ -83,12 +83,21 @@ def test_results_come_in_the_order_of_the_jobs(workers):
     jobs = [Job(sleeper, (k, seconds)) for k, seconds in enumerate((0.3, 0.0, 0.1, 0.0))]
     results = list(run_jobs(build, jobs, workers, monitor))
     assert [index for index, *_ in results] == [0, 1, 2, 3]
-    # Every event has arrived when the results have, and what was built was built where it is used.
+    # Every event has arrived when the results have. With several workers nothing is built here.
     assert sorted(event.start for event in monitor.events) == [0, 1, 2, 3]
-    assert all(process == built for _, process, built, _ in results)
+    assert (os.getpid() in {built for *_, built, _ in results}) == (workers == 1)
     assert (os.getpid() in {process for _, process, *_ in results}) == (workers == 1)
     # One BLAS thread each.
     assert {threads for *_, threads in results} == {1}
+
+
+def test_new_workers_are_copies_of_a_process_that_has_built():
+    process_module._end_all()
+    process_module.prepare_workers(build)
+    results = list(run_jobs(build, [Job(sleeper, (k, 0.2)) for k in range(4)], 2, Recorder()))
+    processes, builders = ({result[k] for result in results} for k in (1, 2))
+    assert len(builders) == 1
+    assert not builders & {*processes, os.getpid()}
 
 
 @pytest.mark.parametrize("workers", [1, 2, 3])
@@ -234,7 +243,8 @@ def test_workers_stay_with_what_they_have_built():
     jobs = [Job(sleeper, (k, 0.2)) for k in range(2)]
     first, second = (list(run_jobs(build, jobs, 2, Recorder())) for _ in range(2))
     assert {process for _, process, *_ in first} == {process for _, process, *_ in second}
-    assert all(process == built for _, process, built, _ in second)
+    assert {built for *_, built, _ in first} == {built for *_, built, _ in second}
+    assert os.getpid() not in {built for *_, built, _ in second}
 
 
 def test_signals_that_end_a_run_do_not_end_its_workers():
