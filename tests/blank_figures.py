@@ -24,8 +24,8 @@ def blank_figures(*, filled=False):
     """Write an empty file for every figure: in this process, for tests that look at none.
 
     Filled ones are drawn and not rendered. Figures are drawn and looked at in tests/results, and
-    drawn of whole runs by tests/docs/test_tutorial.py, tests/cli/test_design.py and for the run
-    folder of tests/report, the last two with rendering.
+    drawn of whole runs by tests/docs/test_tutorial.py and for the run folder of tests/report; with
+    rendering by tests/cli/test_design.py and tests/report/test_browser.py.
     """
     with ExitStack() as patched:
         patched.enter_context(patch.object(Figure, "savefig", _save))

@@ -35,8 +35,9 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_collection_finish():
-    """Leave the modules and the collected tests out of the garbage collections to come."""
+    """Leave modules and collected tests out of the garbage collections, which are fewer then."""
     gc.freeze()
+    gc.set_threshold(20_000, 20, 100)
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -73,8 +74,10 @@ def _started_sooner():
     """Build the command line once for all tests, and start workers when there are jobs for them.
 
     Typer builds it for every call. Workers are kept for one environment, and pytest writes the
-    name of the test into it.
+    name of the test into it. The same robot, loaded again, has the same base parameters.
     """
+    from tests.remembered import remembered_reach
+
     typer = importlib.import_module("typer.main")
     surroundings = importlib.import_module("expdesign.workers.local")._surroundings
 
@@ -82,7 +85,7 @@ def _started_sooner():
         folder, environment = surroundings()
         return folder, {k: v for k, v in environment.items() if k != "PYTEST_CURRENT_TEST"}
 
-    with pytest.MonkeyPatch.context() as patch:
+    with remembered_reach(), pytest.MonkeyPatch.context() as patch:
         built = functools.cache(typer.get_command)
         patch.setattr("typer.main.get_command", built)
         patch.setattr("typer.testing._get_command", built)

@@ -2,7 +2,7 @@ import pytest
 
 from expdesign.cli.app import app, run
 from tests.blank_figures import blank_figures
-from tests.remembered_proofs import remembered_proofs
+from tests.remembered import remembered_proofs
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -4,6 +4,7 @@ import pytest
 from typer.testing import CliRunner
 
 from expdesign.cli.app import app
+from tests.blank_figures import blank_figures
 from tests.tiny_run import run_every_stage
 
 HOSTILE = '<script>alert("x")</script> & "\'</style>'
@@ -11,11 +12,14 @@ HOSTILE = '<script>alert("x")</script> & "\'</style>'
 
 @pytest.fixture(scope="session")
 def whole(tiny_result, made_once):
-    """Return a run folder with every stage, made by the command line from a small design."""
+    """Return a run folder with every stage, made by the command line from a small design.
+
+    Its figures are drawn and not rendered.
+    """
 
     def make(place):
-        design = tiny_result
-        run_every_stage(place / "tiny", title=HOSTILE, design=design)
+        with blank_figures(filled=True):
+            run_every_stage(place / "tiny", title=HOSTILE, design=tiny_result)
 
     return made_once("report", make) / "tiny"
 

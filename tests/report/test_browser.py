@@ -14,10 +14,20 @@ from results.views.estimate import estimates_table
 from results.views.view import Page, PageSection
 from tests.estimation.cases import measured, run, trajectory
 from tests.report.browser import chromium
+from tests.report.conftest import HOSTILE
+from tests.tiny_run import run_every_stage
 
 pytestmark = pytest.mark.system("chromium")
 
 VIEW = "document.querySelector('figure.view')"
+
+
+@pytest.fixture(scope="module")
+def whole(tiny_result, tmp_path_factory):
+    """Return a run folder with every stage, with figures that are rendered."""
+    folder = tmp_path_factory.mktemp("rendered") / "tiny"
+    run_every_stage(folder, title=HOSTILE, design=tiny_result)
+    return folder
 
 
 @pytest.fixture(scope="module")

@@ -17,6 +17,7 @@ from expdesign.stages.execution import record_added
 from expdesign.stages.registry import reported_stages
 from results.render.run_report import run_page, write_report
 from results.views.folder import RunFolder
+from tests.blank_figures import blank_figures
 from tests.export.motions import task
 from tests.report.html import Page
 
@@ -60,7 +61,8 @@ def analysed(whole, made_once):
     def make(place):
         shutil.copytree(whole, place / "tiny")
         run = place / "tiny" / "run.yaml"
-        found = CliRunner().invoke(app, ["noise", str(run), "--out", str(run.parent)])
+        with blank_figures(filled=True):
+            found = CliRunner().invoke(app, ["noise", str(run), "--out", str(run.parent)])
         assert found.exit_code == 0, (found.output, found.exception)
 
     return made_once("noise", make) / "tiny"

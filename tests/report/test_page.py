@@ -130,9 +130,11 @@ def test_figures_are_drawn_in_the_formats_that_are_wanted(folder):
     # Those of one stage show it.
     for stage in ("design", "truth", "estimate", "validation"):
         (folder / f"{stage}.json").unlink()
+    shutil.rmtree(folder / "figures")
+    write_report(folder, reported_stages())
     drawn = folder / "figures" / "montecarlo_bias.svg"
     svg = drawn.read_bytes()
-    write_report(folder, reported_stages())
+    assert b"<path" in svg
     pdf = drawn.with_suffix(".pdf").read_bytes()
     assert pdf.startswith(b"%PDF")
     assert not drawn.with_suffix(".png").exists()
@@ -140,6 +142,9 @@ def test_figures_are_drawn_in_the_formats_that_are_wanted(folder):
     write_report(folder, reported_stages())
     assert drawn.with_suffix(".pdf").read_bytes() == pdf
     # How a figure is laid out does not depend on the formats.
+    run.write_text(text, encoding="utf-8")
+    drawn.unlink()
+    write_report(folder, reported_stages())
     assert drawn.read_bytes() == svg
 
 
