@@ -2,14 +2,13 @@
 
 import importlib.metadata
 import importlib.resources
-import subprocess
-import sys
 import tomllib
 import zipfile
 from configparser import ConfigParser
 from pathlib import Path
 
 import pytest
+from hatchling.builders.wheel import WheelBuilder
 
 from estimation.data.reading import file_formats
 
@@ -28,13 +27,7 @@ def project():
 def wheel(tmp_path_factory):
     """The names in a wheel of this tree, and the text of its entry points."""
     folder = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--disable-pip-version-check"]
-    options = ["--no-deps", "--no-build-isolation", "--no-index", "--wheel-dir", str(folder)]
-    built = subprocess.run(
-        [*command, *options, str(ROOT)], capture_output=True, text=True, check=False
-    )
-    assert built.returncode == 0, built.stderr
-    (path,) = folder.glob("*.whl")
+    (path,) = map(Path, WheelBuilder(str(ROOT)).build(directory=str(folder)))
     with zipfile.ZipFile(path) as archive:
         names = archive.namelist()
         (entry_points,) = (name for name in names if name.endswith(".dist-info/entry_points.txt"))

@@ -368,26 +368,25 @@ def _newton(
     bound = tolerance * np.max(np.abs(lengths), axis=1)
     values, jacobian = function(poses)
     residual = np.max(np.abs(values - lengths), axis=1)
+    rows = np.arange(len(poses))
     for _ in range(_NEWTON_STEPS):
-        reached = residual <= bound
-        step = _newton_step(jacobian, lengths - values)
-        factor = np.ones(len(poses))
-        trial = poses + step
-        for _ in range(_HALVINGS):
+        reached = residual[rows] <= bound[rows]
+        step = _newton_step(jacobian[rows], lengths[rows] - values[rows])
+        worse = rows
+        for halving in range(_HALVINGS):
+            trial = poses[worse] + step / 2**halving
             new_values, new_jacobian = function(trial)
-            new_residual = np.max(np.abs(new_values - lengths), axis=1)
-            worse = ~(new_residual <= residual)
-            if not np.any(worse):
+            new_residual = np.max(np.abs(new_values - lengths[worse]), axis=1)
+            better = new_residual <= residual[worse]
+            done = worse[better]
+            poses[done], values[done] = trial[better], new_values[better]
+            jacobian[done], residual[done] = new_jacobian[better], new_residual[better]
+            worse, step = worse[~better], step[~better]
+            if not worse.size:
                 break
-            factor = np.where(worse, factor / 2, factor)
-            trial = np.where(worse[:, None], poses + factor[:, None] * step, trial)
-        better = new_residual <= residual
-        poses = np.where(better[:, None], trial, poses)
-        values = np.where(better[:, None], new_values, values)
-        jacobian = np.where(better[:, None, None], new_jacobian, jacobian)
-        residual = np.where(better, new_residual, residual)
         # One step beyond the tolerance: convergence is quadratic, and it costs no more.
-        if np.all(reached | ~better):
+        rows = rows[~reached & ~np.isin(rows, worse)]
+        if not rows.size:
             break
     return poses, residual
 
@@ -402,10 +401,15 @@ def _newton_step(jacobian: Array, mismatch: Array) -> Array:
 
 
 def _follow(function: LengthsAndJacobian, lengths: Array, guess: Array) -> tuple[Array, Array]:
+    """Solve in steps from the guess; a row that misses one has left its branch and ends there."""
     start, _ = function(guess)
-    poses = guess.copy()
-    residual = np.full(len(poses), np.inf)
+    poses, rows = guess.copy(), np.arange(len(guess))
     for share in _WALK:
         tolerance = TOLERANCE if share == 1 else _WALK_TOLERANCE
-        poses, residual = _newton(function, start + share * (lengths - start), poses, tolerance)
-    return poses, residual
+        wanted = start[rows] + share * (lengths[rows] - start[rows])
+        poses[rows], residual = _newton(function, wanted, poses[rows], tolerance)
+        rows = rows[residual <= tolerance * np.max(np.abs(wanted), axis=1)]
+        if not rows.size:
+            break
+    found, _ = function(poses)
+    return poses, np.max(np.abs(found - lengths), axis=1)
