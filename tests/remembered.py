@@ -15,6 +15,7 @@ from expdesign.motion import planning, ramp_search
 from expdesign.recheck import certificate, excitable, reach
 
 _MADE = {}
+_CLASSES = set()
 
 
 @contextmanager
@@ -57,7 +58,7 @@ def _whole(value):
 
 
 class _ByContent(pickle.Pickler):
-    """Pickles dataclasses as their fields, without what they have cached; functions as code.
+    """Pickles dataclasses as their fields, without what they have cached, functions as code.
 
     Paths are left out: they are in messages only, and those of tests differ.
     """
@@ -65,6 +66,9 @@ class _ByContent(pickle.Pickler):
     def reducer_override(self, value):
         if isinstance(value, Path):
             return Path, ()
+        if isinstance(value, type):
+            _CLASSES.add(value)  # a later one has another number
+            return id, (id(value),)
         if isinstance(value, FunctionType):
             cells = [cell.cell_contents for cell in value.__closure__ or ()]
             own = value.__module__, value.__qualname__, hash(value.__code__)

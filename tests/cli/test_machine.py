@@ -19,6 +19,7 @@ UNEQUAL = """limits:
 def run_file(tmp_path, monkeypatch):
     """Write a run of a robot that ships, in a folder that is the current one."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("expdesign.cli.activity._SILENT", 600)  # a slow machine shows progress
 
     def write(robot, text=""):
         path = tmp_path / "a.yaml"
