@@ -98,20 +98,24 @@ def guess_data(
     units: dict[str, str] = {}
     chosen = _choose_columns(content, guess, units, groups)
     timed = "t" in chosen or content.has_time
+    assumed = {} if timed else {"sampling": 1.0}  # the lengths are read without it
     names = {channel: column.text for channel, column in chosen.items()}
     guess.section["columns"] = {channel: name for channel, name in names.items() if name != channel}
     needed = {f"{group}{j}" for group in groups for j in range(1, ACTUATORS + 1)}
-    if set(chosen) >= needed and timed:
+    if set(chosen) >= needed:
         keys = ("columns", "delimiter", "decimal", "header")
         section = DataSection.model_validate(
-            {key: guess.section[key] for key in keys if key in guess.section}
+            {key: guess.section[key] for key in keys if key in guess.section} | assumed
         )
         try:
             table = file_format.load(path, section if groups == "qQ" else section.of_group(groups))
         except InputError as error:
             guess.questions.extend(str(replace(one, file=None)) for one in error.problems)
         else:
-            _check_time(table, guess, units)
+            if timed:
+                _check_time(table, guess, units)
+            else:
+                guess.facts.append(f"{len(table)} rows")
             if "q" in groups:
                 _check_lengths(table, guess, units, robot)
     force = chosen.get(FORCE_CHANNELS[0])
@@ -122,7 +126,8 @@ def guess_data(
         )
     _check_scales(guess, units, robot)
     if force is not None and "Q" not in units and force.unit is None:
-        guess.questions.append("units: {Q: …}: not stated, N is assumed")
+        torque = "; a torque by its name: N m" if _TORQUE.search(force.name) else ""
+        guess.questions.append(f"units: {{Q: …}}: not stated, N is assumed{torque}")
     guess.section["units"] = {key: units[key] for key in ("t", "q", "Q") if key in units}
     for key in ("columns", "units"):
         if not guess.section[key]:
@@ -191,6 +196,7 @@ _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-zäöü]+|[^\W\d_]+")
 _COMPOUND = re.compile(r"(ist|soll|act|cmd|ref)(\w{2,})")
 _NUMBER = re.compile(r"\d+")
 _DUTY = re.compile(r"pwm|duty", re.IGNORECASE)
+_TORQUE = re.compile(r"torque|trq|tau|moment", re.IGNORECASE)
 _LETTER = re.compile(r"(?:.*[./_])?([qQ])(?:\(:,#\)|#)")
 """Names of the channels themselves, also in structs and as columns of matrices."""
 

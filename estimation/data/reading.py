@@ -120,7 +120,7 @@ def read_measurement(
         The file cannot be read, or its content cannot be used: every defect with column and row.
     """
     file, files = Path(path), section.files
-    if files is None or file != Path(files.lengths):
+    if files is None or file.resolve() != Path(files.lengths).resolve():
         table = format_of(file).load(file, section)
         return measurement_of(table, section, robot, plausible=plausible)
     lengths = _timed_table(file, section.of_group("q"))

@@ -234,13 +234,18 @@ def _read_document(text: str, kind: str, keys: tuple[str, ...]) -> Document:
     return Document(data, lines=converter.lines, texts=converter.texts, questions=questions)
 
 
-_QUESTION = re.compile(r"^ *# \?.*\n(?! *# \?)(?: *(?:# )?(\w+):)?", re.MULTILINE)
+_QUESTIONS = re.compile(r"((?:^ *# \?.*\n?)+)(?: *(?:# )?(\w+):)?", re.MULTILINE)
+_QUESTION_OF_A_KEY = re.compile(r"^ *# \? ([a-z]\w*):", re.MULTILINE)
 
 
 def _open_questions(text: str) -> Iterator[str]:
-    """Yield the key after each block of comments that begin with ``# ?``, or its line."""
-    for found in _QUESTION.finditer(text):
-        yield found[1] or f"line {text.count(chr(10), 0, found.start()) + 1}"
+    """Yield the keys of comments that begin with ``# ?``: their own, or the next one in the file.
+
+    A question without any has its line.
+    """
+    for found in _QUESTIONS.finditer(text):
+        line = f"line {text.count(chr(10), 0, found.start()) + 1}"
+        yield from dict.fromkeys(_QUESTION_OF_A_KEY.findall(found[1]) or [found[2] or line])
 
 
 # ruamel.yaml raises all of these for malformed input.

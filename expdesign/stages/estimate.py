@@ -151,7 +151,7 @@ def check_channels_of(work: Workspace) -> tuple[ChannelCheck, list[str], str]:
     if recording.source is PeriodSource.NONE:
         motion = f"{recording.period:.6g} s of a motion without a period, channels not checked"
     remarks = [
-        f"{file.name} of the robot {robot.name}: {motion}, at {1 / recording.step:.6g} Hz",
+        f"{file.name} of the robot {robot.name}: {motion}, at {1 / data.step:.6g} Hz",
         *data.warnings,
     ]
     if recording.motion_onset is not None:

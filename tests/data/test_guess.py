@@ -3,11 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from asammdf import MDF, Signal
 from scipy.io import savemat
 
-from estimation.data.guess import guess_data
+from estimation.data.guess import guess_data, guess_files
 from estimation.data.reading import read_measurement
 from expdesign.configuration import DataSection, InputError
 from expdesign.configuration.parameters import Drive, Screw
@@ -221,3 +222,22 @@ def test_units_that_an_mdf_file_states(unit, question, tmp_path, rec):
     assert guess.section["units"]["Q"] == unit
     assert len(guess.questions) == bool(question)
     assert all(question in text for text in guess.questions)
+
+
+def test_two_files_without_time_need_a_rate_and_units_alone(tmp_path, rec, palida):
+    """As drives store them: positions of motors, and torques, with the same names."""
+    names = [f"Joint_{j}" for j in range(1, 7)]
+    files = {"lengths": tmp_path / "pos.csv", "forces": tmp_path / "torque.csv"}
+    pd.DataFrame(rec.q / PER_RADIAN, columns=names).to_csv(files["lengths"], index=False)
+    pd.DataFrame(rec.Q * PER_RADIAN, columns=names).to_csv(files["forces"], index=False)
+    guess = guess_files(files["lengths"], files["forces"])
+    asked = [question.partition("{")[0] for question in guess.questions]
+    assert asked == ["no column is the time: state columns: ", "units: ", "units: "]
+    assert any("m is assumed; around" in question for question in guess.questions)
+    edited = {"units": {"q": "rad", "Q": "Nm"}, "sampling": "1 kHz"}
+    paths = {key: str(file) for key, file in files.items()}
+    section = DataSection.model_validate({**guess.section, "files": paths, **edited})
+    machine = replace(palida, drive=Drive(screw=Screw(lead=LEAD)))
+    found = read_measurement(tmp_path / ".." / tmp_path.name / "pos.csv", section, machine)
+    np.testing.assert_allclose(found.lengths, rec.q, rtol=1e-12)
+    np.testing.assert_allclose(found.forces, rec.Q, rtol=1e-12)
