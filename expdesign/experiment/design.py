@@ -135,7 +135,7 @@ def find_motion(
     build = partial(ready_plan if workers > 1 else plan_search, configuration, others)
     if workers > 1:
         prepare_workers(build)
-    plan = replace(plan_search(configuration, others), origin=origin)
+    plan = replace(build(), origin=origin)
     noise = noise_evaluator(configuration)
     if origin is None:
         structure = structural_base(noise.robot, noise.names)

@@ -32,8 +32,10 @@ FAILED = 0.003
 """Cost added to a motion for every hop from it without improvement: the best motion is often the
 end of its descent, and others are not (measured)."""
 FINISHED = 4
-"""Number of motions that are finished at once, the best first; more only if none keeps the
+"""Largest number of motions that are finished at once, the best first; more only if none keeps the
 limits."""
+LAG = 0.012
+"""Largest lag in cost, that is of efficiency, behind the best motion of those finished with it."""
 PROVED = 3
 """Largest number of finished motions that are proved, the best first, until a proof succeeds."""
 BUSY = 4
@@ -156,8 +158,7 @@ def search(
         )
     if clock.stop_requested():
         ended = "stopped" if monitor.stop_requested() else "design.max_seconds had passed"
-    tried = _polish_best(runner, motions, watch)
-    best = _prove_best(runner, plan, tried, watch)
+    best, tried = _finish_best(runner, plan, motions, watch)
     lost = "" if runner.lost is None else runner.lost.message
     every = sorted([*starts, *hops], key=attrgetter("index"))
     return SearchResult(
@@ -408,19 +409,30 @@ def _chance_text(hops: int) -> str:
     )
 
 
-def _polish_best(
-    runner: JobRunner, motions: Sequence[StartResult], monitor: Monitor
-) -> list[StartResult]:
-    """Finish the best motions, and more until one keeps the limits."""
+def _finish_best(
+    runner: JobRunner, plan: SearchPlan, motions: Sequence[StartResult], monitor: Monitor
+) -> tuple[StartResult, list[StartResult]]:
+    """Finish the best motions and prove the best of them; return that one and all finished ones.
+
+    Those that lag behind are finished if none of the others is proved, and more until one keeps
+    the limits.
+    """
     ranked = sorted(motions, key=_rank, reverse=True)
-    tried: list[StartResult] = []
-    for first in range(0, len(ranked), FINISHED):
-        batch = ranked[first : first + FINISHED]
+    *standing, value = ranked[0].rank
+    close = sum(start.rank >= (*standing, value - LAG) for start in ranked[:FINISHED])
+    ends = [0, close, *range(FINISHED, len(ranked), FINISHED), len(ranked)]
+    tried, proved = list[StartResult](), list[StartResult]()
+    for batch in (ranked[a:b] for a, b in pairwise(ends) if a < b):
         jobs = [Job(polish_start, (start,)) for start in batch]
-        tried += runner.run(jobs, monitor, after_stop=True)
-        if any(polished.check.passed for polished in tried) or monitor.stop_requested():
+        polished = list(runner.run(jobs, monitor, after_stop=True))
+        tried += polished
+        stopping = monitor.stop_requested()
+        if stopping or any(one.check.passed for one in polished):
+            proved.append(_prove_best(runner, plan, polished, monitor))
+        if stopping or any(one.check.certified or len(tried) >= FINISHED for one in proved):
             break
-    return tried
+    proved = proved or [_prove_best(runner, plan, tried, monitor)]
+    return max(proved, key=_rank), tried
 
 
 def _prove_best(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import gc
 import os
 import pickle
 import queue
@@ -302,12 +303,13 @@ class _Starter:
         self._made_for, self._recipe, self._has_forked = _surroundings(), b"", False
         self._connection, its = Pipe()
         handle = its.fileno()
+        program = (
+            f"import gc; gc.set_threshold{gc.get_threshold()}; "
+            f"from expdesign.workers.job import start_workers; start_workers({handle})"
+        )
         with its, _blocked_signals():
             self._process = subprocess.Popen(
-                [
-                    *(sys.executable, "-P", "-c"),
-                    f"from expdesign.workers.job import start_workers; start_workers({handle})",
-                ],
+                [sys.executable, "-P", "-c", program],
                 stdin=subprocess.DEVNULL,
                 stdout=_ERRORS,
                 env=_environment(),

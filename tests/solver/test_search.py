@@ -143,6 +143,7 @@ def module(monkeypatch, one_start):
         "prove_design",
         lambda _plan, _monitor, one: dataclasses.replace(one, merit=one.index),
     )
+    monkeypatch.setattr(found, "LAG", np.inf)
     return found
 
 
@@ -180,6 +181,32 @@ def test_the_best_of_the_rough_searches_are_refined(run, module, scripted, reach
     assert {event.start for event in monitor.events if event.phase == "done"} == {1, 3, 4}
     assert result.merits.keys() == {2, 5}
     assert result.best.index == 5
+
+
+@pytest.mark.parametrize(
+    ("unproved", "finished", "best"),
+    [((), {3, 5}, 3), ((3,), {3, 5}, 5), ((3, 5), {1, 2, 3, 5}, 1)],
+)
+def test_motions_that_lag_are_finished_if_the_others_are_not_proved(
+    run, module, scripted, reached, monkeypatch, unproved, finished, best
+):
+    values = {1: 0.02, 2: 1.0, 3: 0.0, 4: 2.0, 5: 0.01, 6: 3.0}
+
+    def prove(_plan, _monitor, one):
+        if one.index not in unproved:
+            return one
+        open_limits = [dataclasses.replace(limit, proved=np.inf) for limit in one.check.limits]
+        return dataclasses.replace(one, check=dataclasses.replace(one.check, limits=open_limits))
+
+    monkeypatch.setattr(module, "prove_design", prove)
+    monkeypatch.setattr(module, "LAG", 0.015)
+    scripted(
+        lambda _, index: reached(index, values[index], "random", status="", merit=-np.inf),
+        lambda start: reached(start.index, values[start.index], "random"),
+    )
+    result = run(starts=6, hops=0)
+    assert result.merits.keys() == finished
+    assert result.best.index == best
 
 
 def test_others_are_refined_when_the_best_are_useless(run, module, scripted, reached, monkeypatch):
