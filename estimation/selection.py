@@ -307,7 +307,8 @@ def _fitted_periods(recording: RecordingInformation, share: float) -> NormalEqua
 class RecordingInformation:
     """Information of one recording on (p, θ)."""
 
-    total: NormalEquations
+    total: Elimination
+    """With the motion eliminated."""
     columns: Array
     """(u,), zᵀ W z of the forces' columns, with the noise's own spectrum."""
     columns_white: Array
@@ -315,7 +316,6 @@ class RecordingInformation:
     samples: float
     """Number of single samples of the forces."""
     _system: JointSystem
-    _elimination: Elimination
     _order: Places
     """Order of the system's unknowns: (p, θ), then the motion."""
     _experiment: Experiment
@@ -351,7 +351,6 @@ class RecordingInformation:
             columns_white=np.concatenate([np.sum(flat_white**2, axis=0), tolerated]),
             samples=float(np.sum(part.counts)),
             _system=system,
-            _elimination=reduced,
             _order=order,
             _experiment=experiment,
             _part=part,
@@ -373,7 +372,7 @@ class RecordingInformation:
 
     def residual_chi_square(self, step: Array) -> tuple[float, int]:
         """Return χ² of the forces after a step of (p, θ), (u,), and the number of rows."""
-        motion = self._elimination.offset - self._elimination.slope @ step
+        motion = self.total.offset - self.total.slope @ step
         whole = np.zeros(len(self._order))
         whole[self._order] = np.concatenate([step, motion])
         rest = self._system.forces - self._system.columns @ whole
@@ -399,8 +398,8 @@ class RecordingInformation:
             rows = system.length_rows(own).reshape(-1, count)
             gradients += system.length_columns.reshape(-1, size).T @ rows
         gradients = gradients[self._order]
-        slope = self._elimination.slope
-        return np.asarray(total + gradients[:first] - slope.T @ gradients[first:]) / count
+        explained = self.total.slope.T @ gradients[first:]
+        return np.asarray(total + gradients[:first] - explained) / count
 
 
 @dataclass(frozen=True, eq=False)

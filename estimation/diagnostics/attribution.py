@@ -250,7 +250,7 @@ def _effects(
     """Fit all effects jointly."""
     fit = search.projection.conditional_on(()).fit(column_indices(found))
     effects, first = [], 0
-    sizes = [search.conditional_statistic(item, exclude(found, item)) for item in found]
+    sizes = [search.fit_given(item, exclude(found, item)).statistic for item in found]
     for item, others, size in zip(found, rivals, sizes, strict=True):
         chosen = slice(first, first + len(item.places))
         first = chosen.stop

@@ -49,7 +49,6 @@ from estimation.diagnostics.residual_covariance import (
     empirical_noise,
     held_out_residual_covariance,
     joint_residual_covariance,
-    length_residual_covariance,
     refit_lengths,
     with_empirical_colour,
 )
@@ -62,12 +61,7 @@ from estimation.diagnostics.residuals import (
     lack_of_fit,
     variance_comparison,
 )
-from estimation.diagnostics.significance import (
-    GAIN_DRIFT,
-    HARMONIC_LACK_OF_FIT,
-    LACK_OF_FIT,
-    NOISE,
-)
+from estimation.diagnostics.significance import GAIN_DRIFT, HARMONIC_LACK_OF_FIT, LACK_OF_FIT, NOISE
 from estimation.diagnostics.tolerance_test import tolerance_findings
 from estimation.diagnostics.verdict import check_convergence, check_motion_onset, verdict
 from estimation.estimators.experiment import Experiment
@@ -277,7 +271,7 @@ def _diagnose_experiment(
     else:
         # Neither effects of tolerances nor those of other weights are a bias.
         solved = tolerant.solution
-        own = joint_residual_covariance(case.filtered, experiment, solved)
+        own = joint_residual_covariance(experiment.noise.forces, part.counts, solved)
         forces = solved.force_residuals(), own
     lengths = _length_residuals(case, system, explained, attribution.columns)
     noises = _noise_tests(case, priors, None if held_out else estimate, NOISE / shares)
@@ -335,7 +329,9 @@ def _length_residuals(
     )
     if refitted is not None:
         return refitted
-    return case.filtered.lengths, length_residual_covariance(case.filtered, experiment, own)
+    columns = case.filtered.length_columns * np.sqrt(case.filtered.length_counts)[:, None, None]
+    expected = ResidualCovariance(experiment.noise.lengths, columns, -own, fitted=True)
+    return case.filtered.lengths, expected
 
 
 def _noise_tests(
@@ -380,7 +376,7 @@ def _tests(
     (forces, lengths), level = residuals, NOISE / shares
     first, last = attribution.first, attribution.last
     rest = explained.force_residuals()
-    rest_covariance = joint_residual_covariance(part, experiment, explained)
+    rest_covariance = joint_residual_covariance(experiment.noise.forces, part.counts, explained)
     both = (forces, (rest, rest_covariance))
     lack = [
         lack_of_fit(part, own, residuals=values, level=LACK_OF_FIT / shares) for values, own in both

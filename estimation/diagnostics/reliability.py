@@ -120,32 +120,22 @@ class CandidateReliability:
         return self.scores.fit(range(len(self.response)))
 
     @property
-    def freedom(self) -> int:
-        """Degrees of freedom of its test; 0: it cannot be tested."""
-        return self.fit.rank
-
-    @property
-    def covariance(self) -> Array:
-        """(q, q), I⁻¹."""
-        return self.fit.covariance
-
-    @property
     def log_p(self) -> float:
         """Logarithm of p of its test, uncorrected."""
-        statistic, rank = np.array(self.fit.statistic), np.array(self.freedom)
+        statistic, rank = np.array(self.fit.statistic), np.array(self.fit.rank)
         return float(log_tail(statistic, rank, self.scores.freedom))
 
     @property
     def is_possible(self) -> bool:
         """Whether its first value is within its bounds, or beyond them by noise alone."""
         first = slice(1)
-        values, covariance = self.fit.values[first], self.covariance[first, first]
+        values, covariance = self.fit.values[first], self.fit.covariance[first, first]
         return are_possible(values, covariance, *self.hypothesis.bounds)
 
     @property
     def noncentrality(self) -> float:
         """λ."""
-        return noncentrality(self.limit, self.freedom, self.scores.freedom)
+        return noncentrality(self.limit, self.fit.rank, self.scores.freedom)
 
 
 def candidate_reliability(
@@ -233,7 +223,7 @@ def join_recordings(
             root = root_of_pseudo_inverse(candidate.unknowns, DETERMINED)
         groups.setdefault(candidate.key, []).append(candidate)
     joint = (_join(own, root) if len(own) > 1 else own[0] for own in groups.values())
-    return tuple(each for each in joint if each.freedom)
+    return tuple(each for each in joint if each.fit.rank)
 
 
 def _join(own: Sequence[CandidateReliability], root: Array) -> CandidateReliability:
@@ -307,7 +297,7 @@ def common_effect_findings(
 
 def _is_rival(one: CandidateReliability, best: CandidateReliability) -> bool:
     """Return whether a candidate explains nearly as much as the best one, another effect."""
-    least = best.fit.statistic - scipy.stats.chi2.isf(RIVAL_LEVEL, best.freedom)
+    least = best.fit.statistic - scipy.stats.chi2.isf(RIVAL_LEVEL, best.fit.rank)
     return one.key[:3] != best.key[:3] and one.fit.statistic > least
 
 
@@ -330,10 +320,11 @@ def undetected_effects(
 
 
 def _undetected(own: CandidateReliability, names: Sequence[str], std: Array) -> UndetectedEffect:
-    spreads = np.einsum("kq,qr,kr->k", own.shift, own.covariance, own.shift)
+    covariance = own.fit.covariance
+    spreads = np.einsum("kq,qr,kr->k", own.shift, covariance, own.shift)
     shifts = np.sqrt(own.noncentrality * spreads)
     k = int(np.argmax(shifts / std))
-    direction, spread = own.covariance @ own.shift[k], float(spreads[k])
+    direction, spread = covariance @ own.shift[k], float(spreads[k])
     change = direction * np.sqrt(own.noncentrality / spread) if spread > 0 else direction
     moved = own.shift @ change
     kind, name, strut, constant = own.key
@@ -344,7 +335,7 @@ def _undetected(own: CandidateReliability, names: Sequence[str], std: Array) -> 
         strut=strut,
         parameter=name,
         constant=constant,
-        freedom=own.freedom,
+        freedom=own.fit.rank,
         size=float(np.linalg.norm(shown)),
         text=describe_candidate(own.hypothesis, name, strut, shown),
         shifts=dict(zip(names, shifts.tolist(), strict=True)),

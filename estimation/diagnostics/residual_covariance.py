@@ -64,12 +64,15 @@ class ResidualCovariance:
 
 
 def joint_residual_covariance(
-    part: Linearisation, experiment: Experiment, solved: SolvedSystem
+    noise: NoiseEstimate, counts: Array, solved: SolvedSystem
 ) -> ResidualCovariance:
-    """Return the covariance of e*, the residuals after the joint fit of all unknowns."""
+    """Return the covariance of e*, the residuals after the joint fit of all unknowns.
+
+    `noise` is that of one sample, `counts` the numbers of samples in the rows, (R,).
+    """
     system = solved.system
-    columns = system.force_rows.unscale(system.columns) * np.sqrt(part.counts)[:, None, None]
-    return ResidualCovariance(experiment.noise.forces, columns, -solved.inverse, fitted=True)
+    columns = system.force_rows.unscale(system.columns) * np.sqrt(counts)[:, None, None]
+    return ResidualCovariance(noise, columns, -solved.inverse, fitted=True)
 
 
 def held_out_residual_covariance(
@@ -81,14 +84,6 @@ def held_out_residual_covariance(
     covariance = sla.block_diag(own, motion, np.eye(part.sign_errors.shape[2]))
     columns = part.columns * np.sqrt(part.counts)[:, None, None]
     return ResidualCovariance(experiment.noise.forces, columns, covariance, fitted=False)
-
-
-def length_residual_covariance(
-    part: Linearisation, experiment: Experiment, motion_covariance: Array
-) -> ResidualCovariance:
-    """Return the covariance of the length residuals; `motion_covariance` is Cov(ξ̂), (x, x)."""
-    columns = part.length_columns * np.sqrt(part.length_counts)[:, None, None]
-    return ResidualCovariance(experiment.noise.lengths, columns, -motion_covariance, fitted=True)
 
 
 def refit_lengths(
@@ -119,10 +114,8 @@ def refit_lengths(
     signs = np.ones(part.sign_errors.shape[2])
     known = np.concatenate([np.zeros(motion - first), signs, tolerated, np.zeros(found.count)])
     alone = solved.system.restrict_to_lengths(first, known).solution
-    system, scale = alone.system, np.sqrt(part.length_counts)[:, None, None]
-    columns = system.force_rows.unscale(system.columns) * scale
-    covariance = ResidualCovariance(experiment.noise.lengths, columns, -alone.inverse, fitted=True)
-    return alone.force_residuals(), covariance
+    own = joint_residual_covariance(experiment.noise.lengths, part.length_counts, alone)
+    return alone.force_residuals(), own
 
 
 def with_empirical_colour(experiment: Experiment) -> Experiment:

@@ -272,7 +272,7 @@ class Search:
             for number, item in enumerate(found):
                 others = exclude(found, item)
                 rivals = self.find_rivals(item, others)
-                own = self._fit_given(item, others)
+                own = self.fit_given(item, others)
                 # Any significant candidate is better than one beyond its bounds.
                 least = 0.0
                 if item.is_possible(own.values, own.covariance):
@@ -328,7 +328,7 @@ class Search:
                 item, EffectFit(max(least, 0.0), own.rank, own.values, own.covariance)
             ):
                 continue
-            if self._is_significant(item, self._fit_given(item, [*others, rival])):
+            if self._is_significant(item, self.fit_given(item, [*others, rival])):
                 continue
             if rival.name not in found or log_p < found[rival.name][1]:
                 found[rival.name] = (rival, log_p)
@@ -342,18 +342,13 @@ class Search:
         places = item.places if item.scan is None else item.places[:2]
         return conditional.fit(places)
 
-    def _fit_given(self, item: EffectCandidate, others: Sequence[EffectCandidate]) -> EffectFit:
+    def fit_given(self, item: EffectCandidate, others: Sequence[EffectCandidate]) -> EffectFit:
+        """Return the fit of a candidate, given others."""
         return self._fit(item, self.projection.conditional_on(column_indices(others)))
-
-    def conditional_statistic(
-        self, item: EffectCandidate, others: Sequence[EffectCandidate]
-    ) -> float:
-        """Return χ² of a candidate, given others."""
-        return self._fit_given(item, others).statistic
 
     def conditional_log_p(self, item: EffectCandidate, others: Sequence[EffectCandidate]) -> float:
         """Return log p of a candidate, given others, uncorrected for its family."""
-        return item.log_p(self._fit_given(item, others), self.projection.freedom)
+        return item.log_p(self.fit_given(item, others), self.projection.freedom)
 
 
 def column_indices(items: Sequence[EffectCandidate]) -> Places:

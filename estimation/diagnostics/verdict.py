@@ -83,21 +83,18 @@ _NOISE_WHITE = Assumption(
     "check for a filter in the measurement, and remove it or sample more slowly: with correlated "
     "noise the standard deviations are too small",
 )
-_NOISE_WHITE_OR_COUNTED = Assumption(
-    "the noise is white",
-    "the noise is correlated in time",
-    "no action needed: the standard deviations account for it",
-    serious=False,
+_NOISE_WHITE_OR_COUNTED = replace(
+    _NOISE_WHITE, advice="no action needed: the standard deviations account for it", serious=False
 )
 _NO_OUTLIERS = Assumption(
     "no outliers",
     "there are outliers",
     "inspect them, and estimate with the robust loss (`estimate.loss: huber`)",
 )
-_OUTLIERS_COUNT_LESS = Assumption(
-    _NO_OUTLIERS.text,
-    "there are outliers, and the robust loss reduces their weight",
-    "find their source; the estimate is hardly affected",
+_OUTLIERS_COUNT_LESS = replace(
+    _NO_OUTLIERS,
+    contradiction="there are outliers, and the robust loss reduces their weight",
+    advice="find their source; the estimate is hardly affected",
     serious=False,
 )
 _SAME_SIZE = Assumption(
@@ -106,10 +103,9 @@ _SAME_SIZE = Assumption(
     "estimate with the noise of the recording (`estimate.noise: estimated`, `spectrum: auto`), "
     "whose weights account for its size: the standard deviations do not",
 )
-_SIZE_WEIGHTED = Assumption(
-    _SAME_SIZE.text,
-    _SAME_SIZE.contradiction,
-    "no action needed: weights and standard deviations account for it",
+_SIZE_WEIGHTED = replace(
+    _SAME_SIZE,
+    advice="no action needed: weights and standard deviations account for it",
     serious=False,
 )
 _NORMAL = Assumption(

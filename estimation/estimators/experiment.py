@@ -7,12 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from constraints.arrays import Array, Mask
-from estimation.kinematics import (
-    MotionFit,
-    PointwiseMotion,
-    expected_signs,
-    rate_spread,
-)
+from estimation.kinematics import MotionFit, PointwiseMotion, expected_signs, rate_spread
 from estimation.measurement_model import Motion
 from estimation.measurement_model.prediction import held_regressor_kernel
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodicRecording, PeriodSource
@@ -49,6 +44,8 @@ class Experiment:
     """(S, s), standard deviations of the rates of friction at the force samples."""
     fitted_regressors: Array
     """(R, 6, m), A at the samples, along the motion that was estimated from the lengths."""
+    certainty: Array
+    """(S,), share of the noise in the variance of noise and unknown signs of friction."""
     pointwise: PointwiseMotion | None = None
     refined_motion: MotionEstimate | None = None
     """Motion of ML: a spline, or with the harmonics that only forces and lengths together
@@ -58,8 +55,6 @@ class Experiment:
     show; None if there are none. Estimated from the lengths alone, they would add their noise to
     the regressors, more of it in accelerations the higher they are: with 40 harmonics it can be
     larger than the motion."""
-    certainty: Array | None = None
-    """(S,), noise in the variance of noise and unknown signs of friction; None: 1."""
     linear_noise: NoiseEstimate | None = None
     """Noise by which GM weights the forces, with the error of the motion; None: that of them."""
 
@@ -83,23 +78,24 @@ class Experiment:
         """Build an experiment from a motion and the spread of its rates (zero: a known motion)."""
         signs = expected_signs(robot, fit.motion, recording.forces.times, spread)
         regressors = regressors_along(robot, fit.motion, recording.forces.times, signs)
-        return cls(recording, noise, fit, spread, regressors)
+        return cls(recording, noise, fit, spread, regressors, np.ones(len(signs)))
 
     @classmethod
     def from_points(
         cls, robot: Robot, recording: PeriodicRecording, noise: NoiseModel, motion: PointwiseMotion
     ) -> Experiment:
         """Build an experiment from pointwise kinematics."""
-        return cls(recording, noise, None, None, regressors_at(robot, motion), motion)
+        certainty = np.ones(len(recording.forces.times))
+        return cls(recording, noise, None, None, regressors_at(robot, motion), certainty, motion)
 
     def with_known_motion(self, robot: Robot, motion: Motion) -> Experiment:
         """Return the experiment with states and regressors of a motion, taken as known.
 
         Samples with uncertain signs are left out, unless a filter weights them.
         """
-        times, known = self.recording.forces.times, np.ones(len(self.certainties), dtype=bool)
+        times, known = self.recording.forces.times, np.ones(len(self.certainty), dtype=bool)
         if self.noise.forces.filter is None:
-            known = self.certainties > KNOWN
+            known = self.certainty > KNOWN
         rows = np.flatnonzero(known)
         return replace(
             self,
@@ -220,15 +216,7 @@ class Experiment:
     @property
     def effective_counts(self) -> Array:
         """(R,) counts as weights of the rows, less where signs of friction are uncertain."""
-        if self.certainty is None:
-            return self.counts
         return self.counts * self.select_rows(self.certainty)
-
-    @property
-    def certainties(self) -> Array:
-        """(S,), the same; 1 where it is None."""
-        forces = self.recording.forces.values
-        return np.ones(len(forces)) if self.certainty is None else self.certainty
 
     def row_counts(self, weights: NoiseEstimate) -> Array:
         """Return the weights of the rows, (R,), for this noise; its filter may have its own."""
@@ -273,7 +261,7 @@ class Experiment:
     @property
     def known_rows(self) -> Mask:
         """(R,), rows whose residuals are noise: those without uncertain signs."""
-        return self.select_rows(self.certainties) > KNOWN
+        return self.select_rows(self.certainty) > KNOWN
 
     @property
     def times(self) -> Array:

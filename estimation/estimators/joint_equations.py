@@ -35,12 +35,7 @@ from estimation.estimators.experiment import Experiment
 from estimation.estimators.priors import ParameterPriors
 from estimation.kinematics import add_time_spread, signs_along
 from estimation.measurement_model import HarmonicMotion, Motion
-from estimation.measurement_model.motion import (
-    MotionColumns,
-    NormalEquations,
-    Rows,
-    Samples,
-)
+from estimation.measurement_model.motion import MotionColumns, NormalEquations, Rows, Samples
 from estimation.measurement_model.prediction import (
     chunks,
     force_kernel,

@@ -78,51 +78,46 @@ def maximum_likelihood(
         theta[: len(constants)] = start.systematic.values[: len(constants)]
     values = np.concatenate([start.values, theta])
     motions = [experiment.motion for experiment in experiments]
-    equations = problem.equations(values, motions, _reuse_equations(problem, start, motions))
-    cost = problem.cost(equations, values)
-    damping, iterations, status = 0.0, 0, "stopped at the maximum number of iterations"
+    point = problem.at(values, motions, _reuse_equations(problem, start, motions))
+    damping, status = 0.0, "stopped at the maximum number of iterations"
     converged = False
-    move = problem.step(equations, values, motions, damping)
+    move = problem.step(point, damping)
     eliminated = move.eliminated
-    for _ in range(_STEPS):
-        iterations += 1
+    for iterations in range(1, _STEPS + 1):
         report_progress(f"maximum likelihood, step {iterations}")
-        trial = problem.try_move(move, cost)
+        trial = problem.try_move(move, point.cost)
         if trial is not None:
-            values, motions = move.values, trial.motions
-            equations, cost = trial.equations, trial.cost
-            move = trial.following
+            point, move = trial
             eliminated = move.eliminated
             if move.decrement < _CONVERGED**2:
                 converged, status = True, "converged"
                 break
             damping = damping / 10 if damping > _SMALLEST_DAMPING else 0.0
             if damping:
-                move = problem.step(equations, values, motions, damping)
+                move = problem.step(point, damping)
         else:
             damping = max(10 * damping, _FIRST_DAMPING)
             if damping > _LARGEST_DAMPING:
                 status = "no step improves the fit any more"
                 break
-            move = problem.step(equations, values, motions, damping)
+            move = problem.step(point, damping)
     inverse = joint_priors.inverse(joint_priors.precision + sum(each.matrix for each in eliminated))
     influences = [
-        _influence(problem, experiment, motion, values, each, inverse)
-        for experiment, motion, each in zip(experiments, motions, eliminated, strict=True)
+        _influence(problem, experiment, motion, point.values, each, inverse)
+        for experiment, motion, each in zip(experiments, point.motions, eliminated, strict=True)
     ]
-    if converged:
-        # This step is known already; the remaining one is smaller by orders of magnitude.
-        values, motions = move.values, move.motions
+    # This step is known already; the remaining one is smaller by orders of magnitude.
+    last = move if converged else point
     return ParameterEstimate.of(
         influences,
         joint_priors,
         inverse,
-        values,
+        last.values,
         deviations,
         began=began,
         estimator="ml",
-        motions=tuple(motions),
-        cost=cost,
+        motions=tuple(last.motions),
+        cost=point.cost,
         iterations=iterations,
         converged=converged,
         status=status,
@@ -181,13 +176,13 @@ class _Move:
 
 
 @dataclass(frozen=True, eq=False)
-class _Trial:
-    """The end of an accepted step, and the undamped step from there."""
+class _Point:
+    """Values of (p, θ) and motions, with their joint equations and cost."""
 
-    motions: list[Motion]
+    values: Array
+    motions: Sequence[Motion]
     equations: list[NormalEquations]
     cost: float
-    following: _Move
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,26 +202,27 @@ class _Problem:
         """Return the machine at (p, θ), (m + t,)."""
         return PerturbedMachine.of(self.robot, self.deviations, values[self.parameters :])
 
-    def equations(
+    def at(
         self,
         values: Array,
         motions: Sequence[Motion],
         forces: Sequence[NormalEquations | None] = (),
-    ) -> list[NormalEquations]:
-        """Return the joint equations at values and motions, reusing known ones of the forces."""
+    ) -> _Point:
+        """Evaluate the joint equations, with those of the forces that are known already."""
         machine = self.machine(values)
         own, free = values[: self.parameters], self.priors.free[: self.parameters]
         known = forces or [None] * len(motions)
-        return [
+        equations = [
             machine.joint_equations(each, motion, own, free, already)
             for each, motion, already in zip(self.experiments, motions, known, strict=True)
         ]
+        cost = sum(each.cost for each in equations) + self.priors.equations(values).cost
+        return _Point(values, motions, equations, cost)
 
-    def cost(self, equations: Sequence[NormalEquations], values: Array) -> float:
-        return sum(each.cost for each in equations) + self.priors.equations(values).cost
+    def try_move(self, move: _Move, cost: float) -> tuple[_Point, _Move] | None:
+        """Return the end of a step from a point of this cost, and the undamped step from there.
 
-    def try_move(self, move: _Move, cost: float) -> _Trial | None:
-        """Evaluate the end of a step from a point of this cost; None: it is no improvement.
+        None: it is no improvement.
 
         The measured lengths are nearly exact, and a step along the tangent of (θ, ξ) leaves the
         motions that have them: there the motions are corrected with the parameters fixed, as long
@@ -234,12 +230,11 @@ class _Problem:
         """
         motions, best = move.motions, np.inf
         for _ in range(_CORRECTIONS + 1):
-            equations = self.equations(move.values, motions)
-            trial_cost = self.cost(equations, move.values)
-            if not trial_cost < best:
+            point = self.at(move.values, motions)
+            if not point.cost < best:
                 return None
             try:
-                following = self.step(equations, move.values, motions, 0.0)
+                following = self.step(point, 0.0)
             except np.linalg.LinAlgError:  # so far off that nothing determines the motions
                 return None
             # The derivatives hold the expected signs constant: this solves the score equation, and
@@ -247,24 +242,18 @@ class _Problem:
             # no measure of progress; there, the next step must be much shorter than this one.
             close = move.decrement <= len(move.values)
             shorter = close and following.decrement <= _CONTRACTION**2 * move.decrement
-            if trial_cost <= cost or shorter:
-                return _Trial(motions, equations, trial_cost, following)
-            best = trial_cost
+            if point.cost <= cost or shorter:
+                return point, following
+            best = point.cost
             pairs = zip(motions, following.eliminated, strict=True)
             motions = [motion.add_step(each.offset) for motion, each in pairs]
         return None
 
-    def step(
-        self,
-        equations: Sequence[NormalEquations],
-        values: Array,
-        motions: Sequence[Motion],
-        damping: float,
-    ) -> _Move:
+    def step(self, point: _Point, damping: float) -> _Move:
         """Take a (damped) Gauss–Newton step."""
-        known = self.priors
+        known, values = self.priors, point.values
         count = int(np.count_nonzero(known.free))
-        eliminated = [each.eliminate(count, damping) for each in equations]
+        eliminated = [each.eliminate(count, damping) for each in point.equations]
         total = sum(eliminated, known.equations(values))
         information = total.matrix
         if damping:
@@ -275,7 +264,7 @@ class _Problem:
         # Parameters at a bound keep their gradient: only the step taken counts.
         decrement = float(move @ information @ move)
         new_motions = []
-        for each, whole, motion in zip(eliminated, equations, motions, strict=True):
+        for each, whole, motion in zip(eliminated, point.equations, point.motions, strict=True):
             decrement += float(each.offset @ whole.gradient[count:])
             step = each.offset - each.slope @ move
             new_motions.append(motion.add_step(step))

@@ -190,7 +190,7 @@ def _recording(prepared: PreparedRecording, fingerprint: str) -> EstimatedRecord
         period_source=recording.source.value,
         jitter=float(prepared.jitter),
         harmonics=prepared.harmonics,
-        harmonics_of_forces=prepared.harmonics_of_forces,
+        harmonics_of_forces=prepared.experiment.harmonics,
         fewest_harmonics=prepared.fewest_harmonics,
         knot_spacing=fit.motion.spacing if fit and isinstance(fit.motion, SplineMotion) else None,
         noise=WeightingNoise(

@@ -493,9 +493,9 @@ def _warnings(
             if own.includes_model_error and single is None
         ]
         found += [where + warning for warning in recording.warnings]
-        if recording.harmonics_of_forces != recording.harmonics:
+        if (together := recording.experiment.harmonics) != recording.harmonics:
             found.append(
-                f"{where}the forces show {recording.harmonics_of_forces} harmonics of the motion, "
+                f"{where}the forces show {together} harmonics of the motion, "
                 f"the lengths alone {recording.harmonics}: LS and GM use only these, and their "
                 "intervals are too narrow. Use ML, which estimates all of them"
             )

@@ -28,11 +28,7 @@ from estimation.identification.periods import (
     choose_omega,
     period_warning,
 )
-from estimation.identification.single_shot import (
-    estimate_noise,
-    smooth_channels,
-    spline_experiment,
-)
+from estimation.identification.single_shot import estimate_noise, smooth_channels, spline_experiment
 from estimation.kinematics import (
     MotionFit,
     MotionFitError,
@@ -221,11 +217,6 @@ class PreparedRecording:
         """Harmonics of the fitted motion; None if it is no Fourier series."""
         fit = self.experiment.fit
         return None if fit is None else fit.motion.harmonics
-
-    @property
-    def harmonics_of_forces(self) -> int | None:
-        """Harmonics of the motion that ML estimates, supported by forces and lengths together."""
-        return self.experiment.harmonics
 
 
 def _cutoff(

@@ -9,11 +9,7 @@ from typing import Annotated, Any, ClassVar, TypeVar
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.diagnostics.diagnosis_result import (
-    Diagnosis,
-    RecordingDiagnosis,
-    RecordingTables,
-)
+from estimation.diagnostics.diagnosis_result import Diagnosis, RecordingDiagnosis, RecordingTables
 from estimation.diagnostics.noise_result import CovarianceRow, NoiseCovariances, covariance_rows
 from estimation.estimators.result import TEN
 from estimation.identification.estimator_result import (

@@ -196,10 +196,10 @@ def _linear_noise(
         if not noise.includes_model_error:
             return present.with_sign_variance(robot, values), noise, values
         present = _weigh_signs(robot, present, noise, values)
-        known = present.certainties * _motion_certainty(robot, present, values)
+        known = present.certainty * _motion_certainty(robot, present, values)
         residuals, share = rest - columns @ move, columns @ root
         linear = autoregressive_noise(residuals, share, known, origin, always=True)
-        noise = autoregressive_noise(residuals, share, present.certainties, origin)
+        noise = autoregressive_noise(residuals, share, present.certainty, origin)
         before, level = level, _level(linear)
         if abs(level - before) < _SETTLED:
             break
@@ -215,8 +215,8 @@ def _weigh_signs(
     predicted.
     """
     white = replace(noise.as_white(), covariance=_unpredicted(noise))
-    present = replace(experiment, noise=replace(experiment.noise, forces=white), certainty=None)
-    return present.with_sign_variance(robot, values)
+    noises, certain = replace(experiment.noise, forces=white), np.ones(len(experiment.certainty))
+    return replace(experiment, noise=noises, certainty=certain).with_sign_variance(robot, values)
 
 
 def _unpredicted(noise: NoiseEstimate) -> Array:
@@ -287,7 +287,7 @@ def _joint_estimate(
             own = autoregressive_noise(
                 recording.forces.values - found.values,
                 found.columns(free).times(errors / np.sqrt(_DRAWN)),
-                present.certainties,
+                present.certainty,
                 assumed,
             )
             present = replace(present, noise=replace(present.noise, forces=own))

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated, Self
 
 import numpy as np
 from numpy.linalg import LinAlgError
 
 from estimation.diagnostics.finding import Assumption, Finding
-from estimation.estimators import Experiment, ParameterPriors, linear_estimate
+from estimation.estimators import (
+    Experiment,
+    ParameterEstimate,
+    ParameterPriors,
+    linear_estimate,
+)
 from estimation.identification.calibration import estimated_machine
 from estimation.identification.recording import linearise_at_load, with_residual_noise
 from estimation.selection import Evidence, Judge, SelectionRow, find_imitations, select
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
-from expdesign.configuration.estimate import DEFAULT_LEVEL, SelectionCriterion
+from expdesign.configuration.estimate import DEFAULT_LEVEL, SelectionCriterion, SelectSection
 from expdesign.configuration.parameters import FurtherTerms, TermDescription
 from expdesign.configuration.run import add_terms
 from expdesign.information.identifiable import listed
@@ -153,13 +159,13 @@ class Selection:
         section = configuration.run.estimate.select
         if section is None:
             return None
-        last = cls._at(configuration, robot, experiments, hold_constants(section.candidates))
+        choose = partial(cls._at, configuration, robot, experiments, section)
+        last = choose(hold_constants(section.candidates))
         for _ in range(1, _ROUNDS):
             if not any(c.estimate for term in last.added for c in term.constants.values()):
                 return last
             machine = _found(add_terms(configuration, last.added), experiments)
-            judged = hold_constants(section.candidates, machine)
-            before, last = last, cls._at(configuration, robot, experiments, judged)
+            before, last = last, choose(hold_constants(section.candidates, machine))
             if set(last.chosen) == set(before.chosen):
                 return last
         return replace(last, settled=False)
@@ -170,12 +176,10 @@ class Selection:
         configuration: RunConfiguration,
         robot: Robot,
         experiments: Sequence[Experiment],
+        section: SelectSection,
         judged: FurtherTerms,
     ) -> Self:
         """Choose among candidates with these constants."""
-        section = configuration.run.estimate.select
-        if section is None:
-            raise ValueError("the run has no candidates")
         wide = robot_from(add_terms(configuration, judged).robot)
         terms = {term.name: term for term in wide.terms}
         priors = ParameterPriors.of(wide, configuration.run.estimate)
@@ -195,11 +199,7 @@ class Selection:
         priors = replace(priors, lower=-unbounded, upper=unbounded)
         own = np.isin(priors.names, robot.parameter_names)
         without = replace(priors, free=priors.free & own)
-        present = with_residual_noise(
-            wide, [experiment.with_terms_of(wide) for experiment in experiments], priors
-        )
-        wide, loaded = linearise_at_load(wide, present, without)
-        found = linear_estimate(wide, loaded, without, "gm")
+        wide, loaded, found = _gauss_markov(wide, experiments, priors, without)
         # Constants of the robot's own terms may have been found, too.
         machine = estimated_machine(wide, found.systematic).robot
         if machine is not wide:
@@ -217,7 +217,7 @@ class Selection:
             ) from error
         chosen, steps = select(judge)
         imitations = find_imitations(judge, chosen)
-        held_out = "recordings" if len(present) > 1 else "periods"
+        held_out = "recordings" if len(loaded) > 1 else "periods"
         return cls(
             by=section.by,
             level=level,
@@ -236,11 +236,17 @@ def _found(configuration: RunConfiguration, experiments: Sequence[Experiment]) -
     """Return the robot of a run with its constants as GM finds them together with parameters."""
     robot = robot_from(configuration.robot)
     priors = ParameterPriors.of(robot, configuration.run.estimate)
-    present = with_residual_noise(
-        robot, [experiment.with_terms_of(robot) for experiment in experiments], priors
-    )
-    robot, loaded = linearise_at_load(robot, present, priors)
-    return estimated_machine(robot, linear_estimate(robot, loaded, priors, "gm").systematic).robot
+    robot, _, found = _gauss_markov(robot, experiments, priors, priors)
+    return estimated_machine(robot, found.systematic).robot
+
+
+def _gauss_markov(
+    robot: Robot, experiments: Sequence[Experiment], of_noise: ParameterPriors, own: ParameterPriors
+) -> tuple[Robot, tuple[Experiment, ...], ParameterEstimate]:
+    """Estimate the free parameters of `own`, with a noise left by those of `of_noise`."""
+    present = [experiment.with_terms_of(robot) for experiment in experiments]
+    robot, loaded = linearise_at_load(robot, with_residual_noise(robot, present, of_noise), own)
+    return robot, loaded, linear_estimate(robot, loaded, own, "gm")
 
 
 def hold_constants(

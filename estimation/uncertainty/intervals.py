@@ -177,14 +177,10 @@ def identified_combinations(
     The partner is the parameter with the largest correlation. The factor makes the combination
     uncorrelated with the weak parameter, which minimises its variance.
     """
-    scales = robot.scales
-    std = np.sqrt(np.diag(covariance))
-    found = []
-    for k in np.flatnonzero(std >= IDENTIFIABLE * scales):
-        ratio = np.zeros(len(names))
-        known = std > 0
-        ratio[known] = covariance[k, known] / (std[k] * std[known])
-        ratio[k] = 0.0
+    scales, ratios, found = robot.scales, correlation(covariance), []
+    np.fill_diagonal(ratios, 0.0)
+    for k in np.flatnonzero(np.sqrt(np.diag(covariance)) >= IDENTIFIABLE * scales):
+        ratio = ratios[k]
         j = int(np.argmax(np.abs(ratio)))
         if ratio[j] == 0:
             continue  # no other parameter is free or correlated

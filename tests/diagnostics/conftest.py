@@ -150,9 +150,8 @@ class LinearTwin:
     def law(self, kind):
         if kind == "held out":
             return held_out_residual_covariance(self.part, self.experiment, self.estimates["gm"])
-        return joint_residual_covariance(
-            self.part, self.experiment, self.system(self.part).solution
-        )
+        noise, counts = self.experiment.noise.forces, self.part.counts
+        return joint_residual_covariance(noise, counts, self.system(self.part).solution)
 
     def draw(self, rng, kind):
         """Return the linearisation with the residuals that are tested.

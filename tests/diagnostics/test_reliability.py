@@ -82,7 +82,7 @@ def test_a_joint_moves_no_parameter_by_more_in_any_direction(lab):
         if (one.kind, one.parameter, one.strut) == ("joint", "platform", 2)
     )
     directions = np.random.default_rng(1).standard_normal((4000, 3))
-    information = np.linalg.inv(joint.covariance)
+    information = np.linalg.inv(joint.fit.covariance)
     sizes = np.einsum("di,ij,dj->d", directions, information, directions)
     changes = directions * np.sqrt(joint.noncentrality / sizes)[:, None]
     moved = np.max(np.abs(changes @ joint.shift.T), axis=0)
@@ -112,13 +112,13 @@ def test_the_spread_is_that_of_sizes_below_the_detectable_one(lab):
     spread = undetected_std(diagnosis.undetected)
     rng, largest = np.random.default_rng(2), np.zeros(len(spread))
     for candidate in join_recordings([recording.reliability]):
-        sizes, axes = np.linalg.eigh(candidate.covariance * candidate.noncentrality)
+        sizes, axes = np.linalg.eigh(candidate.fit.covariance * candidate.noncentrality)
         seen = sizes > 1e-9 * sizes[-1]
-        assert np.count_nonzero(seen) == candidate.freedom
+        assert np.count_nonzero(seen) == candidate.fit.rank
         root = axes[:, seen] * np.sqrt(sizes[seen])
-        directions = rng.standard_normal((20000, candidate.freedom))
+        directions = rng.standard_normal((20000, candidate.fit.rank))
         inside = directions * (
-            rng.uniform(size=(20000, 1)) ** (1 / candidate.freedom)
+            rng.uniform(size=(20000, 1)) ** (1 / candidate.fit.rank)
             / np.linalg.norm(directions, axis=1)[:, None]
         )
         moved = inside @ (candidate.shift @ root).T
@@ -151,7 +151,8 @@ def test_an_effect_in_all_recordings_is_tested_in_all_of_them_together():
     _, after = diagnosed(effect.size)
     moved = after.fit.values[0] - before.fit.values[0]
     assert moved == pytest.approx(effect.size, rel=0.02)
-    assert effect.size**2 / after.covariance[0, 0] == pytest.approx(after.noncentrality, rel=0.02)
+    sigmas = effect.size**2 / after.fit.covariance[0, 0]
+    assert sigmas == pytest.approx(after.noncentrality, rel=0.02)
     finding = diagnosed(1.5 * effect.size)[0].verdict.failed[0]
     assert finding.contradiction.startswith("all recordings together: the model lacks")
     assert "a constant force" in finding.sentence

@@ -138,8 +138,8 @@ def test_samples_at_rest_do_not_show_friction():
     experiment = prepare_experiment(
         run({"differentiation": "spline", "noise": "given"}), ROBOT, rest, None
     )
-    assert np.sum(experiment.certainties[50 : still - 50]) < 3
-    assert np.mean(experiment.certainties[still + 50 :]) > 0.8
+    assert np.sum(experiment.certainty[50 : still - 50]) < 3
+    assert np.mean(experiment.certainty[still + 50 :]) > 0.8
 
 
 def simulate(count, coefficient, rng):
