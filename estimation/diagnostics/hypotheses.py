@@ -169,6 +169,21 @@ def _candidates(
     return Candidates(labels=tuple(labels), columns=columns, places=tuple(map(tuple, groups)))
 
 
+def _by_constant(
+    effects: CandidateEffects,
+    labels: Sequence[Label],
+    constants: Sequence[float],
+    columns: Callable[[float], Signature],
+) -> Candidates:
+    """Return candidates for every constant, one for each of its columns and these labels."""
+    return Candidates(
+        labels=tuple(labels) * len(constants),
+        columns=Signature.concatenate([Signature.none(effects.part), *map(columns, constants)]),
+        constants=tuple(constant for constant in constants for _ in labels),
+        at=lambda label, constant: columns(constant).select([labels.index(label)]),
+    )
+
+
 def _all_and_each(columns: Signature) -> Candidates:
     """Return the sum of six columns as a candidate, and each of them."""
     return _candidates(_with_sum(columns), (_ALL, *_EACH))
@@ -210,8 +225,7 @@ def _in_groups(*names: str, groups: Mapping[Label, Sequence[int]]) -> _Finder:
 
 def _stribeck(effects: CandidateEffects) -> Candidates:
     """Return friction near standstill, in all actuators in proportion to their dry friction."""
-    speeds, labels = STRIBECK_VELOCITIES if effects.lacks("stribeck") else (), (_ALL, *_EACH)
-
+    speeds = STRIBECK_VELOCITIES if effects.lacks("stribeck") else ()
     values = dict(zip(effects.robot.parameter_names, effects.values, strict=True))
     dry = np.array([max(values.get(name, 1.0), 0.0) for name in actuator_names("r")])
     shares = dry / np.mean(dry) if np.any(dry) else np.ones(ACTUATORS)
@@ -219,12 +233,7 @@ def _stribeck(effects: CandidateEffects) -> Candidates:
     def of_speed(speed: float) -> Signature:
         return _with_sum(effects.term("stribeck", velocity=speed), shares)
 
-    return Candidates(
-        labels=labels * len(speeds),
-        columns=Signature.concatenate([Signature.none(effects.part), *map(of_speed, speeds)]),
-        constants=tuple(speed for speed in speeds for _ in labels),
-        at=lambda label, speed: of_speed(speed).select([labels.index(label)]),
-    )
+    return _by_constant(effects, (_ALL, *_EACH), speeds, of_speed)
 
 
 def _saturation(effects: CandidateEffects) -> Candidates:
@@ -259,12 +268,7 @@ def _delay(effects: CandidateEffects) -> Candidates:
     """Return the delay of all forces, by its secants."""
     step = effects.experiment.recording.step
     seconds = tuple(steps * step for steps in _DELAYS) if effects.shows_delay else ()
-    return Candidates(
-        labels=(_ALL,) * len(seconds),
-        columns=Signature.concatenate([Signature.none(effects.part), *map(effects.delay, seconds)]),
-        constants=seconds,
-        at=lambda _, seconds: effects.delay(seconds),
-    )
+    return _by_constant(effects, (_ALL,), seconds, effects.delay)
 
 
 def _of_channels(
@@ -285,12 +289,7 @@ def _of_channels(
             whole = Signature(single.forces @ shares, single.lengths @ shares)
             return Signature.concatenate([single, whole])
 
-        return Candidates(
-            labels=tuple(labels) * len(times),
-            columns=Signature.concatenate([Signature.none(effects.part), *map(secants, times)]),
-            constants=tuple(seconds for seconds in times for _ in labels),
-            at=lambda label, seconds: secants(seconds).select([labels.index(label)]),
-        )
+        return _by_constant(effects, labels, times, secants)
 
     return find
 

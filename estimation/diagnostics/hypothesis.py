@@ -17,10 +17,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field, model_serializer
+from pydantic import Field
 from scipy.optimize import brentq, minimize_scalar
 
 from constraints.arrays import Array
@@ -31,6 +31,7 @@ from estimation.diagnostics.significance import (
     HYPOTHESES,
     POSITION_PERIODIC,
     POWER,
+    OmissibleTest,
     Strut,
     log_tail,
     noncentrality,
@@ -259,11 +260,10 @@ class HypothesisResult:
         return min(found, key=lambda each: each.log_p, default=None)
 
 
-@dataclass(frozen=True)
-class DelayTest:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DelayTest(OmissibleTest):
     """Lag of the forces behind the lengths, beyond the given delays."""
 
-    refused: Annotated[str, described("", "reason for an omitted test; otherwise empty")]
     delay: Annotated[
         OpenNumber, Field(alias="seconds"), described("s", "positive when the forces lag")
     ] = np.nan
@@ -278,13 +278,10 @@ class DelayTest:
         """Build the result from the most significant secant."""
         best = result.best
         if best is None:
-            return cls(hypothesis.reason_untested)
+            return cls(refused=hypothesis.reason_untested)
         log_p = min(0.0, best.log_p + float(np.log(result.tested)))
-        return cls("", float(best.values[0]), float(best.std[0]), log_p, best.failed)
-
-    @model_serializer(mode="wrap")
-    def _in_a_file(self, fields: Any) -> dict[str, Any]:
-        return {"refused": self.refused} if self.refused else fields(self)
+        delay, std = float(best.values[0]), float(best.std[0])
+        return cls(delay=delay, std=std, log_p=log_p, failed=best.failed)
 
 
 PERIODIC = Family(

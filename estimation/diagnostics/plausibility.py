@@ -95,9 +95,8 @@ def plausibility(robot: Robot, priors: ParameterPriors, estimate: ParameterEstim
     Friction and springs may have any size.
     """
     parameters = parameters_of(robot.terms)
-    count = len(parameters)
-    values, std = estimate.values[:count], estimate.std[:count]
-    judged = priors.free[:count] & (std > 0) & np.isfinite(std)
+    values, std = estimate.values, estimate.std
+    judged = priors.free & (std > 0) & np.isfinite(std)
     tests = [*_check_parameters(robot, parameters, estimate, judged)]
     alone = {test.where for test in tests if test.p < _LEVEL}
     # A fixed value is the user's choice.
@@ -133,15 +132,11 @@ def plausibility(robot: Robot, priors: ParameterPriors, estimate: ParameterEstim
         )
     # The mass is the most informative parameter.
     doubts.sort(key=lambda doubt: doubt.where != MASS)
-    names = [doubt.where for doubt in doubts]
-    sentences = "; ".join(doubt.sentence for doubt in doubts[:_MOST_SHOWN])
-    more = f"; and {len(doubts) - _MOST_SHOWN} more" if len(doubts) > _MOST_SHOWN else ""
-    where = join_words(
-        names
-        if len(names) <= _MOST_SHOWN
-        else [*names[:_MOST_SHOWN], f"{len(names) - _MOST_SHOWN} more"]
-    )
-    return _PLAUSIBLE.fails(f"{sentences}{more}", smallest, _LEVEL, where)
+    shown, others = doubts[:_MOST_SHOWN], len(doubts) - _MOST_SHOWN
+    more = f"{others} more" if others > 0 else ""
+    sentences = [doubt.sentence for doubt in shown] + [f"and {more}"] * bool(more)
+    where = join_words([*(doubt.where for doubt in shown), more])
+    return _PLAUSIBLE.fails("; ".join(sentences), smallest, _LEVEL, where)
 
 
 def _check_parameters(
