@@ -305,9 +305,7 @@ class ParameterPriors:
         self, found: BaseParameters, robot: Robot, values: Array, covariance: Array
     ) -> tuple[KnownCombination, ...]:
         structure = BaseParameters.each(found.names) if self.base is None else self.base
-        scales = dict(zip(self.names, robot.scales.tolist(), strict=True))
-        at = [self.names.index(name) for name in structure.names]
-        return known_combinations(found, structure, values[at], covariance[np.ix_(at, at)], scales)
+        return known_combinations(found, structure, self.names, values, covariance, robot.scales)
 
     def expand(self, block: Array) -> Array:
         """Expand a (k, k) matrix of the free parameters to (m, m), zeros for the fixed ones."""

@@ -243,13 +243,11 @@ def identified_combinations(
     robot, total = evaluator.robot, errors.covariance
     root = root_of_inverse(total) if errors.sources else root_of(information)
     base = identified_base(root, evaluator.names, robot.scales[evaluator.columns])
-    structure = _structure(configuration, evaluator)
-    at = [robot.parameter_names.index(name) for name in structure.names]
-    judged = [structure.names.index(name) for name in evaluator.names]
-    covariance = np.zeros((len(at), len(at)))
+    structure, names = _structure(configuration, evaluator), robot.parameter_names
+    judged = [names.index(name) for name in evaluator.names]
+    covariance = np.zeros((len(names), len(names)))
     covariance[np.ix_(judged, judged)] = total
-    scales = dict(zip(robot.parameter_names, robot.scales.tolist(), strict=True))
-    return known_combinations(base, structure, robot.parameters[at], covariance, scales)
+    return known_combinations(base, structure, names, robot.parameters, covariance, robot.scales)
 
 
 def parameter_precisions(

@@ -281,9 +281,10 @@ def identified_base(root: Array, names: tuple[str, ...], scales: Array) -> BaseP
 def known_combinations(
     base: BaseParameters,
     structure: BaseParameters,
+    names: Sequence[str],
     values: Array,
     covariance: Array,
-    scales: Mapping[str, float],
+    scales: Array,
 ) -> tuple[KnownCombination, ...]:
     """Return value and standard deviation of combinations.
 
@@ -292,18 +293,17 @@ def known_combinations(
     base : BaseParameters
         The identified ones of the base parameters of `structure`.
     structure : BaseParameters
-    values, covariance : (m,), (m, m)
-        Of the parameters of `structure`, SI; zero covariance of those that regroup there.
-    scales : mapping
-        By parameter, SI.
+    names, values, covariance, scales : (m,), (m,), (m, m), (m,)
+        Of all parameters, SI; zero covariance of those that regroup in the structure.
     """
-    base = base.after(structure)
-    alone = np.sqrt(np.diag(covariance))
-    found = base.values(values)
-    spread = np.sqrt(np.maximum(np.diag(base.matrix @ covariance @ base.matrix.T), 0.0))
+    base, at = base.after(structure), [names.index(name) for name in structure.names]
+    alone, own = np.sqrt(np.diag(covariance)), covariance[np.ix_(at, at)]
+    found = base.values(values[at])
+    spread = np.sqrt(np.maximum(np.diag(base.matrix @ own @ base.matrix.T), 0.0))
     rows = []
     for name, value, std in zip(base.base, found.tolist(), spread.tolist(), strict=True):
-        share = std / scales[name]
+        place = names.index(name)
+        share = std / float(scales[place])
         inseparable = name in structure.combined
         rows.append(
             KnownCombination(
@@ -312,7 +312,7 @@ def known_combinations(
                 unit=parameter_unit(name),
                 value=value,
                 std=std,
-                std_alone=np.nan if inseparable else float(alone[base.names.index(name)]),
+                std_alone=np.nan if inseparable else float(alone[place]),
                 rel_std_percent=100 * share,
                 regrouped=", ".join(base.members(name)),
                 identified=bool(share < IDENTIFIABLE),

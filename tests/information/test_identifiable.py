@@ -151,8 +151,8 @@ def test_rows_of_what_is_known(weak):
     F, scales = weak
     covariance, values = np.linalg.inv(F), np.arange(8.0)
     base = identified_base(root_of(F), NAMES, scales)
-    by_name = dict(zip(NAMES, scales.tolist(), strict=True))
-    rows = known_combinations(base, BaseParameters.each(NAMES), values, covariance, by_name)
+    each = BaseParameters.each(NAMES)
+    rows = known_combinations(base, each, NAMES, values, covariance, scales)
     assert [row.parameter for row in rows] == list(base.base)
     for row in rows:
         k = NAMES.index(row.parameter)
@@ -181,7 +181,7 @@ def test_noise_over_a_structure(rng):
     covariance = np.zeros((8, 8))
     covariance[:7, :7] = np.linalg.inv(own.T @ own)
     values = rng.normal(size=8)
-    rows = known_combinations(base, structure, values, covariance, dict.fromkeys(NAMES, 1.0))
+    rows = known_combinations(base, structure, NAMES, values, covariance, np.ones(8))
     (last,) = [row for row in rows if row.parameter == "g"]
     assert np.isnan(last.std_alone)
     assert last.together
@@ -193,5 +193,5 @@ def test_noise_over_a_structure(rng):
     )
     # Another value of what no force tells, and what makes up for it: the same combinations.
     moved = values + np.array([0, 0, 0, 0, 0, 0, 3.0, 1.0])
-    again = known_combinations(base, structure, moved, covariance, dict.fromkeys(NAMES, 1.0))
+    again = known_combinations(base, structure, NAMES, moved, covariance, np.ones(8))
     assert [row.value for row in again] == pytest.approx([row.value for row in rows])
