@@ -273,15 +273,10 @@ class PerturbedMachine:
         motion: Motion,
         values: Array,
         free: NDArray[np.bool_],
-        forces: NormalEquations | None = None,
     ) -> NormalEquations:
-        """Return the normal equations of the free parameters, θ and ξ, in this order.
-
-        `forces` are the equations of the forces at the same point, if they are known already.
-        """
-        if forces is None:
-            noise = experiment.noise.forces
-            forces = self.force_equations(experiment, motion, values, free, noise)
+        """Return the normal equations of the free parameters, θ and ξ, in this order."""
+        noise = experiment.noise.forces
+        forces = self.force_equations(experiment, motion, values, free, noise)
         return forces.with_motion(self.length_equations(experiment, motion))
 
     def length_equations(self, experiment: Experiment, motion: Motion) -> NormalEquations:

@@ -54,8 +54,7 @@ def linear_estimate(
     """
     began = time.perf_counter()
     constants = priors.constants(robot)
-    fitted = all(experiment.fit is not None for experiment in experiments)
-    if constants and not fitted:
+    if constants and any(experiment.fit is None for experiment in experiments):
         raise ValueError("constants of terms are estimated along fitted motions only")
     problem = _Problem(robot, tuple(experiments), priors, estimator, constants)
     fit, iterations, status = _iterate(problem)
@@ -73,7 +72,6 @@ def linear_estimate(
         iterations=iterations,
         converged=status == "",
         status=status or ("solved" if constants else "solved (linear)"),
-        equations=() if constants or not fitted else tuple(fit.equations),
     )
 
 

@@ -78,7 +78,7 @@ def maximum_likelihood(
         theta[: len(constants)] = start.systematic.values[: len(constants)]
     values = np.concatenate([start.values, theta])
     motions = [experiment.motion for experiment in experiments]
-    point = problem.at(values, motions, _reuse_equations(problem, start, motions))
+    point = problem.at(values, motions)
     damping, status = 0.0, "stopped at the maximum number of iterations"
     converged = False
     move = problem.step(point, damping)
@@ -122,21 +122,6 @@ def maximum_likelihood(
         converged=converged,
         status=status,
     )
-
-
-def _reuse_equations(
-    problem: _Problem, start: ParameterEstimate, motions: Sequence[Motion]
-) -> Sequence[NormalEquations | None]:
-    """Return the forces' equations of Gauss–Markov where it ended at the same motion."""
-    if problem.deviations or not start.equations:
-        return [None] * len(motions)
-    wanted = zip(problem.experiments, motions, strict=True)
-    return [
-        each
-        if (used.experiment, used.motion) == at and used.weights is at[0].noise.forces
-        else None
-        for each, used, at in zip(start.equations, start.influences, wanted, strict=True)
-    ]
 
 
 def _influence(
@@ -202,19 +187,13 @@ class _Problem:
         """Return the machine at (p, θ), (m + t,)."""
         return PerturbedMachine.of(self.robot, self.deviations, values[self.parameters :])
 
-    def at(
-        self,
-        values: Array,
-        motions: Sequence[Motion],
-        forces: Sequence[NormalEquations | None] = (),
-    ) -> _Point:
-        """Evaluate the joint equations, with those of the forces that are known already."""
+    def at(self, values: Array, motions: Sequence[Motion]) -> _Point:
+        """Evaluate the joint equations."""
         machine = self.machine(values)
         own, free = values[: self.parameters], self.priors.free[: self.parameters]
-        known = forces or [None] * len(motions)
         equations = [
-            machine.joint_equations(each, motion, own, free, already)
-            for each, motion, already in zip(self.experiments, motions, known, strict=True)
+            machine.joint_equations(each, motion, own, free)
+            for each, motion in zip(self.experiments, motions, strict=True)
         ]
         cost = sum(each.cost for each in equations) + self.priors.equations(values).cost
         return _Point(values, motions, equations, cost)

@@ -23,7 +23,6 @@ from estimation.estimators.influence import (
 from estimation.estimators.prior_estimate import UnloadedMachine
 from estimation.estimators.priors import ParameterPriors
 from estimation.measurement_model import Motion
-from estimation.measurement_model.motion import NormalEquations
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.robot.deviation import Deviation
 from expdesign.runfolder import Numbers, OpenNumbers, UnboundedNumbers, described
@@ -96,9 +95,6 @@ class ParameterEstimate(EstimateUncertainty):
     """Influence of every experiment's errors on the free parameters, and on θ if estimated."""
     motions: tuple[Motion, ...]
     """Motion of every experiment; estimated anew by ML. Empty for pointwise kinematics."""
-    equations: tuple[NormalEquations, ...] = ()
-    """Normal equations of (p, ξ) from the forces of every experiment, kept by LS and GM for fitted
-    motions without estimated constants; otherwise empty."""
 
     @classmethod
     def of(
