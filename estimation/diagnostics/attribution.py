@@ -337,7 +337,7 @@ def hypothesis_finding(attribution: Attribution, hypothesis: Hypothesis) -> Find
     if not effects:
         p, value, std = 1.0, 0.0, 0.0
         if last.tested:
-            fit = attribution.last.conditional.fit(last.places(last.best))
+            fit = last.fits[last.best]
             p = min(1.0, last.tested * np.exp(last.log_p[last.best]))
             value = hypothesis.scale * fit.values[0]
             std = hypothesis.scale * float(np.sqrt(fit.covariance[0, 0]))

@@ -393,7 +393,7 @@ def _tests(
         length_whiteness = _whiteness(values, part.length_counts, own, level)
     results, results_with_effects = (
         {
-            kind: HypothesisResult.of(test, tests.conditional)
+            kind: HypothesisResult.of(test, tests.conditional.freedom)
             for kind, test in tests.families.items()
         }
         for tests in (first, last)

@@ -25,7 +25,12 @@ from scipy.optimize import brentq, minimize_scalar
 
 from constraints.arrays import Array
 from estimation.diagnostics.finding import Assumption
-from estimation.diagnostics.joint_system import ConditionalScores, Places, SolvedSystem
+from estimation.diagnostics.joint_system import (
+    ConditionalScores,
+    EffectFit,
+    Places,
+    SolvedSystem,
+)
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.significance import (
     HYPOTHESES,
@@ -144,12 +149,10 @@ class HypothesisTest:
     hypothesis: Hypothesis
     first: int
     """Index of its first column in the projection."""
-    statistic: Array
-    """(n,), χ²; NaN if a candidate cannot be tested."""
-    rank: Array
-    """(n,), degrees of freedom."""
+    fits: tuple[EffectFit, ...]
+    """Fit of each candidate alone; of rank 0 if it cannot be tested."""
     log_p: Array
-    """(n,), log p of each candidate alone."""
+    """(n,), log p of each candidate; NaN if it cannot be tested."""
 
     @property
     def tested(self) -> int:
@@ -175,22 +178,13 @@ def evaluate_hypothesis(
     conditional: ConditionalScores, hypothesis: Hypothesis, first: int
 ) -> HypothesisTest:
     """Test every candidate alone; the family's columns start at `first` in the projection."""
-    count = hypothesis.candidates
-    statistic, rank = np.full(count, np.nan), np.ones(count)
-    if hypothesis.places:
-        for number in range(count):
-            fit = conditional.fit(hypothesis.columns_of(number) + first)
-            if fit.rank:
-                statistic[number], rank[number] = fit.statistic, fit.rank
-    else:
-        own = slice(first, first + count)
-        seen = conditional.identifiable[own]
-        information = np.where(seen, np.diag(conditional.information)[own], np.nan)
-        statistic = conditional.score[own] ** 2 / information
-    log_p = np.full(count, np.nan)
-    done = np.isfinite(statistic)
+    numbers = range(hypothesis.candidates)
+    fits = tuple(conditional.fit(hypothesis.columns_of(number) + first) for number in numbers)
+    statistic = np.array([fit.statistic for fit in fits])
+    rank = np.array([fit.rank for fit in fits], dtype=np.float64)
+    log_p, done = np.full(len(fits), np.nan), rank > 0
     log_p[done] = log_tail(statistic[done], rank[done], conditional.freedom)
-    return HypothesisTest(hypothesis, first, statistic, rank, log_p)
+    return HypothesisTest(hypothesis, first, fits, log_p)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,23 +221,23 @@ class HypothesisResult:
     candidates: Annotated[tuple[CandidateResult, ...], described("", "candidates one by one")]
 
     @classmethod
-    def of(cls, test: HypothesisTest, conditional: ConditionalScores) -> Self:
-        """Convert a test, given the known effects."""
+    def of(cls, test: HypothesisTest, freedom: float) -> Self:
+        """Convert a test with a noise of these degrees of freedom."""
         hypothesis = test.hypothesis
         rows = []
         for number, (name, strut) in enumerate(hypothesis.labels):
-            fit = conditional.fit(test.places(number))
+            fit = test.fits[number]
             values, std = fit.values, np.sqrt(np.diag(fit.covariance))
             if not fit.rank and not hypothesis.places:
                 values = std = np.full(1, np.nan)
-            far = noncentrality(test.limit, fit.rank, conditional.freedom) if fit.rank else np.nan
+            far = noncentrality(test.limit, fit.rank, freedom) if fit.rank else np.nan
             rows.append(
                 CandidateResult(
                     parameter=name,
                     actuator=strut,
                     constant=hypothesis.constant_of(number),
-                    statistic=float(test.statistic[number]),
-                    freedom=float(test.rank[number]),
+                    statistic=fit.statistic if fit.rank else np.nan,
+                    freedom=float(max(fit.rank, 1)),
                     log_p=float(test.log_p[number]),
                     values=values,
                     std=std,

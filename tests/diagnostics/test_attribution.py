@@ -40,7 +40,8 @@ def test_level_of_every_family(twin, held_out):
         system = twin.system(drawn, known=known, held_out=held_out)
         for test in _tests(system, families):
             rejected[test.hypothesis.kind] += bool(np.any(test.log_p < test.limit))
-            ratios[test.hypothesis.kind].append(test.statistic / test.rank)
+            ratio = [fit.statistic / fit.rank if fit.rank else np.nan for fit in test.fits]
+            ratios[test.hypothesis.kind].append(ratio)
     for kind, count in rejected.items():
         assert stats.binom.sf(count - 1, DRAWS, 0.05) > 0.001, kind
         means = np.nanmean(ratios[kind], axis=0)
