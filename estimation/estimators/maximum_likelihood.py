@@ -79,7 +79,7 @@ def maximum_likelihood(
     values = np.concatenate([start.values, theta])
     motions = [experiment.motion for experiment in experiments]
     point = problem.at(values, motions)
-    damping, status = 0.0, "stopped at the maximum number of iterations"
+    damping, iterations, status = 0.0, 0, "stopped at the maximum number of iterations"
     converged = False
     move = problem.step(point, damping)
     eliminated = move.eliminated
