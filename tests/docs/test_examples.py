@@ -53,20 +53,25 @@ def _name(block):
     return block.text.partition("\n")[0].removeprefix("# ")
 
 
-@pytest.fixture
-def robots(tmp_path):
+@pytest.fixture(scope="module")
+def robots(tmp_path_factory):
     """Folder with every robot file that the docs show."""
+    folder = tmp_path_factory.mktemp("robots")
     for block in YAML_BLOCKS:
         if _is_robot(parse(block.text)):
             assert _name(block).endswith(".yaml"), "a robot's first line names its file"
-            (tmp_path / _name(block)).write_text(block.text, encoding="utf-8")
-    return tmp_path
+            (folder / _name(block)).write_text(block.text, encoding="utf-8")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def palida():
+    return parse(load_robot_description("palida").source.read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("block", YAML_BLOCKS, ids=lambda block: block.page.stem)
-def test_yaml_is_valid(block, robots):
+def test_yaml_is_valid(block, robots, palida):
     data = parse(block.text)
-    palida = parse(load_robot_description("palida").source.read_text(encoding="utf-8"))
     if _is_robot(data):
         robot_from(load_robot_description(robots / _name(block)))
     elif "robot" in data:

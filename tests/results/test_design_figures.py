@@ -1,17 +1,13 @@
 import json
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import matplotlib as mpl
 import matplotlib.image
 import numpy as np
 import pytest
 
-import results
 from expdesign.experiment import DesignResult
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.runfolder import RowTable
@@ -81,9 +77,9 @@ def test_files_are_complete(run):
 
 
 @pytest.mark.parametrize("key", sorted(KEYS))
-def test_nothing_is_cut_off_in_the_file(run, key, tmp_path):
+def test_nothing_is_cut_off_in_the_file(original, key, tmp_path):
     chosen = [d for d in DESIGN_FIGURES if d.key == key]
-    path, _ = save_figures(chosen, DesignResult.read(run.folder), tmp_path)
+    (path,) = save_figures(chosen, DesignResult.read(original.folder), tmp_path, formats=["png"])
     picture = mpl.image.imread(path)[..., :3]
     for edge in (picture[:3], picture[-3:], picture[:, :3], picture[:, -3:]):
         assert np.all(edge == 1.0)
@@ -101,25 +97,12 @@ def test_same_folder_gives_the_same_bytes_under_any_settings(run, tmp_path):
         assert one.read_bytes() == other.read_bytes(), one.name
 
 
-def test_matplotlib_is_not_loaded_before_a_stage_draws():
-    code = "import sys, expdesign.cli.runs; sys.exit('matplotlib' in sys.modules)"
-    root = Path(results.__file__).parents[1]
-    assert subprocess.run([sys.executable, "-c", code], check=False, cwd=root).returncode == 0
-
-
 @pytest.mark.parametrize("key", sorted(KEYS))
 def test_every_axis_has_a_unit(shown, key):
     for axes in shown(key).axes:
         assert labels(axes)
         for label in labels(axes):
             assert label in COUNTS or label.endswith(")"), label
-
-
-@pytest.mark.parametrize("key", sorted(KEYS))
-def test_nothing_is_cut_off(shown, key):
-    image = np.asarray(shown(key).canvas.buffer_rgba())
-    for edge in (image[0], image[-1], image[:, 0], image[:, -1]):
-        assert np.all(edge == 255)
 
 
 @pytest.mark.parametrize("key", sorted(KEYS))
