@@ -132,12 +132,11 @@ def estimate_parameters(
             recordings = tuple(
                 replace(
                     prepare_recording(
-                        configuration
-                        if motion.harmonics is None
-                        else configuration.with_section("estimate", harmonics=motion.harmonics),
+                        configuration,
                         robot,
                         apply_calibration(configuration, measurement, trajectory, machine),
                         trajectory,
+                        estimated=motion,
                     ),
                     fewest_harmonics=recording.fewest_harmonics,
                 )

@@ -38,7 +38,7 @@ from estimation.kinematics import (
     pointwise_motion,
     start_motion,
 )
-from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model import HarmonicMotion, Motion
 from estimation.processing import (
     NoiseEstimate,
     NoiseModel,
@@ -86,11 +86,13 @@ def prepare_recording(
     *,
     held_out: bool = False,
     folded: tuple[PeriodicRecording, NoiseModel] | None = None,
+    estimated: Motion | None = None,
 ) -> PreparedRecording:
     """Return one recording ready for the estimators, with warnings.
 
     With held-out forces, which are predicted, the motion comes from the lengths alone. `folded` is
-    the result of `fold_measurement`, if it is known.
+    the result of `fold_measurement`, if it is known. The fit begins at an `estimated` motion
+    and has as many harmonics.
 
     Raises
     ------
@@ -116,7 +118,8 @@ def prepare_recording(
         # Pointwise differentiation does not use the spectrum.
         experiment = Experiment.from_points(robot, recording, noise.as_white(), motion)
         return PreparedRecording(data.source, experiment, None, data.jitter)
-    fitted = _fit_motion(configuration, robot, recording, noise, design)
+    at = estimated if isinstance(estimated, HarmonicMotion) else None
+    fitted = _fit_motion(configuration, robot, recording, noise, design, at)
     noise, fit, warnings = fitted.noise, fitted.fit, [fitted.scarce]
     if section.frequency != "estimated":
         own = noise.lengths.covariance
@@ -133,7 +136,7 @@ def prepare_recording(
         if fitted.linear is not None:
             experiment = experiment.with_linear_motion(robot, fitted.linear)
         experiment = weigh_signs(robot, experiment, priors)
-        if section.harmonics is None:
+        if fitted.fewest is not None:
             whole = refine_motion(robot, experiment, priors)
             experiment = replace(experiment, refined_motion=whole)
     found = tuple(filter(None, warnings))
@@ -259,14 +262,20 @@ def _fit_motion(
     recording: PeriodicRecording,
     noise: NoiseModel,
     design: FourierTrajectory | None,
+    estimated: HarmonicMotion | None,
 ) -> _FittedMotion:
-    """Fit the motion, with the number of harmonics that lengths and tolerances ask for."""
+    """Fit the motion, with the number of harmonics that lengths and tolerances ask for.
+
+    A motion that is estimated already is where the fit begins, and has its number.
+    """
     section = configuration.run.estimate
     expected = configuration.run.trajectory.harmonics if design is None else design.harmonics
-    start = _start(robot, recording, design, expected)
+    start, given = estimated or _start(robot, recording, design, expected), section.harmonics
+    if estimated is not None:
+        given = estimated.harmonics
     least, scarce = 1 if design is None else expected, ""
-    if section.harmonics is not None:
-        fitting = partial(fit_motion, harmonics=section.harmonics)
+    if given is not None:
+        fitting = partial(fit_motion, harmonics=given)
     else:
         raised = least
         if section.systematic != "none" and toleranced_deviations(robot):
@@ -308,7 +317,7 @@ def _fit_motion(
         if remaining:
             start = fit.series
     linear = None
-    if section.harmonics is None and fewest < fit.series.harmonics:
+    if given is None and fewest < fit.series.harmonics:
         linear = choose_harmonics(
             robot,
             recording,
@@ -321,7 +330,7 @@ def _fit_motion(
         )
         if linear.series.harmonics >= fit.series.harmonics:
             linear = None
-    tried = None if section.harmonics else min(least, fit.series.harmonics)
+    tried = None if given else min(least, fit.series.harmonics)
     return _FittedMotion(noise, fit, linear, tried, scarce)
 
 
