@@ -21,13 +21,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from expdesign.configuration import InputError, Problem
 from expdesign.configuration.document import read_text
 from expdesign.configuration.estimate import Header
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FORMAT = "format"
 """The key of the format number in a JSON file."""

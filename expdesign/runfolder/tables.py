@@ -6,10 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
-import pandas as pd
 from pydantic import ValidationError
 
 from constraints.arrays import Array
@@ -25,6 +24,13 @@ from expdesign.runfolder.files import (
     write_csv,
     write_json,
 )
+
+if TYPE_CHECKING:
+    import pandas as pd
+else:  # workers of a search have no tables
+    import lazy_loader
+
+    pd = lazy_loader.load("pandas")
 
 COLUMNS_FILE = "columns.json"
 """Unit and meaning of every column of every table of a folder, and the tables' formats."""
