@@ -94,6 +94,9 @@ def bound_view(axes: Any, unit: DisplayUnit, points: Array) -> float:
 def fill_view(axes: Any, view: View) -> None:
     """Zoom and move the axes until they and their labels fill a part of the figure."""
     left, bottom, width, height = view
+    others = [one for one in axes.figure.axes if one is not axes and one.get_visible()]
+    for one in others:  # the extent is found by drawing the figure
+        one.set_visible(False)
     aspect, zoom = np.diff([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])[:, 0], 1.0
     for _ in range(_FITS):
         used = view_extent(axes)
@@ -103,6 +106,8 @@ def fill_view(axes: Any, view: View) -> None:
         x = place.x0 + left + width / 2 - (used.x0 + used.x1) / 2
         y = place.y0 + bottom + height / 2 - (used.y0 + used.y1) / 2
         axes.set_position((x, y, place.width, place.height))
+    for one in others:
+        one.set_visible(True)
 
 
 def view_extent(axes: Any) -> Bbox:
