@@ -76,6 +76,18 @@ class MotionFit:
     wanted: int | None = None
     """Number of harmonics in the lengths, if no motion with as many was found."""
 
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        recording: PeriodicRecording,
+        motion: Motion,
+        equations: NormalEquations,
+    ) -> MotionFit:
+        """Return a motion with its covariance by the equations of the lengths there."""
+        covariance = np.asarray(np.linalg.inv(equations.matrix), dtype=np.float64)
+        return cls(motion, covariance, length_residuals(robot, recording, motion))
+
     @property
     def series(self) -> HarmonicMotion:
         """The motion as a Fourier series.
@@ -153,11 +165,7 @@ def converge(
     else:
         kind = f"with {motion.harmonics} harmonics" if motion.harmonics else "along a spline"
         raise NoMotionFoundError(f"no motion {kind} was found in {_STEPS} iterations")
-    return MotionFit(
-        motion=motion,
-        covariance=np.asarray(np.linalg.inv(present.matrix), dtype=np.float64),
-        residuals=length_residuals(robot, recording, motion),
-    )
+    return MotionFit.of(robot, recording, motion, present)
 
 
 def start_motion(robot: Robot, recording: PeriodicRecording, harmonics: int) -> HarmonicMotion:

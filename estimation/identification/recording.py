@@ -9,7 +9,7 @@ of an estimate, adds a share of the same relative size to the covariance; it is 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -35,6 +35,7 @@ from estimation.kinematics import (
     NoMotionFoundError,
     choose_harmonics,
     fit_motion,
+    length_equations,
     pointwise_motion,
     start_motion,
 )
@@ -49,7 +50,7 @@ from estimation.processing import (
     single_recording,
 )
 from estimation.processing.noise import ENOUGH_FREEDOM
-from estimation.processing.spectrum import NoiseLines, given_filter
+from estimation.processing.spectrum import NoiseLines, WhiteningFilter, given_filter
 from expdesign.configuration import InputError, RunConfiguration
 from expdesign.configuration.estimate import SpectrumOrigin
 from expdesign.noise import NoiseSpectrum
@@ -217,7 +218,7 @@ class PreparedRecording:
 
     @property
     def harmonics(self) -> int | None:
-        """Harmonics of the fitted motion; None if it is no Fourier series."""
+        """Harmonics of the fitted motion, with raised ones; None if it is no Fourier series."""
         fit = self.experiment.fit
         return None if fit is None else fit.motion.harmonics
 
@@ -270,11 +271,13 @@ def _fit_motion(
     """
     section = configuration.run.estimate
     expected = configuration.run.trajectory.harmonics if design is None else design.harmonics
-    start, given = estimated or _start(robot, recording, design, expected), section.harmonics
-    if estimated is not None:
-        given = estimated.harmonics
+    start = estimated or _start(robot, recording, design, expected)
     least, scarce = 1 if design is None else expected, ""
-    if given is not None:
+    given = section.harmonics if estimated is None else estimated.harmonics
+    fitting: Callable[..., MotionFit]
+    if estimated is not None:
+        fitting = _fit_near
+    elif given is not None:
         fitting = partial(fit_motion, harmonics=given)
     else:
         raised = least
@@ -332,6 +335,24 @@ def _fit_motion(
             linear = None
     tried = None if given else min(least, fit.series.harmonics)
     return _FittedMotion(noise, fit, linear, tried, scarce)
+
+
+def _fit_near(
+    robot: Robot,
+    recording: PeriodicRecording,
+    covariance: Array,
+    *,
+    start: HarmonicMotion,
+    noise_filter: WhiteningFilter | None = None,
+    **options: Any,
+) -> MotionFit:
+    """Fit a motion near an estimated one; without success, as after ML without, return this one."""
+    options |= {"start": start, "noise_filter": noise_filter}
+    try:
+        return fit_motion(robot, recording, covariance, start.harmonics, **options)
+    except NoMotionFoundError:
+        there = length_equations(robot, recording, covariance, start, noise_filter)
+        return MotionFit.of(robot, recording, start, there)
 
 
 def _choose_motion(

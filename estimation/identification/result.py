@@ -98,8 +98,8 @@ class EstimatedRecording:
         int | None,
         described(
             "1",
-            "of the motion fitted to the lengths, which LS and GM take; null if it is no Fourier "
-            "series",
+            "of the motion fitted to the lengths, with those that tolerances can raise (LS and GM "
+            "take only those that the lengths show); null if it is no Fourier series",
         ),
     ]
     harmonics_of_forces: Annotated[
