@@ -192,14 +192,22 @@ class ComparedDesign:
         total = bool(self.result.systematic) and section.counts == "total"
         return section.criterion, scaling, section.interest, total
 
-    def interest_std(self, interest: Sequence[str] | None, samples: float) -> Array:
-        """Return the standard deviations of quantities of interest, SI; None: of all parameters."""
-        if interest is None or self.section.is_change:
+    def interest_std(
+        self, interest: Sequence[str] | None, samples: float, reference: ComparedDesign
+    ) -> Array:
+        """Return the standard deviations of quantities of interest, SI; None: of all parameters.
+
+        Tolerances, estimator and prior are those of the reference.
+        """
+        if self.section.is_change:
             return self.relative_std(samples)
-        prediction = self._prediction
+        configuration = reference.result.configuration
+        evaluator = noise_evaluator(configuration)
+        prediction = Prediction.of(configuration, evaluator, self.result.trajectory)
         std = prediction.errors(samples / prediction.samples).std
+        wanted = {*(self.names if interest is None else interest)}
         pairs = zip(prediction.groups, prediction.names, strict=True)
-        return std[[bool({*pair} & {*interest}) for pair in pairs]]
+        return std[[bool({*pair} & wanted) for pair in pairs]]
 
     @property
     def _by_noise_alone(self) -> bool:
@@ -493,7 +501,10 @@ def _most_precise(
         whose, interest = "all parameters, not of the forces along the task", None
     else:
         whose = listed(interest or ["all parameters"])
-    stds = np.array([each.interest_std(interest, samples) for each in designs])
+    reference = next((each for each in designs if each.objective[-1]), designs[0])
+    if any(each.robot.tolerances != reference.robot.tolerances for each in designs):
+        whose += f" with the tolerances of {reference.label}"
+    stds = np.array([each.interest_std(interest, samples, reference) for each in designs])
     means = np.exp(np.mean(np.log(stds[:, np.all(stds > 0, axis=0)]), axis=1))
     best = int(np.argmin(means))
     others = ", ".join(
