@@ -40,6 +40,8 @@ _LEFT = 0.02
 """Largest unexplained share of the forces with channels that are certain."""
 _CLEAR = 4.0
 """Ratio of the unexplained forces of the next best channels to those of the best."""
+_LEAST_CERTAIN_SHARE = 0.01
+"""Smallest share of the forces' variation that channels explain which are certain."""
 _LEAST_CERTAIN_GAIN = 0.1
 """Relative standard deviation from which on the scale of a force is not certain."""
 _SHOWN_ERROR = 0.005
@@ -160,8 +162,8 @@ def check_channels(
     if from_home:  # lengths from zero explain nothing: no pose has them
         explained = 1 - left
     as_given, noise_share = search.explained_variation(given)
-    most = max(as_given, search.explained_variation(found)[0])
-    none = most < max(_LITTLE * (1 - noise_share), _LEAST_EXPLAINED)
+    of_found = search.explained_variation(found)[0]
+    none = max(as_given, of_found) < max(_LITTLE * (1 - noise_share), _LEAST_EXPLAINED)
     late_error = search.delay_error(found) if found.delay else 0.0
     gain_errors = search.gain_errors(found)
     ambiguous = found.low_pass is not None or (
@@ -172,6 +174,8 @@ def check_channels(
     faults = tuple(_faults(found, late_error, gain_errors))
     margin = found.next_best - found.excess
     sure = left < _LEFT and margin > max(_CLEAR * left, search.least_decrease)
+    # Channels that explain mean forces alone, behind a low pass of all variation, are not certain.
+    sure = sure and of_found > _LEAST_CERTAIN_SHARE
     sure = sure and float(np.max(gain_errors)) < _LEAST_CERTAIN_GAIN
     shown = explained, as_given, noise_share
     if explained < _EXPLAINED or (none and not sure):
