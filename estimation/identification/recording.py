@@ -10,6 +10,7 @@ of an estimate, adds a share of the same relative size to the covariance; it is 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -320,18 +321,20 @@ def _fit_motion(
         if remaining:
             start = fit.series
     linear = None
-    if given is None and fewest < fit.series.harmonics:
-        linear = choose_harmonics(
-            robot,
-            recording,
-            noise.lengths.covariance,
-            fewest,
-            expected=expected,
-            start=fit.series.with_harmonics(expected),
-            free_frequency=section.frequency == "estimated",
-            noise_filter=noise.lengths.filter,
-        )
-        if linear.series.harmonics >= fit.series.harmonics:
+    if given is None and fewest < least <= fit.series.harmonics:
+        begin = fit.series.with_harmonics(expected)
+        with suppress(NoMotionFoundError):
+            linear = choose_harmonics(
+                robot,
+                recording,
+                noise.lengths.covariance,
+                fewest,
+                expected=expected,
+                start=begin,
+                free_frequency=section.frequency == "estimated",
+                noise_filter=noise.lengths.filter,
+            )
+        if linear is not None and linear.series.harmonics >= fit.series.harmonics:
             linear = None
     tried = None if given else min(least, fit.series.harmonics)
     return _FittedMotion(noise, fit, linear, tried, scarce)

@@ -109,6 +109,7 @@ def test_an_estimate_writes_what_the_contract_names(folder, expdesign, monkeypat
     names = {path.name for path in (folder / "out" / "figures").iterdir()}
     assert {"estimates.png", "correlation.svg", "residuals.png"} <= names
     assert "p10" in result.output
+    assert len(result.output.splitlines()) <= 40
     (counted,) = re.findall(r"identified: (\d+) of 24", result.output)
     assert result.output.count("identified") == 1
     assert int(counted) == np.sum(_rows(folder).identified)

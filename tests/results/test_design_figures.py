@@ -1,13 +1,17 @@
 import json
+import subprocess
+import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import matplotlib as mpl
 import matplotlib.image
 import numpy as np
 import pytest
 
+import results
 from expdesign.experiment import DesignResult
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.runfolder import RowTable
@@ -95,6 +99,12 @@ def test_same_folder_gives_the_same_bytes_under_any_settings(run, tmp_path):
     assert len(first) == 2 * len(chosen)
     for one, other in zip(first, second, strict=True):
         assert one.read_bytes() == other.read_bytes(), one.name
+
+
+def test_matplotlib_is_not_loaded_before_a_stage_draws():
+    code = "import sys, expdesign.cli.runs; sys.exit('matplotlib' in sys.modules)"
+    root = Path(results.__file__).parents[1]
+    assert subprocess.run([sys.executable, "-c", code], check=False, cwd=root).returncode == 0
 
 
 @pytest.mark.parametrize("key", sorted(KEYS))
