@@ -56,6 +56,7 @@ _MOST_CAUSES = 3
 _SUSPICIOUS = 0.02
 """p of the low harmonics given the effects, below which no effect is certain."""
 
+_BOTH = ", or both, with this lag in all"
 _IMITATED = "do not add it to the model: look for the cause of the unexplained residuals first"
 
 
@@ -145,6 +146,7 @@ def attribute(
     step: float,
     *,
     experiments: int = 1,
+    filtered: bool = False,
 ) -> Attribution:
     """Find the effects in the residuals of one experiment.
 
@@ -157,8 +159,11 @@ def attribute(
     experiments : int
         Number of experiments that share the level of the periodic forces; the families state
         their own levels.
+    filtered : bool
+        The filters of the forces are stated: another time constant is a rival of every delay.
     """
-    search = Search(system, part, families, step, POSITION_PERIODIC / experiments)
+    level = POSITION_PERIODIC / experiments
+    search = Search(system, part, families, step, level, filtered=filtered)
     first = last = search.run_tests(())
     response = search.projection.mixed @ first.solution.root.T
     found: list[EffectCandidate] = []
@@ -406,7 +411,9 @@ def _add_doubts(attribution: Attribution, effects: Sequence[Effect], found: Find
             place = (
                 f"instead of {_name_effects(effect.kind, [_place(effect)], hypotheses)} " * several
             )
-            alternatives.append(f"{place}it may also be {others}")
+            lags = {one.kind for one in hypotheses.values() if one.sized_by_constant}
+            both = effect.kind in lags and not lags.isdisjoint(places)
+            alternatives.append(f"{place}it may also be {others}{_BOTH * both}")
     if not alternatives and not any(effect.doubt for effect in effects):
         return found
     return replace(

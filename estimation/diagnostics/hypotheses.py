@@ -85,12 +85,16 @@ def list_hypotheses(
 
 
 def _mention_tolerances(family: Family, stated: Collection[str]) -> Family:
-    """Return a family whose advice does not ask for a tolerance that is stated already."""
+    """Return a family whose texts count a tolerance that is stated already."""
     exceeded = [f"`tolerances.{group}`" for group in family.tolerances if group in stated]
     if not exceeded:
         return family
     advice = f"it exceeds the stated {join_words(exceeded)}: measure it, or state a larger one"
-    return replace(family, assumption=replace(family.assumption, advice=advice))
+    # What is within the tolerance belongs to the model, estimated or counted.
+    text = f"{family.assumption.text}, within the stated {join_words(exceeded)}"
+    absent = family.absent.replace(family.assumption.text, text, 1)
+    assumption = replace(family.assumption, text=text, advice=advice)
+    return replace(family, assumption=assumption, absent=absent)
 
 
 def parameter_hypothesis(
@@ -511,7 +515,8 @@ _FAMILIES = (
         tolerances=("delay",),
         assumed="forces and lengths are sampled at the same time",
         fails="the forces lag behind the lengths",
-        absent="no significant delay of the forces ({value:.3g} ± {std:.1g} ms)",
+        absent="forces and lengths are sampled at the same time (a further delay of "
+        "{value:.3g} ± {std:.1g} ms)",
         sized_by_constant=True,
         number=".3g",
         unit="ms",

@@ -112,8 +112,11 @@ class Search:
         families: tuple[Hypothesis, ...],
         step: float,
         level: float,
+        *,
+        filtered: bool = False,
     ) -> None:
         self.system, self.part, self.families = system, part, families
+        self.filtered = filtered
         self.step, self.level = step, level
         columns = [hypothesis.columns for hypothesis in families]
         self.signature = Signature.concatenate([Signature.none(part), *columns])
@@ -322,13 +325,16 @@ class Search:
             fit = self._fit(rival, conditional)
             if not rival.is_possible(fit.values, fit.covariance):
                 continue
+            # A filter that is stated wrongly is no exact low pass, and part of what it delays.
+            is_filter = self.filtered and _is_same_lag(item, rival)
             # Given a rival, the item's statistic is at least the difference of both statistics.
             least = own.statistic - fit.statistic
-            if self._is_significant(
+            if not is_filter and self._is_significant(
                 item, EffectFit(max(least, 0.0), own.rank, own.values, own.covariance)
             ):
                 continue
-            if self._is_significant(item, self.fit_given(item, [*others, rival])):
+            given = [*others, rival]
+            if not is_filter and self._is_significant(item, self.fit_given(item, given)):
                 continue
             if rival.name not in found or log_p < found[rival.name][1]:
                 found[rival.name] = (rival, log_p)
@@ -349,6 +355,12 @@ class Search:
     def conditional_log_p(self, item: EffectCandidate, others: Sequence[EffectCandidate]) -> float:
         """Return log p of a candidate, given others, uncorrected for its family."""
         return item.log_p(self.fit_given(item, others), self.projection.freedom)
+
+
+def _is_same_lag(item: EffectCandidate, rival: EffectCandidate) -> bool:
+    """Return whether a delay has a low pass of the same forces as a rival."""
+    late = item.kind in ("delay", "lag") and rival.kind == "low_pass"
+    return late and item.strut == rival.strut and "length" not in (item.parameter, rival.parameter)
 
 
 def column_indices(items: Sequence[EffectCandidate]) -> Places:

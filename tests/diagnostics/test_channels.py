@@ -190,6 +190,20 @@ def test_a_delay_of_a_sample():
     assert "`data.delay: {forces: 5" in finding.advice
 
 
+def test_a_delay_behind_a_filter_that_is_stated_too_fast_is_not_certain():
+    """Its size is that of delay and filter together, and both are named."""
+    data = behind_a_low_pass(recording(3, 0.3), 2e-3, 2e-3)
+    case = run({"estimators": ["gm"]}, data={"filter": {"Q": {"low_pass": 1 / (2 * np.pi * 1e-3)}}})
+    data = replace(data, force_sensors=SensorResponse.of(case.run.data, "Q"))
+    diagnostics = estimate(case, data).diagnostics
+    first = diagnostics.recordings[0].tests.effects[0]
+    assert first.kind in ("delay", "low_pass")
+    assert not first.certain
+    assert {"delay", "low_pass"} == {first.kind, *(one.kind for one in first.rivals)}
+    sentence = diagnostics.verdict.findings[0].sentence
+    assert sentence.endswith("of the forces, or both, with this lag in all")
+
+
 def test_a_delay_that_hides_in_the_uncertainty_of_the_noise():
     """The forces seem to contain nothing but noise; two samples of delay are found all the same."""
     data = behind_a_low_pass(recording(3, 1.0), 1e-2, 0.0)

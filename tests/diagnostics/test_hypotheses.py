@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.hypotheses import list_hypotheses
 from estimation.diagnostics.hypothesis import evaluate_hypothesis
 from estimation.diagnostics.joint_system import EffectProjection, joint_systems
 from estimation.diagnostics.linearisation import CandidateEffects, linearise
@@ -296,6 +297,22 @@ def test_a_low_pass_of_a_channel_is_no_delay(lab):
     assert _named(result)[0] == ("low_pass", 2, "force")
     (effect, *_) = result.recordings[0].attribution.effects
     assert effect.value == pytest.approx(constant, abs=5 * effect.std)
+
+
+def test_a_delay_within_its_tolerance_is_not_called_absent(suspects):
+    """An estimated delay is part of the model: only a further one can be absent."""
+    text = "forces and lengths are sampled at the same time"
+    run = load_run({"name": "n", "robot": "palida", "tolerances": {"delay": 1e-3}})
+    for robot, known in (
+        (suspects.robot, text),
+        (robot_from(run.robot), f"{text}, within the stated `tolerances.delay`"),
+    ):
+        effects = replace(suspects, robot=robot)
+        families = list_hypotheses(effects, robot.parameter_names, held_out=False)
+        (delay,) = (each for each in families if each.kind == "delay")
+        assert delay.assumption.text == known
+        sentence = delay.absent.format(p=1.0, value=0.1, std=0.2)
+        assert sentence == f"{known} (a further delay of 0.1 ± 0.2 ms)"
 
 
 def _moved_joint(lab, size):
