@@ -523,14 +523,12 @@ class CandidateEffects:
             each for each in deviations(robot) if each.group in _GEOMETRIC or each.name in inexact
         ]
         machine = PerturbedMachine.of(robot, wanted, np.zeros(len(wanted)))
-        rows = chunks(experiment.recording.samples)
-        forces, lengths = (
-            np.concatenate([predict(each).deviations for each in rows])
-            for predict in (
-                lambda each: machine.forces(experiment, motion, self.values, each),
-                lambda each: machine.lengths(experiment, motion, each),
-            )
-        )
+        motion, steps = machine.follow_lengths(experiment, motion)
+        rows, no_parameters = chunks(experiment.recording.samples), np.zeros(len(self.values), bool)
+        seen = (machine.forces(experiment, motion, self.values, each) for each in rows)
+        forces = np.concatenate([each.columns(no_parameters).times(steps) for each in seen])
+        read = (machine.lengths(experiment, motion, each) for each in rows)
+        lengths = np.concatenate([each.columns.times(steps) for each in read])
         names = tuple(each.name for each in wanted)
         columns = Signature(part.cells.mean(forces), part.length_cells.mean(lengths))
         if "delay" in names and robot.delay_std:

@@ -135,6 +135,15 @@ class Experiment:
             linear_motion=of_terms(self.linear_motion),
         ).of_robot(robot)
 
+    def along_fit(self, robot: Robot, fit: MotionFit) -> Experiment:
+        """Return the experiment along another fit; the present one is the refined motion."""
+        if self.spread is None:
+            raise ValueError("pointwise kinematics have no fit")
+        refined = MotionEstimate(self.fitted.motion, self.fitted.covariance, self.spread)
+        spread = rate_spread(robot, fit.motion, self.recording, fit.covariance)
+        changed = replace(self, fit=fit, spread=spread, refined_motion=refined)
+        return changed.of_robot(robot)
+
     def with_linear_motion(self, robot: Robot, fit: MotionFit) -> Experiment:
         """Return the experiment with another fit as the motion of LS and GM."""
         spread = rate_spread(robot, fit.motion, self.recording, fit.covariance)

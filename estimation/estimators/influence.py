@@ -26,7 +26,7 @@ from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.estimators.prior_estimate import PriorEstimate
-from estimation.measurement_model import HarmonicMotion, Motion
+from estimation.measurement_model import Motion
 from estimation.measurement_model.prediction import chunks
 from estimation.processing.noise import NoiseEstimate
 from expdesign.noise import lines_of
@@ -403,8 +403,7 @@ def systematic_share(
 def _response(influence: Influence, chosen: Sequence[EstimatedDeviation], own: int) -> Array | None:
     """Return the change of one experiment's estimate by the deviations from number `own` on.
 
-    A controller follows lengths. Harmonics that the deviations raise, and that the motion of this
-    estimate leaves out, therefore change the forces, and not the lengths.
+    None after pointwise kinematics.
     """
     motion, experiment, found = influence.motion, influence.experiment, influence.machine
     if motion is None or influence.length_gain is None:
@@ -412,11 +411,8 @@ def _response(influence: Influence, chosen: Sequence[EstimatedDeviation], own: i
     theta = dict(zip((one.name for one in found.chosen), found.theta.tolist(), strict=True))
     at = np.array([theta.get(one.name, 0.0) for one in chosen])
     machine = PerturbedMachine.of(influence.robot, chosen, at)
-    moved, harmonics = np.zeros((motion.unknowns, len(chosen))), experiment.motion.harmonics
-    if isinstance(motion, HarmonicMotion) and harmonics and harmonics > motion.harmonics:
-        motion = motion.with_harmonics(harmonics)
-        moved = machine.motion_at_fixed_lengths(experiment, motion)
-    steps = np.concatenate([np.eye(len(chosen)), moved])[:, own:]
+    motion, steps = machine.follow_lengths(experiment, motion)
+    steps = steps[:, own:]
     jumps = not any(one.group in LAGS_OF_FORCES for one in found.chosen)
     no_parameters = np.zeros_like(influence.free)
 

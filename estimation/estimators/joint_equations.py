@@ -290,16 +290,21 @@ class PerturbedMachine:
         parts = chunks(experiment.recording.samples)
         return NormalEquations.of(map(rows, parts), noise.covariance, noise.filter)
 
-    def motion_at_fixed_lengths(self, experiment: Experiment, motion: Motion) -> Array:
-        """Return the change of ξ per unit of θ at unchanged lengths, (x, t).
+    def follow_lengths(self, experiment: Experiment, motion: Motion) -> tuple[Motion, Array]:
+        """Return a motion with all harmonics, and the change of (θ, ξ) per unit of θ, (t + x, t).
 
-        It is zero for deviations that do not move the platform.
+        A controller follows lengths. Harmonics that θ raises, and that the motion leaves out,
+        therefore change the forces and not the lengths; those that it has are unknowns of the fit.
         """
-        count = len(self.chosen)
-        matrix = self.length_equations(experiment, motion).matrix
-        moving = np.array([one.group in MOVING_GROUPS for one in self.chosen])
-        change = -np.linalg.solve(matrix[count:, count:], matrix[count:, :count])
-        return np.where(moving, change, 0.0)
+        count, harmonics = len(self.chosen), experiment.motion.harmonics
+        moved: Array = np.zeros((motion.unknowns, count))
+        if isinstance(motion, HarmonicMotion) and harmonics and harmonics > motion.harmonics:
+            motion = motion.with_harmonics(harmonics)
+            matrix = self.length_equations(experiment, motion).matrix
+            moving = np.array([one.group in MOVING_GROUPS for one in self.chosen])
+            change = -np.linalg.solve(matrix[count:, count:], matrix[count:, :count])
+            moved = np.where(moving, change, np.zeros_like(change))
+        return motion, np.concatenate([np.eye(count), moved])
 
     def force_equations(
         self,

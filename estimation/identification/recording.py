@@ -133,6 +133,8 @@ def prepare_recording(
             f"is taken with {fit.motion.harmonics}"
         )
     experiment = Experiment.from_fit(robot, recording, noise, fit).without_lacking_terms(robot)
+    if held_out and fitted.linear is not None:
+        experiment = experiment.along_fit(robot, fitted.linear)
     if not held_out:
         priors = ParameterPriors.of(robot, section)
         if fitted.linear is not None:

@@ -11,8 +11,10 @@ from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.tolerance_test import tolerance_findings
 from estimation.estimators import covariance_ml_less_gm
 from estimation.identification import estimate_parameters, estimation_result
+from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from estimation.twin.machine import draw_machine
+from estimation.validation.prediction_error import prediction_errors
 from expdesign.configuration import load_run
 from expdesign.experiment.judging import noise_evaluator
 from expdesign.experiment.precision import (
@@ -352,10 +354,8 @@ def test_machines_that_follow_lengths_of_the_drawing(runs):
     assert abs(np.mean(inside) - 0.95) < 0.02 + 3 * 0.12 / np.sqrt(runs)
 
 
-@pytest.mark.parametrize("runs", [4, pytest.param(40, marks=pytest.mark.slow)])
-def test_noise_of_harmonics_that_tolerances_may_raise_does_not_bias_gauss_markov(runs):
-    """An irregular machine, 40 harmonics for ML: with all of them GM covered 62 % of the truths."""
-    motion = TrajectoryFile.read(DESIGN.with_name("irregular.json")).trajectory
+def _irregular():
+    """Return an irregular machine whose joints are not exact, and a motion for it."""
     joints = dict.fromkeys(("base_joints", "platform_joints", "strut_length"), "0.1 mm")
     config = load_run(
         {
@@ -366,6 +366,13 @@ def test_noise_of_harmonics_that_tolerances_may_raise_does_not_bias_gauss_markov
             "estimate": {"noise": "given", "estimators": ["gm", "ml"], "systematic": "budget"},
         }
     )
+    return config, TrajectoryFile.read(DESIGN.with_name("irregular.json")).trajectory
+
+
+@pytest.mark.parametrize("runs", [4, pytest.param(40, marks=pytest.mark.slow)])
+def test_noise_of_harmonics_that_tolerances_may_raise_does_not_bias_gauss_markov(runs):
+    """40 harmonics for ML: with all of them GM covered 62 % of the truths."""
+    config, motion = _irregular()
     truth, inside = robot_from(config.robot).parameters, []
     for number in range(runs):
         drawn = draw_machine(config, np.random.default_rng([1, number])).configuration
@@ -374,6 +381,26 @@ def test_noise_of_harmonics_that_tolerances_may_raise_does_not_bias_gauss_markov
         assert found["gm"].motions[0].harmonics < 10 < found["ml"].motions[0].harmonics
         inside.append(np.mean(np.abs(found["gm"].values - truth) < 1.96 * found["gm"].std))
     assert abs(np.mean(inside) - 0.95) < 0.02 + 3 * 0.08 / np.sqrt(runs)
+
+
+def test_a_prediction_counts_raised_harmonics_and_does_not_follow_their_noise():
+    """Along 36 harmonics it found errors from 66 to 142 N."""
+    config, motion = _irregular()
+    robot = robot_from(config.robot)
+    drawn = draw_machine(config, np.random.default_rng(1)).configuration
+    data, other = (Twin.of(drawn, motion, seed=seed).measurement(1) for seed in (1, 2))
+    found = estimate_parameters(config, data, motion)
+    held_out = prepare_experiment(config, robot, other, motion, held_out=True)
+    errors = prediction_errors(robot, held_out, found["ml"].values, None)
+    assert max(error.detectable for error in errors) < 10
+    for about, status in ((robot, "accepted"), (_exact(robot), "doubtful")):
+        verdict = diagnose(about, [held_out], found.priors, found["ml"], held_out=True).verdict
+        assert verdict.status == status
+
+
+def _exact(robot):
+    """Return the robot without tolerances."""
+    return replace(robot, description=replace(robot.description, tolerances=None))
 
 
 def test_an_estimated_machine_is_diagnosed_along_the_motion_that_was_estimated(chosen):
