@@ -448,13 +448,22 @@ def describe_candidate(
 
 
 def effect_nouns(attribution: Attribution) -> dict[str, str]:
-    """Return the nouns of effects, by their kind."""
-    return {PERIODIC.kind: PERIODIC.noun} | {
-        hypothesis.kind: f"{hypothesis.noun} a parameter"
-        if hypothesis.kind == "column"
-        else hypothesis.noun
-        for hypothesis in attribution.hypotheses
-    }
+    """Return the nouns of effects without a place, by their kind."""
+    families = (PERIODIC, *attribution.hypotheses)
+    return {family.kind: _complete_noun(family.noun) for family in families}
+
+
+def _complete_noun(noun: str) -> str:
+    """Complete the noun of a family that a place would complete.
+
+    Examples
+    --------
+    >>> [_complete_noun(noun) for noun in ("a delay", "a lag of the", "another value of")]
+    ['a delay', 'a lag of a channel', 'another value of a parameter']
+    """
+    if noun.endswith(" of the"):
+        return f"{noun.removesuffix(' the')} a channel"
+    return f"{noun} a parameter" if noun.endswith(" of") else noun
 
 
 def effect_strengths(attribution: Attribution) -> dict[str, float]:

@@ -461,11 +461,14 @@ class ChannelSearch:
         measured = Wiring.as_measured()
         measured = replace(measured, gains=self.unit * measured.gains)
         best = self.candidate(known or measured, 0.0)
-        if np.any(best.lengths.offsets):
-            # The machine may stand elsewhere than planned: the forces decide.
-            plain = replace(best.lengths, offsets=np.zeros(ACTUATORS))
-            other = self.candidate(plain, 0.0)
-            best = min((other, best), key=lambda one: one.excess)
+        # The machine may stand elsewhere than planned, or move less: the forces decide.
+        lengths, plainer = best.lengths, list[Wiring]()
+        if np.any(lengths.offsets):
+            plainer.append(replace(lengths, offsets=np.zeros(ACTUATORS)))
+        if np.any(np.abs(lengths.gains) != self.unit):
+            plainer.append(replace(lengths, gains=self.unit * np.sign(lengths.gains)))
+        tried = [best, *(self.candidate(one, 0.0) for one in plainer)]
+        best = min(tried, key=lambda each: each.excess)
         for _ in range(_ROUNDS):
             if self.left(best.excess) < _SMALL:
                 break
@@ -714,9 +717,9 @@ class ChannelSearch:
         channels = _ORDERS[order]
         energies = np.sum(np.abs(found) ** 2, axis=0)[channels]
         gains = products[time, _STRUTS, channels] / energies
-        usual = float(np.median(np.abs(gains)))
-        far = np.abs(np.log(np.abs(gains) / usual)) > np.log(_OTHER_GAIN)
-        gains = self.unit * signs * np.where(far, _round_factor(np.abs(gains) / usual), 1.0)
+        sizes = np.abs(gains) / self.unit
+        far = np.abs(np.log(sizes)) > np.log(_OTHER_GAIN)
+        gains = self.unit * signs * np.where(far, _round_factor(sizes), 1.0)
         offsets = middle - self.zeros - gains * mean[channels]
         usual = _CLEARLY * float(np.median(np.abs(offsets)))
         shifted = np.abs(offsets) > np.maximum(self.least_zeros, usual)

@@ -235,9 +235,18 @@ def _faults(found: Candidate, late_error: float, gain_errors: Array) -> Iterator
         if place:
             yield place, f"{place} {'have' if ' and ' in place else 'has'} the opposite sign"
         unit = _unit(np.abs(one.gains)) if key == "q" else ""
+        common = key == "q" and one.gains[0] != 1 and np.ptp(np.abs(one.gains)) == 0
         if unit:
             yield "q", f"the lengths are in another unit: {unit} if they are stated in m"
-        for number in [] if unit else _numbers(np.abs(one.gains) != 1):
+        elif common:
+            gain = abs(one.gains[0])
+            size, word = (1 / gain, "large") if gain < 1 else (gain, "small")
+            yield (
+                "q",
+                f"all lengths are read {size:.3g} times too {word}: another unit, another number "
+                "of counts, or another lead or gear than in the robot file",
+            )
+        for number in [] if unit or common else _numbers(np.abs(one.gains) != 1):
             gain = abs(one.gains[number - 1])
             size, word = (1 / gain, "large") if gain < 1 else (gain, "small")
             error = size * gain_errors[number - 1] * (key == "Q")
@@ -281,7 +290,7 @@ def _describe_lag(robot: Robot, found: Candidate) -> str:
 
 def _unit(gains: Array) -> str:
     """Return the unit of all lengths in terms of the stated one; empty if they have it."""
-    return UNITS[gains[0]] if gains[0] != 1 and np.all(gains == gains[0]) else ""
+    return UNITS.get(gains[0], "") if gains[0] != 1 and np.all(gains == gains[0]) else ""
 
 
 def _numbers(flags: Mask) -> list[int]:

@@ -198,8 +198,12 @@ class Experiment:
 
     @property
     def harmonics_left_out(self) -> int:
-        """Number of harmonics that the forces show and that LS and GM leave out."""
-        if self.refined_motion is None or self.fit is None:
+        """Number of harmonics that the forces show and that LS and GM leave out.
+
+        None where tolerances raise harmonics: these, and more that the forces show, are in the
+        effects of the tolerances.
+        """
+        if self.refined_motion is None or self.fit is None or self.linear_motion is not None:
             return 0
         return (self.refined_motion.motion.harmonics or 0) - (self.fit.motion.harmonics or 0)
 

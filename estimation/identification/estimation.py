@@ -492,11 +492,11 @@ def _warnings(
             if own.includes_model_error and single is None
         ]
         found += [where + warning for warning in recording.warnings]
-        if (together := recording.experiment.harmonics) != recording.harmonics:
+        if recording.experiment.harmonics_left_out:
             found.append(
-                f"{where}the forces show {together} harmonics of the motion, lengths and "
-                f"tolerances {recording.harmonics}: the intervals of LS and GM do not count the "
-                "others and are too narrow. Use ML, which estimates all of them"
+                f"{where}the forces show {recording.experiment.harmonics} harmonics of the motion, "
+                f"the lengths alone {recording.harmonics}: LS and GM use only these, and their "
+                "intervals are too narrow. Use ML, which estimates all of them"
             )
         if recording.experiment.fit is None:
             found.append(

@@ -10,7 +10,6 @@ of an estimate, adds a share of the same relative size to the covariance; it is 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -324,22 +323,39 @@ def _fit_motion(
             start = fit.series
     linear = None
     if given is None and fewest < least <= fit.series.harmonics:
-        begin = fit.series.with_harmonics(expected)
-        with suppress(NoMotionFoundError):
-            linear = choose_harmonics(
-                robot,
-                recording,
-                noise.lengths.covariance,
-                fewest,
-                expected=expected,
-                start=begin,
-                free_frequency=section.frequency == "estimated",
-                noise_filter=noise.lengths.filter,
-            )
-        if linear is not None and linear.series.harmonics >= fit.series.harmonics:
-            linear = None
+        free = section.frequency == "estimated"
+        linear = _fit_lengths(robot, recording, noise.lengths, fit, fewest, expected, free=free)
     tried = None if given else min(least, fit.series.harmonics)
     return _FittedMotion(noise, fit, linear, tried, scarce)
+
+
+def _fit_lengths(
+    robot: Robot,
+    recording: PeriodicRecording,
+    noise: NoiseEstimate,
+    fit: MotionFit,
+    fewest: int,
+    expected: int,
+    *,
+    free: bool,
+) -> MotionFit | None:
+    """Fit the motion of LS and GM, with the harmonics that the lengths show; None: all of them."""
+    shorter = fit.series.with_harmonics(expected)
+    try:
+        found = choose_harmonics(
+            robot,
+            recording,
+            noise.covariance,
+            fewest,
+            expected=expected,
+            start=shorter,
+            free_frequency=free,
+            noise_filter=noise.filter,
+        )
+    except NoMotionFoundError:
+        there = length_equations(robot, recording, noise.covariance, shorter, noise.filter)
+        return MotionFit.of(robot, recording, shorter, there)
+    return found if found.series.harmonics < fit.series.harmonics else None
 
 
 def _fit_near(

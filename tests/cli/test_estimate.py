@@ -9,6 +9,7 @@ import pytest
 from rich.console import Console
 
 from estimation.kinematics import MotionFitError
+from expdesign.robot import load_robot
 from expdesign.stages.registry import stages
 from results.render.terminal import print_view
 from results.views.folder import RunFolder
@@ -314,6 +315,26 @@ def test_another_unit_than_that_of_the_file_is_a_scale(command, folder):
     assert data == {"file": str(folder / "wrong.csv"), "scale": {"q": 0.001}}
     text = json.dumps({"name": "lab", "robot": "palida", "data": data})
     (folder / "run.yaml").write_text(text)
+    assert json.loads(command("check", *given).output)["channels"]["faults"] == []
+
+
+@pytest.mark.parametrize("factor", [0.25, 2.0])
+def test_a_wrong_scale_of_all_lengths_is_found_by_the_design(command, folder, factor):
+    """Such as 40 000 counts of a turn that has 10 000."""
+    robot = load_robot("palida")
+    home = robot.inverse_kinematics(robot.home)
+    write(
+        folder / "wrong.csv",
+        change=lambda table: table.assign(**((table[LENGTHS] - home) * factor)),
+    )
+    run = {"name": "lab", "robot": "palida", "data": {"offset": "home"}}
+    (folder / "run.yaml").write_text(json.dumps(run))
+    given = (folder / "run.yaml", "--data", folder / "wrong.csv", "--design", folder, "--json")
+    found = json.loads(command("check", *given).output)
+    assert found["channels"]["sure"]
+    assert found["data"]["scale"] == {"q": 1 / factor}
+    run["data"] = found["data"]
+    (folder / "run.yaml").write_text(json.dumps(run))
     assert json.loads(command("check", *given).output)["channels"]["faults"] == []
 
 
