@@ -405,6 +405,7 @@ def _tests(
         drift=noises.drift,
         held_out=case.held_out,
         harmonics_left_out=0,
+        settled=experiment.settled,
         chi_square=ChiSquares(sizes[0], sizes[1], length_size),
         lack_of_fit=lack[0],
         lack_of_fit_with_effects=lack[1],

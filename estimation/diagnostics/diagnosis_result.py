@@ -59,6 +59,9 @@ class RecordingTests:
     harmonics_left_out: Annotated[
         int, described("1", "harmonics that the forces show, but not the estimate's motion")
     ]
+    settled: Annotated[
+        bool, described("", "motion and noise agree; always with a motion that has a period")
+    ]
     chi_square: Annotated[ChiSquares, described("", "size of the residuals")]
     lack_of_fit: Annotated[LackOfFit, described("", "bias of each actuator")]
     lack_of_fit_with_effects: Annotated[

@@ -77,6 +77,12 @@ _WHOLE_MOTION = Assumption(
     "the forces show more of the motion than the lengths",
     "estimate with ML, which uses both; LS and GM neglect the additional motion",
 )
+_SETTLED = Assumption(
+    "motion and noise of a recording without a period agree",
+    "motion and noise of a recording without a period were not found together",
+    "measure the lengths more precisely, or state the noise of the forces (`estimate.noise: "
+    "given`)",
+)
 _NOISE_WHITE = Assumption(
     "the noise is white",
     "the noise is correlated in time",
@@ -394,7 +400,11 @@ def _motion(tests: RecordingTests, left: str) -> list[Finding]:
             "pointwise differentiation and splines have no model of the motion; its error is in "
             "the regressor"
         )
-        return [_MOTION.skip(reason, "use `differentiation: fourier` for a motion that repeats")]
+        skipped = _MOTION.skip(reason, "use `differentiation: fourier` for a motion that repeats")
+        if tests.settled:
+            return [skipped]
+        sentence = "motion and noise still changed when the iteration ended"
+        return [skipped, _SETTLED.report_failure(sentence)]
     findings = [_size(_MOTION, test, "length", left)]
     if tests.harmonics_left_out:
         sentence = (

@@ -50,6 +50,8 @@ class Experiment:
     refined_motion: MotionEstimate | None = None
     """Motion of ML: a spline, or with the harmonics that only forces and lengths together
     determine; None if the forces show no more than the lengths."""
+    settled: bool = True
+    """Whether motion and noise of a recording without a period agree."""
     linear_motion: MotionEstimate | None = None
     """Motion of LS and GM without the harmonics that tolerances can raise and the lengths do not
     show; None if there are none. Estimated from the lengths alone, they would add their noise to

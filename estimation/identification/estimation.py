@@ -482,6 +482,11 @@ def _warnings(
                 "searches for causes along that motion; tests of the scatter between periods, of "
                 "geometry, gravity and delays are left out"
             )
+            if not recording.experiment.settled:
+                found.append(
+                    f"{where}motion and noise still changed when their iteration ended: values and "
+                    "intervals are wrong"
+                )
         found += [
             f"{where}too few periods to estimate the noise, and none is given: {source}. Record "
             "three periods or more"

@@ -19,7 +19,7 @@ from estimation.estimators import Experiment, ParameterPriors
 from estimation.estimators.experiment import MotionEstimate
 from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.kinematics import MotionFit, MotionFitError, converge, rate_spread
-from estimation.measurement_model import SplineMotion
+from estimation.measurement_model import Motion, SplineMotion
 from estimation.measurement_model.motion import NormalEquations, root_of_pseudo_inverse
 from estimation.measurement_model.spline import DEGREE, SplineSamples
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodicRecording
@@ -39,6 +39,8 @@ _POINTS = 3
 _ROUNDS = 16
 _SETTLED = 0.05
 """Mean relative change of the noise's variances in the last round."""
+_HALVINGS = 8
+"""Of a step that does not lower the cost."""
 _DRAWN = 48
 """Random errors of an estimate."""
 _DETERMINED = 1e-10
@@ -183,7 +185,8 @@ def _linear_noise(
     free, start = priors.free, priors.start
     rest = experiment.forces - experiment.fitted_regressors @ start
     columns = experiment.fitted_regressors[:, :, free]
-    present, values = replace(experiment, linear_noise=None), start.copy()
+    present = replace(experiment, linear_noise=None, refined_motion=None, settled=True)
+    values = start.copy()
     noise = linear = present.noise.forces
     level = np.inf
     for _ in range(_ROUNDS):
@@ -203,7 +206,12 @@ def _linear_noise(
         before, level = level, _level(linear)
         if abs(level - before) < _SETTLED:
             break
-    return present, linear, values
+    else:
+        present = replace(present, settled=False)
+    # All the scatter about the first motion, its error included: a start from the prediction errors
+    # would take the forces for too precise, and the first step too far.
+    marginal = replace(present.noise, forces=noise.as_white())
+    return replace(present, noise=marginal), linear, values
 
 
 def _weigh_signs(
@@ -258,24 +266,36 @@ def _joint_estimate(
     taken for white until motion and noise agree: where the motion explains every force, a memory
     would keep the errors of the first motion. The signs of friction are as uncertain as this
     motion: precise forces determine its rates better than the lengths do, and the regressors of a
-    wider spread would be those of less friction.
+    wider spread would be those of less friction. The first motion can be far off: steps are
+    shortened until they lower the cost.
     """
     machine, recording = PerturbedMachine.exact(robot), experiment.recording
     free, motion = priors.free, experiment.fitted.motion
     count, present = int(np.count_nonzero(free)), experiment
+
+    def equations(motion: Motion, values: Array) -> NormalEquations:
+        joint = machine.joint_equations(present, motion, values, free)
+        return joint + priors.equations(values)
+
     drawn = np.random.default_rng(0).standard_normal((count + motion.unknowns, _DRAWN))
     assumed: SpectrumOrigin = "white"
     level = np.inf
     for _ in range(_ROUNDS):
-        joint = machine.joint_equations(present, motion, values, free) + priors.equations(values)
+        joint = equations(motion, values)
         scale = np.sqrt(np.diag(joint.matrix))
         scaled = joint.matrix / np.multiply.outer(scale, scale)
         factor = np.linalg.cholesky(scaled + _DETERMINED * np.eye(len(scale)))
         step = sla.cho_solve((factor, True), joint.gradient / scale) / scale
         errors = sla.solve_triangular(factor, drawn, trans="T", lower=True) / scale[:, None]
-        values = values.copy()
-        values[free] += step[:count]
-        motion = motion.add_step(step[count:])
+        short = float(step @ joint.gradient) < len(values)
+        for halvings in range(_HALVINGS + 1):
+            share, next_values = 0.5**halvings * step, values.copy()
+            next_values[free] += share[:count]
+            next_motion = motion.add_step(share[count:])
+            # Near the end the cost is no measure: the signs are constant in the derivatives.
+            if short or equations(next_motion, next_values).cost < joint.cost:
+                break
+        values, motion = next_values, next_motion
         inverse = sla.cho_solve((factor, True), np.eye(len(scale))[:, count:])[count:]
         covariance = inverse / np.multiply.outer(scale[count:], scale[count:])
         spread = rate_spread(robot, motion, recording, covariance)
@@ -292,8 +312,8 @@ def _joint_estimate(
             )
             present = replace(present, noise=replace(present.noise, forces=own))
         before, level = level, _level(present.noise.forces)
-        if abs(level - before) < _SETTLED:
+        if short and abs(level - before) < _SETTLED:
             if assumed == origin:
-                break
+                return present
             assumed = origin
-    return present
+    return replace(present, settled=False)

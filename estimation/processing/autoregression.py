@@ -12,7 +12,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg as sla
 
 from constraints.arrays import Array, ComplexArray, Mask
 from estimation.processing.noise import NoiseEstimate
@@ -155,9 +154,10 @@ class AutoregressiveLines(NoiseLines):
     def _variance(self, shares: ComplexArray) -> Array:
         """Return the variance of a sum over lines and channels, (L, 6, k): (k,).
 
-        That of the coefficients of a channel is σ_e² Γ⁻¹ over the number of samples, with the
-        autocovariances Γ (Mann and Wald, Econometrica 11, 1943). Like that of a line it is at most
-        the square of the sum, however long the memory is.
+        The covariance of the coefficients of channels i and j is σ_ij Γ_i⁻¹ Γ_ij Γ_j⁻¹ over the
+        number of samples, with the covariances σ of the prediction errors and Γ of past samples
+        (for one channel Mann and Wald, Econometrica 11, 1943). Like that of a line the variance is
+        at most the square of the sum, however long the memory is.
         """
         square = np.sum(shares.real, axis=(0, 1)) ** 2
         result = 2 * square / self.freedom
@@ -165,14 +165,14 @@ class AutoregressiveLines(NoiseLines):
         response = np.fft.rfft(self.coefficients, self.samples, axis=0)
         frequencies = np.arange(len(self.matrices)) / self.samples
         past = np.exp(-2j * np.pi * np.outer(np.arange(1, order + 1), frequencies))
-        for channel in range(shares.shape[1] if order else 0):
-            relative = past / response[:, channel]
-            slope = 2 * (relative @ shares[:, channel]).real
-            own = self.matrices[:, channel, channel].real
-            memory = sla.toeplitz(np.fft.irfft(own, self.samples)[:order])
-            error = own[0] * np.abs(response[0, channel]) ** 2
-            moved = sla.solve(memory, slope, assume_a="pos")
-            result += error / self.freedom * np.sum(slope * moved, axis=0)
+        slope = 2 * np.einsum("pl,li,lik->ipk", past, 1 / response, shares, optimize=True).real
+        errors = (self.matrices[0] * np.multiply.outer(response[0], response[0].conj())).real
+        # Channel i, k samples ago, with channel j, l samples ago: it depends on l − k, of any sign.
+        lags = np.arange(order)
+        memory = np.fft.irfft(self.matrices, self.samples, axis=0)[lags - lags[:, None]]
+        moved = np.linalg.solve(np.einsum("klii->ikl", memory), slope)
+        terms = "ij,ipk,pqij,jqk->k"
+        result += np.einsum(terms, errors, moved, memory, moved, optimize=True) / self.freedom
         return np.asarray(result * square / np.maximum(square + result, np.finfo(float).tiny))
 
 

@@ -8,12 +8,14 @@ import pytest
 import scipy.linalg as sla
 from scipy import fft
 
+from benchmarks import shots, unknowns
 from estimation.estimators import ParameterPriors
 from estimation.identification import (
     estimate,
     estimate_parameters,
     prepare_experiment,
     run_estimators,
+    single_shot,
 )
 from estimation.identification.periods import UnsuitableDataError
 from estimation.measurement_model import HarmonicMotion
@@ -21,8 +23,9 @@ from estimation.measurement_model.motion import MotionColumns, NormalEquations
 from estimation.measurement_model.prediction import sliding_rate_kernel
 from estimation.measurement_model.spline import SplineMotion
 from estimation.processing.autoregression import autoregressive_noise
-from expdesign.configuration import InputError
+from expdesign.configuration import InputError, load_run
 from expdesign.noise import lines_of
+from expdesign.robot import robot_from
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 
 MOTION = trajectory(samples=320, harmonics=3)
@@ -108,6 +111,34 @@ def test_signs_are_as_uncertain_as_the_motion_of_forces_and_lengths(noise, force
     assert experiment.spread_along(refined.motion.delay_by(0.0)) is refined.spread
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [5, 12])
+def test_noise_is_found_although_the_lengths_hardly_show_the_accelerations(number):
+    """The first motion explains the forces a hundred times worse than their noise."""
+    _, data = shots.record("irregular", number, 0.0, 10.0)
+    settings = {"differentiation": "spline", "systematic": "none"}
+    path = unknowns.ROBOTS["irregular"]
+    config = load_run({"name": "shots", "robot": str(path), "estimate": settings})
+    experiment = prepare_experiment(config, robot_from(config.robot), data, None)
+    known = experiment.recording.step * 1000
+    of_forces, _ = unknowns.read_noise(path)
+    ratio = np.diag(experiment.noise.forces.covariance) * known / np.diag(of_forces)
+    assert experiment.settled
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_motion_and_a_noise_that_do_not_settle_are_reported(monkeypatch):
+    monkeypatch.setattr(single_shot, "_ROUNDS", 1)
+    found = estimate(run({"estimators": ["gm"]}), passes())
+    assert any("motion and noise still changed" in each for each in found.warnings)
+    verdict = found.diagnostics.verdict
+    assert verdict.status == "doubtful"
+    assert any("were not found together" in each.contradiction for each in verdict.findings)
+    assert not found.diagnostics.recordings[0].tests.settled
+    outcomes = {each.assumption: each.outcome for each in estimated().diagnostics.verdict.findings}
+    assert not any(each.startswith("motion and noise") for each in outcomes)
+
+
 @pytest.mark.parametrize(
     ("settings", "key"),
     [({"harmonics": 5}, "harmonics"), ({"frequency": "estimated"}, "frequency")],
@@ -179,6 +210,25 @@ def test_variances_of_noise_with_memory_are_as_uncertain_as_stated():
     scatter = np.std(np.log(values), axis=0)
     stated = np.median(np.sqrt(variances) / values, axis=0)
     np.testing.assert_allclose(stated, scatter, rtol=0.35)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.8])
+@pytest.mark.parametrize("other", [1.0, -1.0])
+def test_correlated_channels_share_the_errors_of_their_memories(correlation, other):
+    """Of a constant in all channels, or with the other sign in the last three."""
+    rng, count, draws = np.random.default_rng(6), 600, 200
+    root = np.linalg.cholesky(np.full((6, 6), correlation) + (1 - correlation) * np.eye(6))
+    columns = np.ones((count, 6, 1))
+    columns[:, 3:] = other
+    lines, found = lines_of(columns), []
+    for _ in range(draws):
+        noise = simulate(count, 0.9, rng) @ root.T
+        own = autoregressive_noise(noise, np.zeros((count, 6, 0)), np.ones(count), "estimated")
+        spread, variance = own.lines.spread(lines)
+        found.append((spread[0, 0], variance[0]))
+    values, variances = np.array(found).T
+    stated = np.median(np.sqrt(variances) / values)
+    assert stated == pytest.approx(np.std(np.log(values)), rel=0.25)
 
 
 def test_filtered_equations_are_those_of_the_whole_matrices():
