@@ -232,7 +232,7 @@ def _outcome(recording: Recording, effect: str, size: float, number: int) -> Out
     effects = {effect: size} if effect else {}
     data = _record(recording, truth, effects, np.random.default_rng([2, number]))
     began = time.process_time()
-    result = estimate(_run(recording), data, read_design(recording.design))
+    result = estimate(run_of(recording), data, read_design(recording.design))
     return _judge(result, truth.parameters, time.process_time() - began)
 
 
@@ -291,7 +291,7 @@ def read_motion(name: str) -> Any:
 
 
 @cache
-def _run(recording: Recording, systematic: str = "", draw: str = "") -> RunConfiguration:
+def run_of(recording: Recording, systematic: str = "", draw: str = "") -> RunConfiguration:
     """Return the run of a user who knows of no effect, or of tolerances."""
     sampling = recording.samples / read_motion(recording.design).period
     options = {"systematic": systematic} if systematic else {}
@@ -386,17 +386,24 @@ class Drawn:
     """Processor time of GM and ML."""
 
 
-def _drawn(recording: Recording, draw: str, systematic: str, number: int) -> Drawn:
+def record_drawn(recording: Recording, draw: str, number: int) -> tuple[Any, Measurement]:
+    """Return a machine as described, and the recording of one that is drawn from its tolerances.
+
+    A machine that cannot follow the lengths is drawn again.
+    """
     truth = draw_truth(read_machine(recording.robot), np.random.default_rng([1, number]))
     rng = np.random.default_rng([2, number])
-    data = None
-    while data is None:  # A machine that cannot follow the lengths is drawn again.
+    while True:
         machine, sensors, effects = deviate(truth, _tolerances(recording.robot, draw), rng)
         with suppress(NoPoseError):
-            data = _record(recording, machine, effects, rng, sensors, truth)
+            return truth, _record(recording, machine, effects, rng, sensors, truth)
+
+
+def _drawn(recording: Recording, draw: str, systematic: str, number: int) -> Drawn:
+    truth, data = record_drawn(recording, draw, number)
     began = time.process_time()
     estimation = estimate_parameters(
-        _run(recording, systematic, draw), data, read_design(recording.design)
+        run_of(recording, systematic, draw), data, read_design(recording.design)
     )
     found = Drawn({}, {}, time.process_time() - began)
     for row in estimation.rows:

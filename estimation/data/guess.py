@@ -206,8 +206,8 @@ def _word_set(text: str) -> frozenset[str]:
 
 
 _LENGTH_WORDS = _word_set(
-    "q l s pos position length len strut leg slider enc encoder angle ang winkel weg lange länge "
-    "laenge hub stroke joint axis motor counts"
+    "q l s pos position length len strut leg slider enc encoder geber angle ang winkel weg lange "
+    "länge laenge hub stroke joint axis motor counts"
 )
 _FORCE_WORDS = _word_set(
     "f force kraft torque trq tau tq moment drehmoment effort current cur curr i iq strom tension "
@@ -354,6 +354,8 @@ def _check_time(table: RawTable, guess: DataGuess, units: dict[str, str]) -> Non
 
 _UNITS = ("m", "mm", "cm", "in", "µm", "rev", "rad", "deg")
 """Units of lengths that are tried, the most likely first."""
+_FINEST = 1e-6
+"""Length, m, of a unit that nobody logs: its whole numbers are counts."""
 _ENDS = (0.05, 0.95)
 """Quantiles of the lengths that must be possible in a unit."""
 _MOVES = 0.02
@@ -398,6 +400,12 @@ def _check_lengths(
         )
         return
     if stated is not None:
+        return
+    if scales[unit][0] <= _FINEST and np.array_equal(values, np.round(values), equal_nan=True):
+        units["q"] = "counts"
+        guess.questions.append(
+            f"units: {{q: counts}}: whole numbers without a unit; {unit} would fit the robot, too"
+        )
         return
     if unit != "m":
         units["q"] = unit

@@ -520,20 +520,21 @@ class ChannelSearch:
         )
         # The sum of both is known much better than the parts.
         both = minimize(
-            lambda at: excess(at[0] - at[1], at[1]),
-            (lag, lag / 2),
+            lambda at: excess(at[0] * (1 - at[1]), at[0] * at[1]),
+            (lag, 0.5),
             method="Nelder-Mead",
-            bounds=((0.0, 2 * lag), (0.0, 2 * lag)),
+            bounds=((0.0, 2 * lag), (0.0, 1.0)),
             options={
                 "xatol": digits,
                 "fatol": _DELAY_DIGITS * self.least_decrease,
-                "initial_simplex": [(lag, 0.3 * lag), (lag, 0.7 * lag), (1.1 * lag, 0.5 * lag)],
+                "initial_simplex": [(lag, 0.3), (lag, 0.7), (1.1 * lag, 0.5)],
             },
         )
         clear = _CLEARLY_ONE * self.least_decrease
         if found.excess < min(float(slow.fun) - clear, float(both.fun) + clear):
             return found
-        total, constant = both.x.tolist()
+        total, share = both.x.tolist()
+        constant = total * share
         return replace(found, delay=total - constant, low_pass=constant, excess=float(both.fun))
 
     def gain_errors(self, found: Candidate) -> Array:

@@ -88,6 +88,16 @@ def test_lengths_without_a_unit_get_the_one_that_fits_the_robot(
     assert any(f"units: {{q: {unit}}}: not stated, fits the robot" in q for q in guess.questions)
 
 
+def test_whole_numbers_without_a_unit_are_counts(tmp_path, rec, palida):
+    home = palida.struts_at(palida.home).lengths
+    rec.q = np.round((rec.q - home) / 5e-7)
+    rec.frame.to_csv(tmp_path / "log.csv", index=False)
+    guess = guess_data(tmp_path / "log.csv", palida)
+    assert guess.section["units"]["q"] == "counts"
+    assert any("whole numbers without a unit" in one for one in guess.questions)
+    assert any(one.startswith("q in counts: counts_per_metre") for one in guess.questions)
+
+
 QUESTIONS = {
     # A hexapod of a laboratory: lengths in cm, and the duty of the motors for their forces.
     "time_ms,len1_cm,len2_cm,len3_cm,len4_cm,len5_cm,len6_cm,pwm1,pwm2,pwm3,pwm4,pwm5,pwm6": (

@@ -6,11 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks import unknowns
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.tolerance_test import tolerance_findings
 from estimation.estimators import covariance_ml_less_gm
 from estimation.identification import estimate_parameters, estimation_result
+from estimation.identification.estimate import estimate
 from estimation.identification.recording import prepare_experiment
 from estimation.twin import Twin
 from estimation.twin.machine import draw_machine
@@ -401,6 +403,19 @@ def test_a_prediction_counts_raised_harmonics_and_does_not_follow_their_noise():
 def _exact(robot):
     """Return the robot without tolerances."""
     return replace(robot, description=replace(robot.description, tolerances=None))
+
+
+@pytest.mark.slow
+def test_a_machine_that_ml_does_not_explain_is_doubtful():
+    """Near a singular pose the lengths alone determine no motion of 52 harmonics."""
+    case = unknowns.Recording("irregular", "irregular")
+    _, data = unknowns.record_drawn(case, "four times", 93)
+    run_of_user = unknowns.run_of(case, "auto", "four times")
+    result = estimate(run_of_user, data, unknowns.read_design(case.design))
+    assert not result.best_estimator.converged
+    verdict = result.diagnostics.verdict
+    assert verdict.status == "doubtful"
+    assert "the estimator did not converge" in [one.contradiction for one in verdict.failed]
 
 
 def test_an_estimated_machine_is_diagnosed_along_the_motion_that_was_estimated(chosen):
