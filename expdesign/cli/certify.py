@@ -72,8 +72,8 @@ def certify_motions(place: Path, design: Path | None, *, piece: bool, as_json: b
             for part in parts
             if part.proof.sampled
         ]
-        but = f", but at the rows only: {'; '.join(rows)}" if rows else ""
-        say(f"proved: every limit is kept at every instant{' of the piece' if piece else ''}{but}")
+        but = f"; {'; '.join(rows)} at the rows, all others" if rows else ""
+        say(f"proved: every limit is kept{but} at every instant{' of the piece' if piece else ''}")
 
 
 def _print_certificates(parts: list[CertifiedPart]) -> None:

@@ -109,8 +109,8 @@ def limits_table(result: DesignResult) -> ReportTable:
     )
     caption = (
         "Worst moment of every limit over the whole period, exact friction model; used: share of "
-        "the bound, between two bounds of the way from their middle; left: the rest, proved for "
-        "every instant"
+        "the bound, or of the distance from the middle to one of two bounds; left: what is free, "
+        "proved for every instant"
     )
     if not certified:
         open_time = max(check.open_time for check in result.checks)

@@ -157,11 +157,11 @@ def _verdict(result: PlanResult) -> StageVerdict:
 def _facts(result: PlanResult) -> tuple[Fact, ...]:
     if not result.limit:
         return ()
-    more = f"with 10 % more of it, to first order: {limit_title(result.limit)}"
-    change, note = f"σ −{readable(result.limit_std_percent, 2)} %", more
+    change = f"σ −{readable(result.limit_std_percent, 2)} %"
     if not np.isfinite(result.limit_std_percent):
-        change, note = f"+{readable(result.limit_gain_percent, 2)} %", f"of the criterion {more}"
-    return (Fact("limit that helps most", change, note),)
+        change = f"criterion +{readable(result.limit_gain_percent, 2)} %"
+    note = f"{change} if it is 10 % wider (first order)"
+    return (Fact("limit that helps most", limit_title(result.limit), note),)
 
 
 def next_view(folder: RunFolder) -> StageView:
