@@ -24,6 +24,7 @@ from expdesign.experiment.sweep import SweptDesign, sweep_result
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import apply_deviations, toleranced_deviations
 from results.comparison.designs import ComparedDesign
+from results.views.design import limit_title
 from results.views.folder import RunFolder
 from results.views.plan import plan_view
 from results.views.view import ReportTable, TextBlock, cell_text
@@ -237,12 +238,13 @@ def test_a_missed_goal_states_what_is_possible_in_the_units_of_the_files(goals, 
     assert {column.digits for column in table.columns if column.title.startswith("σ")} == {3}
 
 
-@pytest.mark.parametrize(("percent", "words"), [(2.5, "σ −2.5 %"), (np.nan, "+5.2 %")])
+@pytest.mark.parametrize(("percent", "words"), [(2.5, "σ −2.5 %"), (np.nan, "criterion +5.2 %")])
 def test_a_limit_helps_in_percent_of_the_standard_deviations(percent, words):
     plan = plan_measurement(_run({"v1": "1 %"}), MOTION)
     stated = replace(plan, limit="strut_speed", limit_gain_percent=5.2, limit_std_percent=percent)
     (fact,) = _shown(stated)[2]
-    assert fact.value == words
+    assert fact.value == limit_title("strut_speed")
+    assert fact.note.startswith(f"{words} if")
 
 
 def test_a_sweep_has_the_minutes_of_each_goal():
