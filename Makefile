@@ -45,7 +45,7 @@ $(VENV)/.locked: $(VENV)/.installed
 
 PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal
 
-test: venv ## Run the tests, 7 minutes on two cores (ARGS="-k jacobian" for some of them)
+test: venv ## Run the tests, 6 minutes on two cores (ARGS="-k jacobian" for some of them)
 	@$(BIN)/python -m compileall -qq -j 0 constraints expdesign estimation results # once, not in each process
 	$(PYTEST) -m "not slow and not system" $(ARGS)
 
