@@ -225,7 +225,8 @@ def _draw(machine: str, names: tuple[str, ...], seed: int, *, with_design: bool)
     if data is not whole:
         found = replace(found, keys=window_keys(data) | found.keys)
     of_channels = set(names) - {"lost rows", "ramps"}
-    if (found.faults or of_channels) and not found.sure:
+    # A lag that may be a delay, a filter or both is not in the section, but stated as not certain.
+    if (found.faults or of_channels) and (found.lag or not found.sure):
         return "silent"
     corrected = load_run(
         {"name": "channels", "robot": _ROBOTS[machine], "data": found.corrected(section)}
