@@ -67,6 +67,9 @@ _MOSTLY = 0.4
 """Share of the unexplained forces that a delay or the zero of a length may leave."""
 _CLEARLY_ONE = 0.225
 """Least difference between a delay and a low pass in least decreases: 9 in χ²."""
+_SMALL_PART = 0.1
+"""Decrease by a low pass in addition to a delay, relative to the difference between either alone,
+up to which the lag is a delay: the low pass is less than a quarter of it."""
 _LEAST = 40.0
 """Least decrease of the sum of squares, in variances; by chance it has a probability of 1e-10."""
 _SPREADS = 3.0
@@ -531,7 +534,10 @@ class ChannelSearch:
             },
         )
         clear = _CLEARLY_ONE * self.least_decrease
-        if found.excess < min(float(slow.fun) - clear, float(both.fun) + clear):
+        # A low pass also smooths the noise of the lengths in the columns: a small part of one is
+        # no evidence for it.
+        little = max(clear, _SMALL_PART * (float(slow.fun) - found.excess))
+        if found.excess < min(float(slow.fun) - clear, float(both.fun) + little):
             return found
         total, share = both.x.tolist()
         constant = total * share
