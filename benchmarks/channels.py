@@ -234,11 +234,13 @@ def _draw(machine: str, names: tuple[str, ...], seed: int, *, with_design: bool)
     again = read(corrected)
     rows = np.rint(again.time / recorded.step).astype(int)
     ends = np.array([rows[0], rows[-1] + 1]) - np.cumsum(recorded.leads)[[1, 1]]
+    shift = ends - [0, _SAMPLES * _PERIODS]
+    early, late = -shift, shift - recorded.delay / recorded.step  # late forces repeat later
     errors = {
         _LENGTH_ERROR: (again.lengths - true_readings[rows] - recorded.home) / recorded.home,
         _FORCE_ERROR: (again.forces - true_forces[rows]) / np.max(np.abs(true_forces)),
         _DELAY_ERROR: (again.force_delay - recorded.delay) / recorded.step,
-        _WINDOW_ERROR: (ends - [0, _SAMPLES * _PERIODS]) / _SAMPLES,
+        _WINDOW_ERROR: np.maximum(np.maximum(early, late), 0) / _SAMPLES,
     }
     right = all(np.max(np.abs(each)) < most for most, each in errors.items())
     return "right" if right else "wrong as certain"
