@@ -202,8 +202,8 @@ class Experiment:
     def harmonics_left_out(self) -> int:
         """Number of harmonics that the forces show and that LS and GM leave out.
 
-        None where tolerances raise harmonics: these, and more that the forces show, are in the
-        effects of the tolerances.
+        It is zero where tolerances raise harmonics: the effects of the tolerances contain these,
+        and more that the forces show.
         """
         if self.refined_motion is None or self.fit is None or self.linear_motion is not None:
             return 0
