@@ -234,21 +234,20 @@ def _faults(found: Candidate, late_error: float, gain_errors: Array) -> Iterator
         place = join_words(f"{key}{number}" for number in _numbers(one.gains < 0))
         if place:
             yield place, f"{place} {'have' if ' and ' in place else 'has'} the opposite sign"
-        unit = _unit(np.abs(one.gains)) if key == "q" else ""
-        common = key == "q" and one.gains[0] != 1 and np.ptp(np.abs(one.gains)) == 0
+        sizes = np.abs(one.gains)
+        unit = _unit(sizes) if key == "q" else ""
+        common = key == "q" and sizes[0] != 1 and np.ptp(sizes) == 0
         if unit:
             yield "q", f"the lengths are in another unit: {unit} if they are stated in m"
         elif common:
-            gain = abs(one.gains[0])
-            size, word = (1 / gain, "large") if gain < 1 else (gain, "small")
+            size, word = _misreading(sizes[0])
             yield (
                 "q",
                 f"all lengths are read {size:.3g} times too {word}: another unit, another number "
                 "of counts, or another lead or gear than in the robot file",
             )
-        for number in [] if unit or common else _numbers(np.abs(one.gains) != 1):
-            gain = abs(one.gains[number - 1])
-            size, word = (1 / gain, "large") if gain < 1 else (gain, "small")
+        for number in [] if unit or common else _numbers(sizes != 1):
+            size, word = _misreading(sizes[number - 1])
             error = size * gain_errors[number - 1] * (key == "Q")
             known = f" ± {error:.1g}" if error > _SHOWN_ERROR * size else ""
             yield f"{key}{number}", f"{key}{number} is read {size:.3g}{known} times too {word}"
@@ -267,6 +266,11 @@ def _faults(found: Candidate, late_error: float, gain_errors: Array) -> Iterator
             f"the {late} lag behind the {early} by {1e3 * abs(found.delay):.3g} ms (± "
             f"{1e3 * late_error:.1g} ms: state that as `tolerances.delay`)",
         )
+
+
+def _misreading(gain: float) -> tuple[float, str]:
+    """Return how many times a reading is too large or too small, by the gain that corrects it."""
+    return (1 / gain, "large") if gain < 1 else (gain, "small")
 
 
 def _describe_lag(robot: Robot, found: Candidate) -> str:

@@ -318,6 +318,13 @@ def test_another_unit_than_that_of_the_file_is_a_scale(command, folder):
     assert json.loads(command("check", *given).output)["channels"]["faults"] == []
 
 
+def test_a_wrong_sign_of_the_first_length_is_no_scale(command, folder):
+    write(folder / "wrong.csv", change=lambda table: table.assign(q1=-table["q1"]))
+    given = (folder / "run.yaml", "--data", folder / "wrong.csv", "--design", folder, "--json")
+    (fault,) = json.loads(command("check", *given).output)["channels"]["faults"]
+    assert fault["place"] == "q1"
+
+
 @pytest.mark.parametrize("factor", [0.25, 2.0])
 def test_a_wrong_scale_of_all_lengths_is_found_by_the_design(command, folder, factor):
     """Such as 40 000 counts of a turn that has 10 000."""
