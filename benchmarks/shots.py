@@ -5,7 +5,8 @@ design once, from rest to rest with ramps of the speed; nothing of the noise is 
 practice is forward kinematics, a zero-phase low pass, central differences and least squares with
 standard deviations of white residuals; its cut-off is three times the highest harmonic. It has no
 result where a sample's noisy lengths have no pose.
-``make bench ARGS="shots palida --repetitions 20"`` runs few of the recordings.
+``make bench ARGS="shots palida --repetitions 20"`` runs few of the recordings. Results of a commit
+are kept in ``build/shots``.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from benchmarks import unknowns
+from benchmarks.kept import keep
 from estimation.data.measurement import Measurement
 from estimation.estimators import ParameterPriors
 from estimation.identification import prepare_experiment, run_estimators
@@ -98,9 +100,9 @@ def record(robot: str, number: int, memory: float, lengths: float) -> tuple[Any,
 class Outcome:
     """Errors, standard deviations and half widths of the 95 % intervals, (m,), by estimator."""
 
-    errors: dict[str, np.ndarray]
-    std: dict[str, np.ndarray]
-    widths: dict[str, np.ndarray]
+    errors: dict[str, list[float]]
+    std: dict[str, list[float]]
+    widths: dict[str, list[float]]
 
 
 def outcome(robot: str, number: int, memory: float, lengths: float) -> Outcome:
@@ -131,8 +133,9 @@ def outcome(robot: str, number: int, memory: float, lengths: float) -> Outcome:
             key = "practice" if practice else name
             std = _std_of_white_residuals(experiment, each.values) if practice else each.std
             freedom = np.full(len(std), np.inf) if practice else each.freedom
-            found.errors[key], found.std[key] = each.values - truth, std
-            found.widths[key] = interval_widths(freedom) * std
+            found.errors[key] = (each.values - truth).tolist()
+            found.std[key] = std.tolist()
+            found.widths[key] = (interval_widths(freedom) * std).tolist()
     return found
 
 
@@ -146,7 +149,8 @@ def _std_of_white_residuals(experiment: Any, values: np.ndarray) -> np.ndarray:
 def rows(section: str, repetitions: int | None = None) -> Iterator[dict[str, Any]]:
     """Yield a row per noise and estimator for a machine."""
     for case, (memory, lengths) in _CASES.items():
-        found = [outcome(section, k, memory, lengths) for k in range(repetitions or DRAWS)]
+        keys = [[section, k, memory, lengths] for k in range(repetitions or DRAWS)]
+        found = [Outcome(**keep("shots", key, outcome, *key)) for key in keys]
         for name in _ESTIMATORS:
             known = [each for each in found if name in each.errors]
             if not known:

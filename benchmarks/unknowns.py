@@ -13,10 +13,9 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
-import subprocess
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cache
@@ -27,6 +26,7 @@ import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from benchmarks.kept import keep
 from estimation.data.measurement import Measurement
 from estimation.identification.estimate import estimate
 from estimation.identification.estimation import estimate_parameters
@@ -58,8 +58,6 @@ _OFF = {"p2": 0.97, "p3": 0.98, "p5": 0.99, "p6": 1.06, "p7": 1.04, "p8": 1.05}
 """Parameters of the machines over those of the robot files; all bodies are possible ones."""
 _SPREAD = 0.05
 """Relative spread of all rigid-body parameters together, and of each of friction."""
-_CHANGED = "-changed"
-"""Mark of a working tree with changes: its results are not kept."""
 _OPEN_WORDS = "not in the list"
 
 Row = dict[str, Any]
@@ -193,38 +191,12 @@ def measure(
     recording: Recording, effect: str, size: float, numbers: Iterable[int]
 ) -> list[Outcome]:
     """Return the outcomes of recordings with an effect of a size, SI."""
-    return [
-        Outcome(**_keep([asdict(recording), effect, size, k], _outcome, recording, effect, size, k))
-        for k in numbers
-    ]
-
-
-def _keep(key: Any, compute: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
-    """Return the kept result of a key, or compute and keep it, a dataclass."""
-    kept, text = _kept(), json.dumps(key)
-    if text not in kept:
-        kept[text] = asdict(compute(*arguments))
-        if not _commit().endswith(_CHANGED):
-            with _results().open("a") as file:
-                file.write(json.dumps([text, kept[text]]) + "\n")
-    return kept[text]
-
-
-def _results() -> Path:
-    return _ROOT / "build" / "unknowns" / f"{_commit()}.jsonl"
-
-
-@cache
-def _kept() -> dict[str, dict[str, Any]]:
-    path = _results()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return dict(map(json.loads, path.read_text().splitlines())) if path.exists() else {}
-
-
-@cache
-def _commit() -> str:
-    command = ["git", "-C", str(_ROOT), "describe", "--always", f"--dirty={_CHANGED}"]
-    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+    found = []
+    for number in numbers:
+        key = [asdict(recording), effect, size, number]
+        kept = keep("unknowns", key, _outcome, recording, effect, size, number)
+        found.append(Outcome(**kept))
+    return found
 
 
 def _outcome(recording: Recording, effect: str, size: float, number: int) -> Outcome:
@@ -424,7 +396,8 @@ def tolerance_rows(
         found = []
         for number in range(count):
             key = [asdict(recording), _tolerances(recording.robot, draw), systematic, number]
-            found.append(Drawn(**_keep(key, _drawn, recording, draw, systematic, number)))
+            kept = keep("unknowns", key, _drawn, recording, draw, systematic, number)
+            found.append(Drawn(**kept))
         for estimator in found[0].errors:
             yield {
                 "robot": recording.robot,
