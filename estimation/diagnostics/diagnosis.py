@@ -64,8 +64,8 @@ from estimation.diagnostics.residuals import (
 from estimation.diagnostics.significance import GAIN_DRIFT, HARMONIC_LACK_OF_FIT, LACK_OF_FIT, NOISE
 from estimation.diagnostics.tolerance_test import tolerance_findings
 from estimation.diagnostics.verdict import check_convergence, check_motion_onset, verdict
+from estimation.estimators.covariance import Influence
 from estimation.estimators.experiment import Experiment
-from estimation.estimators.influence import Influence
 from estimation.estimators.prior_estimate import invert_covariance
 from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate

@@ -50,7 +50,7 @@ from estimation.diagnostics.joint_system import (
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.search import RIVAL_LEVEL
 from estimation.diagnostics.significance import Strut, are_possible, log_tail, noncentrality
-from estimation.estimators.influence import Influence
+from estimation.estimators.covariance import Influence
 from estimation.kinematics import PointwiseMotion
 from estimation.measurement_model.motion import root_of_pseudo_inverse
 from expdesign.runfolder import described

@@ -17,7 +17,7 @@ from constraints.arrays import Array
 from estimation.diagnostics.finding import Assumption, Finding, join_words
 from estimation.diagnostics.joint_system import ConditionalScores, EffectFit
 from estimation.diagnostics.significance import POWER, TOLERANCES
-from estimation.estimators.influence import EstimatedDeviation
+from estimation.estimators.covariance import EstimatedDeviation
 from estimation.estimators.result import SEEN, ParameterEstimate
 
 _WITHIN = Assumption(

@@ -1,11 +1,11 @@
 """Least-squares, Gauss–Markov and maximum-likelihood estimators on the shared symbolic graph."""
 
-from estimation.estimators.experiment import Experiment
-from estimation.estimators.influence import (
+from estimation.estimators.covariance import (
     SystematicUncertainty,
     add_prior_response,
     systematic_share,
 )
+from estimation.estimators.experiment import Experiment
 from estimation.estimators.joint_equations import PerturbedMachine, cramer_rao_covariance
 from estimation.estimators.linear import linear_estimate
 from estimation.estimators.maximum_likelihood import maximum_likelihood

@@ -21,8 +21,8 @@ from functools import cached_property
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.estimators.covariance import Influence
 from estimation.estimators.experiment import Experiment
-from estimation.estimators.influence import Influence
 from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 
 from constraints.arrays import Array
-from estimation.estimators.influence import (
+from estimation.estimators.covariance import (
     Covariance,
     EstimatedDeviation,
     Influence,

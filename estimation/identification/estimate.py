@@ -28,7 +28,7 @@ from estimation.estimators import (
     SystematicUncertainty,
     covariance_ml_less_gm,
 )
-from estimation.estimators.influence import EstimatedDeviation
+from estimation.estimators.covariance import EstimatedDeviation
 from estimation.estimators.result import uncertainty_fields
 from estimation.identification.estimation import Estimation, estimate_parameters
 from estimation.identification.estimator_result import (

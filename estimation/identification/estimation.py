@@ -26,7 +26,7 @@ from estimation.estimators import (
     maximum_likelihood,
     systematic_share,
 )
-from estimation.estimators.influence import EstimatedDeviation
+from estimation.estimators.covariance import EstimatedDeviation
 from estimation.estimators.prior_estimate import UnloadedMachine
 from estimation.estimators.result import PayloadEstimate, payload_estimate
 from estimation.identification.calibration import apply_calibration, estimated_machine

@@ -265,7 +265,7 @@ def difference_test(
     -----
     Gauss–Markov against maximum likelihood is the test of Hausman (1978) for the effect of motion
     errors on the information matrix. Both use the same data, and the covariance of their difference
-    follows from their influences (`estimation.estimators.influence`); for white noise it is
+    follows from their influences (`estimation.estimators.covariance`); for white noise it is
     Cov GM − Cov ML.
 
     Examples

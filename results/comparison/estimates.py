@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from constraints.arrays import Array
-from estimation.estimators.influence import Effects
+from estimation.estimators.covariance import Effects
 from estimation.identification.result import EstimationResult
 from estimation.twin.truth import Truth
 from estimation.uncertainty.intervals import Differences, difference_test

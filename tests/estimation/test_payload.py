@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimation.estimators.influence import EstimatedDeviation, SystematicUncertainty
+from estimation.estimators.covariance import EstimatedDeviation, SystematicUncertainty
 from estimation.estimators.prior_estimate import UnloadedMachine
 from estimation.estimators.result import TEN, payload_estimate
 from estimation.identification import estimate_parameters, estimation_result

@@ -20,7 +20,7 @@ from expdesign.evaluation.content import content_key
 from expdesign.evaluation.machine_code import CACHE, SWITCH
 from expdesign.mechanism.term import Friction
 from expdesign.mechanism.terms import term_definitions, terms_named
-from expdesign.problem import design_problem
+from expdesign.problem import objective
 from expdesign.robot import limit_model, robot
 
 X = np.arange(6.0).reshape(2, 3)
@@ -236,9 +236,9 @@ def project_keys():
     terms = terms_named(["struts", "rigid_platform", "actuator_friction"], general=True)
     kernels = [
         *(
-            design_problem._factor_kernel,
-            design_problem._slope_kernel,
-            design_problem._gradient_kernel,
+            objective._factor_kernel,
+            objective._slope_kernel,
+            objective._gradient_kernel,
         ),
         *(robot._regressor_kernel, robot._force_kernel, limit_model._kernel),
     ]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from estimation.estimators import PerturbedMachine, SystematicUncertainty
-from estimation.estimators.influence import EstimatedDeviation
+from estimation.estimators.covariance import EstimatedDeviation
 from estimation.feedforward.comparison import compare_feedforward, true_machine
 from estimation.feedforward.result import FeedforwardResult
 from estimation.identification import estimate_parameters, estimation_result

@@ -1,4 +1,4 @@
-"""Influence of noise and of machine deviations on an estimate.
+"""Covariance of estimates: influence of noise and of machine deviations on an estimate.
 
 To first order every estimator here is linear in the errors of the mean forces and lengths,
 p̂ − p = Σ_n K_fᵀ ε_f + Σ_n K_lᵀ ε_l, whatever its weights are. The same K yields the covariance
