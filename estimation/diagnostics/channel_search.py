@@ -1,26 +1,41 @@
 """Search for the wiring of a recording: order, sign, scale and zero of its channels, and the delay.
 
-The forces are linear in the parameters. Least squares with all parameters free therefore has a
-closed form: with A_i the regressor of strut i and Q_j the force in channel j, the sum of squares of
-a signed permutation depends on the 36 products A_iᵀ Q_j alone. All 46 080 of them take
-milliseconds, whatever the true parameters are. Lengths move the regressor and are tried one after
-the other.
+All wirings of the forces are fitted at once; lengths move the regressor and are tried one after the
+other.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import combinations, permutations, product
+from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import minimize_scalar
 
 from constraints.arrays import Array, ComplexArray
+from estimation.diagnostics.channel_fit import (
+    DETERMINED,
+    ORDERS,
+    OTHER_GAIN,
+    SPREADS,
+    STRUTS,
+    UNITS,
+    Candidate,
+    ForceFit,
+    Wiring,
+    round_factor,
+)
+from estimation.diagnostics.channel_lag import (
+    LEAST,
+    LOW_PASS_NODES,
+    LOW_PASS_WEIGHTS,
+    Lag,
+    LagSearch,
+    delays_to_try,
+)
 from estimation.measurement_model import HarmonicMotion
-from estimation.measurement_model.motion import root_of_pseudo_inverse
 from estimation.processing import NoiseModel, PeriodicRecording
 from estimation.processing.periodic_recording import Channels
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
@@ -30,34 +45,22 @@ from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
 _FORCE_ROWS, _LENGTH_ROWS = 1000, 256
 """Largest number of rows in use: means over periods, or single samples."""
-_DETERMINED = 1e-12
-_TINY = 1e-12
 _STEPS = 12
 _DAMPING = 1e-9
 _REACHED = 1e-9
 _LARGEST_STEP = 0.3
 """Largest step of a pose, in units of the characteristic length."""
-_STRUTS = np.arange(ACTUATORS)
-_ORDERS = np.array(list(permutations(range(ACTUATORS))))
 _ROUND_THE_BASE = [
-    (first + turn * _STRUTS) % ACTUATORS
+    (first + turn * STRUTS) % ACTUATORS
     for first in range(ACTUATORS)
     for turn in (1, -1)
     if (first, turn) != (0, 1)
 ]
 """Orders that count the struts from another one, or backwards."""
-_SIGNS = np.array([(1, *signs) for signs in product((1, -1), repeat=ACTUATORS - 1)])
 _FACTORS = (2.0, 0.5)
-UNITS = {1.0: "m", 1e-3: "mm", 1e-2: "cm", 0.0254: "in", 1e-6: "µm"}
-"""Units of length, by their size in m."""
-_USUAL = np.array([factor * unit for factor in (0.25, 0.5, 1.0, 2.0, 4.0) for unit in UNITS])
-_USUAL = np.concatenate([_USUAL, 1 / _USUAL])
 _SHORTEST, _LONGEST = 0.5, 2.0
 """Possible lengths of a strut, relative to that at home."""
 _MOST_STRUTS = 4
-_STEPS_LATE = (1, 2, 3, 5, 7, 10, 14, 20)
-"""Delays that are tried, in steps of the recording."""
-_MOST_OF_PERIOD = 0.1
 _MUCH_BETTER = 4.0
 """Ratio of unexplained forces from which on another wiring is preferred to a simpler one."""
 _EQUAL = 1e-3
@@ -65,22 +68,10 @@ _EQUAL = 1e-3
 _SMALL = 0.01
 _MOSTLY = 0.4
 """Share of the unexplained forces that a delay or the zero of a length may leave."""
-_CLEARLY_ONE = 0.225
-"""Least difference between a delay and a low pass in least decreases: 9 in χ²."""
-_SMALL_PART = 0.1
-"""Decrease by a low pass in addition to a delay, relative to the difference between either alone,
-up to which the lag is a delay: the low pass is less than a quarter of it."""
-_LEAST = 40.0
-"""Least decrease of the sum of squares, in variances; by chance it has a probability of 1e-10."""
-_SPREADS = 3.0
-_DELAY_DIGITS = 0.01
-_LOW_PASS_NODES, _LOW_PASS_WEIGHTS = np.polynomial.laguerre.laggauss(16)
-"""Delays of a low pass over its time constant, and their shares."""
 _ZERO_DIGITS = 0.05
 _ZEROS = np.array([-16, -8, -4, -2, -1, 0, 1, 2, 4, 8, 16])
 """Errors of a length's zero that are tried, in smallest faults."""
 _ALIKE = 0.1
-_ROUND = 0.03
 _FURTHER = 3
 """Harmonics of lengths, in addition to those of the motion."""
 _PHASES = 240
@@ -93,179 +84,6 @@ _CLEAR_WORK = 10.0
 _LEAST_SHARE = 0.2
 """Share of the unexplained forces that one of several faults must explain."""
 _ROUNDS = 4
-_OTHER_GAIN = 1.3
-"""Ratio of two force constants that is no tolerance of one."""
-
-
-@dataclass(frozen=True, eq=False)
-class Wiring:
-    """Readings of six struts, gain · channel + offset."""
-
-    channels: NDArray[np.intp]
-    """(6,), measured channel of each strut, from zero."""
-    gains: Array
-    """(6,), signed; 1: as measured."""
-    offsets: Array
-    """(6,), m or N; 0: as measured."""
-
-    @classmethod
-    def as_measured(cls) -> Wiring:
-        """Return the wiring of the recording as it was read."""
-        return cls(_STRUTS, np.ones(ACTUATORS), np.zeros(ACTUATORS))
-
-    def apply(self, values: Array) -> Array:
-        """Return the readings of the struts, (R, 6), from the channels, (R, 6)."""
-        return values[:, self.channels] * self.gains + self.offsets
-
-    def reorder(self, order: NDArray[np.intp]) -> Wiring:
-        """Return the wiring with strut i on the channel of strut order[i] so far."""
-        return Wiring(self.channels[order], self.gains[order], self.offsets[order])
-
-    def scale(self, strut: int, gain: float, fixed: float = 0.0) -> Wiring:
-        """Return the wiring with one reading multiplied by a gain about a fixed reading."""
-        gains, offsets = self.gains.copy(), self.offsets.copy()
-        gains[strut] *= gain
-        offsets[strut] = gain * offsets[strut] + (1 - gain) * fixed
-        return replace(self, gains=gains, offsets=offsets)
-
-    def shift(self, strut: int, offset: float) -> Wiring:
-        """Return the wiring with another offset of one strut."""
-        return replace(self, offsets=self.offsets + offset * np.eye(ACTUATORS)[strut])
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A wiring of lengths and forces, and its unexplained forces."""
-
-    lengths: Wiring
-    forces: Wiring
-    delay: float
-    """Delay of the forces behind the lengths, s, in addition to the stated one."""
-    excess: float
-    """Unexplained part of the forces beyond the noise, as a share of their energy."""
-    next_best: float = np.inf
-    """The same of the best other wiring that was tried."""
-    low_pass: float | None = None
-    """Time constant of a low pass of all forces that is a part of their lag, s; None: the lag is
-    clearly a delay."""
-
-
-class ForceFit:
-    """Fits of the measured forces, (R, 6), by columns A, (R, 6, m), under all wirings.
-
-    Attributes
-    ----------
-    projections : (6, 6, k)
-        Force in channel j, projected on the parameters by the regressor of strut i.
-    """
-
-    def __init__(self, columns: Array, forces: Array, variances: Array) -> None:
-        by_strut = columns.transpose(1, 2, 0)
-        self._information = by_strut @ by_strut.transpose(0, 2, 1)
-        root = root_of_pseudo_inverse(np.sum(self._information, axis=0), _DETERMINED)
-        self.root = root
-        self._moments = by_strut @ forces
-        self.projections = np.einsum("imj,mk->ijk", self._moments, root, optimize=True)
-        self.energies = np.sum(forces**2, axis=0)
-        self._variances, self._rows = variances, len(forces)
-
-    def excess(self, forces: Wiring) -> float:
-        """Return the unexplained share of the forces beyond the expected noise."""
-        picked, gains = self.projections[_STRUTS, forces.channels], forces.gains
-        total, noise = (
-            float(each[forces.channels] @ gains**2) for each in (self.energies, self._variances)
-        )
-        return (total - float(np.sum((gains @ picked) ** 2)) - noise) / total
-
-    def parameters(self, forces: Wiring) -> Array:
-        """Return the fitted parameters, (m,)."""
-        picked = self.projections[_STRUTS, forces.channels]
-        return np.asarray(self.root @ (forces.gains @ picked), np.float64)
-
-    @cached_property
-    def _products(self) -> Array:
-        """(720, 6, 6), products of the projections of two struts under every order."""
-        picked = self.projections[_STRUTS, _ORDERS]
-        return picked @ picked.transpose(0, 2, 1)
-
-    @cached_property
-    def explained(self) -> Array:
-        """(720, 32), explained sums of squares of all orders and signs, N²."""
-        # One matrix product over the pairs of struts.
-        pairs = (_SIGNS[:, :, None] * _SIGNS[:, None]).reshape(len(_SIGNS), -1)
-        return self._products.reshape(len(_ORDERS), -1) @ pairs.T
-
-    def best(self) -> Wiring:
-        """Return the order and signs that explain most; the first sign is arbitrary."""
-        order, signs = np.unravel_index(int(np.argmax(self.explained)), self.explained.shape)
-        return replace(Wiring.as_measured(), channels=_ORDERS[order], gains=_SIGNS[signs] * 1.0)
-
-    def next_best(self, forces: Wiring) -> float:
-        """Return the unexplained share of the best other order and signs, with equal gains."""
-        order = np.all(forces.channels == _ORDERS, axis=1)
-        signs = np.all(np.sign(forces.gains) * np.sign(forces.gains[0]) == _SIGNS, axis=1)
-        others = np.where(order[:, None] & signs, -np.inf, self.explained)
-        total = float(np.sum(self.energies))
-        return (total - float(np.max(others)) - float(np.sum(self._variances))) / total
-
-    def best_with_scales(self) -> tuple[Wiring, float]:
-        """Return the order and gains that explain most, and the unexplained share of the next.
-
-        The gains of an order are an eigenvector: they maximise the explained share of the scaled
-        forces. Those near the median are taken as equal.
-        """
-        norms = np.sqrt(np.maximum(self.energies, _TINY))[_ORDERS]
-        shares = self._products / (norms[:, :, None] * norms[:, None])
-        values, vectors = np.linalg.eigh(shares)
-        best = int(np.argmax(values[:, -1]))
-        gains = vectors[best, :, -1] / norms[best]
-        # One of them is the usual one: a common factor would be that of the parameters.
-        usual = np.sort(np.abs(gains))[ACTUATORS // 2]
-        sizes = np.maximum(np.abs(gains) / usual, _TINY)
-        far = np.abs(np.log(sizes)) > np.log(_OTHER_GAIN)
-        gains = np.sign(gains) * np.where(far, sizes, 1.0)
-        others = max(float(np.max(np.delete(values[:, -1], best))), float(values[best, -2]))
-        noise = float(np.sum(self._variances) / np.sum(self.energies))
-        found = replace(Wiring.as_measured(), channels=_ORDERS[best], gains=gains)
-        return self.fit_gains(found)[0], 1 - others - noise
-
-    def fit_gains(self, forces: Wiring) -> tuple[Wiring, Array]:
-        """Return the wiring with the best gains of scaled channels, and relative errors, (6,).
-
-        Least squares in the measured forces, of the parameters and the reciprocal gains: the noise
-        of a scaled channel biases an eigenvector, and not them.
-        """
-        signs, reciprocal = np.sign(forces.gains), 1 / np.abs(forces.gains)
-        scaled, errors = np.flatnonzero(reciprocal != 1), np.zeros(ACTUATORS)
-        if not len(scaled):
-            return forces, errors
-        moments = signs[:, None] * self._moments[_STRUTS, :, forces.channels]
-        for _ in range(_STEPS):
-            information = np.tensordot(reciprocal**2, self._information, axes=1)
-            root = root_of_pseudo_inverse(information, _DETERMINED)
-            explained = root.T @ (reciprocal @ moments)
-            parameters = root @ explained
-            own = self._information[scaled] @ parameters
-            mixed = reciprocal[scaled, None] * (own @ root)
-            slope = moments[scaled] @ parameters - reciprocal[scaled] * (own @ parameters)
-            inverse = np.linalg.pinv(np.diag(own @ parameters) - mixed @ mixed.T)
-            step = inverse @ slope / reciprocal[scaled]
-            reciprocal[scaled] *= np.exp(np.clip(step, -1, 1))
-            if np.max(np.abs(step)) < _REACHED:
-                break
-        # Every channel has a noise of its own, in the scaled ones as many times larger.
-        known = np.eye(ACTUATORS)[scaled, :, None] * parameters
-        known = known - reciprocal[:, None] * (mixed @ root.T)[:, None]
-        energies = np.einsum("lim,imn,kin->ilk", known, self._information, known, optimize=True)
-        predicted = np.einsum("m,imn,n->i", parameters, self._information, parameters)
-        rest = self.energies[forces.channels] + reciprocal**2 * predicted
-        rest = rest - 2 * reciprocal * (moments @ parameters)
-        variances = rest / max(self._rows - len(parameters) / ACTUATORS, 1.0)
-        spread = inverse @ np.tensordot(variances, energies, axes=1) @ inverse
-        errors[scaled] = np.sqrt(np.abs(np.diag(spread))) / reciprocal[scaled]
-        far = np.abs(np.log(reciprocal)) > np.log(_OTHER_GAIN) + _SPREADS * errors
-        gains = signs * np.where(far, _round_factor(1 / reciprocal), 1.0)
-        return replace(forces, gains=gains), np.where(far, errors, 0.0)
 
 
 class ChannelSearch:
@@ -323,15 +141,13 @@ class ChannelSearch:
         )
         self._variances = variances * float(np.sum(1 / counts))
         share = float(np.sum(self._variances) / np.sum(self.forces**2))
-        self.least_decrease = _LEAST * share / self.forces.size
+        self.least_decrease = LEAST * share / self.forces.size
         self.spread = share * float(np.sqrt(2 / self.forces.size))
         most = min(harmonics, (len(self.readings) - 1) // 2)
         basis = PhaseBasis.at(self.omega * self.length_times, most)
         self._to_series = np.asarray(np.linalg.pinv(basis.value), np.float64)
         self._scale = np.repeat([1.0, 1 / robot.characteristic_length], COORDINATES // 2)
-        longest = _MOST_OF_PERIOD * recording.period
-        steps = [sign * late for late in _STEPS_LATE for sign in (1, -1)]
-        self._delays = [late * self.step for late in steps if abs(late) * self.step < longest]
+        self._delays = delays_to_try(self.step, recording.period)
 
     def _find_unit(self) -> float | None:
         """Return the unit of the lengths, relative to that stated, with which most are possible."""
@@ -377,7 +193,7 @@ class ChannelSearch:
 
     def columns(self, motion: HarmonicMotion, delay: float = 0.0, low_pass: float = 0.0) -> Array:
         """Return A, (R, 6, m), for forces behind a delay and a low pass, s."""
-        nodes, weights = (_LOW_PASS_NODES, _LOW_PASS_WEIGHTS) if low_pass else ([0.0], [1.0])
+        nodes, weights = (LOW_PASS_NODES, LOW_PASS_WEIGHTS) if low_pass else ([0.0], [1.0])
         states = (motion.at(self.force_times - delay - low_pass * x).state() for x in nodes)
         columns = [self.robot.regressor(*np.split(state, 3, axis=1)) for state in states]
         return self._whiten(np.tensordot(weights, columns, axes=1))
@@ -443,7 +259,7 @@ class ChannelSearch:
 
     def left(self, excess: float) -> float:
         """Return the part of an unexplained share that is not noise."""
-        return max(excess - _SPREADS * self.spread, 0.0)
+        return max(excess - SPREADS * self.spread, 0.0)
 
     def explained_variation(self, candidate: Candidate) -> tuple[float, float]:
         """Return the shares of the forces' variation that are explained, and that are noise."""
@@ -502,46 +318,23 @@ class ChannelSearch:
             best = replace(
                 found, next_best=min([found.next_best, *(one.excess for one in rest[:1])])
             )
-        return self._simplest(self._split_lag(best) if best.delay > 0 else best)
+        if best.delay > 0:
+            lag = self.lag_search(best).split(_lag_of(best))
+            best = _with_lag(best, lag)
+        return self._simplest(best)
 
-    def _split_lag(self, found: Candidate) -> Candidate:
-        """Return the wiring with its lag as a delay, or as a delay and a low pass of all forces.
-
-        A delay must explain clearly more than a low pass, and hardly less than both together.
-        """
-        motion, lag = self.motion(found.lengths), found.delay
-        digits = _DELAY_DIGITS * self.step
-
-        def excess(delay: float, constant: float) -> float:
-            return self.fit(motion, delay, constant).excess(found.forces)
-
-        slow = minimize_scalar(
-            lambda constant: excess(0.0, constant),
-            bounds=(lag / 2, 2 * lag),
-            method="bounded",
-            options={"xatol": digits},
+    def lag_search(self, found: Candidate) -> LagSearch:
+        """Return the search for the lag of the forces with a wiring."""
+        motion = self.motion(found.lengths)
+        return LagSearch(
+            lambda delay, constant: self.fit(motion, delay, constant).excess(found.forces),
+            self.step,
+            self.least_decrease,
         )
-        # The sum of both is known much better than the parts.
-        both = minimize(
-            lambda at: excess(at[0] * (1 - at[1]), at[0] * at[1]),
-            (lag, 0.5),
-            method="Nelder-Mead",
-            bounds=((0.0, 2 * lag), (0.0, 1.0)),
-            options={
-                "xatol": digits,
-                "fatol": _DELAY_DIGITS * self.least_decrease,
-                "initial_simplex": [(lag, 0.3), (lag, 0.7), (1.1 * lag, 0.5)],
-            },
-        )
-        clear = _CLEARLY_ONE * self.least_decrease
-        # A low pass also smooths the noise of the lengths in the columns: a small part of one is
-        # no evidence for it.
-        little = max(clear, _SMALL_PART * (float(slow.fun) - found.excess))
-        if found.excess < min(float(slow.fun) - clear, float(both.fun) + little):
-            return found
-        total, share = both.x.tolist()
-        constant = total * share
-        return replace(found, delay=total - constant, low_pass=constant, excess=float(both.fun))
+
+    def delay_error(self, found: Candidate) -> float:
+        """Return the standard deviation of the delay due to noise of the forces, s."""
+        return self.lag_search(found).delay_error(_lag_of(found))
 
     def gain_errors(self, found: Candidate) -> Array:
         """Return the relative standard deviations of the gains of the forces, (6,)."""
@@ -556,7 +349,7 @@ class ChannelSearch:
 
         def count_moved(one: Candidate) -> int:
             orders = one.lengths.channels, one.forces.channels
-            return sum(int(np.count_nonzero(order != _STRUTS)) for order in orders)
+            return sum(int(np.count_nonzero(order != STRUTS)) for order in orders)
 
         best = found
         for order in _ROUND_THE_BASE:
@@ -601,7 +394,7 @@ class ChannelSearch:
             own = np.einsum("rim,ri->im", columns, shape) @ fit.root
             energies = np.sum(shape**2, axis=0)
             left = energies - np.sum(own**2, axis=1)
-            seen = left > _DETERMINED * energies
+            seen = left > DETERMINED * energies
             explained = np.sum(shape * rest, axis=0)[seen] ** 2 / left[seen]
             most = max(most, float(np.max(explained, initial=0.0)))
         decrease = present.excess - found.excess
@@ -631,8 +424,8 @@ class ChannelSearch:
 
     def _with_delay(self, present: Candidate) -> Candidate:
         """Return the wiring with the best delay, if it is a fault."""
-        motion = self.motion(present.lengths)
-        delays = [(self.fit(motion, late).excess(present.forces), late) for late in self._delays]
+        excess = self.lag_search(present).excess
+        delays = [(excess(late, 0.0), late) for late in self._delays]
         if not delays:  # a period of ten samples has no room for any
             return present
         later = self._at_delay(present, min(delays)[1])
@@ -648,28 +441,7 @@ class ChannelSearch:
 
     def _at_delay(self, present: Candidate, delay: float) -> Candidate:
         """Return the wiring with the best delay near a first one."""
-        motion = self.motion(present.lengths)
-        found = minimize_scalar(
-            lambda late: self.fit(motion, late).excess(present.forces),
-            bounds=(delay - self.step, delay + self.step),
-            method="bounded",
-            options={"xatol": _DELAY_DIGITS * self.step},
-        )
-        return replace(present, delay=float(found.x), excess=float(found.fun))
-
-    def delay_error(self, found: Candidate) -> float:
-        """Return the standard deviation of the delay due to noise of the forces, s.
-
-        It is that of the curvature over half a step, for jumps of dry friction have no derivative;
-        all parameters are free.
-        """
-        motion, half = self.motion(found.lengths), self.step / 2
-        below, middle, above = (
-            self.fit(motion, found.delay + late, found.low_pass or 0.0).excess(found.forces)
-            for late in (-half, 0, half)
-        )
-        curvature = (below - 2 * middle + above) / half**2 * _LEAST / self.least_decrease
-        return float(np.sqrt(2 / curvature)) if curvature > 0 else half
+        return _with_lag(present, self.lag_search(present).delay_near(delay))
 
     def _at_zero(self, present: Candidate, strut: int, most: float) -> Candidate:
         """Return the wiring with the zero of one length that explains most."""
@@ -713,7 +485,7 @@ class ChannelSearch:
         turns = np.exp(1j * np.outer(phases, np.arange(1, harmonics + 1)))
         sizes = np.linalg.norm(wanted, axis=0)[:, None] * np.linalg.norm(found, axis=0)
         products = np.einsum("tk,ki,kj->tij", turns, wanted.conj(), found, optimize=True).real
-        alike = (products / sizes)[:, _STRUTS, _ORDERS]
+        alike = (products / sizes)[:, STRUTS, ORDERS]
         unlike = np.sum(1 - np.abs(alike), axis=2)
         time, order = np.unravel_index(int(np.argmin(unlike)), unlike.shape)
         signs, best = np.sign(alike[time, order]), float(unlike[time, order])
@@ -721,12 +493,12 @@ class ChannelSearch:
         same[:, order] = np.all(np.sign(alike[:, order]) == signs, axis=1)
         if best > _UNLIKE or float(np.min(unlike[~same])) < _CLEARLY * best:
             return None
-        channels = _ORDERS[order]
+        channels = ORDERS[order]
         energies = np.sum(np.abs(found) ** 2, axis=0)[channels]
-        gains = products[time, _STRUTS, channels] / energies
+        gains = products[time, STRUTS, channels] / energies
         sizes = np.abs(gains) / self.unit
-        far = np.abs(np.log(sizes)) > np.log(_OTHER_GAIN)
-        gains = self.unit * signs * np.where(far, _round_factor(sizes), 1.0)
+        far = np.abs(np.log(sizes)) > np.log(OTHER_GAIN)
+        gains = self.unit * signs * np.where(far, round_factor(sizes), 1.0)
         offsets = middle - self.zeros - gains * mean[channels]
         usual = _CLEARLY * float(np.median(np.abs(offsets)))
         shifted = np.abs(offsets) > np.maximum(self.least_zeros, usual)
@@ -734,16 +506,12 @@ class ChannelSearch:
         return Wiring(channels, gains, np.where(shifted & few, offsets, 0.0))
 
 
-def _round_factor(factors: Array) -> Array:
-    """Return the factors, those near a usual one as this one.
+def _lag_of(found: Candidate) -> Lag:
+    return Lag(found.delay, found.low_pass, found.excess)
 
-    Examples
-    --------
-    >>> _round_factor(np.array([0.497, 1.7, 0.00102])).tolist()
-    [0.5, 1.7, 0.001]
-    """
-    nearest = _USUAL[np.argmin(np.abs(np.log(_USUAL / factors[:, None])), axis=1)]
-    return np.where(np.abs(factors / nearest - 1) < _ROUND, nearest, factors)
+
+def _with_lag(found: Candidate, lag: Lag) -> Candidate:
+    return replace(found, delay=lag.delay, low_pass=lag.low_pass, excess=lag.excess)
 
 
 def _series(phases: Array, values: Array, harmonics: int) -> tuple[Array, ComplexArray]:
@@ -756,7 +524,7 @@ def _series(phases: Array, values: Array, harmonics: int) -> tuple[Array, Comple
 def _length_orders() -> Iterator[NDArray[np.intp]]:
     """Yield orders with two struts swapped, counted from another strut, or reversed."""
     for i, j in combinations(range(ACTUATORS), 2):
-        order = _STRUTS.copy()
+        order = STRUTS.copy()
         order[[i, j]] = j, i
         yield order
     yield from _ROUND_THE_BASE

@@ -15,7 +15,9 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array, Mask
-from estimation.diagnostics.channel_search import UNITS, Candidate, ChannelSearch
+from estimation.diagnostics.channel_fit import UNITS, Candidate
+from estimation.diagnostics.channel_lag import describe_lag
+from estimation.diagnostics.channel_search import ChannelSearch
 from estimation.diagnostics.finding import Assumption, Finding, join_words
 from estimation.processing import NoiseModel, PeriodicRecording
 from expdesign.configuration import InputError, Problem
@@ -169,7 +171,7 @@ def check_channels(
     ambiguous = found.low_pass is not None or (
         found.delay < 0 and any(section.channel_filters("Q"))
     )
-    lag = _describe_lag(robot, found) if ambiguous else ""
+    lag = describe_lag(robot, found.delay, found.low_pass) if ambiguous else ""
     found = replace(found, delay=0.0) if ambiguous else found
     faults = tuple(_faults(found, late_error, gain_errors))
     margin = found.next_best - found.excess
@@ -271,25 +273,6 @@ def _faults(found: Candidate, late_error: float, gain_errors: Array) -> Iterator
 def _misreading(gain: float) -> tuple[float, str]:
     """Return how many times a reading is too large or too small, by the gain that corrects it."""
     return (1 / gain, "large") if gain < 1 else (gain, "small")
-
-
-def _describe_lag(robot: Robot, found: Candidate) -> str:
-    """Describe a lag of the forces that may be a delay or a filter."""
-    lag, constant = found.delay, found.low_pass
-    if constant is None:
-        return (
-            f"the lengths lag behind the forces by about {-1e3 * lag:.3g} ms, or the forces passed "
-            "a faster filter than `data.filter` states"
-        )
-    stated = robot.description.tolerances or RobotTolerances()
-    missing = [name for name in ("delay", "low_pass") if getattr(stated, name) is None]
-    rest = join_words(f"`tolerances.{name}`" for name in missing)
-    return (
-        f"the forces lag behind the lengths by about {1e3 * (lag + constant):.3g} ms in all, by a "
-        f"delay, a low pass or both (best fit: a delay of {1e3 * lag:.2g} ms and a low pass of "
-        f"{1e3 * constant:.2g} ms). State what is known as `data.delay` and `data.filter`"
-        f"{', what is not known as ' * bool(rest)}{rest}"
-    )
 
 
 def _unit(gains: Array) -> str:
