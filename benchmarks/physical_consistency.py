@@ -87,7 +87,7 @@ def _point_platform(**changes: float) -> Array:
     """Return parameters with the lightest sliders, and a platform beside them that is one point."""
     robot, _, _ = _machine()
     values = _truth(**changes)
-    rest = robot.realisable.beside_sliders(values)
+    rest = robot.realisable.with_lightest_sliders(values)
     if rest is None:
         raise RuntimeError("PaLiDA has a platform and struts")
     eigenvalues, axes = np.linalg.eigh(rest)

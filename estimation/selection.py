@@ -67,7 +67,7 @@ class SelectionRow:
     step: Annotated[int, described("1", "number of the step, from 1")]
     direction: Annotated[str, described("", "add or drop")]
     term: Annotated[str, described("", "the term tried")]
-    beside: Annotated[str, described("", "other candidates in the model")]
+    others: Annotated[str, described("", "other candidates in the model")]
     parameters: Annotated[int, described("1", "identifiable combinations of its parameters")]
     statistic: Annotated[
         float, described("1", "chi-square of the term given the others, over the dispersion")
@@ -183,7 +183,7 @@ class Judge:
             step=step,
             direction=direction,
             term=term,
-            beside=" ".join(others),
+            others=" ".join(others),
             parameters=fit.rank,
             statistic=statistic,
             log_p=log_p,

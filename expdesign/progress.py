@@ -49,7 +49,7 @@ def progress_prefix(name: str) -> Iterator[None]:
 
 @contextmanager
 def listen_to_progress(listener: Listener) -> Iterator[None]:
-    """Pass all reports within this context to a listener, without the prefixes around it."""
+    """Pass all reports within this context to a listener, without outer prefixes."""
     outer, prefixes = _listener.set(listener), _prefixes.set(())
     try:
         yield

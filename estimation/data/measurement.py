@@ -51,8 +51,12 @@ class Measurement:
     ValueError
         Shapes do not fit together.
     InputError
-        Without a step: time does not increase or is not uniform, or there are values that are not
-        finite.
+        Without a step: time does not increase or is not uniform, or values are not finite.
+
+    Examples
+    --------
+    >>> Measurement(np.arange(4.0), np.ones((4, 6)), np.zeros((4, 6))).step
+    1.0
     """
 
     time: Array

@@ -208,7 +208,9 @@ class Selection:
         try:
             held = {} if found.systematic is None else found.systematic.estimates
             evidence = Evidence.of(wide, loaded, priors, found.values, blocks, held)
-            needs = {name: terms[name].beside for name in blocks if terms[name].beside in blocks}
+            needs = {
+                name: partner for name in blocks if (partner := terms[name].constants_of) in blocks
+            }
             judge = Judge(evidence, section.by, level or DEFAULT_LEVEL, needs)
         except LinAlgError as error:
             raise ComputationError(

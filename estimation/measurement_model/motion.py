@@ -172,10 +172,10 @@ class MotionSamples:
         `slope` are the slopes to the pose and its derivatives, (S, 6, 6 n); `weights` are D with
         W = DᵀD, (6, 6) or (S, 6, 6).
         """
-        width, beside = dense.shape[2], [dense]
+        width, columns = dense.shape[2], [dense]
         if self.motion.free_frequency:
-            beside.append(self.frequency_column(slope))
-        white = np.matmul(weights, np.concatenate([*beside, slope], axis=2))
+            columns.append(self.frequency_column(slope))
+        white = np.matmul(weights, np.concatenate([*columns, slope], axis=2))
         dense, slope = np.split(white, [white.shape[2] - slope.shape[2]], axis=2)
         turned = slope.transpose(0, 2, 1)
         rows = dense.reshape(-1, dense.shape[2])

@@ -226,11 +226,11 @@ def least_favourable(projection: Projection, values: Array) -> Array:
 def _remove_small_inertia(projection: Projection, values: Array) -> Array:
     """Remove the platform's principal inertias that are smaller than their noise."""
     conditions = projection.among
-    rest = conditions.beside_sliders(values)
+    rest = conditions.with_lightest_sliders(values)
     if rest is None:
         return values
     eigenvalues, axes = np.linalg.eigh(rest)
-    steps = [conditions.beside_sliders(values + error) for error in projection.noise.T]
+    steps = [conditions.with_lightest_sliders(values + error) for error in projection.noise.T]
     slopes = [
         np.full(len(axes), np.inf) if step is None else np.diag(axes.T @ (step - rest) @ axes)
         for step in steps

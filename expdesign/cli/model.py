@@ -149,8 +149,8 @@ def _written_model(
     (target / ControlModelFile.FILE).unlink(missing_ok=True)
     files = []
     for file_name, content in made.files.items():
-        with atomic_write(target / file_name) as beside:
-            beside.write_bytes(content)
+        with atomic_write(target / file_name) as file:
+            file.write_bytes(content)
         files.append(target / file_name)
     files += VECTORS.write(target, model.vectors)
     uncertainty = model.uncertainty

@@ -372,7 +372,7 @@ def _impossible_selections(run: RunDescription, robot: ResolvedRobot) -> Iterato
     others = ", ".join(name for name in term_definitions() if name not in present)
     candidates = run.estimate.select.candidates
     for place, candidate in enumerate(candidates):
-        partner = candidate.definition.beside
+        partner = candidate.definition.constants_of
         if candidate.name in present:
             yield (
                 (*key, place),

@@ -154,7 +154,7 @@ class DataSection(schema.Section):
     sign: schema.PlainOrSection[schema.Signs, SignsByChannel] | None = None
     """Signs by the struts' numbers: length or force = sign · scale · channel + offset."""
     scale: schema.PlainOrSection[Scales, ScalesByChannel] | None = None
-    """Factors by the struts' numbers, besides those of the units."""
+    """Factors by the struts' numbers, in addition to those of the units."""
     offset: schema.PlainOrSection[schema.Offsets, OffsetsByChannel] | None = None
     """Lengths of the struts at readings of zero, m; forces, N, in a mapping with the key Q."""
     start: quantity.Duration | None = None

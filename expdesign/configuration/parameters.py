@@ -264,7 +264,7 @@ def _read_terms(value: object, *, complete: bool = True) -> tuple[TermDescriptio
         term = item if isinstance(item, TermDescription) else _read_term(item)
         if term.name in found:
             raise refusal(f"the term '{term.name}' is listed twice", "each one once")
-        partner = term.definition.beside
+        partner = term.definition.constants_of
         if complete and partner and partner not in found:
             reason = f"the term '{term.name}' takes the constants of '{partner}'"
             raise refusal(reason, f"{partner} listed before {term.name}")
@@ -389,7 +389,7 @@ def insert_terms(
         names, place = [one.name for one in found], len(found)
         if not term.definition.is_friction:
             place = next((k for k, one in enumerate(found) if one.definition.is_friction), place)
-        if (partner := term.definition.beside) in names:
+        if (partner := term.definition.constants_of) in names:
             place = max(place, names.index(partner) + 1)
         found.insert(place, term)
     return tuple(found)

@@ -387,8 +387,9 @@ def _faults_of_term(
             yield f"{name}.{one.name} is missing", f"{{{EACH_PARAMETER}: …, {one.name}: …}}"
         elif one.positive and given.get(one.name, 1.0) <= 0:
             yield f"{name}.{one.name} is not positive", "a value above 0"
-    if acts and term.beside and term.beside not in (*present, *stated):
-        yield f"the term '{name}' takes the constants of '{term.beside}'", f"{term.beside}, too"
+    partner = term.constants_of
+    if acts and partner and partner not in (*present, *stated):
+        yield f"the term '{name}' takes the constants of '{partner}'", f"{partner}, too"
 
 
 def _update(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,14 +1,14 @@
 """Taylor models in time: polynomials with a bound on their remainder.
 
 A model of a function f over a cell of time is a polynomial P and a radius r with
-|f(τ) − P(τ)| ≤ r for every τ in [−1, 1], the cell's own time. Sums and products of models are
-models again: what a product has beyond the highest power, and every rounding of the computer's
-numbers, is added to the radius (Makino, Berz, Taylor models and other validated functional
-inclusion methods, 2003). N cells are computed at once.
+|f(τ) − P(τ)| ≤ r for every τ in [−1, 1], the time scaled to the cell. Sums and products of models
+are models again: the powers of a product beyond the highest one and all rounding errors are added
+to the radius (Makino, Berz, Taylor models and other validated functional inclusion methods, 2003).
+N cells are computed at once.
 
 Rounding: an operation of IEEE 754 is wrong by at most `EPS`/2 of its result. Every operation adds
-a multiple of `EPS` times the sum of the sizes that it met, which is more than all its roundings
-together, and every radius is enlarged by a factor for those of its own computation.
+a multiple of `EPS` times the sum of the magnitudes of its operands, more than all its roundings
+together, and every radius is enlarged by a factor for the roundings of its computation.
 
 A function g of a model is a polynomial close to it, computed in floating point, and a proof of the
 distance: of reciprocal and root by the residual of their equation, of the others by the remainder

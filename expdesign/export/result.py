@@ -210,7 +210,7 @@ class ExportedTable:
     interpolation: Annotated[str, described("", "path between the rows")]
     read_back: Annotated[TableCheck, described("", "result of executing the table")]
     scale: Annotated[float, described("1", "F; 1: as designed")]
-    beside: Annotated[tuple[str, ...], described("", "further files of the table")]
+    companions: Annotated[tuple[str, ...], described("", "further files of the table")]
     trigger: Annotated[
         tuple[float, float] | None, described("s", "when an output is switched on and off")
     ]
@@ -245,7 +245,7 @@ def exported_table(export: Export) -> ExportedTable:
         interpolation=form.interpolation.value,
         read_back=_table_check(check, settings.tolerance),
         scale=settings.section.factor,
-        beside=tuple(path.name for path in export.companions),
+        companions=tuple(path.name for path in export.companions),
         trigger=check.trigger,
     )
 

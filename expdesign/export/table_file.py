@@ -205,7 +205,7 @@ def unlisted_files(place: Path, result: ExportResult | None) -> tuple[list[str],
     """
     known = {RECORD, README}
     for name, entry in {} if result is None else result.files.items():
-        known |= {name, *entry.beside}
+        known |= {name, *entry.companions}
     found = sorted(
         name
         for path in place.rglob("*")

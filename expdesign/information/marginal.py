@@ -128,7 +128,7 @@ class Marginal:
     ) -> Marginal:
         """Return the same interest with further unknowns that have priors.
 
-        Causes that have `moved` an identification before did so by the same deviations.
+        Causes in `moved` have affected an earlier identification by the same deviations.
 
         Parameters
         ----------

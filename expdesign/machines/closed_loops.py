@@ -98,7 +98,7 @@ def hexapod(
         turning = sum(joint.kind == "rotation" for joint in joints)
         loops = len(joints) - len(bodies) + 1
         message = (
-            f"the model has {len(slides)} sliding joints beside those that place the platform, "
+            f"the model has {len(slides)} sliding joints other than those of the platform, "
             f"{turning} joints that turn (cranks, if they have motors) and {max(loops, 0)} closed "
             f"loops"
         )

@@ -182,7 +182,7 @@ class HexapodGraph:
         constants: dict[str, dict[str, ca.SX]] = {"": {}}
         for term in terms:
             constants[term.name] = {constant.name: next(values) for constant in term.constants}
-            own = constants[term.name] | constants[term.beside]
+            own = constants[term.name] | constants[term.constants_of]
             signs = {rate: instant.signs[rate] for rate in term.rates}
             columns = term.columns(replace(instant, signs=signs, constants=own, load=load))
             none = ca.SX(ACTUATORS, len(term.parameters))

@@ -170,7 +170,7 @@ class Realisable:
         size = np.sqrt([self.sizes["platform"]] * 3 + [self.sizes["mass"]])
         return np.multiply.outer(size, size)
 
-    def beside_sliders(self, values: Array) -> Array | None:
+    def with_lightest_sliders(self, values: Array) -> Array | None:
         """Return the platform's scaled pseudo-inertia with the lightest sliders, (4, 4).
 
         None without a platform, or where the struts are none.

@@ -203,8 +203,8 @@ class Term:
     viscous: bool = False
     """True for friction without a sign in its columns."""
     constants: tuple[Constant, ...] = ()
-    beside: str = ""
-    """Name of another term with constants for its columns; it must be listed before."""
+    constants_of: str = ""
+    """Name of another term whose constants its columns take; it must be listed before."""
     turning: bool = False
     """True if the halves of the struts turn against each other on a thread and move the coordinates
     of the actuators."""

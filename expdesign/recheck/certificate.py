@@ -187,7 +187,7 @@ class Cells:
     """(L,), excesses found before."""
 
     def parts(self, count: int) -> list[Cells]:
-        """Divide them, in their order, into up to `count` parts that are worth a job each."""
+        """Divide the cells, in order, into at most `count` parts that are worth a job each."""
         size = len(self.edges)
         ends = np.linspace(0, size, max(1, min(count, size // _FEWEST)) + 1).astype(int)
         return [
@@ -214,7 +214,7 @@ class CellBounds:
 
     @classmethod
     def join(cls, parts: Sequence[CellBounds]) -> CellBounds:
-        """Join the bounds of parts: all digits are those of the undivided cells."""
+        """Join the bounds of parts; the digits are those of the undivided cells."""
         each_limit = zip(*(part.found for part in parts), strict=True)
         found = [max(each, key=attrgetter("rank")) for each in each_limit]
         return cls(

@@ -1,9 +1,8 @@
 """Motion of a machine whose controller follows strut lengths that belong to other joints.
 
-A controller computes the lengths of a designed motion with the joints of the drawing. The machine
-has others: its struts make exactly these lengths, and its platform moves along another path, with
-more harmonics than the design. An estimate with the harmonics of the design would take their
-absence for knowledge of the joints.
+A controller computes the lengths of a designed motion with the nominal joints. The machine has
+others: its struts have exactly these lengths, and its platform moves along another path, with more
+harmonics than the design. Without these harmonics an estimate of the joints would be too certain.
 """
 
 from __future__ import annotations
@@ -42,12 +41,12 @@ def raised_harmonics(
     samples: float,
     per_period: float,
 ) -> int:
-    """Return the number of harmonics of a motion that the robot's tolerances do not exceed.
+    """Return the largest number of harmonics that machines within the tolerances move with.
 
-    The controller follows the lengths of the robot as described. Harmonics above this number would
-    show in lengths and forces of all samples by less than the noise, for deviations of one standard
-    deviation each. Near singular poses the motion is not linear in the deviations; the harmonics of
-    some drawn machines are therefore counted as well.
+    The controller follows the lengths of the robot as described. Higher harmonics have less effect
+    on lengths and forces of all samples than the noise, for deviations of one standard deviation
+    each. Near singular poses the motion is not linear in the deviations; some machines are
+    therefore drawn, and their harmonics counted as well.
 
     Parameters
     ----------
@@ -55,8 +54,8 @@ def raised_harmonics(
         Covariances of one sample, m² and N²; those of coloured noise at the multiples 0 … L − 1 of
         the motion's frequency, (L, 6, 6), as a function of L; None: unknown, and not counted.
     samples, per_period : float
-        Number of samples in the recording, and in one period of it: above half of their frequency
-        coloured noise is unknown, and nothing is seen.
+        Number of samples in the recording, and in one period; harmonics above half of the latter
+        are not counted.
 
     Returns
     -------
@@ -133,7 +132,7 @@ def _mean_square(values: Array, covariance: Array | ComplexArray | None) -> floa
 
 
 def sampled_harmonics(per_period: float) -> int:
-    """Return the most harmonics that so many samples of a period determine, with some to spare.
+    """Return the largest number of harmonics that the samples of a period determine safely.
 
     Examples
     --------

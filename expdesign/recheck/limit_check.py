@@ -1,4 +1,4 @@
-"""Limits of a motion: the worst moment of each, on a fine grid, and motion without limits."""
+"""Check of every limit: worst moment and proved excess; extreme values without a limit."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ class Motion(Protocol):
 
 
 def grid_points(samples: int) -> int:
-    """Return the number of points of the fine grid of the finish of a design with `samples`.
+    """Return the number of points of the fine grid on which a design is finished.
 
     Examples
     --------
@@ -196,7 +196,7 @@ def grid_points(samples: int) -> int:
 
 
 def states_at(motion: Motion, times: Array) -> Array:
-    """Return pose, rate and acceleration side by side, (N, 18)."""
+    """Return pose, rate and acceleration at times (N,), s, as columns, (N, 18)."""
     return np.concatenate(motion.sample(times), axis=1)
 
 
@@ -222,7 +222,7 @@ def worst_sampled(limits: LimitModel, times: Array, values: Array) -> tuple[Limi
 
 
 def limit_check(limit: Limit, row: int, value: float, violation: float, time: float) -> LimitCheck:
-    """Return the check of a limit whose worst moment is in a row; nothing is proved of it."""
+    """Return the sampled check, without a proof, of a limit with its worst moment in a row."""
     return LimitCheck(
         key=limit.key,
         title=limit.definition.title,

@@ -261,6 +261,12 @@ def load_robot(source: str | PathLike[str]) -> Robot:
     """Load a robot that ships by its name, or one from a YAML file.
 
     Raises `InputError` with the place, the fault and the allowed values.
+
+    Examples
+    --------
+    >>> robot = load_robot("palida")
+    >>> robot.inverse_kinematics(robot.home).round(3).tolist()  # m
+    [0.676, 0.676, 0.676, 0.676, 0.676, 0.676]
     """
     return robot_from(load_robot_description(source))
 

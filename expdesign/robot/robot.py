@@ -73,7 +73,11 @@ def _force_kernel(terms: tuple[Term, ...]) -> Graph:
 
 @dataclass(frozen=True)
 class Robot:
-    """A 6-UPS hexapod: the numbers of its file, evaluated by the shared graph."""
+    """A 6-UPS hexapod: the numbers of its file, evaluated by the shared graph.
+
+    A pose λ = (x, y, z, φ, θ, ψ), m and rad, is that of the TCP and the platform in the base frame,
+    with R = Rx(φ) Ry(θ) Rz(ψ).
+    """
 
     description: ResolvedRobot
     """Content of its file, in SI units."""
@@ -328,7 +332,7 @@ _HALVINGS = 30
 
 
 class ForwardKinematicsError(ArithmeticError):
-    """The strut lengths in the rows `samples` belong to no pose that was found."""
+    """No pose was found with the strut lengths in the rows `samples`."""
 
     def __init__(self, samples: tuple[int, ...], residual: float) -> None:
         self.samples = samples
@@ -344,7 +348,7 @@ def solve_pose(function: LengthsAndJacobian, lengths: Array, guess: Array) -> Ar
     """Return the poses (N, 6) of the lengths (N, 6) on the guess's assembly branch.
 
     Damped Newton from the guess; rows that do not converge are solved again in small steps along
-    the straight line from the guess's lengths to theirs, which keeps to the branch of the guess.
+    the straight line from the guess's lengths to theirs, which stays on the branch of the guess.
     The function maps poses (N, 6) to lengths (N, 6) and their Jacobian (N, 6, 6); m, rad. Rows
     without a solution raise `ForwardKinematicsError`.
     """

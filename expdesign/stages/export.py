@@ -183,7 +183,7 @@ def export_one(
         own = (path, *made.companions)
         record_added(work.folder, (*own, *places), dict.fromkeys(own, made_from))
     else:
-        _describe_beside(path, ExportResult(motion, entry))
+        _describe_alone(path, ExportResult(motion, entry))
     outcome = _outcome(motion, [made], (path, *made.companions))
     return replace(outcome, view=view_result(stage, outcome.result, work))
 
@@ -283,7 +283,7 @@ def _files_of_motion(
     return {}
 
 
-def _describe_beside(path: Path, result: ExportResult) -> None:
+def _describe_alone(path: Path, result: ExportResult) -> None:
     """Write the description of one table next to it, under names that begin with the table's.
 
     Where the table has replaced one in a copy of an `exports/`, the old description is removed.

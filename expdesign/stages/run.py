@@ -164,9 +164,9 @@ def folder_changes(folder: Path, configuration: RunConfiguration, *names: str) -
 
 
 def refuse_unfit(configuration: RunConfiguration) -> None:
-    """Refuse motions of the validation and goals that cannot be, before any stage runs.
+    """Refuse impossible motions of the validation and goals before any stage runs.
 
-    What follows from the configuration alone has been refused with it.
+    Faults of the configuration alone were refused when it was loaded.
     """
     if configuration.run.validation:
         from expdesign.motion.benchmark import refuse_unfit_motions

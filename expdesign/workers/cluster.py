@@ -174,7 +174,7 @@ class JobRunner:
             yield done.result
 
     def run_here(self, built: Any, job: Job, monitor: Monitor) -> Any:
-        """Run a job in this process, with what it has built; it may have other jobs run."""
+        """Run a job in this process, with the objects built here; it may submit further jobs."""
         with threadpool_limits(1):
             done = _run_timed(built, monitor, (0, 0), job, self._keep_event)
         self.cpu_seconds += done.seconds

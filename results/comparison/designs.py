@@ -186,7 +186,7 @@ class ComparedDesign:
 
     @property
     def objective(self) -> tuple[Any, ...]:
-        """Criterion with what it judges, and whether it counts the tolerances."""
+        """Criterion with the quantities that it judges, and whether it counts the tolerances."""
         section = self.section
         scaling = "" if section.criterion == "d" else section.scaling
         total = bool(self.result.systematic) and section.counts == "total"

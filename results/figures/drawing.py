@@ -217,8 +217,8 @@ def save_figures(
                 if ending not in formats:
                     continue
                 path = folder / f"{definition.key}.{ending}"
-                with atomic_write(path) as beside:
-                    figure.savefig(beside, format=ending, dpi=RESOLUTION, metadata=metadata)
+                with atomic_write(path) as file:
+                    figure.savefig(file, format=ending, dpi=RESOLUTION, metadata=metadata)
                 paths.append(path)
     return tuple(paths)
 

@@ -48,7 +48,7 @@ def precision_figure(figure: Figure, result: DesignResult) -> None:
     parameters, experiment = result.parameters, result.experiment
     periods = experiment.periods
     whole = f"experiment ({periods:g} period{'s' * (periods != 1)}"
-    tolerated = ", with tolerances)"  # the number of samples would not fit beside the title
+    tolerated = ", with tolerances)"  # the number of samples would not fit into the title
     whole += tolerated if result.systematic else f", {_count(experiment.samples)} samples)"
     percents = np.array([(p.rel_std_percent_per_period, p.rel_std_percent) for p in parameters])
     series = (
@@ -280,7 +280,7 @@ def selection_figure(figure: Figure, result: EstimationResult) -> None:
 
 def _draw_step(axes: Axes, place: int, rows: list[SelectionRow], names: list[str]) -> None:
     worth = {row.term: row for row in rows}
-    inside = set(rows[0].beside.split()) if rows[0].direction == "add" else set()
+    inside = set(rows[0].others.split()) if rows[0].direction == "add" else set()
     largest = max(1.0, *(abs(row.worth) for row in rows))
     for height, name in enumerate(names):
         if name in inside:

@@ -175,7 +175,7 @@ def test_what_belongs_to_a_table_lies_beside_it(expdesign, folder, tmp_path):
     exports = folder / "exports"
     assert names(exports) == ["README.txt", "exports.json", "xps-pvt.events.txt", "xps-pvt.trj"]
     found = json.loads((exports / "exports.json").read_text())["files"]["xps-pvt.trj"]
-    assert found["beside"] == ["xps-pvt.events.txt"]
+    assert found["companions"] == ["xps-pvt.events.txt"]
     assert found["trigger"] == pytest.approx(list(task().motion.window), abs=5e-3)
     readme = " ".join((exports / "README.txt").read_text().split())
     assert "Output 2 of GPIO1 is on from 1.2" in readme

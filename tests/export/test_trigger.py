@@ -68,7 +68,7 @@ def test_it_is_on_in_the_measurement_window(name, made):
     entry = exported_table(one)
     assert entry.trigger == one.check.trigger
     assert f"{one.check.trigger[0]:.6f}" in entry.guide
-    assert ("xps-pvt.events.txt" in entry.beside) == (name == "xps-pvt")
+    assert ("xps-pvt.events.txt" in entry.companions) == (name == "xps-pvt")
 
 
 @pytest.mark.parametrize("name", COMMANDS)

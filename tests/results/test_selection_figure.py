@@ -25,7 +25,7 @@ def made_up(steps, chosen, by="bic"):
             step=number,
             direction=direction,
             term=term,
-            beside=" ".join(other for other in model if other != term),
+            others=" ".join(other for other in model if other != term),
             parameters=6,
             statistic=abs(worth),
             log_p=-worth,

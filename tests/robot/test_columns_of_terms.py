@@ -53,7 +53,7 @@ def _robot(terms, platform="symmetric", **parameters):
 
 @cache
 def _alone(name, **constants):
-    before = [term_definitions()[name].beside] if term_definitions()[name].beside else []
+    before = [one] if (one := term_definitions()[name].constants_of) else []
     stated = {before[0] if before else name: constants} if constants else name
     return _robot(["rigid_platform", stated, *([name] if before else [])])
 

@@ -141,6 +141,6 @@ SECOND_COGGING = term.Term(
     meaning="second harmonic of the cogging, with half its period",
     parameters=_amplitudes("d", "second"),
     columns=lambda instant: _cogging(instant, 2),
-    beside=COGGING.name,
+    constants_of=COGGING.name,
 )
 TERMS = (DRIVE_INERTIA, BACK_EMF, OFFSET, CABLE, COGGING, SECOND_COGGING)
