@@ -39,7 +39,7 @@ def delays_to_try(step: float, period: float) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class Lag:
-    """Delay and low pass of the forces, and what they leave unexplained."""
+    """Delay and low pass of the forces, and the unexplained rest."""
 
     delay: float
     """s."""
