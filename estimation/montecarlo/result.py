@@ -286,11 +286,6 @@ class MonteCarloResult(RunFile, StageResult):
         """Return the statistics of every free parameter; none without an estimate."""
         return {row.parameter: row for row in self.rows if row.estimator == estimator}
 
-    def estimates_of(self, estimator: str) -> tuple[tuple[Repetition, RepetitionEstimate], ...]:
-        """Return the repetitions with an estimate of an estimator."""
-        pairs = ((r, r.outcomes[estimator]) for r in self.repetitions)
-        return tuple((r, outcome) for r, outcome in pairs if not outcome.error)
-
     def contradictions(self) -> Iterator[Problem]:
         """Yield names and shapes that differ from those of the parameters."""
         names, count = self.parameters, len(self.truth)

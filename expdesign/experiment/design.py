@@ -35,8 +35,8 @@ from expdesign.information import fisher
 from expdesign.information.criteria import criteria
 from expdesign.motion.executable import SampledMotion
 from expdesign.progress import report_progress, track
+from expdesign.recheck.evaluator import Evaluator
 from expdesign.recheck.excitable import structural_base
-from expdesign.recheck.information import Evaluator
 from expdesign.recheck.limit_check import POINTS, unlimited, unlimited_warning
 from expdesign.solver.phases import Iteration
 from expdesign.solver.search import NoDesignError, SearchResult, search

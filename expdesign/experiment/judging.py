@@ -22,8 +22,8 @@ from expdesign.information.marginal import Marginal, earlier_information
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.motion.benchmark import motion_of_run
 from expdesign.problem.design_problem import DesignProblem
+from expdesign.recheck.evaluator import Evaluator
 from expdesign.recheck.excitable import structural_base
-from expdesign.recheck.information import Evaluator
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.derived import derived_quantities
 from expdesign.robot.deviation import Deviation, toleranced_deviations

@@ -33,7 +33,7 @@ from expdesign.experiment.sensitivity import sensitivity_at_design
 from expdesign.experiment.setup import plan_search
 from expdesign.information import fisher
 from expdesign.mechanism.terms import parameter_unit
-from expdesign.recheck.information import Evaluator
+from expdesign.recheck.evaluator import Evaluator
 from expdesign.robot.derived import NOISE, ErrorShares, derived_quantities
 from expdesign.robot.deviation import Deviation, toleranced_deviations
 from expdesign.runfolder import OpenNumber, StageResult, Table, described

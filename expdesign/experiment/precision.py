@@ -55,9 +55,9 @@ from expdesign.information.marginal import Marginal
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.terms import parameter_unit
 from expdesign.noise import NoiseSpectrum
+from expdesign.recheck.evaluator import Evaluator
 from expdesign.recheck.excitable import structural_base
 from expdesign.recheck.followed_lengths import Noise, raised_harmonics, sampled_harmonics
-from expdesign.recheck.information import Evaluator
 from expdesign.robot import Robot, deviation
 from expdesign.robot.derived import (
     NOISE,

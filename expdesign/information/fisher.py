@@ -178,6 +178,11 @@ def parameter_covariance(information: Array, names: tuple[str, ...]) -> Array:
     ------
     SingularInformationError
         F is singular to working precision.
+
+    Examples
+    --------
+    >>> parameter_covariance(np.diag([4.0, 16.0]), ("p1", "p2")).tolist()
+    [[0.25, 0.0], [0.0, 0.0625]]
     """
     scaled = _regular(information, names)
     inverse = sla.cho_solve(sla.cho_factor(scaled.matrix), np.eye(len(scaled.scales)))

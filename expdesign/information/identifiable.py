@@ -74,6 +74,11 @@ class BaseParameters:
             `DEPENDENT`.
         keep : (m,), optional
             Weights: of two candidates the one with the smaller weight is regrouped.
+
+        Examples
+        --------
+        >>> BaseParameters.of(np.ones((2, 2)), ("r1", "s1")).text("r1")
+        'r1 + s1'
         """
         norms = np.linalg.norm(root, axis=0)
         units: Array = 1 / np.asarray(np.where(norms > 0, norms, 1.0))

@@ -18,7 +18,7 @@ from expdesign.enclosure.paths import EnclosedSeries
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.problem.program import smoothing_gap
 from expdesign.recheck.certificate import CellBounds, Cells, bound_cells, recheck
-from expdesign.recheck.information import Evaluator
+from expdesign.recheck.evaluator import Evaluator
 from expdesign.recheck.limit_check import (
     TOLERANCE,
     Recheck,

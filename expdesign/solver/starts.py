@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, ConfigDict
 from constraints.arrays import Array, Mask
 from expdesign.problem.design_problem import DesignProblem
 from expdesign.recheck.certificate import recheck
-from expdesign.recheck.information import Evaluator
+from expdesign.recheck.evaluator import Evaluator
 from expdesign.recheck.limit_check import Recheck
 from expdesign.solver import interior_point
 from expdesign.solver.feasibility import (

@@ -18,7 +18,7 @@ from expdesign.experiment.setup import plan_search
 from expdesign.information.criteria import OF_A_CHANGE, criteria
 from expdesign.information.fisher import SingularInformationError
 from expdesign.information.identifiable import IDENTIFIABLE
-from expdesign.recheck.information import Evaluator
+from expdesign.recheck.evaluator import Evaluator
 from expdesign.recheck.limit_check import REACHED, LimitCheck
 from expdesign.robot.derived import NOISE
 from expdesign.solver.feasibility import InfeasibleLimitsError

@@ -14,7 +14,7 @@ from expdesign.information.fisher import (
     parameter_covariance,
     whitening,
 )
-from expdesign.recheck.information import Evaluator
+from expdesign.recheck.evaluator import Evaluator
 from expdesign.robot import load_robot
 from expdesign.trajectory import FourierTrajectory
 

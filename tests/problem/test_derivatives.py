@@ -17,7 +17,7 @@ from expdesign.noise import Autoregressive, Hum, NoiseSpectrum
 from expdesign.problem.design_problem import build_problem
 from expdesign.problem.program import LinearRows, RowIndex
 from expdesign.problem.variables import DesignVariables
-from expdesign.recheck.information import Evaluator
+from expdesign.recheck.evaluator import Evaluator
 from expdesign.robot import load_robot, robot_from
 from expdesign.solver.interior_point import solve_by_interior_point
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
