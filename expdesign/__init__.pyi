@@ -4,10 +4,10 @@ from .robot import Robot as Robot
 from .robot import load_robot as load_robot
 from .stages.design import DesignResult as DesignResult
 from .stages.design import design as design
-from .stages.estimate import Measurement as Measurement
 from .stages.estimate import estimate as estimate
-from .stages.estimate import load_measurement as load_measurement
 from .stages.experiment import simulate as simulate
+from .stages.recordings import Measurement as Measurement
+from .stages.recordings import load_measurement as load_measurement
 from .stages.run import RunResult as RunResult
 from .stages.run import load_results as load_results
 from .stages.run import report as report

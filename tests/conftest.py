@@ -91,7 +91,7 @@ def _started_sooner():
         patch.setattr("typer.testing._get_command", built)
         patch.setattr("expdesign.workers.local._surroundings", without_the_test)
         patch.setattr("expdesign.stages.execution.prepare_workers", lambda: None)
-        patch.setattr("expdesign.cli.run_commands._prepare_search", lambda: None)
+        patch.setattr("expdesign.cli.runs._prepare_search", lambda: None)
         yield
 
 

@@ -56,6 +56,7 @@ from expdesign.configuration.quantity import (
     same_unit,
 )
 from expdesign.robot.robot import Robot
+from expdesign.runfolder.manifest import Manifest
 
 
 @cache
@@ -75,6 +76,7 @@ def format_of(path: Path) -> FileFormat:
     if not path.exists():
         raise InputError("there is no such file", path)
     refuse_special(path)
+    _refuse_results(path)
     found = next((each for each in file_formats() if each.claims(path)), None)
     if found is None:
         known = ", ".join(sorted({suffix for each in file_formats() for suffix in each.extensions}))
@@ -92,6 +94,29 @@ def format_of(path: Path) -> FileFormat:
         install = f"after: pip install expdesign[{found.extra}]"
         raise InputError(message, path, allowed=install)
     return found
+
+
+_RECORDINGS = "experiment"
+"""Stage of a run folder that writes recordings."""
+
+
+def _refuse_results(path: Path) -> None:
+    """Refuse a file that a stage wrote into a run folder and that is not a recording."""
+    place = path.resolve()
+    folder = next((one for one in place.parents if (one / Manifest.FILE).is_file()), place.parent)
+    known, name = Manifest.known(folder), str(place.relative_to(folder))
+    if known is None or name not in known.files:
+        return
+    stage = next((each for each, entry in known.stages.items() if name in entry.files), "export")
+    if stage == _RECORDINGS:
+        return
+    result = f"a result of `{stage}`"
+    if place.name == "trajectory.csv":
+        result = "a designed motion, whose forces are computed"
+    elif stage == "export":
+        result = "a controller table, which has no measured forces"
+    allowed = "the file that the machine has logged, or measurement.csv of `expdesign simulate`"
+    raise InputError(f"this file is {result}, and not a recording", path, allowed=allowed)
 
 
 def read_measurement(

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import make_lsq_spline
 
 from constraints.arrays import Array, Mask
 from estimation.data.measurement import time_base
@@ -18,6 +18,8 @@ _FEWEST = 10
 """Smallest number of rows of each file."""
 _GAP = 1.5
 """Largest interval between two samples, in steps of the slower file, that is bridged."""
+_LATE = 10
+"""Difference of the first stamps, in steps of the slower file, from which a clock is doubted."""
 _SHOWN = 1e-3
 """Smallest jitter that is reported, in steps."""
 
@@ -85,9 +87,13 @@ def join_tables(
     ]
     lag = 1e3 * (bases[1].time[0] - bases[0].time[0])
     reduction = f"; combined at the times of the {('lengths', 'forces')[slow]}"
-    return joint, f"{', '.join(about)}, the first {abs(lag):.4g} ms " + (
-        ("later" if lag >= 0 else "earlier") + reduction
-    )
+    if abs(lag) > 1e3 * _LATE * base.step:
+        reduction += (
+            ". Two programs that were started together differ by this in their clocks: compare "
+            "`expdesign check --data --design`, and state a difference as data.delay"
+        )
+    late = "later" if lag >= 0 else "earlier"
+    return joint, f"{', '.join(about)}, the first force {abs(lag):.4g} ms {late}{reduction}"
 
 
 def _supported(at: Array, times: Array, most: float) -> Mask:
@@ -121,7 +127,7 @@ def resample(times: Array, values: Array, at: Array) -> Array:
     places: NDArray[np.intp] = np.searchsorted(times, knots)
     knots = knots[np.unique(places, return_index=True)[1]]
     ends = (np.full(_DEGREE + 1, 0.0), np.full(_DEGREE + 1, times[-1] - start))
-    spline = make_lsq_spline(
+    spline = scipy.interpolate.make_lsq_spline(
         times - start, values, np.concatenate([ends[0], knots - start, ends[1]]), k=_DEGREE
     )
     return np.asarray(spline(np.clip(at - start, 0.0, times[-1] - start)), np.float64)

@@ -140,6 +140,12 @@ def pick_columns(
         elif channel in names or channel not in optional:
             missing[channel] = wanted[0]
     free = [column for column in columns if column not in found.values()]
+    if columns and len(missing) > 1 and not (found or problems):
+        sought = ", ".join(quote(name) for name in missing.values())
+        message = f"this is not a recording, or its columns have other names: none of {sought}"
+        named = _one_of("t", [column.label for column in free])
+        allowed = f"{named}; `expdesign init-data FILE` proposes the section"
+        raise InputError(replace(place, message=message, allowed=allowed))
     problems += [_missing(*one, columns, free, place) for one in missing.items()]
     problems += _shared_columns(found, place)
     if problems:

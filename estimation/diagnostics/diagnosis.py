@@ -42,6 +42,7 @@ from estimation.diagnostics.reliability import (
     candidate_reliability,
     common_effect_findings,
     join_recordings,
+    largest_change_in_words,
     undetected_effects,
 )
 from estimation.diagnostics.residual_covariance import (
@@ -126,7 +127,12 @@ def diagnose(
     else:
         names = np.array(priors.names)[priors.free].tolist()
         candidates = join_recordings([result.reliability for result in results])
-        undetected = undetected_effects(candidates, names, estimate.std[priors.free])
+        std = estimate.std[priors.free]
+        undetected = undetected_effects(candidates, names, std)
+        values, stds = (
+            dict(zip(names, each.tolist(), strict=True))
+            for each in (estimate.values[priors.free], std)
+        )
         judgement = verdict(
             results,
             *check_motion_onset([case.experiment for case in cases]),
@@ -136,7 +142,7 @@ def diagnose(
             plausibility(robot, priors, estimate),
             *findings,
             channels=channels,
-            undetected=undetected,
+            undetected=largest_change_in_words(undetected, values, stds),
         )
     tests = tuple(result.tests for result in results)
     return ResidualDiagnosis(estimate.estimator, judgement, tests, undetected, results)

@@ -17,6 +17,8 @@ class FindingOutcome(StrEnum):
     """Outcome of the test of an assumption."""
 
     HOLDS = "holds"
+    NEGLIGIBLE = "violated, negligibly"
+    """The test rejects it, but by so little that nothing of the estimate changes."""
     FAILS = "fails"
     NOT_TESTED = "not tested"
 
@@ -26,7 +28,9 @@ class Finding:
     """Result of the test of one assumption, in words and numbers."""
 
     assumption: Annotated[str, described("", "the assumption")]
-    outcome: Annotated[FindingOutcome, described("", "holds, fails or not tested")]
+    outcome: Annotated[
+        FindingOutcome, described("", "holds; violated, negligibly; fails; not tested")
+    ]
     sentence: Annotated[str, described("", "observation in one sentence")]
     advice: Annotated[str, described("", "recommended action; empty when the assumption holds")] = (
         ""
@@ -81,10 +85,9 @@ class Assumption:
         )
 
     def holds(self, sentence: str, p: float, level: float) -> Finding:
-        """Return the finding of a test that does not reject the assumption."""
-        return Finding(
-            self.text, FindingOutcome.HOLDS, sentence, serious=self.serious, p=p, level=level
-        )
+        """Return the finding of a test that rejects the assumption negligibly, or not at all."""
+        outcome = FindingOutcome.NEGLIGIBLE if p < level else FindingOutcome.HOLDS
+        return Finding(self.text, outcome, sentence, serious=self.serious, p=p, level=level)
 
     def fails(
         self, sentence: str, p: float, level: float, where: str = "", advice: str = ""

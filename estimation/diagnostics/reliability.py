@@ -23,7 +23,7 @@ any information, such as a common factor of all forces, have no limit: both are 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
@@ -53,6 +53,8 @@ from estimation.diagnostics.significance import Strut, are_possible, log_tail, n
 from estimation.estimators.covariance import Influence
 from estimation.kinematics import PointwiseMotion
 from estimation.measurement_model.motion import root_of_pseudo_inverse
+from expdesign.configuration import quantity_text
+from expdesign.mechanism.terms import parameter_unit
 from expdesign.runfolder import described
 
 _MOST_RIVALS = 5
@@ -343,6 +345,39 @@ def _undetected(own: CandidateReliability, names: Sequence[str], std: Array) -> 
         worst=names[k],
         forces=float(np.sqrt(moved @ own.gram @ moved)),
     )
+
+
+NOTICEABLE = 0.05
+"""Share of a parameter's value above which a change by an undetected effect is named."""
+
+
+def largest_change_in_words(
+    effects: Sequence[UndetectedEffect], values: Mapping[str, float], stds: Mapping[str, float]
+) -> str:
+    """Name the effect that may change a parameter most, and the change.
+
+    Changes below the standard deviation or `NOTICEABLE` are not named.
+
+    Examples
+    --------
+    >>> largest_change_in_words((), {}, {})
+    ''
+    """
+    changes = [(effect, name) for effect in effects for name in effect.shifts]
+
+    def ratio(change: tuple[UndetectedEffect, str]) -> float:
+        effect, name = change
+        return effect.shifts[name] / max(NOTICEABLE * abs(values[name]), stds[name])
+
+    worst = max(changes, key=ratio, default=None)
+    if worst is None or ratio(worst) < 1:
+        return ""
+    effect, name = worst
+    size = quantity_text(effect.shifts[name], parameter_unit(name), 2)
+    if abs(values[name]) > stds[name]:
+        percent = 100 * effect.shifts[name] / abs(values[name])
+        size += f", {float(f'{percent:.2g}'):g} % of it"
+    return f"{effect.text} would not be seen and could change {name} by up to {size}"
 
 
 def undetected_std(effects: Sequence[UndetectedEffect]) -> dict[str, float]:

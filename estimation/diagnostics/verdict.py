@@ -28,13 +28,10 @@ from estimation.diagnostics.finding import (
 from estimation.diagnostics.hypothesis import PERIODIC
 from estimation.diagnostics.noise_tests import NoiseTests, Whiteness
 from estimation.diagnostics.plausibility import FORCE_SCALE
-from estimation.diagnostics.reliability import UndetectedEffect
 from estimation.diagnostics.residuals import ChiSquare, HarmonicLackOfFit
 from estimation.diagnostics.significance import CHI_SQUARE
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.result import ParameterEstimate
-from expdesign.configuration import quantity_text
-from expdesign.mechanism.terms import parameter_unit
 
 _OfNoise = NoiseTests | RecordingTests
 """Types with tests of the noise."""
@@ -133,8 +130,6 @@ _GAINS_STAY = Assumption(
     "recording; state the uncertainty of the mean gain as `tolerances.force_constant`",
 )
 
-_RELEVANT = 1.0
-"""Smallest relevant error of a parameter by an undetected effect, in standard deviations."""
 _NOTICEABLE_RATIO = 1.2
 """Smallest relevant ratio of a standard deviation to that under white noise."""
 
@@ -178,13 +173,12 @@ def verdict(
     experiments: Sequence[AttributedDiagnosis],
     *of_the_estimate: Finding,
     channels: Sequence[Finding] = (),
-    undetected: Sequence[UndetectedEffect] = (),
+    undetected: str = "",
 ) -> DiagnosisVerdict:
     """Judge an estimate by its own findings and by those of its experiments.
 
-    `channels` are findings of wrong channels, which explain other failures; `undetected` are the
-    effects that no test would find, the largest error first. Serious failures come first, causes
-    before their consequences.
+    `channels` are findings of wrong channels, which explain other failures; `undetected` names an
+    effect that no test would find. Serious failures come first, causes before their consequences.
     """
     of_the_forces = tuple(
         finding.of_experiment(number) if len(experiments) > 1 else finding
@@ -207,13 +201,8 @@ def verdict(
             "accepted: no test contradicts the prediction, which confirms the forces on motions "
             "like this one, not the single parameters"
         )
-    if undetected and undetected[0].sigmas >= _RELEVANT:
-        worst, shift = undetected[0], undetected[0].shifts[undetected[0].worst]
-        summary += (
-            f", but {worst.text} would not be seen and could move {worst.worst} by "
-            f"{float(f'{worst.sigmas:.2g}'):g} σ "
-            f"({quantity_text(shift, parameter_unit(worst.worst), 2)})"
-        )
+    if undetected:
+        summary += f", but {undetected}"
     untested = dict.fromkeys(
         f.assumption for f in findings if f.outcome is FindingOutcome.NOT_TESTED
     )

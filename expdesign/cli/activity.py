@@ -15,6 +15,8 @@ from rich.text import Text
 
 HEARTBEAT = 5.0
 """Seconds between two lines, at least, where nothing can be redrawn in place."""
+_UNCHANGED = 60.0
+"""The same between two lines that state the same progress."""
 _SILENT = 2.0
 """Seconds that pass before anything is shown."""
 _BAR = 16
@@ -63,6 +65,7 @@ class Activity:
         self._what, self._done, self._total, self._first = "", 0, 0, 0
         self._began = self._since = time.monotonic()
         self._spoke = self._began - HEARTBEAT + _SILENT
+        self._shown = ("", 0)
         self._spinner = Spinner("dots")
         self._live: Live | None = None
         self.paused = False
@@ -75,9 +78,10 @@ class Activity:
         self._done, self._total = done, total
         if self._console.is_terminal or self.paused:
             return
-        if time.monotonic() - self._spoke > HEARTBEAT:
+        pause = _UNCHANGED if self._shown == (what, done) else HEARTBEAT
+        if time.monotonic() - self._spoke > pause:
             self._console.print(self.line)
-            self._spoke = time.monotonic()
+            self._spoke, self._shown = time.monotonic(), (what, done)
 
     @property
     def line(self) -> str:

@@ -102,13 +102,13 @@ def _shortcoming(part: CertifiedPart) -> str:
 
 def _certificate_table(part: CertifiedPart) -> ReportTable:
     def proof(check: LimitCheck) -> str:
-        share = f"{100 * abs(check.proved):.2g} % of the range"
         if check.key in part.proof.sampled:
             if check in part.proof.broken:
-                return f"{100 * check.violation:.2g} % of the range beyond at a row"
+                return f"{100 * (check.used - 1):.3g} % beyond at a row"
             return "at the rows only: straight lines have none"
         if not np.isfinite(check.proved):
             return "nothing"
+        share = f"{100 * abs(check.left):.3g} %"
         return f"{share} left" if check.proved <= 0 else f"{share} beyond at most"
 
     columns = (

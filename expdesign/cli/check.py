@@ -127,13 +127,16 @@ def check_run(run: str, out: Path | None, *, machine: bool, as_json: bool) -> No
 
 def show_channels(run: str, data: Path, design: Path | None, *, as_json: bool) -> None:
     """Check the channels of a recording, and print the section `data` that is right."""
-    from expdesign.stages.estimate import check_channels_of
+    from estimation.data.reading import read_measurement
 
     configuration = load_run(run)
     refuse_unfit(configuration)
     sources = Sources(data=(data,), designs=() if design is None else (design,))
     work = Workspace(configuration, run_folder(configuration, None), sources=sources)
-    found, remarks, failure = check_channels_of(work)
+    recording = read_measurement(data, configuration.run.data, configuration.robot, plausible=False)
+    from expdesign.stages.estimate import check_channels_of  # only for a recording that can be read
+
+    found, remarks, failure = check_channels_of(work, recording)
     section = found.corrected(configuration.run.data)
     if configuration.run.data.files is None:
         section = {"file": "", **section} | {"file": str(data)}

@@ -44,6 +44,8 @@ from results.views.export import control_models_view
 _ESTIMATE = "estimate"
 _SAME_UNIT = 1e-6
 """Share of the forces up to which the drive's newton is one."""
+_WITHIN = 2.0
+"""Largest usual error, in standard deviations of the tolerance."""
 
 
 def write_model(source: str, name: str, out: Path | None, width: str, *, as_json: bool) -> None:
@@ -134,6 +136,7 @@ def _control_model(
     else:
         for warning in _doubts(model, known, short(path)):
             progress.warn(warning)
+        _report_force_unit(known, progress)
     return model, "" if uncertainty is None else motion
 
 
@@ -222,6 +225,24 @@ def _uncertainty(
     return force_uncertainty(robot, known, trajectory)
 
 
+def _report_force_unit(known: Identification, progress: Progress) -> None:
+    """Report corrected force constants; a warning only if they are beyond their tolerances."""
+    constants = [one for one in known.deviations if one.name.startswith(FORCE_CONSTANT)]
+    common = sum(one.value for one in constants if one.name == FORCE_CONSTANT)
+    own = {one.name: one.value for one in constants}
+    shares = [common + own.get(name, 0.0) for name in actuator_names(f"{FORCE_CONSTANT}_")]
+    if all(abs(share) <= _SAME_UNIT for share in shares):
+        return
+    beyond = any(abs(one.value) > _WITHIN * one.tolerance for one in constants)
+    errors = ", ".join(f"{100 * share:+.2g} %" for share in shares)
+    report = progress.warn if beyond else progress.note
+    report(
+        f"the estimate has corrected the force constants, {'beyond' if beyond else 'within'} their "
+        "tolerances: the model's forces are true newtons, and the drive's newtons are off by "
+        f"{errors} (actuators 1 to {ACTUATORS})"
+    )
+
+
 def _origin(path: Path, known: Identification | None, folder: Path | None) -> Origin:
     manifest = None if folder is None else Manifest.known(folder)
     entry = None if manifest is None else manifest.stages.get(_ESTIMATE)
@@ -243,16 +264,6 @@ def _doubts(model: ControlModel, known: Identification, file: str) -> Iterator[s
             "of the forces count the parameters alone, and are usually too large. Estimate again"
         )
     yield from known.warnings
-    constants = [one for one in known.deviations if one.name.startswith(FORCE_CONSTANT)]
-    common = sum(one.value for one in constants if one.name == FORCE_CONSTANT)
-    own = {one.name: one.value for one in constants}
-    shares = [common + own.get(name, 0.0) for name in actuator_names(f"{FORCE_CONSTANT}_")]
-    if any(abs(share) > _SAME_UNIT for share in shares):
-        errors = ", ".join(f"{100 * share:+.2g} %" for share in shares)
-        yield (
-            "the estimate has corrected the force constants: the model's forces are true newtons, "
-            f"and not the drive's units, which are off by {errors} (actuators 1 to {ACTUATORS})"
-        )
     parameters = [(term, one) for term in model.robot.terms for one in term.parameters]
     negative = [
         one.name

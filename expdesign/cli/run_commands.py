@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -292,7 +289,6 @@ def run(
     as_json: JsonOption = False,
 ) -> None:
     """Do every stage that the run file names, in their order; finished stages are kept."""
-    _prepare_search()
     from expdesign.cli.runs import run_all
 
     run_all(run, out, as_json, resume=resume, effort=effort, seed=seed)
@@ -325,19 +321,9 @@ def compare(
 
 def _execute(stage: str, run: str, out: Path | None, as_json: bool, **options: Any) -> None:
     """Execute one stage of a run; options replace the inputs that the folder holds."""
-    if stage == "design":
-        _prepare_search()
     from expdesign.cli.runs import execute_stage
 
     execute_stage(stage, run, out, as_json, **options)
-
-
-def _prepare_search() -> None:
-    """Start importing what workers of a search need, while this process imports its own modules."""
-    from expdesign.workers import prepare_workers
-
-    if (os.cpu_count() or 1) > 1:
-        prepare_workers(partial(import_module, "expdesign.experiment.setup"))
 
 
 def _given(path: Path | None) -> tuple[Path, ...]:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +28,7 @@ from expdesign.stages.execution import (
 from expdesign.stages.registry import FIRST, reported_stages, stage_of, stages
 from expdesign.stages.run import folder_changes, report_of, run
 from expdesign.stages.stage import Sources, StageFailed, Workspace, short
+from expdesign.workers import prepare_workers
 
 
 def execute_stage(
@@ -44,6 +48,8 @@ def execute_stage(
 ) -> None:
     """Execute one stage of a run; the sources replace the inputs that the folder holds."""
     configuration = load_run(config)
+    if name == FIRST:
+        _prepare_search()
     folder = run_folder(configuration, out)
     refuse_unwritable(folder)
     with one_writer(folder, f"expdesign {command or name}"):
@@ -72,6 +78,12 @@ def execute_stage(
     if as_json:
         several = {"motions": [one.summary for one in outcomes]}
         write_json({"status": 0, **(outcome.summary if len(outcomes) == 1 else several)})
+
+
+def _prepare_search() -> None:
+    """Start importing what workers of a search need, while this process imports its own modules."""
+    if (os.cpu_count() or 1) > 1:
+        prepare_workers(partial(import_module, "expdesign.experiment.setup"))
 
 
 def design_next(
@@ -121,7 +133,10 @@ def run_all(
     seed: int | None = None,
 ) -> None:
     """Do every stage that a run names."""
-    made = run(config, out, Terminal(quiet=as_json), resume=resume, effort=effort, seed=seed)
+    configuration = load_run(config)
+    _prepare_search()
+    terminal = Terminal(quiet=as_json)
+    made = run(configuration, out, terminal, resume=resume, effort=effort, seed=seed)
     if as_json:
         outcomes = made.stages
         write_json(

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -13,6 +14,9 @@ from rich.table import Table
 from rich.text import Text
 
 from expdesign.cli.activity import HEARTBEAT, Activity, left_text, time_text
+from expdesign.configuration import RunConfiguration
+from expdesign.experiment.judging import criterion_symbol
+from expdesign.experiment.precision import precision_in_words
 from expdesign.information.criteria import Criterion, criteria
 from expdesign.recheck.limit_check import TOLERANCE
 from expdesign.solver.phases import PHASE_TITLES, SearchEvent
@@ -28,6 +32,20 @@ _RENEWED = 1.0
 """Smallest time between two predictions of the best motion's precision, s."""
 _TRUE = ("done", "finished")
 """Phases with an objective of the exact (unsmoothed) friction model."""
+
+
+def search_display(console: Console, configuration: RunConfiguration) -> SearchDisplay:
+    """Return the display of the search that a run describes."""
+    section = configuration.run.design
+    return SearchDisplay(
+        console,
+        criteria()[section.criterion],
+        section.starts,
+        section.hops if section.search == "hopping" else 0,
+        criterion_symbol(configuration),
+        section.max_seconds,
+        partial(precision_in_words, configuration),
+    )
 
 
 class SearchDisplay:

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from functools import partial
+from typing import TYPE_CHECKING
 
 from expdesign.cli.activity import Activity
 from expdesign.cli.output import messages, note, results, warn
-from expdesign.cli.search_display import SearchDisplay
 from expdesign.configuration import RunConfiguration
-from expdesign.experiment.judging import criterion_symbol
-from expdesign.experiment.precision import precision_in_words
-from expdesign.information.criteria import criteria
 from expdesign.progress import Listener, listen_to_progress
-from expdesign.solver.phases import SearchEvent
 from expdesign.stages.stage import Outcome, Progress, short
 from results.render.terminal import print_view
+
+if TYPE_CHECKING:
+    from expdesign.solver.phases import SearchEvent
 
 
 class Terminal(Progress):
@@ -60,17 +58,10 @@ class Terminal(Progress):
     @contextmanager
     def search(self, configuration: RunConfiguration) -> Iterator[Callable[[SearchEvent], None]]:
         """Show every running start and the best so far."""
-        section = configuration.run.design
-        hops = section.hops if section.search == "hopping" else 0
-        display = SearchDisplay(
-            self._console,
-            criteria()[section.criterion],
-            section.starts,
-            hops,
-            criterion_symbol(configuration),
-            section.max_seconds,
-            partial(precision_in_words, configuration),
-        )
+        # A command that refuses its input needs no search.
+        from expdesign.cli.search_display import search_display
+
+        display = search_display(self._console, configuration)
         hidden = nullcontext() if self._activity is None else self._activity.hide()
         with hidden, display.display(), listen_to_progress(display.show_progress):
             yield display.report

@@ -96,7 +96,7 @@ class ActuatorUnits:
         if kind is None or self.missing(unit):
             raise ValueError(f"'{unit}' cannot be converted")
         value, each = kind.parse(f"1 {unit}"), (1.0,) * ACTUATORS
-        lead = math.nan if gear is None else gear.lead
+        lead = math.nan if gear is None else gear.travel
         if kind is ANGLE:
             each = (lead / (2 * math.pi),) * ACTUATORS
         elif kind is TORQUE:

@@ -142,6 +142,11 @@ class Bodies(Section):
             found |= _platform_parameters(platform, slider.mass, platform_joints)
         return found
 
+    def carried(self, platform_joints: Array) -> dict[str, float]:
+        """Return the share of payload and sliders in p6 … Iyz, SI; arguments of `parameters`."""
+        slider = self.part("slider")
+        return _platform_parameters(self.part("payload"), slider.mass, platform_joints)
+
     def warnings(self, implied: Mapping[str, float], *, general: bool) -> Iterator[str]:
         """Yield properties of the bodies that the model neglects; `implied`: see `parameters`."""
         for name in ("ring", "stator", "slider"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -19,6 +20,7 @@ from expdesign.configuration.quantity import (
     Length,
     MotorConstant,
     NotNegative,
+    Number,
     Positive,
     Resistance,
     Voltage,
@@ -75,6 +77,11 @@ class Gear(Section):
     """Inertia of all parts that turn with the motor, about its axis, kg m²; None: unknown."""
 
     @property
+    def travel(self) -> float:
+        """Travel of the strut in one turn of the motor, m."""
+        return self.lead
+
+    @property
     def mass(self) -> float:
         """Mass equivalent to the inertia along the strut, kg; zero for an unknown inertia."""
         return (self.inertia or 0.0) / self.torque_per_force**2
@@ -82,13 +89,22 @@ class Gear(Section):
     @property
     def torque_per_force(self) -> float:
         """Torque of the motor per force along the strut, N m/N, and travel per angle, m/rad."""
-        return self.lead / (2 * math.pi)
+        return self.travel / (2 * math.pi)
 
 
 class Screw(Gear):
-    """A motor on a screw or its nut."""
+    """A motor on a screw or its nut, or a screw behind a gear."""
 
+    lead: Annotated[Length, Positive]
+    """Travel of the strut in one turn of the screw, m."""
+    ratio: Annotated[Number, Positive] = 1.0
+    """Turns of the motor in one turn of the screw."""
     thread: Thread = "right"
+
+    @property
+    def travel(self) -> float:
+        """Travel of the strut in one turn of the motor, m."""
+        return self.lead / self.ratio
 
     @property
     def signed_lead(self) -> float:
@@ -145,6 +161,25 @@ class Drive(Section):
     def geared(self) -> Gear | None:
         """The screw or gear; None for a direct drive."""
         return self.screw or self.gear
+
+    def length_of_turns(self, text: str) -> float | None:
+        """Return the travel, m, in turns of the motor or screw; None for any other text.
+
+        Examples
+        --------
+        >>> Drive(screw=Screw(lead="6 mm", ratio=3)).length_of_turns("1 rev")
+        0.002
+        >>> Drive(screw=Screw(lead="6 mm", ratio=3)).length_of_turns("1 screw rev")
+        0.006
+        """
+        match = re.fullmatch(r"\s*(\S+?)\s*(screw\s+)?rev\s*", text)
+        if match is None:
+            return None
+        gear = self.screw if match[2] else self.geared
+        if gear is None:
+            allowed = "a length, or turns with drive: {screw: {lead: …}} in the robot file"
+            raise refusal(f"{quote(text)} needs the lead of the drive", allowed)
+        return float(quantity_in("1").parse(match[1])) * (gear.lead if match[2] else gear.travel)
 
     @property
     def torque_per_force(self) -> float | None:
@@ -255,13 +290,18 @@ class TermDescription(Section):
         }
 
 
-def _read_terms(value: object, *, complete: bool = True) -> tuple[TermDescription, ...]:
-    """Read a list of terms; one that is complete has the terms that others take constants from."""
+def _read_terms(
+    value: object, *, complete: bool = True, drive: Drive | None = None
+) -> tuple[TermDescription, ...]:
+    """Read a list of terms; one that is complete has the terms that others take constants from.
+
+    With a drive, lengths among the constants may be its turns.
+    """
     if not isinstance(value, list | tuple) or not value:
         raise refusal(f"{quote(value)} is not a list of terms", _terms_allowed())
     found: dict[str, TermDescription] = {}
     for item in value:
-        term = item if isinstance(item, TermDescription) else _read_term(item)
+        term = item if isinstance(item, TermDescription) else _read_term(item, drive)
         if term.name in found:
             raise refusal(f"the term '{term.name}' is listed twice", "each one once")
         partner = term.definition.constants_of
@@ -272,7 +312,7 @@ def _read_terms(value: object, *, complete: bool = True) -> tuple[TermDescriptio
     return tuple(found.values())
 
 
-def _read_term(item: object) -> TermDescription:
+def _read_term(item: object, drive: Drive | None) -> TermDescription:
     name: object = item
     given: object = {}
     if isinstance(item, Mapping) and len(item) == 1:
@@ -290,6 +330,7 @@ def _read_term(item: object) -> TermDescription:
         {constant.name: constant for constant in terms[name].constants},
         lambda key: f"the term {name} has no constant {quote(key)}",
         (name,),
+        drive,
     )
     constants = {
         key: ConstantDescription(value=value, estimate=key in stated and stated[key][1])
@@ -325,6 +366,7 @@ def _read_quantities(
     expected: Mapping[str, Parameter | Constant],
     unknown: Callable[[str], str],
     place: tuple[str, ...] = (),
+    drive: Drive | None = None,
 ) -> dict[str, float]:
     """Return the values of exactly the expected names, SI; raise all problems together."""
 
@@ -337,7 +379,11 @@ def _read_quantities(
             return one.default
         if name not in given:
             raise PydanticCustomError("missing", "the key is missing")
-        number = quantity_in(one.unit).parse(value)
+        number = None
+        if drive is not None and one.unit == "m" and isinstance(value, str):
+            number = drive.length_of_turns(value)
+        if number is None:
+            number = quantity_in(one.unit).parse(value)
         if isinstance(one, Constant) and one.positive and number <= 0:
             raise refusal(f"{number:g} is not positive", "a value above 0")
         return number
@@ -345,7 +391,11 @@ def _read_quantities(
     return read_entries(dict.fromkeys(expected) | dict(given), read, place)
 
 
-Terms = Annotated[tuple[TermDescription, ...], BeforeValidator(_read_terms)]
+def _read_terms_of_robot(value: object, info: ValidationInfo) -> tuple[TermDescription, ...]:
+    return _read_terms(value, drive=info.data.get("drive"))
+
+
+Terms = Annotated[tuple[TermDescription, ...], BeforeValidator(_read_terms_of_robot)]
 FurtherTerms = Annotated[
     tuple[TermDescription, ...], BeforeValidator(partial(_read_terms, complete=False))
 ]

@@ -88,10 +88,11 @@ class RobotDescription(schema.Section):
     None: the screws do not turn with the platform."""
     platform: PlatformKind = "symmetric"
     """10 or 15 rigid-body parameters of the platform."""
-    terms: Terms = Field(default_factory=default_terms)
-    """Blocks of the model that is linear in the parameters."""
     drive: DriveOrDirect = DIRECT
     """Drive of the struts; a screw or gear adds the term of its inertia."""
+    terms: Terms = Field(default_factory=default_terms)
+    """Blocks of the model that is linear in the parameters; in their constants turns of the drive
+    may be stated for lengths."""
     bodies: Bodies | None = None
     """Moving bodies; the parameters that follow from them need not be given."""
     parameters: Parameters

@@ -79,14 +79,23 @@ class PlannedGoal:
     ]
     minutes: Annotated[OpenNumber, described("min", "measuring time of these periods")]
     source: Annotated[
+        str, described("", "largest source of error of `std`: noise or a tolerance's key")
+    ]
+    obstacle: Annotated[
         str,
-        described("", "largest source of error then, or of the floor: noise or a tolerance's key"),
+        described(
+            "",
+            "largest source of error of the floor of a missed goal: noise or a tolerance's key; "
+            "empty: reachable",
+        ),
     ]
     tolerance: Annotated[
         OpenNumber,
-        described("see tolerance_unit", "that tolerance in the robot file, the largest of several"),
+        described(
+            "see tolerance_unit", "tolerance `obstacle` in the robot file, the largest of several"
+        ),
     ]
-    tolerance_unit: Annotated[str, described("", "its SI unit; empty: noise")]
+    tolerance_unit: Annotated[str, described("", "its SI unit; empty: none, or noise")]
     tolerance_percent: Annotated[
         OpenNumber,
         described(
@@ -453,28 +462,29 @@ def _planned(wish: _Wish, prediction: Prediction, tolerances: Sequence[Deviation
     reachable, alone, together = bool(np.isfinite(periods)), np.nan, np.nan
     errors = prediction.errors(periods if reachable else prediction.longest())
     place = wish.excess(errors)[1]
-    source = errors.largest_source[place]
+    stated, obstacle = prediction.errors(prediction.stated), ""
     if not reachable and wish.excess(prediction.noise())[0] > 1:
-        source = NOISE
+        obstacle = NOISE
     elif not reachable:
         by_source = errors.by_source
-        source = max(by_source, key=lambda key: float(by_source[key][place]))
-        alone = 100 * _largest_factor(wish, prediction, (source,))
+        obstacle = max(by_source, key=lambda key: float(by_source[key][place]))
+        alone = 100 * _largest_factor(wish, prediction, (obstacle,))
         together = 100 * _largest_factor(wish, prediction, errors.sources)
     sizes = {one.group: (one.tolerance, one.unit) for one in tolerances}
-    size, unit = sizes.get(source, (np.nan, ""))
+    size, unit = sizes.get(obstacle, (np.nan, ""))
     return PlannedGoal(
         goal=wish.name,
         quantities=", ".join(prediction.names[one] for one in wish.wanted),
         quantity=prediction.names[place],
         unit=prediction.units[place],
         wanted=wish.wanted[place],
-        std=float(prediction.errors(prediction.stated).std[place]),
+        std=float(stated.std[place]),
         floor=float(prediction.floor().std[place]),
         reachable=reachable,
         periods=periods,
         minutes=periods * prediction.period / 60,
-        source=source,
+        source=stated.largest_source[place],
+        obstacle=obstacle,
         tolerance=size,
         tolerance_unit=unit,
         tolerance_percent=alone,

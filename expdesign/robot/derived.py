@@ -1,8 +1,8 @@
 """Derived quantities of a machine with their uncertainty: mass, centre, inertia, holding forces.
 
 Each is a function of the parameters of the robot's terms: mass, centre and inertia of the platform
-with the sliders' masses at its joints, the inertia of a motor, the forces of the actuators at rest
-in the home pose. A quantity whose terms a robot lacks is left out.
+with the sliders' masses at its joints, those of the platform alone, the inertia of a motor, the
+forces of the actuators at rest in the home pose. A quantity whose terms a robot lacks is left out.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ _DEPENDENT = 1e-5
 """Share of a gradient outside the identifiable combinations up to which it is a rounding error."""
 GRAVITY_FORCE = "gravity_force_"
 """Prefix of the forces of the actuators at rest at home."""
+ALONE = "platform_"
+"""Prefix of the quantities of the platform without sliders and payload."""
 _MOMENTS = {"xx": "Ixx", "yy": "Iyy", "zz": "Izz", "xy": "Ixy", "xz": "Ixz", "yz": "Iyz"}
 
 
@@ -36,7 +38,8 @@ class DerivedQuantity:
 
     name: str
     group: str
-    """``"mass"``, ``"centre"``, ``"inertia"``, ``"motor_inertia"`` or ``"gravity"``."""
+    """``"mass"``, ``"centre"``, ``"inertia"``, these after `ALONE`, ``"motor_inertia"`` or
+    ``"gravity"``."""
     unit: str
     """SI."""
 
@@ -61,10 +64,11 @@ def derived_quantities(robot: Robot, parameters: Array | None = None) -> Derived
     """Return the derived quantities at parameters, (m,), SI; by default the nominal ones.
 
     The quantities are ``mass``, ``centre_x`` … and ``inertia_xx`` … ``inertia_yz`` about the
-    centre, in the platform frame (products as matrix entries); ``motor_inertia`` of a drive with a
-    screw or gear of known lead; ``gravity_force_1`` … ``gravity_force_6``, the forces of the
-    actuators at rest in the home pose, without friction. Without a positive mass there is no
-    centre.
+    centre, in the platform frame (products as matrix entries); ``platform_mass`` … of the platform
+    without sliders and payload if the robot file states these as bodies, since no motion separates
+    them; ``motor_inertia`` of a drive with a screw or gear of known lead; ``gravity_force_1`` …
+    ``gravity_force_6``, the forces of the actuators at rest in the home pose, without friction.
+    Without a positive mass there is no centre.
 
     Examples
     --------
@@ -77,6 +81,7 @@ def derived_quantities(robot: Robot, parameters: Array | None = None) -> Derived
     values = robot.parameters if parameters is None else parameters
     rows = [
         *_of_the_platform(names, values),
+        *_of_the_platform_alone(robot, names, values),
         *_of_the_drives(robot, names, values),
         *_at_home(robot, values),
     ]
@@ -90,11 +95,22 @@ def derived_quantities(robot: Robot, parameters: Array | None = None) -> Derived
 _Rows = Iterator[tuple[DerivedQuantity, float, Array]]
 
 
-def _of_the_platform(names: tuple[str, ...], values: Array) -> _Rows:
+def _of_the_platform_alone(robot: Robot, names: tuple[str, ...], values: Array) -> _Rows:
+    bodies = robot.description.description.bodies
+    if bodies is None or not (bodies.slider or bodies.payload):
+        return
+    share = bodies.carried(robot.description.platform_joints)
+    others = np.array([share[name] for name in OF_A_BODY.values()])
+    for one, value, row in _of_the_platform(names, values, others):
+        yield DerivedQuantity(ALONE + one.name, ALONE + one.group, one.unit), value, row
+
+
+def _of_the_platform(names: tuple[str, ...], values: Array, others: Array | float = 0.0) -> _Rows:
+    """Yield the quantities of the platform less the ten parameters of known bodies on it."""
     if MASS not in names:
         return
     own = np.array([[float(name == one) for name in names] for one in OF_A_BODY.values()])
-    ten = own @ values
+    ten = own @ values - others * np.any(own, axis=1)
     yield DerivedQuantity("mass", "mass", "kg"), float(ten[0]), own[0]
     if not ten[0] > 0:
         return
@@ -188,7 +204,8 @@ class KnownQuantity:
         described(
             "",
             "mass; centre_x …: centre in the platform frame; inertia_xx …: inertia about it, "
-            "products as matrix entries (platform with the sliders' masses); motor_inertia; "
+            "products as matrix entries (platform with the sliders' masses); platform_mass …: "
+            "without sliders and payload, if the robot file has them as bodies; motor_inertia; "
             "gravity_force_1 …: forces of the actuators at rest at home, without friction",
         ),
     ]

@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.linalg import LinAlgError
 
 from estimation import identification
 from estimation.data.measurement import Measurement, add_motors
-from estimation.data.reading import file_channels, measurement_of, read_measurement
-from estimation.data.table import RawTable
 from estimation.diagnostics import noise_analysis
 from estimation.diagnostics.channels import ChannelCheck
 from estimation.diagnostics.noise_result import NoiseResult
@@ -33,14 +29,13 @@ from estimation.processing import PeriodSource
 from estimation.validation.validate import ValidationResult, validate
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
 from expdesign.configuration.run import add_back_emf, add_terms
-from expdesign.configuration.schema import MOST_SAMPLES, require_at_most
 from expdesign.experiment import DesignResult
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms.actuator_forces import BACK_EMF
-from expdesign.progress import report_progress, track
 from expdesign.robot import robot_from
 from expdesign.stages.execution import Place
 from expdesign.stages.experiment import trajectory_of
+from expdesign.stages.recordings import load_measurement, recordings_of
 from expdesign.stages.stage import (
     ESTIMATE_FILE,
     MEASUREMENT_FILE,
@@ -57,9 +52,6 @@ from results.views.folder import StageViews
 from results.views.noise import noise_view
 from results.views.validate import feedforward_view, validation_view
 
-__all__ = ["Measurement", "estimate", "load_measurement"]  # the public names of `expdesign`
-
-
 Executed = DesignResult | FourierTrajectory | Place
 
 
@@ -74,8 +66,7 @@ def run_noise(work: Workspace) -> Outcome:
         )
     (file,) = files
     (trajectory,) = work.recorded_designs(1)
-    report_progress("reading the recording")
-    recording = _recording(work, file)
+    (recording,) = recordings_of(work)
     for warning in recording.warnings:
         work.progress.warn(warning)
     samples = fold_noise_recording(
@@ -98,18 +89,13 @@ def run_estimate(work: Workspace) -> Outcome:
     """Estimate the parameters and diagnose the estimate."""
     configuration, files = work.configuration, work.data_files()
     designs = work.recorded_designs(len(files))
-    recordings: list[Measurement] = []
-    for file in track("reading recordings", files):
-        recordings.append(_recording(work, file))
-        count = sum(len(recording.time) for recording in recordings)
-        require_at_most(count, MOST_SAMPLES, f"{len(recordings)} recordings", key="--data")
     # The twin's own recording has the channels of the struts.
     own = [place / MEASUREMENT_FILE for place in work.motion_folders]
     simulated = not work.sources.data and files == own
     try:
         result = identification.estimate(
             configuration,
-            recordings,
+            recordings_of(work),
             designs,
             refuse_channels=not (work.sources.force or simulated),
         )
@@ -127,8 +113,8 @@ def run_estimate(work: Workspace) -> Outcome:
     )
 
 
-def check_channels_of(work: Workspace) -> tuple[ChannelCheck, list[str], str]:
-    """Check the channels of a recording.
+def check_channels_of(work: Workspace, data: Measurement) -> tuple[ChannelCheck, list[str], str]:
+    """Check the channels of the recording of a workspace.
 
     Returns
     -------
@@ -137,7 +123,6 @@ def check_channels_of(work: Workspace) -> tuple[ChannelCheck, list[str], str]:
     """
     configuration = work.configuration
     (file,), (design,) = work.data_files(), work.recorded_designs(1)
-    data = read_measurement(file, configuration.run.data, configuration.robot, plausible=False)
     configuration = add_motors(configuration, [data])
     robot = robot_from(configuration.robot)
     recorded, data = data, leave_out_ramps(configuration, data, design)
@@ -189,45 +174,6 @@ def _summary(result: EstimationResult) -> dict[str, Any]:
         "seconds": result.seconds,
         "warnings": list(result.warnings),
     }
-
-
-def _recording(work: Workspace, file: Path) -> Measurement:
-    """Return a recording, simulated in this run or read from its file."""
-    section, robot = work.configuration.run.data, work.configuration.robot
-    simulated = work.made.get("experiment")
-    if file != work.measurement_file or simulated is None or simulated.recording is None:
-        return read_measurement(file, section, robot)
-    # The same table as in the file.
-    channels = file_channels(simulated.recording, section, robot).items()
-    values = {name: column.astype(np.float64, copy=False) for name, column in channels}
-    return measurement_of(RawTable(file, values, {}, "line", 2), section, robot)
-
-
-def load_measurement(config: ConfigurationLike, file: Place | None = None) -> Measurement:
-    """Read a recording by a run's section `data`: columns, units, delay, part of the file.
-
-    Parameters
-    ----------
-    config : path, mapping or RunConfiguration
-    file : path, optional
-        File in a known format; the run's `data.file` by default.
-
-    Returns
-    -------
-    Measurement
-        Time, lengths and forces, in SI.
-
-    Raises
-    ------
-    InputError
-        The run or the file is unusable; every defect is named with column and row.
-    """
-    configuration = load_run(config)
-    section = configuration.run.data
-    place = section.recording if file is None else file
-    if place is None:
-        raise InputError("no recording is given", configuration.file, key="data.file")
-    return read_measurement(place, section, configuration.robot)
 
 
 def estimate(

@@ -24,7 +24,7 @@ from expdesign.configuration import (
 )
 from expdesign.configuration.motions import motion_runs
 from expdesign.evaluation.machine_code import evaluator
-from expdesign.interruption import interruptible
+from expdesign.interruption import clean_up, interruptible
 from expdesign.library import run_files
 from expdesign.progress import listen_to_progress, report_progress
 from expdesign.runfolder.files import RUN_FILE, remove_leftovers, write_text
@@ -80,15 +80,21 @@ def execute(stage: Stage, work: Workspace) -> Outcome:
     try:
         if stage.name in _PARALLEL and (work.configuration.run.workers or 1) > 1:
             prepare_workers()
-        with work.progress.working(stage.name) as listener, listen_to_progress(listener):
+        with (
+            _entry_if_interrupted(stage, work, began),
+            work.progress.working(stage.name) as listener,
+            listen_to_progress(listener),
+        ):
+            stage.read_inputs(work)
             report_progress("loading modules")
             outcome = stage.functions().run(work)
             # Hours of computation are not lost to a Ctrl-C in the seconds of saving.
             with interruptible(work.progress.note, *_SAVING) as asked:
                 outcome = save(outcome, stage, work, began)
     except ComputationError as error:
-        if not is_empty(work.folder):
-            status = "interrupted" if isinstance(error, StoppedError) else "failed"
+        stopped = isinstance(error, StoppedError)
+        if stopped or not is_empty(work.folder):
+            status = "interrupted" if stopped else "failed"
             ended = Outcome(stage.name, work.folder, status=status, message=error.message)
             write_entry(work, ended, time.perf_counter() - began)
         raise StageFailed(error.message, error.details) from error
@@ -100,6 +106,25 @@ def execute(stage: Stage, work: Workspace) -> Outcome:
     if outcome.asked_to_stop or asked():
         raise KeyboardInterrupt
     return outcome
+
+
+@contextmanager
+def _entry_if_interrupted(stage: Stage, work: Workspace, began: float) -> Iterator[None]:
+    """Write the manifest's entry of a stage that an interruption ends, also during an import."""
+    ended = False
+
+    def write_unless_ended() -> None:
+        if not ended:
+            outcome = Outcome(stage.name, work.folder, status="interrupted", message="no result")
+            write_entry(work, outcome, time.perf_counter() - began)
+
+    with clean_up(write_unless_ended):
+        try:
+            yield
+        except Exception:
+            ended = True
+            raise
+        ended = True
 
 
 def workspaces(stage: Stage, work: Workspace) -> list[Workspace]:

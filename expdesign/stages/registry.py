@@ -18,6 +18,7 @@ from expdesign.stages.stage import (
     TABLES,
     Stage,
     StageFunctions,
+    Workspace,
     run_sections,
     short,
     too_long_to_simulate,
@@ -52,6 +53,13 @@ class EstimationStage(Stage):
         from expdesign.stages.estimate import FUNCTIONS
 
         return FUNCTIONS[self.name]
+
+    def read_inputs(self, work: Workspace) -> None:
+        """Read the recordings."""
+        if "recording" in self.inputs(work.configuration):
+            from expdesign.stages.recordings import recordings_of
+
+            recordings_of(work)
 
 
 class DesignStage(SearchStage):

@@ -102,6 +102,10 @@ class Stage(ABC):
     def functions(self) -> StageFunctions:
         """Return the functions of the stage; modules that take long to load are imported here."""
 
+    def read_inputs(self, work: Workspace) -> None:
+        """Read and refuse inputs, before the modules of the functions are loaded."""
+        del work
+
     def views(self) -> StageViews:
         """Return the type of the stored result, its view and its comparison."""
         return self.functions().views
@@ -245,6 +249,8 @@ class Workspace:
     """Whether an interrupted search continues."""
     made: dict[str, Outcome] = field(default_factory=dict)
     """Outcomes of the stages so far, by name."""
+    recordings: dict[Path, Any] = field(default_factory=dict)
+    """Recordings that were read, each a `Measurement`, by their files."""
     stages: Mapping[str, ViewedStage] = field(default_factory=dict)
     """Stages with a section in the report, in the order of the sections."""
     inputs: dict[str, str] = field(default_factory=dict)

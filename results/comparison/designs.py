@@ -10,7 +10,7 @@ differ in these have no efficiency either.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -193,11 +193,17 @@ class ComparedDesign:
         return section.criterion, scaling, section.interest, total
 
     def interest_std(
-        self, interest: Sequence[str] | None, samples: float, reference: ComparedDesign
+        self,
+        interest: Sequence[str] | None,
+        samples: float,
+        reference: ComparedDesign,
+        *,
+        scaled: bool,
     ) -> Array:
-        """Return the standard deviations of quantities of interest, SI; None: of all parameters.
+        """Return the standard deviations of quantities of interest; None: of all parameters.
 
-        Tolerances, estimator and prior are those of the reference.
+        They are in SI, or relative to the scales of `design.scaling: nominal`. Tolerances,
+        estimator and prior are those of the reference.
         """
         if self.section.is_change:
             return self.relative_std(samples)
@@ -205,6 +211,9 @@ class ComparedDesign:
         evaluator = noise_evaluator(configuration)
         prediction = Prediction.of(configuration, evaluator, self.result.trajectory)
         std = prediction.errors(samples / prediction.samples).std
+        if scaled:
+            scales = evaluator.robot.scales[evaluator.columns]
+            std = std / np.linalg.norm(prediction.rows * scales, axis=1)
         wanted = {*(self.names if interest is None else interest)}
         pairs = zip(prediction.groups, prediction.names, strict=True)
         return std[[bool({*pair} & wanted) for pair in pairs]]
@@ -456,8 +465,8 @@ def _best_in_words(comparison: DesignComparison) -> tuple[str, list[Fact]]:
         if {each.objective for each in known} == {("d", "", None, False)}:
             found = [_most_informative(comparison, known, among)]
         else:
-            interests = dict.fromkeys(each.section.interest for each in known)
-            found = [_most_precise(comparison, known, one, among) for one in interests]
+            ends = dict.fromkeys(each.objective[:3] for each in known)
+            found = [_most_precise(comparison, known, (c, s, i), among) for c, s, i in ends]
         text += "".join(sentence for sentence, _ in found)
         facts += [fact for _, fact in found]
     if comparison.machine_count > 1:
@@ -492,30 +501,51 @@ def _most_informative(
 def _most_precise(
     comparison: DesignComparison,
     designs: Sequence[ComparedDesign],
-    interest: Sequence[str] | TaskSection | None,
+    end: tuple[str, str, Sequence[str] | TaskSection | None],
     among: str,
 ) -> tuple[str, Fact]:
-    """Return the design with the smallest predicted standard deviations and those of the others."""
+    """Return the design with the smallest predicted standard deviations and those of the others.
+
+    The end of designs is a criterion, its scaling and the quantities of interest. The standard
+    deviations are summarised as the criterion does: rms (a), the largest (e), or geometric mean.
+    """
+    criterion, scaling, interest = end
     samples = comparison.experiment_samples
+    name, summarise = _SUMMARIES.get(criterion, _GEOMETRIC)
     if isinstance(interest, TaskSection):
         whose, interest = "all parameters, not of the forces along the task", None
+        name, summarise = _GEOMETRIC
     else:
         whose = listed(interest or ["all parameters"])
     reference = next((each for each in designs if each.objective[-1]), designs[0])
     if any(each.robot.tolerances != reference.robot.tolerances for each in designs):
         whose += f" with the tolerances of {reference.label}"
-    stds = np.array([each.interest_std(interest, samples, reference) for each in designs])
-    means = np.exp(np.mean(np.log(stds[:, np.all(stds > 0, axis=0)]), axis=1))
+    scaled = scaling == "nominal"
+    stds = np.array(
+        [each.interest_std(interest, samples, reference, scaled=scaled) for each in designs]
+    )
+    means = summarise(stds[:, np.all(stds > 0, axis=0)])
     best = int(np.argmin(means))
     others = ", ".join(
         f"{each.label} has {percent(mean / means[best])} of them"
         for each, mean in zip(designs, means, strict=True)
         if each is not designs[best]
     )
-    name = f"smallest predicted σ of {whose}"
-    sentence = f" {designs[best].label} has the {name}{among}{f'; {others}' if others else ''}."
-    note = f"geometric mean for {samples} samples"
-    return sentence, Fact(name, designs[best].label, note)
+    title = f"smallest predicted σ of {whose}"
+    if name != _GEOMETRIC[0]:
+        title += f" ({name})"
+    sentence = f" {designs[best].label} has the {title}{among}{f'; {others}' if others else ''}."
+    note = f"{name} for {samples} samples"
+    return sentence, Fact(title, designs[best].label, note)
+
+
+_Summary = tuple[str, Callable[[Array], Array]]
+_GEOMETRIC: _Summary = ("geometric mean", lambda stds: np.exp(np.mean(np.log(stds), axis=1)))
+_SUMMARIES: dict[str, _Summary] = {
+    "a": ("rms", lambda stds: np.sqrt(np.mean(stds**2, axis=1))),
+    "e": ("largest", lambda stds: np.max(stds, axis=1)),
+}
+"""Name and function, (designs, n) → (designs,), of the summary by criterion."""
 
 
 def _criteria_table(comparison: DesignComparison) -> ReportTable:

@@ -8,7 +8,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-import pandas as pd
 from markupsafe import Markup, escape
 
 from expdesign.runfolder import StageResult
@@ -17,7 +16,12 @@ from results.views.folder import RunFolder, StageViews
 from results.views.view import Drawing, Fact, Facts, ReportTable, StageView
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
+else:
+    import lazy_loader
+
+    pd = lazy_loader.load("pandas")
 
 _MOST_FACTS = 10
 

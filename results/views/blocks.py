@@ -124,7 +124,7 @@ def _uncertain_parameters(rows: Sequence[ParameterRow]) -> str:
         for k in order[:_MOST_NAMED]
     ]
     if len(order) > _MOST_NAMED:
-        named.append(f"{len(order) - _MOST_NAMED} more by over half of their a-priori values")
+        named.append(f"{len(order) - _MOST_NAMED} more by over half of theirs")
     return f" They make uncertain (σ): {listed(named)}." if named else ""
 
 

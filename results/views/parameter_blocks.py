@@ -9,7 +9,7 @@ import numpy as np
 
 from expdesign.information.identifiable import KnownCombination
 from expdesign.mechanism.terms import term_definitions
-from expdesign.robot.derived import GRAVITY_FORCE, KnownQuantity
+from expdesign.robot.derived import ALONE, GRAVITY_FORCE, KnownQuantity
 from results.notation import DisplayUnit, concise, handy_unit
 from results.views.view import Block, ReportTable, TableColumn, TextBlock
 
@@ -94,6 +94,13 @@ def derived_blocks(key: str, found: Sequence[KnownQuantity], whose: str) -> list
     def column(label: str, of: str, digits: int = 3) -> TableColumn:
         return TableColumn(label, digits=digits, of=lambda row: unit(row).factor * getattr(row, of))
 
+    alone = {one.quantity: one for one in found if one.quantity.startswith(ALONE)}
+
+    def of_the_platform(row: KnownQuantity) -> str:
+        own = alone.get(ALONE + row.quantity)
+        factor = unit(row).factor
+        return "" if own is None else concise(factor * own.value, factor * own.std)
+
     intervals = hasattr(found[0], "ci_low")  # of an estimate
     shared = any(row.std_systematic > 0 for row in found)
     on_page = [
@@ -107,10 +114,14 @@ def derived_blocks(key: str, found: Sequence[KnownQuantity], whose: str) -> list
         TableColumn("unit", kind="text", of=lambda row: unit(row).symbol),
         column("value", "value", 5),
         replace(column("σ", "std"), kind="error"),
+        *([TableColumn("platform alone", kind="text", of=of_the_platform)] if alone else []),
         *(replace(each, screen=False) for each in on_page),
     )
-    caption = f"Quantities {whose} (platform with sliders; forces at rest at home)"
-    rows = list(_merge_equal(found))
+    separated = "only their sum is identifiable; `bodies.slider` in the robot file separates them"
+    if alone:
+        separated = "alone: less the sliders and payload of `bodies`, taken as exact"
+    caption = f"Quantities {whose} (platform with sliders, {separated}; forces at rest at home)"
+    rows = [one for one in _merge_equal(found) if one.quantity not in alone]
     return [ReportTable.of(key, caption, columns, rows, screen=True, latex=True)]
 
 

@@ -58,14 +58,15 @@ def _table(result: PlanResult) -> ReportTable:
         TableColumn("unit", kind="text", of=lambda row: handy_unit(row.unit, [row.wanted]).symbol),
         column("σ wanted", "wanted"),
         column("σ, run file", "std"),
+        TableColumn("mostly from", kind="text", of=lambda row: row.source.replace(".", ": ")),
         column("σ, floor", "floor"),
         TableColumn("periods", of="periods"),
         TableColumn("measuring", kind="text", of=_measuring),
-        TableColumn("largest source", kind="text", of=lambda row: row.source.replace(".", ": ")),
     )
     caption = (
         f"Periods of {readable(result.period)} s that reach each goal (standard deviations, "
-        f"{result.estimator}); floor: share of the tolerances after {LONGEST_DAYS} days"
+        f"{result.estimator}), the largest source of σ, run file; floor: share of the tolerances "
+        f"after {LONGEST_DAYS} days"
     )
     return ReportTable.of("plan", caption, columns, result.goals, screen=True, latex=True)
 
@@ -108,7 +109,7 @@ def _obstacle(goal: PlannedGoal) -> str:
         unit.quantity(value, 3)
         for value in (goal.wanted, goal.floor, math.sqrt(2) * goal.floor)  # half for the noise
     )
-    if goal.source == NOISE:
+    if goal.obstacle == NOISE:
         return (
             f"{goal.goal}: after {LONGEST_DAYS} days the noise alone leaves more than the wanted "
             f"{wanted}. What to do: state a larger goal, allow more harmonics or widen a limit."
@@ -123,7 +124,7 @@ def _obstacle(goal: PlannedGoal) -> str:
             size = DisplayUnit("%", 100)
         least = goal.tolerance * goal.tolerance_percent / 100
         text += (
-            f", or reduce {goal.source}, the largest source, to {size.quantity(least, 2)} "
+            f", or reduce {goal.obstacle}, the largest source, to {size.quantity(least, 2)} "
             f"({size.quantity(goal.tolerance)} is stated)"
         )
     elif np.isfinite(goal.all_tolerances_percent):

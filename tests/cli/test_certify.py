@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_run, resolved_yaml
+from expdesign.recheck.limit_check import LimitCheck
 from expdesign.runfolder.manifest import Manifest, StageEntry, file_hash
 from expdesign.trajectory import FourierTrajectory
 from tests.export.motions import spline_motion_of, task
@@ -89,6 +90,16 @@ def test_a_folder_with_its_ways_and_tables_is_proved(expdesign, made):
         }
         for key, limit in check["limits"].items():
             assert limit["proved"] == by_key[key]["proved"]
+
+
+def test_what_is_left_of_a_limit_is_the_same_share_as_in_the_design(expdesign, made):
+    printed = expdesign("certify", made)[1]
+    lines = printed[: printed.index("motion:")].splitlines()
+    limits = json.loads(expdesign("certify", made, "--json")[1])["parts"][0]["limits"]
+    for limit in limits:
+        known = {key: value for key, value in limit.items() if key not in ("kept", "certified")}
+        (line,) = (one for one in lines if one.startswith(f"{limit['key']} "))
+        assert f"{100 * LimitCheck(**known).left:.3g} % left" in line
 
 
 def test_a_table_alone_and_elsewhere(expdesign, made, tmp_path):

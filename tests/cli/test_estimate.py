@@ -93,10 +93,18 @@ def test_the_screen_of_an_estimate_names_the_worst_that_would_not_be_seen(folder
     assert len(shown.splitlines()) <= 40, shown
     words = " ".join(shown.split())
     record = json.loads((folder / "out" / "estimate.json").read_text())
-    worst = record["diagnostics"]["undetected"][0]
-    sigmas = float(f"{worst['sigmas']:.2g}")
-    assert f"could move {worst['worst']} by {sigmas:g} σ" in words
-    rows = _rows(folder)
+    rows = _rows(folder).set_index("parameter", drop=False)
+    name, change = re.search(r"could change (\w+) by up to ([\d.]+) ", words).groups()
+    shifts = [effect["shifts"] for effect in record["diagnostics"]["undetected"]]
+    noticed = np.maximum(0.05 * rows.value.abs(), rows["std"])
+    ratios = {(k, one): each[one] / noticed[one] for k, each in enumerate(shifts) for one in each}
+    worst = max(ratios, key=ratios.get)
+    assert worst[1] == name
+    assert float(change) == pytest.approx(shifts[worst[0]][name], rel=0.05)
+    assert (
+        f"{float(f'{100 * shifts[worst[0]][name] / abs(rows.value[name]):.2g}'):g} % of it" in words
+    )
+    assert " σ (" not in words
     share = rows.std_undetected / abs(rows.a_priori)
     uncertain = rows.parameter[share.sort_values(ascending=False).index]
     assert all(f"{name} by " in words for name in uncertain[:3])

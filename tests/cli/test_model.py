@@ -229,8 +229,8 @@ def test_the_report_has_a_section_of_the_models(folder):
     assert "model/python" in text
 
 
-@pytest.mark.parametrize("off", [0.0, 0.02])
-def test_forces_in_true_newtons_are_told(expdesign, folder, off):
+@pytest.mark.parametrize(("off", "kind"), [(0.0, ""), (0.02, "note: "), (0.07, "warning: ")])
+def test_forces_in_true_newtons_are_told(expdesign, folder, off, kind):
     """Where the estimate has found force constants off, as the robot file says."""
     path = folder / "identified-robot.yaml"
     robot = YAML().load(path)
@@ -243,4 +243,5 @@ def test_forces_in_true_newtons_are_told(expdesign, folder, off):
     status, _, err = expdesign("model", folder, "--format", "python")
     assert status == 0, err
     assert ("true newtons" in err) == (off != 0)
-    assert ("+2 %" in err) == (off != 0)
+    assert (f"{100 * off:+.2g} %" in err) == (off != 0)
+    assert f"{kind}the estimate has corrected the force constants" in err or off == 0

@@ -440,3 +440,22 @@ def test_check_tells_rounding_from_a_contradiction(expdesign, run_file):
     assert "note: the parameters are physically consistent within" in told["0.944"]
     assert "physically inconsistent" not in told["0.944"]
     assert "physically inconsistent" in told["0.947"]
+
+
+@pytest.mark.parametrize(
+    "arguments", [["run", "wrong.yaml"], ["estimate", "right.yaml", "--data", "wrong.yaml"]]
+)
+def test_bad_input_is_refused_before_the_modules_of_the_computation_are_loaded(tmp_path, arguments):
+    run = "name: n\nrobot: palida\n"
+    (tmp_path / "right.yaml").write_text(run)
+    (tmp_path / "wrong.yaml").write_text(f"{run}trajectory: {{harmonic: 5}}\n")
+    code = (
+        "import sys; from expdesign.cli.app import app, run; "
+        f"print(run(app, {arguments}), sorted(m for m in sys.modules if m in "
+        "{'pandas.core', 'numba', 'scipy.optimize', 'expdesign.solver.search', "
+        "'estimation.identification.estimate'}))"
+    )
+    answer = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert answer.stdout.strip() == "2 []", answer.stderr

@@ -5,6 +5,7 @@ import math
 import pytest
 
 from expdesign.configuration import InputError, load_run, resolved_yaml
+from expdesign.configuration.actuator_units import ActuatorUnits
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.terms import DEFAULT
 
@@ -40,6 +41,28 @@ def test_lead_and_inertia_make_a_mass(palida, kind):
         "r_alpha",
     ]
     assert not [text for text in robot.warnings if "inertia" in text and "drive" in text]
+
+
+@pytest.mark.parametrize(
+    ("pitch", "metres"), [("1 rev", 0.002), ("1.5 screw rev", 0.009), ("7 mm", 0.007)]
+)
+def test_a_screw_behind_a_gear_counts_turns_of_the_motor_and_of_the_screw(palida, pitch, metres):
+    drive = {"screw": {"lead": "6 mm", "ratio": 3, "inertia": 6.3e-5}}
+    robot = _robot(palida, drive, terms=[*DEFAULT, {"cogging": {"pitch": pitch}}])
+    cogging = next(term for term in robot.description.terms if term.name == "cogging")
+    assert cogging.constants["pitch"].value == pytest.approx(metres)
+    mass = 6.3e-5 * (2 * math.pi / 2e-3) ** 2
+    assert robot.parameters["m_drive"] == pytest.approx(mass, rel=1e-12)
+    assert robot.thread_lead == pytest.approx(6e-3)
+    assert ActuatorUnits(robot).si_values("rev") == pytest.approx((2e-3,) * 6)
+
+
+@pytest.mark.parametrize(
+    ("drive", "pitch"), [("direct", "1 rev"), ({"gear": {"lead": "0.2 m"}}, "1 screw rev")]
+)
+def test_turns_need_the_lead_of_the_drive(palida, drive, pitch):
+    with pytest.raises(InputError, match="needs the lead of the drive"):
+        _robot(palida, drive, terms=[*DEFAULT, {"cogging": {"pitch": pitch}}])
 
 
 def test_a_value_that_is_given_counts_before_the_drives(palida):

@@ -60,6 +60,13 @@ def test_full_name_before_the_one_without_unit():
     assert pick_columns(columns, {"q1": "q1 [mm]"}, FILE)["q1"].text == "q1 [mm]"
 
 
+def test_a_file_without_any_channel_is_refused_once():
+    (problem,) = _problems(_columns("parameter", "unit", "value"), {})
+    assert problem.message.startswith("this is not a recording, or its columns have other names")
+    assert "'parameter', 'unit', 'value'" in problem.allowed
+    assert "init-data" in problem.allowed
+
+
 def test_a_missing_column_names_the_nearest_and_what_is_there():
     (problem,) = _problems(_columns(*CHANNELS[:-1], "Weg_3"), {"Q6": "Weg3"})
     assert problem.message == "there is no column 'Weg3' for Q6"

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from estimation.data.reading import file_formats, format_of
-from expdesign.configuration import InputError
+from expdesign.configuration import FORCE_CHANNELS, LENGTH_CHANNELS, InputError
+from expdesign.runfolder.manifest import Manifest, entry
 from tests.data.recordings import WRITERS
 
 BINARY = [name for name in WRITERS if name not in ("recording.csv", "recording")]
@@ -119,3 +120,37 @@ def test_a_mat_file_is_told_by_its_content(tmp_path, rec):
         WRITERS[name](tmp_path / name, rec)
     titles = [format_of(tmp_path / name).title for name in ("recording.mat", "recording73.mat")]
     assert titles == ["MATLAB up to v7", "MATLAB v7.3"]
+
+
+@pytest.mark.parametrize(
+    ("name", "stage", "words"),
+    [
+        ("trajectory.csv", "design", "a designed motion, whose forces are computed"),
+        ("estimates.csv", "estimate", "a result of `estimate`"),
+        ("exports/csv.csv", "", "a controller table, which has no measured forces"),
+    ],
+)
+def test_a_result_of_a_run_folder_is_not_a_recording(tmp_path, name, stage, words):
+    file = tmp_path / name
+    file.parent.mkdir(exist_ok=True)
+    file.write_text(",".join(("t", *LENGTH_CHANNELS, *FORCE_CHANNELS)))
+    about = Manifest.new({}, "")
+    if stage:
+        about = about.with_stage(stage, entry("done", "", 0.0, "", tmp_path, [file]))
+    else:
+        about = about.with_added(tmp_path, [file], {})
+    about.write(tmp_path)
+    with pytest.raises(InputError) as caught:
+        format_of(file)
+    (problem,) = caught.value.problems
+    assert problem.file == file
+    assert words in problem.message
+    assert "not a recording" in problem.message
+
+
+def test_the_recording_of_a_run_folder_is_one(tmp_path):
+    file = tmp_path / "measurement.csv"
+    file.write_text("t")
+    made = entry("done", "", 0.0, "", tmp_path, [file])
+    Manifest.new({}, "").with_stage("experiment", made).write(tmp_path)
+    assert ".csv" in format_of(file).extensions

@@ -70,7 +70,7 @@ def test_a_goal_below_the_floor_names_the_tolerance(systematic):
     assert not plan.reachable
     assert np.isnan(plan.periods)
     assert mass.floor == pytest.approx(0.005 * 16.307, rel=0.25)
-    assert mass.source == "force_constant.common"
+    assert mass.obstacle == "force_constant.common"
     smaller = {"common": f"{0.5 * mass.tolerance_percent / 100} %"}
     changed = {**tolerances, "force_constant": smaller}
     reached = plan_measurement(
@@ -78,6 +78,14 @@ def test_a_goal_below_the_floor_names_the_tolerance(systematic):
     ).goals[0]
     assert reached.reachable
     assert reached.floor == pytest.approx(mass.wanted * np.sqrt(0.5), rel=1e-3)
+
+
+def test_the_largest_source_is_that_of_the_standard_deviation_beside_it():
+    plan = plan_measurement(_run({"mass": "0.1 %"}, {"force_constant": {"common": "1 %"}}), MOTION)
+    (goal,) = plan.goals
+    assert not goal.reachable
+    assert goal.std > 2 * goal.tolerance * 16.307
+    assert (goal.source, goal.obstacle) == ("noise", "force_constant.common")
 
 
 @pytest.mark.parametrize(
@@ -144,7 +152,7 @@ def test_a_goal_of_years_is_not_reached_for_its_noise():
     plan = plan_measurement(_run({"v1": "0.00001 %"}, {"gravity": "1e-9 deg"}), MOTION)
     (goal,) = plan.goals
     assert not goal.reachable
-    assert goal.source == "noise"
+    assert goal.obstacle == "noise"
     assert goal.floor < goal.wanted
     assert np.isnan(goal.tolerance_percent)
 

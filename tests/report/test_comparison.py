@@ -518,5 +518,29 @@ def test_designs_for_other_ends_are_compared_by_their_predicted_errors(folder, t
     assert "smallest predicted σ of mass with" in text
 
 
+@pytest.mark.parametrize(
+    ("criterion", "scaling", "name"), [("a", "nominal", "rms"), ("e", "si", "largest")]
+)
+def test_designs_are_compared_by_the_summary_of_their_criterion(
+    folder, twin, tmp_path, criterion, scaling, name
+):
+    faster = 2 * DesignResult.read(twin).trajectory.omega
+    change(twin / "design.json", lambda design: design.update(omega=faster))
+    for one in (folder, twin):
+        change_design(one, criterion=criterion, scaling=scaling)
+    text = _text(compare([folder, twin], tmp_path / "out"))
+    found = re.search(rf"all parameters \({name}\); \w+ has ([0-9]+) % of them", text)
+    configuration = DesignResult.read(folder).configuration
+    evaluator = noise_evaluator(configuration)
+    scales = evaluator.robot.scales if scaling == "nominal" else 1.0
+    summaries = []
+    for one in (folder, twin):
+        motion = DesignResult.read(one).trajectory
+        prediction = Prediction.of(configuration, evaluator, motion)
+        std = prediction.errors(1e5 / prediction.samples).std[-len(evaluator.names) :] / scales
+        summaries.append(np.max(std) if criterion == "e" else np.sqrt(np.mean(std**2)))
+    assert int(found[1]) == pytest.approx(100 * max(summaries) / min(summaries), rel=0.02)
+
+
 def _text(page):
     return " ".join(re.sub(r"<[^>]*>", " ", page).split())

@@ -44,6 +44,28 @@ def test_the_motor_has_the_inertia_of_the_file():
     assert found.values[found.names.index("motor_inertia")] == pytest.approx(6.3e-5)
 
 
+@pytest.mark.parametrize("platform", ["symmetric", "general"])
+def test_the_platform_alone_has_the_mass_centre_and_inertia_of_its_bodies(platform):
+    body = {"mass": 12.0, "centre": [0, 0, 0.1], "inertia": [0.1, 0.12, 0.15]}
+    others = {
+        "stator": {"mass": 9.0, "centre": [0, 0, 0.064], "inertia": [0.05, 0.049, 0.0028]},
+        "slider": {"mass": 2.5, "centre": [0, 0, -0.52], "inertia": [0.175, 0.175, 0.0003]},
+        "payload": {"mass": 5.0, "centre": [0, 0, 0.2]},
+    }
+    known = load_robot_description("palida").description.parameters
+    friction = {name: value for name, value in known.items() if name[0] != "p"}
+    robot = _robot(platform=platform, parameters=friction, bodies={"platform": body, **others})
+    found = derived_quantities(robot)
+    values = dict(zip(found.names, found.values.tolist(), strict=True))
+    assert values["mass"] == pytest.approx(12 + 6 * 2.5 + 5)
+    assert values["platform_mass"] == pytest.approx(12)
+    assert values["platform_centre_z"] == pytest.approx(0.1)
+    moments = [values[f"platform_inertia_{axes}"] for axes in ("xx", "yy", "zz")]
+    np.testing.assert_allclose(moments, body["inertia"], rtol=1e-12)
+    if platform == "general":
+        assert values["platform_centre_x"] == pytest.approx(0, abs=1e-12)
+
+
 def test_forces_at_home_are_those_at_rest():
     robot = _robot()
     at_rest = robot.actuator_forces(robot.home, np.zeros(6), np.zeros(6))

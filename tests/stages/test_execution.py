@@ -171,6 +171,18 @@ def test_a_stage_that_raises_leaves_no_entry(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_an_interruption_before_there_is_a_result_is_in_the_manifest(tmp_path, monkeypatch):
+    def interrupt(_work):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(DesignStage, "functions", lambda _: StageFunctions(interrupt, VIEWS))
+    with pytest.raises(KeyboardInterrupt):
+        execute(stages()["design"], Work(configuration(), tmp_path))
+    assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]
+    found = Manifest.known(tmp_path).stages["design"]
+    assert (found.status, found.files) == ("interrupted", {})
+
+
 def test_a_stage_that_fails_leaves_the_configuration_as_it_was(done, monkeypatch):
     def fail(_work):
         raise StageFailed("no motion keeps the limits")
