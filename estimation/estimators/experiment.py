@@ -31,6 +31,13 @@ class MotionEstimate:
     spread: Array
     """(S, s), standard deviations of the rates of friction at the force samples."""
 
+    @classmethod
+    def of(
+        cls, robot: Robot, recording: PeriodicRecording, motion: Motion, covariance: Array
+    ) -> MotionEstimate:
+        """Return a motion with the spread of its rates in a recording."""
+        return cls(motion, covariance, rate_spread(robot, motion, recording, covariance))
+
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
@@ -127,8 +134,7 @@ class Experiment:
         def of_terms(known: MotionEstimate | None) -> MotionEstimate | None:
             if known is None:
                 return None
-            spread = rate_spread(robot, known.motion, self.recording, known.covariance)
-            return replace(known, spread=spread)
+            return MotionEstimate.of(robot, self.recording, known.motion, known.covariance)
 
         return replace(
             self,
@@ -148,8 +154,7 @@ class Experiment:
 
     def with_linear_motion(self, robot: Robot, fit: MotionFit) -> Experiment:
         """Return the experiment with another fit as the motion of LS and GM."""
-        spread = rate_spread(robot, fit.motion, self.recording, fit.covariance)
-        linear = MotionEstimate(fit.motion, fit.covariance, spread)
+        linear = MotionEstimate.of(robot, self.recording, fit.motion, fit.covariance)
         return replace(self, linear_motion=linear).of_robot(robot)
 
     def without_lacking_terms(self, robot: Robot) -> Experiment:

@@ -52,7 +52,7 @@ def maximum_likelihood(
     experiments : sequence of Experiment
         With fitted motions.
     start : ParameterEstimate
-        The Gauss–Markov estimate.
+        The Gauss–Markov estimate, or an earlier one.
     deviations : sequence of Deviation
         Further unknowns θ, common to all experiments, with their tolerances as priors. Constants
         of terms marked `estimate: true` in the robot file precede them.
@@ -73,9 +73,8 @@ def maximum_likelihood(
     # θ follows the parameters and is treated alike, with its tolerances as priors.
     joint_priors = priors.with_deviations(deviations)
     problem = _Problem(robot, experiments, joint_priors, deviations)
-    theta = np.zeros(len(deviations))
-    if start.systematic is not None and constants:
-        theta[: len(constants)] = start.systematic.values[: len(constants)]
+    known = {} if start.systematic is None else start.systematic.estimates
+    theta = [known.get(one.name, 0.0) for one in deviations]
     values = np.concatenate([start.values, theta])
     motions = [experiment.motion for experiment in experiments]
     point = problem.at(values, motions)

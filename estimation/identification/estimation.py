@@ -30,7 +30,7 @@ from estimation.estimators.covariance import EstimatedDeviation
 from estimation.estimators.prior_estimate import UnloadedMachine
 from estimation.estimators.result import PayloadEstimate, payload_estimate
 from estimation.identification.calibration import apply_calibration, estimated_machine
-from estimation.identification.harmonics import weigh_signs
+from estimation.identification.harmonics import weigh_signs, with_raised_harmonics
 from estimation.identification.periods import UnsuitableDataError, leave_out_ramps
 from estimation.identification.recording import (
     PreparedRecording,
@@ -47,6 +47,7 @@ from estimation.uncertainty.consistency import ConsistentEstimate, consistent_es
 from estimation.uncertainty.intervals import (
     Combination,
     ParameterRow,
+    difference_test,
     identified_combinations,
     parameter_rows,
 )
@@ -272,8 +273,16 @@ def run_estimators(
         for name in track("linear estimates", linear)
     }
     if "ml" in wanted:
-        start = results["gm"]
-        results["ml"] = maximum_likelihood(robot, experiments, priors, start, deviations)
+        found, present, longer = results["gm"], None, list(experiments)
+        while longer != present:
+            present = longer
+            found = maximum_likelihood(robot, present, priors, found, deviations)
+            ends = zip(found.influences, found.motions, strict=True)
+            longer = [
+                with_raised_harmonics(robot, each, found.values, end.machine, motion)
+                for each, (end, motion) in zip(present, ends, strict=True)
+            ]
+        results["ml"] = found
     return {name: found for name, found in results.items() if name in wanted}
 
 
@@ -461,6 +470,11 @@ def _inconsistency(configuration: RunConfiguration) -> str:
     )
 
 
+_FAR = 3.0
+"""Most standard deviations of LS and GM between their parameters and those of ML: they add the
+effects of tolerances that ML estimates, and the noise is the same."""
+
+
 def _warnings(
     recordings: Sequence[PreparedRecording],
     priors: ParameterPriors,
@@ -508,9 +522,18 @@ def _warnings(
                 f"{where}pointwise differentiation: the errors of rates and accelerations are in "
                 "the regressor, estimates are biased and the intervals do not cover"
             )
+    best = best_of(estimates)
     for name, result in estimates.items():
         if not result.converged:
             found.append(f"{name}: {result.status}")
+        apart = np.abs(difference_test(best.values, result.values, result.covariance).z)
+        theta = best.systematic if best.estimator == "ml" else None
+        if theta is not None and theta.with_priors and np.any(apart > _FAR):
+            found.append(
+                f"{name}: parameters differ from those of ML by up to {np.nanmax(apart):.2g} "
+                f"standard deviations. The effect of the tolerances, which {name} takes as linear, "
+                "is probably not so, as near a singular pose: its intervals are too narrow. Use ML"
+            )
         found += [
             f"{name}: {priors.names[k]} is at its bound (`estimate.bounds`), which its "
             "standard deviation does not include"

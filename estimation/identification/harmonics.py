@@ -15,7 +15,7 @@ contradict the further harmonics of the forces, these are not a motion.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -28,10 +28,17 @@ from estimation.estimators import Experiment, ParameterPriors
 from estimation.estimators.experiment import MotionEstimate
 from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.estimators.prior_estimate import invert_covariance
-from estimation.kinematics import length_equations, most_harmonics, rate_spread
-from estimation.measurement_model import HarmonicMotion
+from estimation.kinematics import length_equations, most_harmonics
+from estimation.measurement_model import HarmonicMotion, Motion
 from estimation.measurement_model.motion import NormalEquations, root_of_pseudo_inverse
+from estimation.processing import NoiseEstimate, NoiseModel, PeriodicRecording
 from expdesign.mechanism.hexapod import COORDINATES
+from expdesign.recheck.followed_lengths import (
+    FollowedLengths,
+    Noise,
+    RecordedNoise,
+    followed_harmonics,
+)
 from expdesign.robot import Robot
 from expdesign.trajectory import HARMONIC_LEVEL
 
@@ -72,13 +79,55 @@ def refine_motion(
     if wanted == least or series.lengths_contradict(wanted):
         return None
     whole, covariance = series.motion_with(wanted)
-    spread = rate_spread(robot, whole, recording, covariance)
-    return MotionEstimate(whole, covariance, spread)
+    return MotionEstimate.of(robot, recording, whole, covariance)
 
 
 def weigh_signs(robot: Robot, experiment: Experiment, priors: ParameterPriors) -> Experiment:
     """Return the experiment with less weight of samples with uncertain signs of friction."""
     return experiment.with_sign_variance(robot, _first_estimate(experiment, priors))
+
+
+def with_raised_harmonics(
+    robot: Robot, experiment: Experiment, values: Array, machine: PerturbedMachine, motion: Motion
+) -> Experiment:
+    """Return the experiment with the harmonics that the estimated machine raises.
+
+    A machine that passes near a singular pose raises more than the tolerances do on average. The
+    experiment is returned unchanged if its motion has all of them.
+
+    Parameters
+    ----------
+    values, machine, motion
+        An estimate: the parameters, (m,), the machine with its deviations, and its motion.
+    """
+    linear, recording, noise = experiment.linear_motion, experiment.recording, experiment.noise
+    if linear is None or not isinstance(motion, HarmonicMotion):
+        return experiment
+    designed = replace(motion, table=linear.motion.table).trajectory
+    followed = FollowedLengths(designed, robot, machine.robot, machine.zeros)
+    least, recorded = motion.harmonics, recorded_noise(recording, noise)
+    wanted = followed_harmonics(followed, motion.omega, values, recorded, least)
+    if wanted == least:
+        return experiment
+    motion, own = motion.with_harmonics(wanted), machine.robot
+    there = length_equations(own, recording, noise.lengths.covariance, motion, noise.lengths.filter)
+    refined = MotionEstimate.of(own, recording, motion, invert_covariance(there.matrix))
+    return replace(experiment, refined_motion=refined).with_sign_variance(own, values)
+
+
+def recorded_noise(recording: PeriodicRecording, noise: NoiseModel) -> RecordedNoise:
+    """Return the noise of a recording at the multiples of its motion's frequency."""
+    per_period = recording.period / recording.step
+
+    def of_lines(own: NoiseEstimate) -> Noise:
+        found = own.filter
+        if found is None:
+            return own.covariance
+        every = found.samples / per_period
+        return lambda count: found.spectrum[np.rint(np.arange(count) * every).astype(np.intp)]
+
+    lengths, forces = of_lines(noise.lengths), of_lines(noise.forces)
+    return RecordedNoise(lengths, forces, recording.rows, per_period)
 
 
 def _first_estimate(experiment: Experiment, priors: ParameterPriors) -> Array:

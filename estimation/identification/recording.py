@@ -21,7 +21,7 @@ from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.channels import ChannelCheck, check_channels
 from estimation.estimators import Experiment, ParameterPriors, linear_estimate
-from estimation.identification.harmonics import refine_motion, weigh_signs
+from estimation.identification.harmonics import recorded_noise, refine_motion, weigh_signs
 from estimation.identification.periods import (
     NoPeriodError,
     UnsuitableDataError,
@@ -54,7 +54,7 @@ from estimation.processing.spectrum import NoiseLines, WhiteningFilter, given_fi
 from expdesign.configuration import InputError, RunConfiguration
 from expdesign.configuration.estimate import SpectrumOrigin
 from expdesign.noise import NoiseSpectrum
-from expdesign.recheck.followed_lengths import Noise, raised_harmonics, sampled_harmonics
+from expdesign.recheck.followed_lengths import raised_harmonics, sampled_harmonics
 from expdesign.robot import Robot
 from expdesign.robot.deviation import toleranced_deviations
 from expdesign.trajectory import FourierTrajectory
@@ -411,17 +411,7 @@ def _raised_harmonics(
             robot, recording, covariance, 1, expected=expected, start=start
         ).series
 
-    per_period = recording.period / recording.step
-
-    def of_lines(own: NoiseEstimate) -> Noise:
-        found = own.filter
-        if found is None:
-            return own.covariance
-        every = found.samples / per_period
-        return lambda count: found.spectrum[np.rint(np.arange(count) * every).astype(np.intp)]
-
-    lengths, forces = of_lines(noise.lengths), of_lines(noise.forces)
-    return raised_harmonics(robot, start.trajectory, lengths, forces, recording.rows, per_period)
+    return raised_harmonics(robot, start.trajectory, recorded_noise(recording, noise))
 
 
 def _start(

@@ -57,7 +57,12 @@ from expdesign.mechanism.terms import parameter_unit
 from expdesign.noise import NoiseSpectrum
 from expdesign.recheck.evaluator import Evaluator
 from expdesign.recheck.excitable import structural_base
-from expdesign.recheck.followed_lengths import Noise, raised_harmonics, sampled_harmonics
+from expdesign.recheck.followed_lengths import (
+    Noise,
+    RecordedNoise,
+    raised_harmonics,
+    sampled_harmonics,
+)
 from expdesign.robot import Robot, deviation
 from expdesign.robot.derived import (
     NOISE,
@@ -172,7 +177,8 @@ def _estimated_harmonics(
 
     lengths = of_lines(noise.length_covariance, noise.length_spectrum)
     forces = of_lines(noise.force_covariance, noise.force_spectrum)
-    raised = raised_harmonics(robot, trajectory, lengths, forces, samples, per_period)
+    recorded = RecordedNoise(lengths, forces, samples, per_period)
+    raised = raised_harmonics(robot, trajectory, recorded)
     return max(trajectory.harmonics, min(raised, sampled_harmonics(per_period)))
 
 

@@ -8,54 +8,81 @@ harmonics than the design. Without these harmonics an estimate of the joints wou
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from constraints.arrays import Array, ComplexArray
-from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.noise import lines_of, multiplicity
-from expdesign.recheck.limit_check import Motion
+from expdesign.recheck.limit_check import Motion, states_at
 from expdesign.robot import ForwardKinematicsError, Robot, deviation
 from expdesign.trajectory import MOST_HARMONICS, FourierTrajectory, PoseSamples
 
 _NEGLIGIBLE = 1.0
 """Expected χ² of the harmonics that are left out: less than what the noise adds to one parameter.
 They are shared among tens of unknowns."""
-_POINTS = 4 * MOST_HARMONICS
-_DRAWS = 16
-_NEGLIGIBLE_OF_DRAWN = 3.0
-"""Number of drawn machines, and their mean χ² at most: so few scatter by more than 1."""
+_MOST_OF_A_MACHINE = 2 * MOST_HARMONICS
+"""Most harmonics of a single machine: few pass so near a singular pose."""
+_POINTS = 4 * _MOST_OF_A_MACHINE
 Noise = Array | Callable[[int], ComplexArray] | None
-"""Covariance of one sample, (6, 6), or a function of the number of lines of coloured noise."""
 
 
-def raised_harmonics(
-    robot: Robot,
-    motion: FourierTrajectory,
-    length_noise: Noise,
-    force_noise: Noise,
-    samples: float,
-    per_period: float,
-) -> int:
+@dataclass(frozen=True)
+class RecordedNoise:
+    """Noise of a recording of a periodic motion.
+
+    Covariances of one sample, (6, 6), m² and N²; those of coloured noise at the multiples 0 … L − 1
+    of the motion's frequency, (L, 6, 6), as a function of L; None: unknown, and not counted.
+    """
+
+    lengths: Noise
+    forces: Noise
+    samples: float
+    """In the recording."""
+    per_period: float
+    """Samples in a period: above half of their frequency coloured noise is unknown, and nothing is
+    seen."""
+
+    def fewest_harmonics(
+        self, moves: Array, jacobian: Array, force_slope: Array, omega: float, least: int, most: int
+    ) -> int:
+        """Return the harmonics of moves, (S, 6, t), above which the χ² of all samples is small."""
+        lines = np.fft.rfft(moves, axis=0)
+        orders = np.arange(len(lines))[:, None, None]
+
+        def is_enough(harmonics: int) -> bool:
+            left = np.where(orders > harmonics, lines, 0)
+            derivatives = [
+                np.fft.irfft(left * (1j * omega * orders) ** order, len(moves), axis=0)
+                for order in range(3)
+            ]
+            shown = self._mean_square(jacobian @ derivatives[0], self.lengths)
+            moved = force_slope @ np.concatenate(derivatives, axis=1)
+            return self.samples * (shown + self._mean_square(moved, self.forces)) <= _NEGLIGIBLE
+
+        return bisect_left(range(most), True, lo=least, key=is_enough)
+
+    def _mean_square(self, values: Array, noise: Noise) -> float:
+        """Return the mean of the sum of χ² of series, (S, 6, t), over a period."""
+        if noise is None:
+            return 0.0
+        lines, coloured = lines_of(values), callable(noise)
+        count = min(len(lines), int(self.per_period / 2) + 1) if coloured else len(lines)
+        covariance = noise(count) if callable(noise) else noise
+        scaled = np.linalg.solve(np.linalg.cholesky(covariance), lines[:count])
+        weights = multiplicity(len(values))[:count, None, None]
+        return float(np.sum(weights * np.abs(scaled) ** 2)) / len(values)
+
+
+def raised_harmonics(robot: Robot, motion: FourierTrajectory, recorded: RecordedNoise) -> int:
     """Return the largest number of harmonics that machines within the tolerances move with.
 
     The controller follows the lengths of the robot as described. Higher harmonics have less effect
     on lengths and forces of all samples than the noise, for deviations of one standard deviation
-    each. Near singular poses the motion is not linear in the deviations; some machines are
-    therefore drawn, and their harmonics counted as well.
-
-    Parameters
-    ----------
-    length_noise, force_noise : (6, 6), callable, or None
-        Covariances of one sample, m² and N²; those of coloured noise at the multiples 0 … L − 1 of
-        the motion's frequency, (L, 6, 6), as a function of L; None: unknown, and not counted.
-    samples, per_period : float
-        Number of samples in the recording, and in one period; harmonics above half of the latter
-        are not counted.
+    each. A single machine can have more, above all near singular poses, where its motion is not
+    linear in the deviations: see `followed_harmonics`.
 
     Returns
     -------
@@ -70,65 +97,44 @@ def raised_harmonics(
     least = motion.harmonics
     if not chosen or least >= MOST_HARMONICS:
         return least
-    times = np.arange(_POINTS) * motion.period / _POINTS
-    state = np.concatenate([*motion.sample(times), np.zeros((_POINTS, COORDINATES))], axis=1)
+    times = motion.sample_times(_POINTS)
+    state = _states(motion, times)
     forces = deviation.deviating_forces(robot, state, times, None, robot.parameters, chosen)
     lengths = deviation.length_deviation_columns(robot, state, times, chosen)
     tolerances = np.array([each.tolerance for each in chosen])
     jacobian = robot.length_jacobian(state[:, :COORDINATES])
-    drawn = _drawn_motions(robot, state[:, :COORDINATES], chosen)
-    moves = (
-        (np.linalg.solve(jacobian, lengths * tolerances), _NEGLIGIBLE),
-        (drawn / np.sqrt(max(drawn.shape[-1], 1)), _NEGLIGIBLE_OF_DRAWN),
-    )
-    every = [(np.fft.rfft(poses, axis=0), most) for poses, most in moves]
-    count = min(MOST_HARMONICS, int(per_period / 2)) + 1
-    of_lengths, of_forces = (
-        noise(count) if callable(noise) else noise for noise in (length_noise, force_noise)
-    )
-
-    def is_enough(harmonics: int, lines: ComplexArray, most: float) -> bool:
-        orders = np.arange(len(lines))[:, None, None]
-        left = np.where(orders > harmonics, lines, 0)
-        derivatives = [
-            np.fft.irfft(left * (1j * motion.omega * orders) ** order, _POINTS, axis=0)
-            for order in range(3)
-        ]
-        shown = _mean_square(jacobian @ derivatives[0], of_lengths)
-        shown += _mean_square(forces.state_slope @ np.concatenate(derivatives, axis=1), of_forces)
-        return samples * shown <= most
-
-    for lines, most in every:
-        key = partial(is_enough, lines=lines, most=most)
-        least = bisect_left(range(MOST_HARMONICS), True, lo=least, key=key)
-    return least
+    moves = np.linalg.solve(jacobian, lengths * tolerances)
+    slopes = jacobian, forces.state_slope, motion.omega
+    return recorded.fewest_harmonics(moves, *slopes, least, MOST_HARMONICS)
 
 
-def _drawn_motions(robot: Robot, poses: Array, chosen: Sequence[deviation.Deviation]) -> Array:
-    """Return the moves of drawn machines, (S, 6, d), d ≤ 16: some cannot follow the lengths."""
-    rng, found = np.random.default_rng(0), []
-    tolerances = np.array([each.tolerance for each in chosen])
-    lengths = robot.inverse_kinematics(poses)
-    for values in tolerances * rng.standard_normal((_DRAWS, len(chosen))):
-        machine = deviation.apply_deviations(robot, chosen, values)
-        zeros = np.zeros(ACTUATORS)
-        for one, value in zip(chosen, values, strict=True):
-            if one.group == "strut_length":
-                zeros[one.channel] = value
-        with suppress(ForwardKinematicsError):
-            found.append(machine.forward_kinematics(lengths - zeros, poses) - poses)
-    return np.stack(found, axis=2) if found else np.zeros((*poses.shape, 0))
+def followed_harmonics(
+    followed: FollowedLengths, omega: float, parameters: Array, recorded: RecordedNoise, least: int
+) -> int:
+    """Return the number of harmonics of the motion of one machine, with its parameters, (m,).
+
+    Harmonics above this number would show by less than the noise. It is at least `least`, and at
+    most a third of the samples of a period: the highest ones are small, and their products with
+    the others stay below half of the sampling frequency. It is the most for a machine that has no
+    pose with the lengths of the motion: singular poses are near.
+    """
+    most = min(int(recorded.per_period - 1) // 3, _MOST_OF_A_MACHINE)
+    times = np.arange(_POINTS) * 2 * np.pi / omega / _POINTS
+    machine = followed.machine
+    try:
+        state = _states(followed, times)
+    except ForwardKinematicsError:
+        return max(least, most)
+    forces = deviation.deviating_forces(machine, state, times, None, parameters, ())
+    poses = state[:, :COORDINATES]
+    jacobian = machine.length_jacobian(poses)
+    slopes = jacobian, forces.state_slope, omega
+    return recorded.fewest_harmonics(poses[:, :, None], *slopes, least, most)
 
 
-def _mean_square(values: Array, covariance: Array | ComplexArray | None) -> float:
-    """Return the mean of the sum of χ² of series, (S, 6, t), over a period."""
-    if covariance is None:
-        return 0.0
-    white = covariance.shape == (ACTUATORS, ACTUATORS)
-    count = MOST_HARMONICS + 1 if white else len(covariance)
-    lines, weights = lines_of(values)[:count], multiplicity(len(values))[:count, None, None]
-    scaled = np.linalg.solve(np.linalg.cholesky(covariance), lines)
-    return float(np.sum(weights * np.abs(scaled) ** 2)) / len(values)
+def _states(motion: Motion, times: Array) -> Array:
+    """Return λ with its first three derivatives, the last zero, (S, 24)."""
+    return np.pad(states_at(motion, times), ((0, 0), (0, COORDINATES)))
 
 
 def sampled_harmonics(per_period: float) -> int:

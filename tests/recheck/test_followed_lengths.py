@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_run
-from expdesign.recheck.followed_lengths import FollowedLengths, raised_harmonics
+from expdesign.recheck.followed_lengths import (
+    FollowedLengths,
+    RecordedNoise,
+    followed_harmonics,
+    raised_harmonics,
+)
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import apply_deviations, toleranced_deviations
 from expdesign.trajectory import TrajectoryFile
@@ -24,7 +29,7 @@ def robot(**tolerances):
 def test_harmonics_left_out_show_by_less_than_the_noise_of_one_parameter():
     """Chi-squared of the lengths of each machine without its higher harmonics."""
     about = robot(base_joints="0.1 mm")
-    found = raised_harmonics(about, MOTION, NOISE, None, SAMPLES, 240)
+    found = raised_harmonics(about, MOTION, RecordedNoise(NOISE, None, SAMPLES, 240))
     times, shown = np.arange(240) * MOTION.period / 240, {found - 1: 0.0, found: 0.0}
     for one in toleranced_deviations(about):
         machine = apply_deviations(about, [one], np.array([one.tolerance]))
@@ -49,5 +54,38 @@ def test_harmonics_left_out_show_by_less_than_the_noise_of_one_parameter():
     ],
 )
 def test_errors_of_the_recording_move_no_machine(tolerances):
-    noise = np.eye(6)
-    assert raised_harmonics(robot(**tolerances), MOTION, NOISE, noise, SAMPLES, 240) == 5
+    recorded = RecordedNoise(NOISE, np.eye(6), SAMPLES, 240)
+    assert raised_harmonics(robot(**tolerances), MOTION, recorded) == 5
+
+
+@pytest.mark.parametrize("size", [0.0, 2.0, 3.0])
+def test_a_single_machine_has_the_harmonics_that_its_own_motion_shows(size):
+    """Deviations of three tolerances raise more than the tolerances do, up to a singular pose."""
+    about = robot(base_joints="1 mm")
+    chosen = toleranced_deviations(about)
+    shifts = size * 1e-3 * np.random.default_rng(1).choice([-1, 1], len(chosen))
+    machine = apply_deviations(about, chosen, shifts)
+    followed = FollowedLengths(MOTION, about, machine, np.zeros(6))
+    recorded = RecordedNoise(NOISE, None, SAMPLES, 1000)
+    found = followed_harmonics(followed, MOTION.omega, about.parameters, recorded, 5)
+    times = MOTION.sample_times(1000)
+    lines = np.fft.rfft(followed.sample(times).pose, axis=0)
+
+    def shown(harmonics):
+        rest = lines.copy()
+        rest[: harmonics + 1] = 0
+        slope = machine.length_jacobian(followed.sample(times).pose)
+        off = slope @ np.fft.irfft(rest, len(times), axis=0)[:, :, None]
+        return SAMPLES * np.sum(off**2) / NOISE[0, 0] / len(times)
+
+    assert shown(found) <= 1
+    assert found == 5 if size == 0 else shown(found - 1) > 1
+    assert size < 3 or found > raised_harmonics(about, MOTION, recorded)
+
+
+def test_a_machine_without_a_pose_has_the_most_harmonics_of_the_samples():
+    about = robot(base_joints="1 mm")
+    followed = FollowedLengths(MOTION, about, about, np.full(6, 10.0))
+    recorded = RecordedNoise(NOISE, None, SAMPLES, 91)
+    assert followed_harmonics(followed, MOTION.omega, about.parameters, recorded, 5) == 30
+    assert followed_harmonics(followed, MOTION.omega, about.parameters, recorded, 40) == 40
