@@ -74,12 +74,10 @@ class LimitDefinition:
     """True when `smooth` is an inner approximation: it never admits what `natural` forbids, and
     may forbid a little more."""
     about_home: float | None = None
-    """How far a component may go from home, either way, that nobody bounds, in `unit`. The
-    components are then coordinates of the pose, and ``none`` in place of a bound lifts it. None:
-    what is not given does not limit."""
+    """Default bound on the distance of a component from home in both directions, in `unit`. The
+    components are then coordinates of the pose, and ``none`` as a bound removes it. None: none."""
     standing: float | None = None
-    """Size of the bound, in `unit`, that stands where nobody gives one, of a symmetric limit.
-    Nothing lifts it. None: what is not given does not limit."""
+    """Default bound of a symmetric limit, in `unit`, that ``none`` does not remove. None: none."""
     widest: float | None = None
     """Largest size of a bound that may be given, in `unit`; None: any."""
     held_by: Callable[[Mapping[str, Limit]], str | None] = field(default=_by_none)
@@ -155,7 +153,7 @@ class Limit:
     line: int | None = None
     """That file and the line there; None for a mapping."""
     by_default: tuple[str, ...] = ()
-    """Labels of the rows that nobody has bounded: theirs are the bounds `about_home` or
+    """Labels of the rows without a stated bound: they have the default, `about_home` or
     `standing`."""
     reserve: float = 0.0
     """Share of the stated range that is kept free: `lower` and `upper` are drawn in by it."""

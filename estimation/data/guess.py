@@ -355,7 +355,7 @@ def _check_time(table: RawTable, guess: DataGuess, units: dict[str, str]) -> Non
 _UNITS = ("m", "mm", "cm", "in", "µm", "rev", "rad", "deg")
 """Units of lengths that are tried, the most likely first."""
 _FINEST = 1e-6
-"""Length, m, of a unit that nobody logs: its whole numbers are counts."""
+"""Length, m, of a unit that is never logged: its whole numbers are counts."""
 _ENDS = (0.05, 0.95)
 """Quantiles of the lengths that must be possible in a unit."""
 _MOVES = 0.02

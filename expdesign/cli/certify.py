@@ -266,7 +266,7 @@ def _executable(
     result: ExportResult, trajectory: FourierTrajectory, robot: Robot
 ) -> ExecutableMotion | None:
     try:
-        ways = result.motion.ways
-        return None if ways is None else ways.motion(trajectory, robot.home)
+        leads = result.motion.leads
+        return None if leads is None else leads.motion(trajectory, robot.home)
     except ValueError:
         return None

@@ -173,8 +173,8 @@ def _reach(reaches: Sequence[Reach]) -> Table:
     for one in reaches:
         cells = []
         for sign, stop in (("−", one.back), ("+", one.ahead)):
-            unit = handy_unit(one.unit, [stop.way])
-            cells += [f"{sign}{unit.quantity(stop.way)}", _stop_text(stop)]
+            unit = handy_unit(one.unit, [stop.travel])
+            cells += [f"{sign}{unit.quantity(stop.travel)}", _stop_text(stop)]
         table.add_row(one.coordinate, *cells)
     return table
 

@@ -86,7 +86,7 @@ def plan(
     """Plan the measuring time for wanted precisions.
 
     Prints the periods and minutes that reach each goal, and for goals that 30 days do not reach the
-    tolerance in the way and the size that it must have. Makes the design first if there is none.
+    limiting tolerance with its sufficient size. Makes the design first if there is none.
     Writes plan.json, tables and a figure. Exit status 1 if a goal is not reachable.
     """
     sources = {"designs": _given(design)}

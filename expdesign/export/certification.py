@@ -226,8 +226,8 @@ def _led_from_home(table: ExecutedTable, path: PiecewisePolynomials) -> StrutPat
 class PoseLines:
     """A platform that is led along straight lines of position and angles, row by row.
 
-    Its speed is the one that a row has in the mean: the rate with which the struts move by their
-    way over the row in the row's time. Nothing is known of its acceleration and jerk.
+    Its speed is the mean over a row: the change of the struts' lengths over the row's duration. Its
+    acceleration and jerk are unknown.
     """
 
     robot: Robot

@@ -213,9 +213,9 @@ def edge_rows(rows: Rows, window: tuple[float, float]) -> tuple[int, int]:
 
 
 def scaled_in_words(factor: float) -> str:
-    """Say what a table holds whose motion is scaled by F, 0 < F < 1, as any comment can hold it."""
+    """Describe a table whose motion is scaled by F, 0 < F < 1, in the characters of any comment."""
     return (
-        f"scaled by {factor:g} for a first run: the way from home times {factor:g}, speeds times "
+        f"scaled by {factor:g} for a first run: distances from home times {factor:g}, speeds times "
         f"{factor**2:.3g}, accelerations times {factor**3:.3g}"
     )
 

@@ -97,7 +97,7 @@ the rows itself."""
 
 @dataclass(frozen=True, eq=False)
 class ExecutedTable:
-    """A table on its way through the controller's interpolator."""
+    """A table as the controller interpolates it."""
 
     robot: Robot
     motion: ExecutableMotion
@@ -115,7 +115,7 @@ class ExecutedTable:
 
     @classmethod
     def of(cls, settings: Settings, rows: Rows) -> ExecutedTable:
-        """Return the rows of an export on their way; of repeated periods the two in the rows."""
+        """Return the executed rows of an export; of repeated periods the two in the rows."""
         form = settings.form
         task = shorten_task(settings.task) if rows.repeated else settings.task
         given = task.robot, task.motion, settings.axes

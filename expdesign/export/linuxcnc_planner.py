@@ -100,7 +100,7 @@ class _Move:
     """Index of the row at its end."""
     start: Array
     step: Array
-    """(6,), position at its start and the way to its end."""
+    """(6,), position at its start and the displacement to its end."""
     direction: Array
     """(3,), unit vector of X, Y, Z."""
     length: float

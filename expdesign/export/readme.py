@@ -45,9 +45,9 @@ def readme(result: ExportResult) -> str:
             f"{_scaled_tables_text(result)}Record the six strut lengths and the "
             f"six actuator forces (or motor currents) at {motion.sampling:g} Hz, every sample "
             "with its time from the start of the table or triggered by it, with forces and "
-            "lengths of the same instants. Keep the raw, unfiltered values. The way to the window "
-            f"and from it does not count: in the run file of `expdesign estimate`, data: {{start: "
-            f"{first:.6f} s, end: {last:.6f} s}} leaves it out of such a recording."
+            "lengths of the same instants. Keep the raw, unfiltered values. Lead-in and lead-out "
+            f"do not count: in the run file of `expdesign estimate`, data: {{start: "
+            f"{first:.6f} s, end: {last:.6f} s}} leaves them out of such a recording."
         ),
         _heading("Convention", "-"),
         _paragraph(_CONVENTION),

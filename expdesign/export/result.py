@@ -82,7 +82,7 @@ class ExportedMotion:
     controller_period: Annotated[_Positive, described("s", "step of the controller")]
     home: Annotated[tuple[float, ...], described("m, rad", "pose of the TCP at rest")]
     made_from: Annotated[str, described("", "hash of configuration, design and versions")]
-    ways: Annotated[
+    leads: Annotated[
         LeadRamps | None,
         described(
             "",
@@ -121,7 +121,7 @@ def exported_motion(task: Task) -> ExportedMotion:
         controller_period=task.controller_period,
         home=tuple(task.robot.home.tolist()),
         made_from=task.made_from,
-        ways=lead_ramps(motion),
+        leads=lead_ramps(motion),
         unlimited=unlimited(task.robot, motion, times),
         certified=None if check is None else check.certified,
         limits=None if check is None else check.limits,

@@ -31,7 +31,7 @@ SHARE = 1e-3
 STEPS = (0.1, 0.05, 0.025, 0.02, 0.01, 0.005, 0.004, 0.0025, 0.002, 0.001, 0.0005, 0.00025)
 """Times between two rows that are tried, s, the longest first."""
 
-WINDOW = Column("window", "1", "1 in the measurement window, 0 on the way to and from it")
+WINDOW = Column("window", "1", "1 in the measurement window, 0 in lead-in and lead-out")
 _SAMPLED = field_columns(SampledMotion)
 COLUMNS = (
     Column("t", "s", "time from the start of the motion"),

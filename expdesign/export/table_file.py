@@ -40,7 +40,7 @@ _LOCK = re.compile(rf"{re.escape(LOCK)}(-[0-9a-f]{{8}})?(\.json)?")
 
 @dataclass(frozen=True, eq=False)
 class TableFile:
-    """A table in a file, on its way through the controller's interpolator.
+    """A table in a file, as the controller interpolates it.
 
     `settings` are those with which it was written, `digest` is the SHA-256 of the file; it is
     `changed` when that is not the one that was exported and checked. `described_in` is the file
@@ -129,9 +129,9 @@ def find_table_file(
     except ValueError as error:
         raise _refusal("the options of its export cannot be used", path) from error
     try:
-        if motion.ways is None:
+        if motion.leads is None:
             raise ValueError("its ramps are not recorded")
-        found_motion = motion.ways.motion(trajectory, robot.home)
+        found_motion = motion.leads.motion(trajectory, robot.home)
     except ValueError as error:
         raise _refusal(f"its motion is not that of the design: {error}", path) from error
     task = Task(

@@ -31,8 +31,8 @@ STATES = 250
 _FEWEST = 100
 """Smallest number of states for a statement: some limits admit hardly any state."""
 _ZERO = 0.25
-"""Weight of parameters with nominal value zero in the choice of base parameters: a term on trial
-regroups into known terms, and not the other way round."""
+"""Weight of parameters with nominal value zero in the choice of base parameters: a candidate term
+regroups into the established terms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ def random_states(robot: Robot, count: int, seed: int = 0) -> tuple[Array, Array
     returned if the limits admit hardly any; the state at rest at home is always among them.
     """
     model, rng = LimitModel.of(robot), np.random.default_rng(seed)
-    ranges = np.array([[-one.back.way, one.ahead.way] for one in reach(robot)])
+    ranges = np.array([[-one.back.travel, one.ahead.travel] for one in reach(robot)])
     states = np.concatenate([robot.home, np.zeros(2 * COORDINATES)])[None, :]
     for _ in range(_DRAWS):
         states = np.concatenate([_draw(model, ranges, count, rng), states])

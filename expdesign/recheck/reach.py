@@ -32,7 +32,7 @@ _TIED = 0.5
 class Stop:
     """The end of a movement from home."""
 
-    way: float
+    travel: float
     """From home, 0 or more, m or rad; without a stop the distance searched."""
     limit: str
     """Key of the limit that is reached, `SINGULAR`, or empty without a stop."""

@@ -73,7 +73,7 @@ def _kernel(
     if friction is Friction.EXACT:
         natural = [ca.densify(one.natural(quantities)) for one in definitions]
         return Graph("limits", [state], fixed[:-1], natural)
-    # A symbol for the forces: their derivatives are cheaper by another way than through them.
+    # A symbol for the forces: their derivatives are cheaper by another method.
     force, known = ca.SX.sym("force", ACTUATORS), quantities["actuator_force"]
     rows = [ca.cse(one.rows({**quantities, "actuator_force": force})) for one in definitions]
     outputs = [ca.vertcat(ca.SX(0, 1), *rows)]
@@ -289,7 +289,7 @@ def robot_from(description: ResolvedRobot) -> Robot:
 
 def _broken(limit: Limit, values: Array, robot: ResolvedRobot) -> list[Problem]:
     """Return the violations of a limit at home, one problem for rows with the same bounds."""
-    # Of a limit that nobody has given it is the robot's home that does not fit.
+    # With a default limit the robot's home is the fault.
     file, line = (robot.source, None) if limit.is_default else (limit.file, limit.line)
     remedy = f"Let home lie elsewhere, or {_widen(limit)}"
     if limit.reserve:

@@ -253,10 +253,10 @@ def _known_motion(
     path: Path, made_from: str, trajectory: FourierTrajectory, home: Array
 ) -> ExecutableMotion | None:
     result = ExportResult.known(path)
-    if result is None or result.motion.made_from != made_from or result.motion.ways is None:
+    if result is None or result.motion.made_from != made_from or result.motion.leads is None:
         return None
     try:
-        return result.motion.ways.motion(trajectory, home)
+        return result.motion.leads.motion(trajectory, home)
     except ValueError:
         return None
 
@@ -311,7 +311,7 @@ def _outcome(motion: ExportedMotion, made: list[Export], files: tuple[Path, ...]
     """Return the outcome of an export, a failure if a table makes the machine break a limit."""
     tables = {one.path: exported_table(one) for one in made}
     data = ExportResult(motion, {str(path): table for path, table in tables.items()}).as_data()
-    data["motion"].pop("ways")
+    data["motion"].pop("leads")
     broken = [f"{one.path.name}: {text}" for one in made for text in one.check.broken]
     failure = f"with these tables the machine breaks limits: {'; '.join(broken)}. They were written"
     return Outcome(

@@ -128,11 +128,11 @@ def _motion_drawings(folder: RunFolder, result: ExportResult) -> tuple[Drawing, 
 
     It is renewed for every report: a table exported later may be of another motion.
     """
-    if result.motion.ways is None or not folder.has("design"):
+    if result.motion.leads is None or not folder.has("design"):
         return ()
     design = folder.result(DesignResult)
     try:
-        motion = result.motion.ways.motion(design.trajectory, design.robot.home)
+        motion = result.motion.leads.motion(design.trajectory, design.robot.home)
     except ValueError:
         return ()
     return (Drawing(motion_figure, RestToRestMotion(design.configuration, motion), renewed=True),)

@@ -43,7 +43,7 @@ def test_it_is_computed_drawn_and_told_to_machines(expdesign, run_file, tmp_path
     for one in reach(robot):
         for side in ("back", "ahead"):
             found, stop = machine["reach"][one.coordinate][side], getattr(one, side)
-            assert (found["way"], found["limit"]) == (pytest.approx(stop.way), stop.limit)
+            assert (found["travel"], found["limit"]) == (pytest.approx(stop.travel), stop.limit)
     drawn = [tmp_path / "runs/a/figures" / f"machine.{ending}" for ending in ("png", "svg")]
     assert machine["files"] == [str(file) for file in drawn]
     assert all(file.is_file() for file in drawn)

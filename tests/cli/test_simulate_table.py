@@ -211,9 +211,9 @@ def _changed(keys, value):
 
 def _off_home(table):
     record = json.loads((table.parent / "exports.json").read_text())
-    points = record["motion"]["ways"]["ramps"][0]["control_points"]
+    points = record["motion"]["leads"]["ramps"][0]["control_points"]
     points[0][2] += 0.05
-    _changed(("motion", "ways", "ramps", 0, "control_points"), points)(table)
+    _changed(("motion", "leads", "ramps", 0, "control_points"), points)(table)
 
 
 def _cut(table):
@@ -246,14 +246,14 @@ def _other_element(table):
             lambda table: (table.parent / "exports.json").write_text("{"),
             "not JSON",
         ),
-        (_changed(("motion", "ways"), None), "its motion is not that of the design"),
-        (_changed(("motion", "ways", "periods"), 1.9), "motion.ways.periods"),
+        (_changed(("motion", "leads"), None), "its motion is not that of the design"),
+        (_changed(("motion", "leads", "periods"), 1.9), "motion.leads.periods"),
         (_off_home, "the ramps do not begin and end at rest at home"),
         (_changed(("motion", "sampling"), None), "motion.sampling"),
         (_changed(("motion", "sampling"), 0), "motion.sampling"),
         (_changed(("motion", "controller_period"), 10**399), "motion.controller_period"),
         (_changed(("motion", "controller_period"), "abc"), "motion.controller_period"),
-        (_changed(("motion", "ways", "periods"), 10**399), "is not a number of a result"),
+        (_changed(("motion", "leads", "periods"), 10**399), "is not a number of a result"),
         (_changed(("files", "xps-pvt.trj", "options"), {"format": "none"}), "cannot be used"),
         (_changed(("files", "xps-pvt.trj", "options", "units"), "mm"), "does not hold the design"),
         (_changed(("files", "xps-pvt.trj", "options", "sign"), [1] * 6), "does not hold"),
@@ -358,9 +358,9 @@ def test_ways_of_something_else_are_not_taken(what, expdesign, folder, table, se
         text["mu"][0][0] *= 1 + 1e-12
         (folder / "design.json").write_text(json.dumps(text))
     elif what == "record":
-        _changed(("motion", "ways", "ramps"), [])(table)
+        _changed(("motion", "leads", "ramps"), [])(table)
     elif what == "recorded periods":
-        _changed(("motion", "ways", "periods"), 3)(table)
+        _changed(("motion", "leads", "periods"), 3)(table)
     elif what == "home":
         _off_home(table)
     else:

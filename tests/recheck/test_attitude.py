@@ -50,8 +50,8 @@ def test_it_stops_a_coordinate():
     found = {one.coordinate: one for one in reach(robot_of(30))}
     theta = found["theta"]
     assert theta.back.limit == "attitude"
-    assert np.degrees(theta.back.way) == pytest.approx(110, abs=1e-3)
-    assert np.degrees(theta.ahead.way) < 50  # a singular pose of the struts comes first
+    assert np.degrees(theta.back.travel) == pytest.approx(110, abs=1e-3)
+    assert np.degrees(theta.ahead.travel) < 50  # a singular pose of the struts comes first
 
 
 def test_the_optimiser_sees_the_sine():

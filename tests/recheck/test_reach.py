@@ -29,16 +29,16 @@ def test_a_bound_on_the_coordinate_itself_is_its_reach():
     found = reach_of(
         position={"x": [-0.1, 0.02], "z": [-0.7, -0.6]}, rotation={"psi": ["-5 deg", "1 deg"]}
     )
-    assert found["x"].back.way == pytest.approx(0.1, abs=1e-6)
-    assert found["x"].ahead.way == pytest.approx(0.02, abs=1e-6)
+    assert found["x"].back.travel == pytest.approx(0.1, abs=1e-6)
+    assert found["x"].ahead.travel == pytest.approx(0.02, abs=1e-6)
     assert told(found["x"].back) == ("position", ("x",), -0.1)
     # From home, which is at -0.654 m.
-    assert found["z"].back.way == pytest.approx(0.046, abs=1e-6)
-    assert found["z"].ahead.way == pytest.approx(0.054, abs=1e-6)
-    assert np.degrees(found["psi"].back.way) == pytest.approx(5, abs=1e-4)
+    assert found["z"].back.travel == pytest.approx(0.046, abs=1e-6)
+    assert found["z"].ahead.travel == pytest.approx(0.054, abs=1e-6)
+    assert np.degrees(found["psi"].back.travel) == pytest.approx(5, abs=1e-4)
     assert told(found["psi"].ahead) == ("rotation", ("psi",), np.radians(1))
     # Those of the rotation that nobody bounds stop where the default is.
-    assert np.degrees(found["phi"].ahead.way) == pytest.approx(30, abs=1e-4)
+    assert np.degrees(found["phi"].ahead.travel) == pytest.approx(30, abs=1e-4)
 
 
 def test_struts_stop_where_their_lengths_say():
@@ -50,8 +50,8 @@ def test_struts_stop_where_their_lengths_say():
         """Height of the TCP at which the struts, all alike, are that long."""
         return brentq(lambda z: np.linalg.norm(offset + z * UP) - length, -0.4, 0.4)
 
-    assert found["z"].back.way == pytest.approx(-way(0.7), abs=1e-6)
-    assert found["z"].ahead.way == pytest.approx(way(0.6), abs=1e-6)
+    assert found["z"].back.travel == pytest.approx(-way(0.7), abs=1e-6)
+    assert found["z"].ahead.travel == pytest.approx(way(0.6), abs=1e-6)
     every = tuple(f"strut {j}" for j in range(1, 7))
     assert told(found["z"].back) == ("strut_length", every, 0.7)
     assert told(found["z"].ahead) == ("strut_length", every, 0.6)
@@ -59,9 +59,9 @@ def test_struts_stop_where_their_lengths_say():
     psi = found["psi"]
     assert {psi.back.rows, psi.ahead.rows} == {every[::2], every[1::2]}
     for stop, sign in ((psi.back, -1), (psi.ahead, 1)):
-        turned = PALIDA.home + np.array([0, 0, 0, 0, 0, sign * stop.way])
+        turned = PALIDA.home + np.array([0, 0, 0, 0, 0, sign * stop.travel])
         assert np.max(PALIDA.inverse_kinematics(turned)) == pytest.approx(0.7, abs=1e-6)
-        assert stop.way == pytest.approx(psi.ahead.way, abs=1e-6)
+        assert stop.travel == pytest.approx(psi.ahead.travel, abs=1e-6)
 
 
 def test_one_strut_that_is_shorter_is_named():
@@ -76,10 +76,10 @@ def test_where_nothing_is_limited_a_singular_pose_stops():
     found = reach_of()
     for stop in (found["psi"].back, found["psi"].ahead):
         assert told(stop) == (SINGULAR, (), None)
-        assert np.degrees(stop.way) == pytest.approx(90, abs=1e-6)
+        assert np.degrees(stop.travel) == pytest.approx(90, abs=1e-6)
     # Away from the base nothing ends: the struts are long.
     assert told(found["z"].back) == ("", (), None)
-    assert found["z"].back.way == pytest.approx(3 * 0.676162, abs=1e-5)
+    assert found["z"].back.travel == pytest.approx(3 * 0.676162, abs=1e-5)
 
 
 def test_gravity_alone_stops_where_the_forces_do():
@@ -87,7 +87,7 @@ def test_gravity_alone_stops_where_the_forces_do():
     most = 40.0
     stop = reach_of(actuator_force=most)["x"].ahead
     assert stop.limit == "actuator_force"
-    there = PALIDA.home + np.array([stop.way, 0, 0, 0, 0, 0])
+    there = PALIDA.home + np.array([stop.travel, 0, 0, 0, 0, 0])
     forces = PALIDA.actuator_forces(there, np.zeros(6), np.zeros(6))
     assert np.max(np.abs(forces)) == pytest.approx(most, abs=1e-3)
     (row,) = {int(name.split()[1]) - 1 for name in stop.rows[:1]}

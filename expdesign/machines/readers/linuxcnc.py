@@ -224,7 +224,7 @@ class _Hexapod:
         return joints * self.unit
 
     def _doubt_sizes(self, base: Array, platform: Array) -> None:
-        """Ask about a platform that is much smaller than the base, or the other way round."""
+        """Ask about a platform that is much smaller than the base, or much larger."""
         radii = [
             float(np.linalg.norm(joints - joints.mean(axis=0), axis=1).max())
             for joints in (base, platform)
