@@ -14,6 +14,8 @@ from expdesign.cli.output import note, results, say, warn, write_json
 from expdesign.cli.terminal import Terminal, working
 from expdesign.configuration import InputError, RunConfiguration, load_run, quote
 from expdesign.configuration.consistency import identification_of
+from expdesign.experiment.next_motion import executed_designs, next_run
+from expdesign.experiment.plan import check_goals
 from expdesign.information.identifiable import listed
 from expdesign.runfolder.files import RUN_FILE
 from expdesign.runfolder.lock import one_writer
@@ -29,6 +31,7 @@ from expdesign.stages.registry import FIRST, reported_stages, stage_of, stages
 from expdesign.stages.run import folder_changes, report_of, run
 from expdesign.stages.stage import Sources, StageFailed, Workspace, short
 from expdesign.workers import prepare_workers
+from results.render.terminal import print_view
 
 
 def execute_stage(
@@ -97,8 +100,6 @@ def design_next(
     seed: int | None,
 ) -> None:
     """Design the motion after the estimates of run folders; compare it with the last one."""
-    from expdesign.experiment.next_motion import executed_designs, next_run
-
     places = [folder.absolute() for folder in folders]
     configuration = next_run(places, design).with_search(effort, seed)
     folder = run_folder(configuration, out)
@@ -170,7 +171,6 @@ def compare_folders(
 ) -> None:
     """Write the comparison of run folders."""
     from results.comparison.comparison import write_comparison
-    from results.render.terminal import print_view
 
     share = precision_share(precision)
     place = out.absolute()
@@ -221,8 +221,6 @@ def precision_share(text: str) -> float:
 
 def _with_goals(configuration: RunConfiguration, wanted: Mapping[str, str]) -> RunConfiguration:
     """Return a run with further goals, all of them checked before a design is searched for."""
-    from expdesign.experiment.plan import check_goals
-
     check_goals(configuration, wanted)
     check_goals(configuration)
     goals = {**configuration.run.goals, **wanted}

@@ -8,6 +8,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
 
+import lazy_loader
 import numpy as np
 from pydantic import ValidationError
 
@@ -28,8 +29,6 @@ from expdesign.runfolder.files import (
 if TYPE_CHECKING:
     import pandas as pd
 else:  # workers of a search have no tables
-    import lazy_loader
-
     pd = lazy_loader.load("pandas")
 
 COLUMNS_FILE = "columns.json"
