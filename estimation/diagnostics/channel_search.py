@@ -47,7 +47,8 @@ _FORCE_ROWS, _LENGTH_ROWS = 1000, 256
 """Largest number of rows in use: means over periods, or single samples."""
 _STEPS = 12
 _DAMPING = 1e-9
-_REACHED = 1e-9
+_REACHED = 1e-6
+"""m. Last Newton step: the error after it is of the order of its square over a metre."""
 _LARGEST_STEP = 0.3
 """Largest step of a pose, in units of the characteristic length."""
 _ROUND_THE_BASE = [
@@ -162,14 +163,15 @@ class ChannelSearch:
                 return unit
         return None
 
-    def motion(self, lengths: Wiring) -> HarmonicMotion:
+    def motion(self, lengths: Wiring, near: HarmonicMotion | None = None) -> HarmonicMotion:
         """Return the motion with the readings nearest to the measured lengths.
 
-        Damped Newton steps, one row at a time, from home; lengths that no pose has end at a near
-        one.
+        Damped Newton steps, one row at a time, from a near motion or from home; lengths that no
+        pose has end at a near one.
         """
         wanted = lengths.apply(self.readings) + self.zeros
-        poses = np.broadcast_to(self.robot.home, wanted.shape)
+        home = np.broadcast_to(self.robot.home, wanted.shape)
+        poses = home if near is None else near.at(self.length_times).pose()
         largest = _LARGEST_STEP * self.robot.characteristic_length
         for _ in range(_STEPS):
             found, jacobian = self.robot.lengths_and_jacobian(poses)
@@ -436,18 +438,21 @@ class ChannelSearch:
 
         Zeros that promise to leave more than the share `most` are left out.
         """
+        near = self.motion(present.lengths)
         for strut in range(ACTUATORS):
-            yield self._at_zero(present, strut, most)
+            yield self._at_zero(present, strut, most, near)
 
     def _at_delay(self, present: Candidate, delay: float) -> Candidate:
         """Return the wiring with the best delay near a first one."""
         return _with_lag(present, self.lag_search(present).delay_near(delay))
 
-    def _at_zero(self, present: Candidate, strut: int, most: float) -> Candidate:
+    def _at_zero(
+        self, present: Candidate, strut: int, most: float, near: HarmonicMotion
+    ) -> Candidate:
         """Return the wiring with the zero of one length that explains most."""
 
         def excess(offset: float) -> float:
-            motion = self.motion(present.lengths.shift(strut, offset))
+            motion = self.motion(present.lengths.shift(strut, offset), near)
             return self.fit(motion, present.delay).excess(present.forces)
 
         # On both sides: the curve is no parabola far from the minimum, and may mislead near zero.
