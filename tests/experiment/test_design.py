@@ -396,10 +396,10 @@ def test_a_search_whose_time_is_over_has_a_result(tiny, cheap_finish):
     assert result.check.passed
 
 
-def test_two_workers_without_machine_code_find_a_design(tiny, monkeypatch):
+def test_two_workers_without_machine_code_find_a_design(tiny, few_limits, monkeypatch):
     def compile_something(*_arguments):
         raise AssertionError("there is nothing to compile")
 
     monkeypatch.setenv(SWITCH, "virtual-machine")
     monkeypatch.setattr(setup, "run_jobs", compile_something)
-    assert expdesign.design(tiny(workers=2, design={"starts": 2})).passed
+    assert expdesign.design(tiny(robot=few_limits, workers=2, design={"starts": 2})).passed

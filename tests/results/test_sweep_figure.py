@@ -91,7 +91,7 @@ def test_names_hide_no_other(record_of, seed):
 
 def _lines(record):
     """Return the numbers of points of the lines in the four panels."""
-    axes = drawn(record).axes
+    axes = sweep_figure.draw(record).axes
     return [len(line.get_xdata()) for each in axes for line in each.lines if not is_marker(line)]
 
 
