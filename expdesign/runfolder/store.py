@@ -316,13 +316,18 @@ def read_keys(kind: type[JsonFile], path: Path) -> Any:
     return keys
 
 
+_NUMBERS, _NESTED = frozenset({int, float}), frozenset({dict, list})
+
+
 def _large_numbers(data: dict[str, Any] | list[Any], key: Key) -> Iterator[tuple[Key, float]]:
     """Yield the numbers beyond `LARGEST_NUMBER` in JSON data with their keys."""
     for name, part in data.items() if isinstance(data, dict) else enumerate(data):
-        if isinstance(part, dict | list):
+        kind = type(part)  # of JSON data: no subclasses
+        if kind in _NUMBERS:
+            if not abs(part) <= LARGEST_NUMBER:
+                yield (*key, name), part
+        elif kind in _NESTED:
             yield from _large_numbers(part, (*key, name))
-        elif isinstance(part, int | float) and not abs(part) <= LARGEST_NUMBER:
-            yield (*key, name), part
 
 
 def stored_values(kind: type[JsonFile], keys: Any) -> dict[str, Any]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
@@ -43,6 +45,7 @@ Row = TypeVar("Row")
 Block = TypeVar("Block")
 Written = TypeVar("Written")
 Found = TypeVar("Found")
+Cells = Mapping[str, Sequence[str]]
 Matrices = Iterable[tuple[Sequence[Sequence[str]], Sequence[str], Array]]
 
 
@@ -102,7 +105,7 @@ class CsvFile(Generic[Written, Found]):
         write_csv(path, frame)
         return [path, describe_tables(folder, [self])]
 
-    def _read(self, folder: Path, *, some: bool = False) -> tuple[pd.DataFrame, dict[str, Array]]:
+    def _read(self, folder: Path, *, some: bool = False) -> tuple[Cells, dict[str, Array]]:
         """Return the cells of the file as texts, and its columns as numbers, NaN for others.
 
         Unknown columns are kept; with `some` a table without rows is refused.
@@ -114,21 +117,25 @@ class CsvFile(Generic[Written, Found]):
         if isinstance(formats, dict) and self.file in formats:
             check_format(path, formats[self.file], self.FORMAT)
         try:
-            frame = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
-        except (OSError, ValueError) as error:
+            with path.open(encoding="utf-8-sig", newline="") as file:
+                names, *rows = [*filter(None, csv.reader(file, strict=True))] or [[]]
+        except (OSError, ValueError, csv.Error) as error:
             raise InputError(f"not a table that can be read: {error}", path) from error
-        missing = [name for name in self.names if name not in frame.columns]
+        for line, row in enumerate(rows, start=_FIRST_LINE):
+            if len(row) != len(names):
+                allowed = f"{len(names)}, as many as columns"
+                raise InputError(f"a row of {len(row)} cells", path, line, allowed=allowed)
+        columns = zip(*rows, strict=True) if rows else [()] * len(names)
+        cells = dict(zip(names, columns, strict=True))
+        missing = [name for name in self.names if name not in cells]
         if missing:
             raise InputError(f"columns are missing: {', '.join(missing)}", path)
-        if some and frame.empty:
+        if some and not rows:
             raise InputError("the table has no rows", path, allowed="at least one")
-        numbers = {
-            name: pd.to_numeric(frame[name], errors="coerce").to_numpy(dtype=np.float64)
-            for name in frame.columns
-        }
+        numbers = {name: _as_numbers(column) for name, column in cells.items()}
         for name, values in numbers.items():
-            _refuse_large(path, frame, name, values)
-        return frame, numbers
+            _refuse_large(path, cells, name, values)
+        return cells, numbers
 
 
 @dataclass(frozen=True)
@@ -157,11 +164,11 @@ class RowTable(CsvFile[Iterable[Row], tuple[Row, ...]], Generic[Row]):
 
     def read(self, folder: Path) -> tuple[Row, ...]:
         """Read the rows."""
-        frame, _ = self._read(folder, some=self.some)
+        texts, _ = self._read(folder, some=self.some)
         attributes = [name for name, _ in field_columns(self.row)]
         cells = [
             dict(zip(attributes, row, strict=True))
-            for row in frame[list(self.names)].itertuples(index=False, name=None)
+            for row in zip(*(texts[name] for name in self.names), strict=True)
         ]
         try:
             return checker(tuple[self.row, ...]).validate_python(cells)  # type: ignore[name-defined]
@@ -241,8 +248,8 @@ class ArrayTable(CsvFile[Block, Block], Generic[Block]):
 
     def read(self, folder: Path) -> Block:
         """Read the arrays; every number is finite."""
-        frame, numbers = self._read(folder, some=self.some)
-        _refuse_infinite(folder / self.file, frame, numbers, self.names)
+        cells, numbers = self._read(folder, some=self.some)
+        _refuse_infinite(folder / self.file, cells, numbers, self.names)
         parts: dict[str, Array] = {}
         for name, columns in field_columns(self.block):
             values = [numbers[column.name] for column in columns]
@@ -278,33 +285,48 @@ class MatrixTable(CsvFile[Matrices, tuple[tuple[tuple[str, ...], ...], tuple[str
 
     def read(self, folder: Path) -> tuple[tuple[tuple[str, ...], ...], tuple[str, ...], Array]:
         """Return the cells on the left row by row, the further columns' names, the numbers."""
-        frame, numbers = self._read(folder)
-        keys = tuple(frame[list(self.names)].itertuples(index=False, name=None))
-        names = tuple(str(name) for name in frame.columns if name not in self.names)
-        _refuse_infinite(folder / self.file, frame, numbers, names)
+        cells, numbers = self._read(folder)
+        keys = tuple(zip(*(cells[name] for name in self.names), strict=True))
+        names = tuple(name for name in cells if name not in self.names)
+        _refuse_infinite(folder / self.file, cells, numbers, names)
         columns = [numbers[name] for name in names]
         return keys, names, np.column_stack(columns) if columns else np.empty((len(keys), 0))
 
 
+def _as_numbers(cells: Sequence[str]) -> Array:
+    """Return cells as numbers, NaN for those that are none."""
+    try:
+        return np.array(cells, dtype=np.float64)
+    except ValueError:
+        return np.array([_as_number(cell) for cell in cells])
+
+
+def _as_number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return math.nan
+
+
 def _refuse_infinite(
-    path: Path, frame: pd.DataFrame, numbers: Mapping[str, Array], names: Iterable[str]
+    path: Path, cells: Cells, numbers: Mapping[str, Array], names: Iterable[str]
 ) -> None:
     """Refuse cells of some columns that are no finite numbers."""
     for name in names:
         wrong = np.flatnonzero(~np.isfinite(numbers[name]))
         if wrong.size:
             row = int(wrong[0])
-            message = f"{quote(frame[name].iloc[row])} is not a finite number"
+            message = f"{quote(cells[name][row])} is not a finite number"
             raise InputError(message, path, row + _FIRST_LINE, f"column {name}")
 
 
-def _refuse_large(path: Path, frame: pd.DataFrame, name: str, values: Array) -> None:
+def _refuse_large(path: Path, cells: Cells, name: str, values: Array) -> None:
     """Refuse numbers whose squares overflow; a broken limit may have an infinite excess."""
     large = np.flatnonzero(np.isfinite(values) & (np.abs(values) > LARGEST_NUMBER))
     if large.size:
         row = int(large[0])
         raise InputError(
-            f"{quote(frame[name].iloc[row])} is not a number of a result",
+            f"{quote(cells[name][row])} is not a number of a result",
             *(path, row + _FIRST_LINE, f"column {name}"),
             allowed=f"numbers up to {LARGEST_NUMBER:g}",
         )

@@ -190,6 +190,15 @@ def test_a_wrong_cell_is_reported_with_line_and_column(tmp_path, table, text, li
     assert (problem.file, problem.line, problem.key) == (path, line, f"column {column}")
 
 
+@pytest.mark.parametrize("row", ["1,2", "1,2,3,4"])
+def test_a_row_that_is_too_short_or_too_long_is_reported_with_its_line(tmp_path, row):
+    (tmp_path / "motion.csv").write_text(f"t,x,y\n0,1,2\n{row}\n", encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        MOTION.read(tmp_path)
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.allowed) == (3, "3, as many as columns")
+
+
 def test_missing_columns_are_named(tmp_path):
     (tmp_path / "motion.csv").write_text("t,x\n0,1\n", encoding="utf-8")
     with pytest.raises(InputError, match="y"):
