@@ -206,7 +206,7 @@ def export_job(
 
     An error is returned instead of raised: the tables of other jobs are still written.
     """
-    with listen_to_progress(lambda *told: monitor.report(told)), progress_prefix(name):
+    with listen_to_progress(lambda *report: monitor.report(report)), progress_prefix(name):
         try:
             return export_table(section, task, path, place)
         except (InputError, ComputationError) as error:

@@ -280,7 +280,7 @@ def _missed(struts: Sequence[_Strut]) -> Iterator[Question]:
         if far > _MISSED * size:
             text = (
                 f"The axes of the joints at the {where} miss each other by up to "
-                f"{far * 1e3:.3g} mm, those of strut {j + 1}: the points amid them stand here. "
+                f"{far * 1e3:.3g} mm, those of strut {j + 1}: these are the points midway. "
                 "Where do they meet?"
             )
             yield Question(f"{where}_joints", text)

@@ -268,9 +268,7 @@ def moved_bodies(
             each = [one[k] for one in known]
             parts[part] = _robot_file_body(part, _mean(each), questions)
             if parts[part] and _apart(each) > _ALIKE:
-                text = (
-                    f"The {part}s of the struts differ: the mean of the six stands here. Is it so?"
-                )
+                text = f"The {part}s of the struts differ; this is their mean. Is it correct?"
                 questions.append(Question("bodies", text))
     group, place = platform
     plate = _group(links, groups, (group,))

@@ -304,7 +304,7 @@ QUESTIONS = {
     "tilt": "How far may the platform lean?",
     "alpha": "How far do the universal joints turn about their first axes? Zero at home.",
     "beta": "How far do the universal joints turn about their second axes?",
-    "platform_joint_angle": "How far do the joints at the platform bend, from where they stand at "
+    "platform_joint_angle": "How far do the joints at the platform bend from their direction at "
     "home? Data sheet of the joints.",
     "jacobian_condition": "How close to a singular pose may it come?",
     "strut_clearance": "How thick are the struts? Their diameter and some reserve: it is the "

@@ -269,8 +269,8 @@ class _Hexapod:
         if used and np.any(missing):
             self.ask(
                 key,
-                f"{kind} is not set for every strut: what {_KINEMATICS} has built in stands here, "
-                "as on the machine.",
+                f"{kind} is not set for every strut: these are the defaults of {_KINEMATICS}, as "
+                "on the machine.",
             )
         if not np.all(np.linalg.norm(axes, axis=1) > 0):
             self.ask(key, f"{kind} is not set for every strut: left out.")
@@ -296,9 +296,9 @@ class _Hexapod:
             upper = None
             self.ask(
                 "drive",
-                f"{corrected}, with axes that have another sense in some struts than in others, or "
-                "at a home that is not known: left out. Which hand has the thread, and how do the "
-                "joints stand in the platform (platform_cardan_axes)?",
+                f"{corrected}, with axes of opposite sense in some struts, or at an unknown "
+                "home: left out. Is the thread right- or left-handed, and which first axes do the "
+                "joints at the platform have (platform_cardan_axes)?",
             )
         else:
             if home is not None and lower is not None and upper is not None:
