@@ -410,12 +410,11 @@ def _apply_gain(gain: ComplexArray, lines: ComplexArray) -> ComplexArray:
 
 def filter_to(covariance: Array, spectrum: ComplexArray) -> ComplexArray:
     """Return the Hermitian H with H C̄ Hᴴ = Σ of every line that is nearest to unity."""
-    values, vectors = np.linalg.eigh(spectrum)
-    root = np.einsum("lij,lj,lkj->lik", vectors, np.sqrt(values), vectors.conj())
-    inverse = np.einsum("lij,lj,lkj->lik", vectors, 1 / np.sqrt(values), vectors.conj())
-    inner, basis = np.linalg.eigh(root @ covariance @ root)
-    middle = np.einsum("lij,lj,lkj->lik", basis, np.sqrt(inner), basis.conj())
-    return np.asarray(inverse @ middle @ inverse)
+    # The geometric mean of Σ and C̄⁻¹: L (Lᵀ C̄ L)^(−1/2) Lᵀ with Σ = L Lᵀ.
+    root = np.linalg.cholesky(covariance)
+    values, vectors = np.linalg.eigh(root.T @ spectrum @ root)
+    half = root @ vectors / values[:, None] ** 0.25
+    return np.asarray(half @ half.conj().transpose(0, 2, 1))
 
 
 def given_filter(covariance: Array, spectrum: ComplexArray, samples: int) -> WhiteningFilter:
