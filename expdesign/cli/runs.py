@@ -13,10 +13,6 @@ from typing import Any
 from expdesign.cli.output import note, results, say, warn, write_json
 from expdesign.cli.terminal import Terminal, working
 from expdesign.configuration import InputError, RunConfiguration, load_run, quote
-from expdesign.configuration.consistency import identification_of
-from expdesign.experiment.next_motion import executed_designs, next_run
-from expdesign.experiment.plan import check_goals
-from expdesign.information.identifiable import listed
 from expdesign.runfolder.files import RUN_FILE
 from expdesign.runfolder.lock import one_writer
 from expdesign.stages.execution import (
@@ -28,7 +24,7 @@ from expdesign.stages.execution import (
     workspaces,
 )
 from expdesign.stages.registry import FIRST, reported_stages, stage_of, stages
-from expdesign.stages.run import folder_changes, report_of, run
+from expdesign.stages.run import folder_changes, refuse_unfit_goals, report_of, run
 from expdesign.stages.stage import Sources, StageFailed, Workspace, short
 from expdesign.workers import prepare_workers
 from results.render.terminal import print_view
@@ -87,41 +83,6 @@ def _prepare_search() -> None:
     """Start importing what workers of a search need, while this process imports its own modules."""
     if (os.cpu_count() or 1) > 1:
         prepare_workers(partial(import_module, "expdesign.experiment.setup"))
-
-
-def design_next(
-    folders: Sequence[Path],
-    out: Path | None,
-    as_json: bool,
-    *,
-    design: Path | None,
-    resume: bool,
-    effort: str | None,
-    seed: int | None,
-) -> None:
-    """Design the motion after the estimates of run folders; compare it with the last one."""
-    places = [folder.absolute() for folder in folders]
-    configuration = next_run(places, design).with_search(effort, seed)
-    folder = run_folder(configuration, out)
-    if folder in places:
-        message = "the new motion would replace one that was measured"
-        raise InputError(message, folder, key="--out", allowed="another folder")
-    refuse_unwritable(folder)
-    with one_writer(folder, "expdesign next"):
-        executed = [design] if design else executed_designs(places[-1])
-        inputs = Sources(designs=tuple(executed or places)[-1:])
-        terminal = Terminal(quiet=as_json)
-        counted = [identification_of(one).run for one in configuration.run.design.priors]
-        terminal.note(f"earlier recordings that count: those of {listed(counted)}")
-        work = Workspace(configuration, folder, terminal, inputs, resume, stages=reported_stages())
-        work.design()  # refused before the search if there is none
-        work.warn(configuration.warnings_before(FIRST))
-        execute(stages()[FIRST], work)
-        outcome = execute(stages()["next"], work)
-        if "report" in configuration.run.stages:
-            execute(stages()["report"], work)
-    if as_json:
-        write_json({"status": 0, **outcome.summary})
 
 
 def run_all(
@@ -221,8 +182,8 @@ def precision_share(text: str) -> float:
 
 def _with_goals(configuration: RunConfiguration, wanted: Mapping[str, str]) -> RunConfiguration:
     """Return a run with further goals, all of them checked before a design is searched for."""
-    check_goals(configuration, wanted)
-    check_goals(configuration)
+    refuse_unfit_goals(configuration, wanted)
+    refuse_unfit_goals(configuration)
     goals = {**configuration.run.goals, **wanted}
     return replace(configuration, run=configuration.run.model_copy(update={"goals": goals}))
 

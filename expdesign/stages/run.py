@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -172,10 +172,17 @@ def refuse_unfit(configuration: RunConfiguration) -> None:
         from expdesign.motion.benchmark import refuse_unfit_motions
 
         refuse_unfit_motions(configuration, configuration.robot.home)
-    if configuration.run.goals:
+    refuse_unfit_goals(configuration)
+
+
+def refuse_unfit_goals(
+    configuration: RunConfiguration, wanted: Mapping[str, str] | None = None
+) -> None:
+    """Refuse impossible goals, by default those of the run file."""
+    if wanted or configuration.run.goals:
         from expdesign.experiment.plan import check_goals
 
-        check_goals(configuration)
+        check_goals(configuration, wanted)
 
 
 def report(folder: Place) -> Path:

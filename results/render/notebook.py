@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+import lazy_loader
 from markupsafe import Markup, escape
 
 from expdesign.runfolder import StageResult
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 else:
-    import lazy_loader
-
     pd = lazy_loader.load("pandas")
 
 _MOST_FACTS = 10
