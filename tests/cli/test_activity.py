@@ -40,6 +40,15 @@ def test_elsewhere_a_line_at_most_every_five_seconds(clock):
     assert all("export" in line and "rows" in line and "of 40" in line for line in lines(console))
 
 
+def test_a_line_is_repeated_after_a_minute_at_the_earliest(clock):
+    console = Console(file=io.StringIO(), width=200)
+    activity = Activity(console, "estimate")
+    for _ in range(90):
+        clock.now += 1.0
+        activity.show_progress("drawing figures", 0, 1)
+    assert len(lines(console)) == 2
+
+
 def test_what_is_quick_says_nothing(clock):
     console = Console(file=io.StringIO(), width=200)
     activity = Activity(console, "report")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from estimation.diagnostics.finding import FindingOutcome
+from estimation.diagnostics.finding import Assumption, FindingOutcome
 from estimation.diagnostics.noise_analysis import analyse_noise
 from estimation.diagnostics.noise_tests import drift, noise_tests, normality, whiteness
 from estimation.diagnostics.residual_covariance import ResidualCovariance
@@ -108,6 +108,16 @@ def test_what_is_significant_but_small_is_no_failure():
     test = normality(samples[None])
     assert np.all(test.significant)
     assert not np.any(test.failed)
+
+
+@pytest.mark.parametrize(
+    ("p", "outcome"), [(0.2, FindingOutcome.HOLDS), (1e-30, FindingOutcome.NEGLIGIBLE)]
+)
+def test_a_negligible_rejection_is_an_outcome_of_its_own(p, outcome):
+    assumption = Assumption("the noise is normal", "the noise is not normal", "")
+    finding = assumption.decide("", "skewness 0.01", "", p, level=1e-3)
+    assert finding.outcome is outcome
+    assert not finding.failed
 
 
 def test_outliers_are_counted():

@@ -80,7 +80,7 @@ def test_a_goal_below_the_floor_names_the_tolerance(systematic):
     assert reached.floor == pytest.approx(mass.wanted * np.sqrt(0.5), rel=1e-3)
 
 
-def test_the_largest_source_is_that_of_the_standard_deviation_beside_it():
+def test_the_largest_source_is_that_of_the_standard_deviation_in_its_row():
     plan = plan_measurement(_run({"mass": "0.1 %"}, {"force_constant": {"common": "1 %"}}), MOTION)
     (goal,) = plan.goals
     assert not goal.reachable
