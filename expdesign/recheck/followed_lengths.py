@@ -23,6 +23,8 @@ from expdesign.trajectory import MOST_HARMONICS, FourierTrajectory, PoseSamples
 _NEGLIGIBLE = 1.0
 """Expected χ² of the harmonics that are left out: less than what the noise adds to one parameter.
 They are shared among tens of unknowns."""
+_NEGLIGIBLE_OF_A_MACHINE = 3.0
+"""The same for one machine: most machines within the tolerances show less."""
 _MOST_OF_A_MACHINE = 2 * MOST_HARMONICS
 """Most harmonics of a single machine: few pass so near a singular pose."""
 _POINTS = 4 * _MOST_OF_A_MACHINE
@@ -46,7 +48,13 @@ class RecordedNoise:
     seen."""
 
     def fewest_harmonics(
-        self, moves: Array, jacobian: Array, force_slope: Array, omega: float, least: int, most: int
+        self,
+        moves: Array,
+        jacobian: Array,
+        force_slope: Array,
+        omega: float,
+        allowed: range,
+        negligible: float,
     ) -> int:
         """Return the harmonics of moves, (S, 6, t), above which the χ² of all samples is small."""
         lines = np.fft.rfft(moves, axis=0)
@@ -60,9 +68,9 @@ class RecordedNoise:
             ]
             shown = self._mean_square(jacobian @ derivatives[0], self.lengths)
             moved = force_slope @ np.concatenate(derivatives, axis=1)
-            return self.samples * (shown + self._mean_square(moved, self.forces)) <= _NEGLIGIBLE
+            return self.samples * (shown + self._mean_square(moved, self.forces)) <= negligible
 
-        return bisect_left(range(most), True, lo=least, key=is_enough)
+        return allowed.start + bisect_left(allowed, True, key=is_enough)
 
     def _mean_square(self, values: Array, noise: Noise) -> float:
         """Return the mean of the sum of χ² of series, (S, 6, t), over a period."""
@@ -105,7 +113,7 @@ def raised_harmonics(robot: Robot, motion: FourierTrajectory, recorded: Recorded
     jacobian = robot.length_jacobian(state[:, :COORDINATES])
     moves = np.linalg.solve(jacobian, lengths * tolerances)
     slopes = jacobian, forces.state_slope, motion.omega
-    return recorded.fewest_harmonics(moves, *slopes, least, MOST_HARMONICS)
+    return recorded.fewest_harmonics(moves, *slopes, range(least, MOST_HARMONICS), _NEGLIGIBLE)
 
 
 def followed_harmonics(
@@ -128,8 +136,8 @@ def followed_harmonics(
     forces = deviation.deviating_forces(machine, state, times, None, parameters, ())
     poses = state[:, :COORDINATES]
     jacobian = machine.length_jacobian(poses)
-    slopes = jacobian, forces.state_slope, omega
-    return recorded.fewest_harmonics(poses[:, :, None], *slopes, least, most)
+    slopes, allowed = (jacobian, forces.state_slope, omega), range(least, most)
+    return recorded.fewest_harmonics(poses[:, :, None], *slopes, allowed, _NEGLIGIBLE_OF_A_MACHINE)
 
 
 def _states(motion: Motion, times: Array) -> Array:
