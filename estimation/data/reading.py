@@ -104,8 +104,12 @@ def _refuse_results(path: Path) -> None:
     """Refuse a file that a stage wrote into a run folder and that is not a recording."""
     place = path.resolve()
     folder = next((one for one in place.parents if (one / Manifest.FILE).is_file()), place.parent)
-    known, name = Manifest.known(folder), str(place.relative_to(folder))
-    if known is None or name not in known.files:
+    name = str(place.relative_to(folder))
+    try:
+        known = Manifest.read(folder)
+    except InputError:  # none, or that of another program or version
+        return
+    if name not in known.files:
         return
     stage = next((each for each, entry in known.stages.items() if name in entry.files), "export")
     if stage == _RECORDINGS:

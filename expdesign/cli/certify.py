@@ -101,22 +101,25 @@ def _shortcoming(part: CertifiedPart) -> str:
 
 
 def _certificate_table(part: CertifiedPart) -> ReportTable:
-    def proof(check: LimitCheck) -> str:
-        if check.key in part.proof.sampled:
-            if check in part.proof.broken:
-                return f"{100 * (check.used - 1):.3g} % beyond at a row"
-            return "at the rows only: straight lines have none"
-        if not np.isfinite(check.proved):
-            return "nothing"
-        share = f"{100 * abs(check.left):.3g} %"
-        return f"{share} left" if check.proved <= 0 else f"{share} beyond at most"
+    def left(check: LimitCheck) -> float | None:
+        decided = check.key not in part.proof.sampled and np.isfinite(check.proved)
+        return check.left if decided else None
 
+    def remark(check: LimitCheck) -> str:
+        if check.key not in part.proof.sampled:
+            return "" if np.isfinite(check.proved) else "nothing is proved"
+        if check in part.proof.broken:
+            return f"{100 * (check.used - 1):.3g} % beyond at a row"
+        return "at the rows only: straight lines have none"
+
+    remarks = any(map(remark, part.proof.limits))
     columns = (
         TableColumn("limit", kind="text", of="key"),
         TableColumn("where", kind="text", of="row"),
         TableColumn("worst", kind="text", of=lambda one: quantity_text(one.value, one.unit, 5)),
         TableColumn("bound", kind="text", of=lambda one: quantity_text(one.bound, one.unit, 5)),
-        TableColumn("proved", kind="text", of=proof),
+        TableColumn("left", "%", digits=3, of=left, factor=100, proof=True),
+        *([TableColumn("proved", kind="text", of=remark)] if remarks else []),
         TableColumn("cells", of="cells"),
         TableColumn("open", "s", digits=2, of=lambda one: one.open_time or None),
     )

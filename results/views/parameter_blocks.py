@@ -117,10 +117,10 @@ def derived_blocks(key: str, found: Sequence[KnownQuantity], whose: str) -> list
         *([TableColumn("platform alone", kind="text", of=of_the_platform)] if alone else []),
         *(replace(each, screen=False) for each in on_page),
     )
-    separated = "only their sum is identifiable; bodies.slider in the robot file separates them"
+    separated = ": only the sum is identifiable without bodies.slider of the robot file"
     if alone:
-        separated = "alone: less the sliders and payload of the robot file, as exact"
-    caption = f"Quantities {whose} (platform with sliders, {separated}; forces at rest at home)"
+        separated = ", alone: less the sliders and payload of the robot file, as exact"
+    caption = f"Quantities {whose} (platform with sliders{separated}; forces at rest at home)"
     rows = [one for one in _merge_equal(found) if one.quantity not in alone]
     return [ReportTable.of(key, caption, columns, rows, screen=True, latex=True)]
 

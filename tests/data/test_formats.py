@@ -148,6 +148,13 @@ def test_a_result_of_a_run_folder_is_not_a_recording(tmp_path, name, stage, word
     assert "not a recording" in problem.message
 
 
+def test_the_manifest_of_another_program_refuses_no_recording(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("t")
+    (tmp_path / "manifest.json").write_text('{"format": 99, "stages": {}}')
+    assert ".csv" in format_of(file).extensions
+
+
 def test_the_recording_of_a_run_folder_is_one(tmp_path):
     file = tmp_path / "measurement.csv"
     file.write_text("t")
